@@ -27,7 +27,7 @@ fn on_the_axis(depths: &[f32], sh: impl Fn(usize) -> f32 + Sync) -> Scene {
     })
 }
 
-/// The advice for a scene, as text and as JSON.
+/// Runs `advise` on a scene; returns its text and its JSON.
 fn advice(scene: &Scene) -> (String, Value) {
     let place = Place::new();
     scene.write_ply(place.at("own.ply")).expect("the scene is written");
@@ -42,12 +42,13 @@ fn bits(advice: &Value, map: &str) -> Option<u64> {
 
 #[test]
 fn an_outlier_at_2e7_takes_the_bits_of_linear_keys_alone() {
-    // 64 depths from 1 to 2, and the outlier: a step is 2^-30.3 of the range, 2^17 of 24.25 * 2^23 floats.
+    // 64 depths from 1 to 2, and an outlier at 2e7. A step of 1/64 is 2^-30.3 of the linear range, which takes 31 bits.
+    // As float bits it is 2^17 of the 24.25 * 2^23 values between 1 and 2e7, which takes 11 bits.
     let mut depths: Vec<f32> = (0..64u8).map(|i| 1.0 + f32::from(i) / 64.0).collect();
     depths.push(2e7);
     let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));
     assert_eq!((bits(&advice, "linear"), bits(&advice, "float_bits")), (Some(31), Some(11)), "{text}");
-    // With equalised keys, the outlier takes only its share.
+    // Equalised keys give the outlier only its share of the codes.
     let equalised = bits(&advice, "equalised").expect("32 bits are enough");
     let narrowest = if equalised < 11 { ("equalised", equalised) } else { ("float_bits", 11) };
     let said = format!("narrowest: key_map={} key_bits={}", narrowest.0, narrowest.1);
@@ -75,8 +76,8 @@ fn a_scene_without_view_dependence_is_told_to_leave_the_bands_out() {
 
 #[test]
 fn splats_below_the_alpha_floor_count_neither_for_keys_nor_for_harmonics() {
-    // Pairs of neighbours in depth. One of each is invisible and the only one with harmonics; the nearer comes later in
-    // the file.
+    // Pairs of splats at neighbouring float depths. The nearer splat of a pair comes later in the file; it is hidden,
+    // and it alone has harmonics.
     let scene = |opacity: f32| {
         Scene::generate(40, 3, |at| {
             let hidden = at % 2 == 1;
@@ -157,7 +158,7 @@ fn the_advised_command_draws_the_promised_psnr() {
     let of = |parameter: &str| names.iter().any(|name| name.starts_with(parameter));
     assert!(of("key_bits = "), "{names:?}");
 
-    // The printed command, unchanged, and with unrounded pictures.
+    // Runs the printed command as it is, then again with float pictures (.npy), which are not rounded to 8 bits.
     let command = text.lines().find_map(|line| line.strip_prefix("splatgraph ")).expect("a command");
     place.done(command);
     assert!(["one", "two"].iter().all(|name| place.at(format!("advised/{name}.png")).is_file()), "{command}");

@@ -5,10 +5,10 @@ use serde_json::{Value, json};
 #[cfg(target_os = "linux")]
 use std::fs;
 
-/// Views of the demo scene, in two sizes that alternate in threes.
+/// Number of views of the demo scene. The picture size changes after every third view.
 const VIEWS: usize = 12;
 
-/// A folder with a scene and the views.
+/// Creates a folder with a scene and the views.
 fn scene() -> Place {
     let place = Place::empty();
     place.done("synth demo --count 4000 -o scene.ply --cameras four.json");
@@ -32,7 +32,7 @@ fn scene() -> Place {
     place
 }
 
-/// Returns the first words of the lines, which name the pictures.
+/// Returns the name of the picture that each line of the output begins with.
 fn named((text, errors): &(String, String)) -> Vec<String> {
     let text = errors.clone() + text;
     let lines = text.lines().filter(|line| line.contains("view") && line.contains(" x "));

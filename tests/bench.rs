@@ -3,7 +3,7 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// The minimum number of frames.
+/// `bench` with the minimum number of frames.
 const SHORT: &str = "bench --rounds 2 --frames 1 --validate";
 
 /// Runs the program, which must succeed, and returns what it printed.
@@ -135,7 +135,7 @@ fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
         let rate = row["pairs"].as_f64().unwrap() / ms * 1e-6;
         assert!((sorted["gkeys_per_s"].as_f64().unwrap() / rate - 1.0).abs() < 1e-9, "{sorted}");
         assert!(sorted["at_most_ms"].as_f64().unwrap() >= ms, "{sorted}");
-        // Filling the totals, and three dispatches for each digit of 4 bits.
+        // One fill of the totals, and three dispatches for each 4-bit digit.
         let passes = sorted["passes"].as_array().map(Vec::len);
         assert_eq!(passes.map(|count| count as u64), Some(1 + 3 * row["key_bits"].as_u64().unwrap() / 4));
     }

@@ -12,7 +12,7 @@ const SOURCE: &str = include_str!("../backends/metal/src/builtin.metal");
 /// The Rust code that looks functions up by name.
 const BACKEND: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/metal/src");
 
-/// Images that are requested their size, written in their own type, and sampled, after Apple's "Metal Shading Language Specification", 6.12.
+/// Declares texture queries, writes and sampling, after Apple's "Metal Shading Language Specification", 6.12.
 const WINDOW: &str = "
 #include <metal_stdlib>
 namespace metal {
@@ -27,7 +27,7 @@ template<typename T, access A = access::sample> struct window_texture {
 #define texture2d window_texture
 ";
 
-/// Compiles a text as C++. Returns the compiler's messages if it is not valid.
+/// Compiles `text` as C++. Returns the compiler's messages if it is not valid.
 fn compile(text: &str) -> Result<(), String> {
     let include = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal/include");
     let flags = [
@@ -55,13 +55,13 @@ fn the_backends_own_kernels_are_valid_cpp() {
     if let Err(messages) = compile(&text) {
         panic!("{messages}");
     }
-    // The check would find a wrong type.
+    // The compiler must reject a value of the wrong type.
     let wrong = text.replace("target.write(uint4(0), pixel)", "target.write(pixel, uint4(0))");
     assert_ne!(wrong, text);
     assert!(compile(&wrong).is_err());
 }
 
-/// Names in the calls that look a function up, in all files of the backend.
+/// Collects the function names that the backend's source looks up.
 fn named(folder: &Path) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for entry in std::fs::read_dir(folder).expect("the backend's source").flatten() {
@@ -79,7 +79,7 @@ fn named(folder: &Path) -> BTreeSet<String> {
     found
 }
 
-/// Names of the kernels and functions in `builtin.metal`.
+/// Returns the names of the kernels and functions in `builtin.metal`.
 fn written() -> BTreeSet<String> {
     let starts = |line: &&str| ["kernel ", "vertex ", "fragment "].iter().any(|word| line.starts_with(word));
     let name = |line: &str| Some(line.split_once('(')?.0.rsplit(' ').next()?.to_string());

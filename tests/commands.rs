@@ -145,7 +145,7 @@ fn every_command_teaches_by_examples() {
     for known in ["view", "render", "bench", "sweep", "advise"] {
         assert!(commands.contains(&known), "{commands:?}");
     }
-    // `help` is clap's own.
+    // clap provides `help`, without examples.
     for command in commands.into_iter().filter(|command| *command != "help") {
         let help = place.done(&[command, "--help"]);
         assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");
@@ -247,7 +247,7 @@ fn check_refuses_what_no_barrier_can_mend_and_results_of_another_frame() {
         let text = String::from_utf8_lossy(&found.stderr).into_owned();
         assert_eq!(found.status.code(), Some(1), "{passes}: {text}");
         assert!(text.contains(expected), "{passes}: {text}");
-        // A dump shows the warning as well, once.
+        // `dump` prints the warning too, once.
         place.refuses("", &[("dump graph.ron", 1, expected)]);
     }
 }

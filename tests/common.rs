@@ -36,7 +36,7 @@ pub fn options(validation: Validation) -> Options {
     Options { device, validation, ..Options::default() }
 }
 
-/// The program's option for this device.
+/// Returns the `--device` argument that selects the tests' device; `None` if any device will do.
 pub fn device_option() -> Option<String> {
     options(Validation::Off).device.map(|device| format!("--device={device}"))
 }
@@ -142,13 +142,13 @@ pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
     (output.status.success(), text)
 }
 
-/// A graph with parameters.
+/// A graph's name, and its parameters as pairs of name and value.
 pub type Graph = (&'static str, &'static [(&'static str, &'static str)]);
 
-/// The tiles for GPUs and for CPUs, whichever the device would choose.
+/// The tile renderers for GPUs and for CPUs, both run on any device.
 pub const FAST_TILES: [Graph; 2] = [("tiled", &[]), ("tiled_cpu", &[])];
 
-/// The same as `tiled_exact`.
+/// Both tile renderers with the parameters of the preset `tiled_exact`.
 pub const EXACT_TILES: [Graph; 2] = [
     (
         "tiled",
@@ -176,12 +176,12 @@ pub const EXACT_TILES: [Graph; 2] = [
     ),
 ];
 
-/// Parameters and their values as graphs take them.
+/// Converts parameters and values to the owned pairs that graphs take.
 pub fn settings(set: &[(&str, &str)]) -> Vec<(String, String)> {
     set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
 }
 
-/// Returns the parameters of a graph, and more that override them.
+/// Returns the parameters of `graph`, followed by `more`, which override them.
 pub fn with<'a>(graph: Graph, more: &[(&'a str, &'a str)]) -> Vec<(&'a str, &'a str)> {
     graph.1.iter().copied().chain(more.iter().copied()).collect()
 }

@@ -20,7 +20,7 @@ fn factor(rotation: [f32; 4], scale: [f32; 3]) -> [[f64; 3]; 3] {
     r.map(|row| [0, 1, 2].map(|c| row[c] * f64::from(scale[c])))
 }
 
-/// The six unique elements xx, xy, xz, yy, yz, zz of M M^T.
+/// Returns the six unique elements xx, xy, xz, yy, yz, zz of M M^T.
 fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
     let dot = |a: usize, b: usize| (0..3).map(|c| m[a][c] * m[b][c]).sum();
     [dot(0, 0), dot(0, 1), dot(0, 2), dot(1, 1), dot(1, 2), dot(2, 2)]
@@ -33,7 +33,7 @@ fn triangle(l: &[f64]) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|row| rows[(row + 3 - first) % 3])
 }
 
-/// Returns the largest error over a scene, relative to each splat's largest element, for the given form.
+/// Returns the largest error over a scene, relative to each splat's largest covariance element.
 fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
         (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();
@@ -48,7 +48,7 @@ fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     exact.iter().zip(floats.chunks_exact(per_splat)).fold(0.0, |worst: f64, (exact, got)| {
         let got = match per_splat {
             6 => six(triangle(got)),
-            // M M^T shows whether it is stored by rows or by columns.
+            // Checks the element order, too: for the transposed factor, M M^T would differ.
             _ => six([0, 1, 2].map(|row| [0, 1, 2].map(|column| got[3 * row + column]))),
         };
         let largest = exact.iter().fold(0.0, |m: f64, v| m.max(v.abs()));

@@ -1,5 +1,5 @@
-//! The documentation against the repository: every path and link leads somewhere, and quoted output equals the
-//! commands' output.
+//! Checks the documentation against the repository: every path and link resolves, and quoted output equals what the
+//! commands print.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
@@ -12,7 +12,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// The pages, by their path from the root.
+/// Lists the pages by their paths from the root.
 fn page_names() -> Vec<PathBuf> {
     let docs = fs::read_dir(root().join("docs")).expect("docs/ is there").map(|entry| {
         let entry = entry.expect("an entry");
@@ -25,7 +25,7 @@ fn page_names() -> Vec<PathBuf> {
     pages
 }
 
-/// The pages, and their text without code blocks.
+/// Reads the pages, without their code blocks.
 fn pages() -> Vec<(PathBuf, String)> {
     page_names().into_iter().map(|page| (page.clone(), without_code_blocks(&read(&page)))).collect()
 }
@@ -44,7 +44,7 @@ fn without_code_blocks(text: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// The anchors that GitHub gives to a page's headings.
+/// Returns the anchors that GitHub generates for a page's headings.
 fn anchors(text: &str) -> BTreeSet<String> {
     let headings = text.lines().filter(|line| line.starts_with('#'));
     let slug = |heading: &str| {
@@ -100,9 +100,10 @@ fn every_relative_link_leads_to_a_file_and_every_anchor_to_a_heading() {
     assert!(broken.is_empty(), "these links lead nowhere:\n{}", broken.join("\n"));
 }
 
-/// The commands quoted in the pages, as indented blocks that begin with `$ splatgraph`: page, arguments, and the output quoted.
+/// Collects the commands that the pages quote: page, arguments, and the quoted output.
 ///
-/// An argument `scenes/...` names a captured scene in the folder `SPLATGRAPH_DATA`.
+/// A quoted command is an indented block that begins with `$ splatgraph`. An argument `scenes/...` names a captured
+/// scene in the folder `SPLATGRAPH_DATA`.
 fn quoted_commands() -> Vec<(PathBuf, Vec<String>, Vec<String>)> {
     let mut found = Vec::new();
     for page in page_names() {
@@ -123,7 +124,7 @@ fn splatgraph(arguments: &[&str]) -> Output {
     Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts")
 }
 
-/// Replaces `scenes/...` by the path of the captured scene. Returns `None` without captured scenes.
+/// Replaces `scenes/...` by the path of the captured scene. Returns `None` if `SPLATGRAPH_DATA` is not set.
 fn with_scenes(arguments: &[String]) -> Option<Vec<String>> {
     let resolve = |argument: &String| match argument.starts_with("scenes/") {
         true => Path::new(&std::env::var_os("SPLATGRAPH_DATA")?)
@@ -136,7 +137,7 @@ fn with_scenes(arguments: &[String]) -> Option<Vec<String>> {
     arguments.iter().map(resolve).collect()
 }
 
-/// Compares quoted lines with consecutive lines of the output. A line `...` stands for any number of lines.
+/// Returns true if `output` contains the quoted lines in order. A quoted `...` matches any number of lines.
 fn is_quoted_from(output: &str, quoted: &[String]) -> bool {
     let output: Vec<&str> = output.lines().map(str::trim_end).collect();
     let mut rest = output.as_slice();
@@ -208,8 +209,8 @@ fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line()
     assert_eq!(splatgraph(&["dump", "--no-such-option"]).status.code(), Some(2));
 }
 
-/// Lists the listings of a page: the link in the line before each, and the text. Only those below a link to a file
-/// count.
+/// Collects a page's listings: code blocks below a line that ends with a link to a file and a colon. Returns the link
+/// and the text of each.
 fn listings(text: &str) -> Vec<(String, String)> {
     let (mut found, mut link, mut open): (Vec<(String, String)>, Option<String>, bool) = Default::default();
     for line in text.lines() {
@@ -236,7 +237,7 @@ fn the_listings_of_the_tutorial_are_its_files_and_every_file_is_listed() {
     for (link, listing) in listings(&text) {
         let name = link.rsplit('/').next().unwrap_or_default();
         let file = read(&Path::new("docs").join(&link));
-        // A whole file, or whole lines of one.
+        // The listing is the whole file, or consecutive whole lines of it.
         let lines = format!("\n{file}").contains(&format!("\n{listing}"));
         assert!(lines && !listing.trim().is_empty(), "{name} has no such lines:\n{listing}");
         listed.insert(name.to_owned());
@@ -246,7 +247,7 @@ fn the_listings_of_the_tutorial_are_its_files_and_every_file_is_listed() {
         let name = file.expect("an entry").file_name().to_string_lossy().into_owned();
         assert!(listed.contains(&name), "{name} is not listed in docs/tutorial.md");
     }
-    // Every claimed listing is compared.
+    // `listings` finds a listing below a link, and skips other code blocks.
     assert_eq!(
         listings("[a.ron](x/a.ron):\n\n```ron\none\n```\n\nText\n\n```sh\nls\n```\n"),
         [("x/a.ron".into(), "one\n".into())]

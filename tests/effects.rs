@@ -1,4 +1,4 @@
-//! The effects that plans claim, against plans with other values: a parameter without an effect changes nothing.
+//! Checks the effects that plans claim for parameters: changing a parameter without an effect must not change the plan.
 
 use crate::common;
 #[cfg(target_os = "linux")]
@@ -72,7 +72,7 @@ impl Builds {
     }
 }
 
-/// Returns other values of a parameter: all of a choice; the ends, the middle and the neighbours of a range.
+/// Returns other values to try: all of a choice; the ends, the middle and the neighbouring values of a range.
 fn others(param: &Param) -> Vec<String> {
     let mut values: Vec<String> = match &param.domain {
         Domain::Bool => vec!["true".into(), "false".into()],
@@ -92,7 +92,7 @@ fn others(param: &Param) -> Vec<String> {
     values
 }
 
-/// Byte offsets in the live block that a shader of the plan reads.
+/// Returns the byte offsets in the live block that the plan's shaders read.
 fn live_offsets(plan: &Plan) -> BTreeSet<u32> {
     let blocks = plan.shaders.iter().flat_map(|shader| &shader.reflection.bindings);
     let members = blocks.filter(|block| block.name == LIVE_BLOCK).flat_map(|block| match &block.kind {
@@ -168,7 +168,7 @@ fn no_value_of_a_parameter_without_an_effect_changes_a_plan() {
             check(&mut builds, graph, &[], &facts_of(lanes, 1_000_000));
         }
     }
-    // With other values of the other parameters, different ones have no effect.
+    // Which parameters lack an effect depends on the other parameters, so vary those too.
     let counts: &[u64] = if common::long() { &[100, 1_000_000, 3_000_000] } else { &[1_000_000] };
     let mut found = BTreeSet::new();
     for graph in ["splat", "tiled", "tiled_cpu", "bench/pairs"] {
@@ -178,7 +178,7 @@ fn no_value_of_a_parameter_without_an_effect_changes_a_plan() {
             let choices = plan.params.iter().filter(|p| matches!(p.domain, Domain::Bool | Domain::Choice(_)));
             for (param, value) in choices.flat_map(|p| others(p).into_iter().map(move |v| (p, v))) {
                 let set = [(param.name.clone(), value)];
-                // `check` compares what the graph allows.
+                // Some values are invalid in this graph.
                 if builds.plan(graph, &set, &facts).is_ok() {
                     found.extend(check(&mut builds, graph, &set, &facts));
                 }
@@ -197,7 +197,7 @@ fn tiles_on_a_gpu_name_the_parameters_that_the_sort_of_splats_alone_has() {
     let mut said = |graph: &str, lanes: u32| -> Vec<String> {
         let plan = builds.plan(graph, &[], &facts_of(lanes, 1_000_000)).expect("a plan");
         let idle = plan.params.iter().filter(|param| plan.no_effect(&param.name).is_some());
-        // Without the numbers of lines.
+        // Removes line numbers, which change with every edit of the files.
         let without = |text: String| {
             text.split(".ron:").map(|part| part.trim_start_matches(char::is_numeric)).collect()
         };
@@ -229,13 +229,13 @@ fn the_switch_of_the_mesh_has_no_effect_for_a_loaded_scene_without_one() {
                 && text.ends_with(") leaves it out, as mesh.possible = false"),
             "{text}"
         );
-        // A scene that is not loaded may have a mesh.
+        // Without a loaded scene, a mesh is possible.
         let plan = builds.plan(graph, &[], &facts_of(lanes, 1_000_000)).expect("a plan");
         assert_eq!(plan.no_effect("mesh"), None);
     }
 }
 
-/// The lines of standard error that name a parameter without an effect, of a command that succeeds.
+/// Runs a command, which must succeed; returns the lines of standard error about parameters without an effect.
 #[cfg(target_os = "linux")]
 fn told(place: &Place, line: &str) -> Vec<String> {
     place.said(line).1.lines().filter(|line| line.contains("has no effect")).map(str::to_string).collect()
@@ -295,7 +295,7 @@ fn trade_does_not_measure_a_parameter_without_an_effect_and_says_so() {
         "trade scene.ply -c cameras.json --rounds 1 --frames 1 --pipeline idle.ron --only idle --only low_pass",
     );
     let told: Vec<&str> = errors.lines().filter(|line| line.contains("has no effect")).collect();
-    // The scene has no mesh.
+    // The scene has no mesh, so `mesh` has no effect either.
     let [mesh, idle] = ["mesh", "idle"]
         .map(|name| format!("not measured: `{name}` has no effect: nothing in this plan depends on it"));
     let is_told = |begin: &String| told.iter().any(|line| line.starts_with(begin));

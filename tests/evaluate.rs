@@ -1,9 +1,9 @@
-//! Datasets of cameras and photographs: a scene is rendered to photographs, and scored against them.
+//! `evaluate` as a command: a scene is rendered to photographs, and scenes are scored against them.
 
 use crate::place::Place;
 use serde_json::Value;
 
-/// Makes a scene, and photographs it into `views/`, 9 of 96 x 54 pixels.
+/// Makes a scene, and writes 9 photographs of it, 96 x 54 pixels each, to `views/`.
 fn photographed() -> Place {
     let place = Place::demo(5000);
     place.done("synth --photograph scene.ply --dataset views --views 9 --size 96x54");
@@ -18,7 +18,7 @@ fn scored(place: &Place, more: &str) -> Value {
 fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_not() {
     let place = photographed();
     let exact = scored(&place, "--backend reference -o scores");
-    // Every eighth of nine, starting with the first.
+    // Every eighth view is scored: of nine, the first and the last.
     let views: Vec<&str> =
         exact["views"].as_array().expect("views").iter().map(|v| v["view"].as_str().unwrap()).collect();
     assert_eq!(views, ["view-0000.png", "view-0008.png"]);
@@ -37,9 +37,9 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
         (half["views"][0]["width"].as_u64(), half["views"][0]["height"].as_u64()),
         (Some(48), Some(27))
     );
-    // The mean of four pixels is not the pixel of twice the size.
+    // A downscaled photograph averages 2 x 2 pixels; a render at half size samples once.
     assert!((20.0..psnr(&exact)).contains(&psnr(&half)), "{half:#}");
-    // Fewer splats give another scene.
+    // Another scene must score low.
     place.done("synth demo --count 300 --seed 3 -o other.ply");
     let other = place.done("evaluate other.ply -c views/sparse/0 --backend reference");
     let mean = other.lines().last().expect("a row").split_whitespace().nth(1).expect("a number");

@@ -1,17 +1,18 @@
-//! `experiment` as a command: pages that illustrate an equation.
+//! `experiment` as a command: the pages it writes, their pictures and their numbers.
 
 use crate::place::Place;
 use splatgraph_assets::{Scene, synth};
 use std::collections::BTreeMap;
 
-/// Runs an experiment of a small picture, and returns its page.
+/// Runs an experiment and returns the page that it writes.
 fn page(place: &Place, kind: &str, more: &str) -> String {
     let line = "scene.ply -c cameras.json#0 --device llvmpipe --validate";
     place.done(&format!("experiment {kind} {line} {more}"));
     place.text(&format!("experiment-{kind}.html"))
 }
 
-/// The cells of every row of the page's tables, by the row's first cell; the first row of a name counts.
+/// Returns the cells of the page's table rows by the row's first cell. Of rows with equal first cells, the first is
+/// kept.
 fn rows(page: &str) -> BTreeMap<String, Vec<String>> {
     let mut found = BTreeMap::new();
     for row in page.split("<tr>").skip(1) {
@@ -26,7 +27,7 @@ fn rows(page: &str) -> BTreeMap<String, Vec<String>> {
     found
 }
 
-/// Parses a number of a table; equal pictures have infinite PSNR.
+/// Parses a number of a table; `equal` is an infinite PSNR.
 fn number(cell: &str) -> f64 {
     if cell == "equal" { f64::INFINITY } else { cell.parse().unwrap_or_else(|e| panic!("`{cell}`: {e}")) }
 }
@@ -36,7 +37,7 @@ fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theo
     let place = Place::new();
     place.cameras(&["one", "two"]);
     let page = page(&place, "order", "");
-    // Four variants and their differences, and five pictures of two splats.
+    // Four variants, their four differences, and five pictures of two splats.
     assert_eq!(page.matches("data:image/png;base64,").count(), 4 + 4 + 5, "pictures");
     assert_eq!(page.matches("<svg").count(), 1, "a plot");
     let rows = rows(&page);
@@ -49,12 +50,12 @@ fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theo
         }
         assert_eq!(way(right)[2..4], ["0", "0"], "{rows:?}");
     }
-    // The naive variant has no wrong pair in its list, and blends every pair wrongly.
+    // The naive variant has a correctly sorted list, and blends every pair in the wrong order.
     let naive = way("front to back, naive");
     assert!(naive[2] == "0" && naive[3] == naive[4] && number(&naive[4]) > 0.0, "{naive:?}");
     let unsorted = way("unsorted");
     assert!(number(&unsorted[3]) > 0.0 && number(&unsorted[3]) < number(&unsorted[4]), "{unsorted:?}");
-    // Coarser keys swap more pairs.
+    // Coarser keys put more pairs in the wrong order.
     let wrong = |bits: u32| number(&way(&format!("key_bits = {bits}"))[0]);
     assert!(wrong(8) > wrong(12) && wrong(12) >= wrong(16) && wrong(32) == 0.0, "{rows:?}");
     let of_key = |bits: u32| number(&way(&format!("key_bits = {bits}"))[2]);
@@ -65,11 +66,11 @@ fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theo
 #[test]
 fn the_page_on_bands_has_a_row_for_each_direction_and_more_bands_are_nearer_to_the_truth() {
     let place = Place::new();
-    // Enough splats for a surface, including glossy ones.
+    // 3000 splats make a closed surface, with glossy splats among them.
     synth::generate("demo", 3000, 0).expect("a scene").write_ply(place.at("scene.ply")).expect("written");
     place.cameras(&["one"]);
     let page = page(&place, "sh", "--size 96x64");
-    // The whole; from each of three directions four pictures, three differences and the exact one.
+    // One overview. For each of three directions: four pictures, three differences and the exact picture.
     assert_eq!(page.matches("data:image/png;base64,").count(), 1 + 3 * 8, "pictures");
     let rows = rows(&page);
     let row = |degree: usize| rows.get(&degree.to_string()).expect("a row").as_slice();
@@ -79,7 +80,7 @@ fn the_page_on_bands_has_a_row_for_each_direction_and_more_bands_are_nearer_to_t
         let (sum, measured) = left_out(degree);
         assert!(sum > left_out(degree + 1).0 && measured > 0.0, "{rows:?}");
     }
-    // One band more may be farther off in a direction; all of them are not.
+    // In one direction, adding a band can increase the error. With all bands, the error must be small.
     for direction in 4..7 {
         assert!(number(&row(0)[direction]) + 10.0 < number(&row(3)[direction]), "{rows:?}");
         assert!(number(&row(3)[direction]) > 55.0, "{rows:?}");

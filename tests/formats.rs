@@ -26,7 +26,7 @@ fn a_scene_is_converted_to_every_format_and_drawn_alike() {
         let text = place.done(&format!("convert scene.ply {name}"));
         let bytes = std::fs::metadata(place.at(&name)).expect("it is there").len();
         assert!(text.contains(&format!("{} bytes", splatgraph_assets::grouped(bytes))), "{text}");
-        // The bytes tell the format, whatever the name says.
+        // The format is detected from the contents, not from the name.
         std::fs::rename(place.at(&name), place.at("converted.bin")).expect("it is there");
         let info = place.done("info converted.bin");
         assert!(info.contains("5,000 splats"), "{info}");

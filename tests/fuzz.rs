@@ -1,5 +1,5 @@
-//! Every shipped graph and shader, broken at random while it is "being edited". No file contents may crash or hang the
-//! program, or leave it with another plan once the file is mended.
+//! Every shipped graph and shader, broken at random as if it were being edited. No file contents may crash or hang the
+//! program. Once the file is mended, the plan must be the original one.
 //!
 //! The setup is the live program's: files on disk, a [`Rebuilder`] with the real compiler, and [`LastGood`]. Broken
 //! shaders that compile are not executed.
@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 use crate::common::{self, long};
 use crate::numbers::Random;
 
-/// Broken files: in the long run, and by default.
+/// Number of broken files: in a long run, and by default.
 const CASES: (usize, usize) = (10_000, 1_000);
 
 /// Time after which a build counts as hung.
@@ -40,7 +40,7 @@ impl Random {
     }
 }
 
-/// Damages a file as an editor or an accident might; says how.
+/// Damages a file as an editor or an accident might. Returns the kind of damage, and the damaged file.
 pub fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
     let mut bytes = text.to_vec();
     let mut lines: Vec<&[u8]> = text.split_inclusive(|byte| *byte == b'\n').collect();
@@ -51,7 +51,7 @@ pub fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
             "cut off"
         }
         2 => {
-            // Half the times, as there are not many empty files.
+            // Emptied only half of the time: each file has only one emptied version.
             if random.below(2) == 0 {
                 bytes.clear();
                 "emptied"
@@ -113,12 +113,12 @@ pub fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
     (what, bytes)
 }
 
-/// A build of a shipped graph.
+/// One way to build a shipped graph.
 #[derive(Clone, Debug)]
 struct Build {
     graph: String,
     set: Vec<(String, String)>,
-    /// The output requested besides the picture.
+    /// An output requested besides the picture, by name.
     output: Option<&'static str>,
     lanes: u32,
 }
@@ -153,7 +153,7 @@ fn builds() -> Vec<Build> {
 /// The outcome of a build: the plan, or the diagnostics, each with its rendering.
 struct Outcome {
     built: Result<Plan, Vec<(Diagnostic, String)>>,
-    /// Faults of the diagnostics themselves.
+    /// What is wrong with the diagnostics themselves, if anything.
     unclear: Option<String>,
     /// The files on disk that were read.
     read: Vec<PathBuf>,
@@ -199,7 +199,7 @@ fn plan(
     )
 }
 
-/// Explains why these diagnostics would not help a reader, if they would not.
+/// Returns why a diagnostic would not help the user: no text, no place, or an internal error. `None` if all would help.
 fn unclear(files: &SourceMap, found: &[Diagnostic]) -> Option<String> {
     if found.is_empty() {
         return Some("an error without a diagnostic".into());
@@ -225,7 +225,7 @@ fn unclear(files: &SourceMap, found: &[Diagnostic]) -> Option<String> {
     None
 }
 
-/// A copy of all shipped files, and a thread that builds it.
+/// A copy of all shipped files, and the thread that builds graphs from it.
 struct Workshop {
     folder: tempfile::TempDir,
     rebuilder: Rebuilder<Build, Outcome>,
@@ -261,7 +261,7 @@ impl Workshop {
     }
 }
 
-/// The correct plans, and for each file the builds that read it.
+/// The plan of each build from intact files, and for each file the indices of the builds that read it.
 struct Truth {
     plans: Vec<Plan>,
     readers: BTreeMap<&'static str, Vec<usize>>,
@@ -302,7 +302,7 @@ struct Counts {
     slowest_ms: AtomicUsize,
 }
 
-/// Breaks one file, and mends it.
+/// Breaks one file, builds, mends the file and builds again; returns an error if a check fails.
 fn case(
     number: usize,
     workshop: &Workshop,
@@ -374,7 +374,7 @@ fn whatever_a_file_holds_it_is_an_error_with_a_place_or_a_plan_and_mending_it_br
     let (next, counts, failure) = (AtomicUsize::new(0), Counts::default(), Mutex::new(None::<String>));
     let work = || {
         let workshop = Workshop::open();
-        // One per thread: plans contain the paths of their files.
+        // One per thread: plans contain the paths of the thread's files.
         let truth = Truth::of(&workshop, &builds);
         loop {
             let number = next.fetch_add(1, Relaxed);
@@ -405,7 +405,7 @@ fn whatever_a_file_holds_it_is_an_error_with_a_place_or_a_plan_and_mending_it_br
         &counts.slowest_ms,
     ]
     .map(|count| count.load(Relaxed));
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(
         std::io::stderr(),
         "fuzz: {cases} broken files: {errors} errors ({diagnostics} diagnostics, {crashed} of a crash of the compiler), \
@@ -413,6 +413,6 @@ fn whatever_a_file_holds_it_is_an_error_with_a_place_or_a_plan_and_mending_it_br
         begun.elapsed().as_secs_f64()
     );
     assert_eq!(errors + built, cases);
-    // Damage that breaks nothing, or everything, would test nothing.
+    // If nearly all damage were harmless, or nearly all fatal, the test would prove little.
     assert!(errors > cases / 2 && built > cases / 50, "{errors} errors, {built} built");
 }

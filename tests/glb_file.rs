@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// Joins a document and its binary chunk.
+/// Joins a JSON document and its binary chunk into a `.glb` file.
 pub fn joined(document: &Value, binary: &[u8]) -> Vec<u8> {
     let text = document.to_string();
     let word = |value: usize| (value as u32).to_le_bytes();
@@ -11,7 +11,7 @@ pub fn joined(document: &Value, binary: &[u8]) -> Vec<u8> {
     [&head, text.as_bytes(), &word(binary.len()), b"BIN\0", binary].concat()
 }
 
-/// Builds a scene whose splats are an SPZ file in the binary chunk.
+/// Builds a `.glb` scene whose splats are an SPZ file in the binary chunk.
 pub fn around_spz(spz: &[u8]) -> Vec<u8> {
     let document = json!({
         "asset": { "version": "2.0" },

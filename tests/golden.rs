@@ -1,7 +1,7 @@
 //! Scenes with images drawn by the published CUDA rasteriser.
 //!
-//! `rules` is in the repository, with an eighth of each image's pixels (`assets/golden/README.md`). The whole images and the captured
-//! scenes are found through `SPLATGRAPH_DATA`.
+//! The scene `rules` is in the repository, with an eighth of each image's pixels (`assets/golden/README.md`). The whole
+//! images and the captured scenes are found through `SPLATGRAPH_DATA`.
 
 use crate::common;
 use splatgraph::io::image::Image;
@@ -25,12 +25,13 @@ impl Golden {
         Golden { name: "rules", scenes: folder.clone(), images: folder, sampled: true }
     }
 
-    /// A scene of the data folder, with whole images.
+    /// Returns a scene of the data folder, with whole images.
     pub fn whole(data: &Path, name: &'static str) -> Golden {
         Golden { name, scenes: data.join("scenes"), images: data.join("golden"), sampled: false }
     }
 
-    /// Returns every scene with whole images; without the data folder, only `rules`, and reports the others as missing.
+    /// Returns every scene with whole images. Without the data folder, returns `rules` and reports the others as not
+    /// run.
     pub fn all(test: &str) -> Vec<Golden> {
         match common::data(&format!("{test}, for captures,")) {
             Some(data) => ["biker", "playbot-31k", "rules"].map(|name| Golden::whole(&data, name)).into(),
@@ -38,7 +39,7 @@ impl Golden {
         }
     }
 
-    /// Path of the scene's file.
+    /// Returns the path of the scene file.
     pub fn path(&self) -> PathBuf {
         self.scenes.join(format!("{}.ply", self.name))
     }
@@ -52,7 +53,7 @@ impl Golden {
         Camera::load(path).expect("the cameras load")
     }
 
-    /// Compares a whole picture with the golden image of this name.
+    /// Compares a whole picture with the golden image of this name, at the pixels that the image has.
     pub fn compare(&self, found: &Image, image: &str) -> Comparison {
         let golden = self.image(image);
         let found = if self.sampled { &sampled(found) } else { found };

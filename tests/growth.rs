@@ -1,4 +1,4 @@
-//! Growing parameters: pictures of a graph whose list is too small at first, on a real driver.
+//! Graphs with growing parameters: a list that is too small at first grows until the picture is complete.
 
 use crate::images;
 use crate::place::Place;

@@ -23,7 +23,7 @@ pub fn session(scene: impl Into<Arc<Scene>>, graph: &str, set: &[(&str, &str)]) 
     Session::new(common::device(), scene, graph, &settings(set))
 }
 
-/// Draws a frame.
+/// Prepares, submits and finishes a frame.
 pub fn frame(session: &mut Session<Backend>, camera: &Camera, request: &FrameOptions) -> FrameResult {
     let size = (camera.width, camera.height);
     session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("it is prepared: {error}"));
@@ -31,19 +31,19 @@ pub fn frame(session: &mut Session<Backend>, camera: &Camera, request: &FrameOpt
     session.wait(frame).expect("drawn")
 }
 
-/// Draws a picture.
+/// Draws a frame and returns its picture.
 pub fn picture(session: &mut Session<Backend>, camera: &Camera, background: [f32; 3]) -> Image {
     let request = FrameOptions { background, read_output: true, ..FrameOptions::default() };
     image_of(&frame(session, camera, &request).output.expect("asked for")).expect("colours")
 }
 
-/// Closes a session; the validation layers must have had nothing to say.
+/// Closes a session; fails if there were validation messages.
 pub fn close(mut session: Session<Backend>, what: &str) {
     common::assert_silent(session.device(), what);
     assert_eq!(session.into_device().close(), Vec::<String>::new(), "{what}: closing the device");
 }
 
-/// As `draw`, with a scene and parameters.
+/// Draws any scene, as [`draw`] does, with parameters.
 pub fn draw_scene(
     scene: impl Into<Arc<Scene>>,
     cameras: &[Camera],
@@ -142,7 +142,7 @@ fn narrow_keys_and_no_sort_cost_accuracy() {
             let images = draw(&golden, preset, [0.0; 3]);
             let differences: Vec<f64> = images.iter().zip(&right).map(|(a, b)| psnr(a, b)).collect();
             println!("{scene}: {preset} {differences:.1?} dB");
-            // Measured: key16 65.9 dB and more, unchanged from one camera of `rules`; unsorted 19.1 to 36.8 dB.
+            // Measured: `key16` 65.9 dB or more, and identical from one camera of `rules`; `unsorted` 19.1 to 36.8 dB.
             let (worst, best) = if preset == "key16" { (55.0, f64::INFINITY) } else { (15.0, 42.0) };
             assert!(
                 differences.iter().all(|db| (worst..=best).contains(db)),
@@ -174,7 +174,7 @@ fn every_preset_draws_a_generated_scene_without_a_validation_message() {
     let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
     let camera = Camera::framing(&scene(), 320, 180);
     for preset in splatgraph::draw::builtin::presets() {
-        // Two frames: a preset may use the first one's results.
+        // Two frames: a preset may use results of the previous frame.
         let images = draw_scene(scene(), &[camera.clone(), camera.clone()], preset.name, [0.0; 3], &[]);
         let lit = images[1].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
         assert!(lit > 320 * 180 / 20, "{}: only {lit} pixels show anything", preset.name);
@@ -191,8 +191,7 @@ fn every_preset_draws_with_subgroups_of_4_and_of_16_lanes() {
     }
 }
 
-/// `stale_order` uses the previous frame's order: nothing in the first frame, and the right picture for a repeated
-/// view.
+/// `stale_order` uses the previous frame's order: the first frame draws nothing, and a repeated view is correct.
 #[test]
 fn the_order_of_the_last_frame_draws_a_view_that_it_has_seen_as_the_order_of_this_one_does() {
     let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");

@@ -1,8 +1,9 @@
 //! Tests that cross crates: the shipped graphs and shaders on a real driver, with its validation on.
 //!
-//! They run by whichever backend the machine has. On Linux that is Vulkan on lavapipe, Mesa's driver for the CPU, which `./x test`
-//! installs and selects; on macOS it is Metal. A missing driver or layer is a failure. Captured scenes and their golden images are found
-//! through `SPLATGRAPH_DATA`; without it, the tests that need them say that they did not run, and so do the modules that only Linux has.
+//! They use the machine's backend. On Linux that is Vulkan on lavapipe, Mesa's driver for the CPU, which `./x test`
+//! installs and selects; on macOS it is Metal. A missing driver or layer is a failure. Captured scenes and their golden
+//! images are found through `SPLATGRAPH_DATA`. Tests that need a missing data folder, and Linux tests on other systems,
+//! report that they did not run.
 
 // Tests may write files and lines directly; the program does so only through its module `output`.
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
@@ -71,7 +72,7 @@ mod view;
 mod walk;
 mod window_graph;
 
-/// Lists what follows `start` in a file behind the attribute of what only Linux has.
+/// Returns the names that follow `start`, up to `end`, behind `#[cfg(target_os = "linux")]`.
 fn left_out_elsewhere<'a>(text: &'a str, start: &str, end: char) -> Vec<&'a str> {
     let start = format!("#[cfg(target_os = \"linux\")]\n{start}");
     let behind = text.split(start.as_str()).skip(1);
@@ -97,7 +98,7 @@ fn tests_that_only_linux_can_run_are_named_elsewhere() {
         here.iter().for_each(|module| common::not_run(module, "Linux"));
         view.iter().for_each(|module| common::not_run(&format!("view::{module}"), "Linux"));
         tests.iter().for_each(|test| common::not_run(test, "Linux"));
-        // These tests compile only on Linux, so report them here.
+        // The Vulkan backend's own tests compile only on Linux, so report them here.
         common::not_run("backends/vulkan/tests/gpu", "lavapipe");
     }
 }

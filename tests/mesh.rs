@@ -1,4 +1,5 @@
-//! A mesh among splats: quads and tiles draw what the exact renderer draws, and each convention of depth changes the picture.
+//! Scenes with meshes: quads and tiles draw what the exact renderer draws, and each convention of depth is tested
+//! alone.
 
 use crate::common::{self, EXACT_TILES, Graph};
 use splatgraph::draw::backend::Backend;
@@ -11,20 +12,20 @@ use splatgraph_assets::{Camera, Mesh, MeshMaterial, Scene, Similarity, Splat, sy
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
-/// The demo scene in small, with the ring in its pond.
+/// Returns a small demo scene with the ring mesh in its pond.
 fn pond() -> Arc<Scene> {
     let demo = synth::generate("demo", 4000, 0).expect("it is generated");
     Arc::new(demo.beside(&synth::mesh(), &Similarity::IDENTITY))
 }
 
-/// The graphs with 32-bit floats: quads, and tiles for CPUs and for GPUs, without tiles and stop, which quads lack.
+/// Graphs that draw with 32-bit floats: quads, and both tile renderers by the rules of quads (no early stop).
 const GRAPHS: [(Graph, &[(&str, &str)]); 3] = [
     (("mesh_quads", &[("target", "rgba32f")]), &[]),
     (EXACT_TILES[1], &[("stop", "0.0"), ("extent", "alpha")]),
     (EXACT_TILES[0], &[("stop", "0.0"), ("extent", "alpha")]),
 ];
 
-/// The rules of those graphs.
+/// Returns the exact renderer's rules for [`GRAPHS`].
 fn as_drawn() -> Rules {
     rules(
         Rules::PUBLISHED,
@@ -57,9 +58,9 @@ fn psnr(a: &Image, b: &Image, counted: &[bool]) -> f64 {
     metrics::compare(&keep(a), &keep(b)).expect("of one size and finite").psnr()
 }
 
-/// Returns the pixels whose neighbours all show the mesh, or none of them: away from its edges.
+/// Marks the pixels away from the mesh's edges: it covers all or none of their 3 x 3 neighbourhood.
 fn away_from_edges(mesh: &Mesh, camera: &Camera) -> Vec<bool> {
-    // The mesh alone, with a splat that is behind the camera.
+    // The mesh alone: the scene's only splat is at the camera, where it is culled.
     let unseen = |_| Splat {
         position: camera.position.map(|v| v as f32),
         scale: [1e-3; 3],
@@ -94,7 +95,7 @@ fn quads_and_tiles_with_a_mesh_draw_what_the_exact_renderer_draws_from_four_came
             let found = drawn(&mut session, &camera, graph, set);
             let near = psnr(&found, &truth, &counted);
             assert!(near > 60.0, "{} from `{}`: {near:.1} dB", graph.0, camera.img_name);
-            // The mesh makes a difference far above that.
+            // Without the mesh, the error must be much larger.
             let bare = drawn(&mut session, &camera, graph, &[set, &[("mesh", "false")]].concat());
             let far = psnr(&bare, &truth, &counted);
             assert!(
@@ -108,12 +109,12 @@ fn quads_and_tiles_with_a_mesh_draw_what_the_exact_renderer_draws_from_four_came
     common::assert_silent(session.device(), "meshes");
 }
 
-/// A camera at the origin that looks along +z, 16 pixels wide; one unit at depth 2 is 8 pixels.
+/// Returns a camera at the origin that looks along +z, 16 x 16 pixels; one unit at depth 2 is 8 pixels.
 fn camera() -> Camera {
     Camera { fx: 16.0, fy: 16.0, ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (16, 16)) }
 }
 
-/// A square of one colour at `z`, with its corners at `left` and `top`, and two units wide and high.
+/// Makes a square of one colour, 2 x 2 units, at `z`, with its upper left corner at `left` and `top`.
 fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
     let mut mesh = Mesh {
         positions: [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
@@ -130,14 +131,14 @@ fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
     mesh
 }
 
-/// A white splat on the axis at `z`, wide and nearly opaque.
+/// Makes a white splat on the axis at `z`, wide and nearly opaque.
 fn white(z: f32) -> Splat {
     let mut sh = [0.0; 48];
     sh[..3].fill(0.5 / 0.282_094_8);
     Splat { position: [0.0, 0.0, z], scale: [20.0; 3], rotation: [1.0, 0.0, 0.0, 0.0], opacity: 0.9, sh }
 }
 
-/// Draws a splat and a mesh with every graph, and gives the colours of the pixel at column and row.
+/// Draws a splat and a mesh with every graph; returns each graph's colour of pixel (x, y).
 fn pixel(splat: Splat, mesh: &Mesh, [x, y]: [usize; 2]) -> [[f32; 3]; 3] {
     let scene = Scene::generate(1, 0, |_| splat).with_mesh(Some(Arc::new(mesh.clone())));
     let mut session = Session::new(common::device(), Arc::new(scene), "mesh_quads", &[]);
@@ -149,7 +150,8 @@ const GREEN: [f32; 4] = [0.0, 1.0, 0.0, 1.0];
 
 #[test]
 fn the_nearer_of_two_triangles_is_seen_whichever_is_drawn_first() {
-    // Reversed depth: cleared to 0, greater is nearer. Any other pair of the two shows the far square, or none.
+    // Depth is reversed: cleared to 0, greater is nearer. With one of the two conventions wrong, the far square or none
+    // shows.
     let (near, far) = (square([-1.0, -1.0], 2.0, RED), square([-1.0, -1.0], 3.0, GREEN));
     for order in [[&near, &far], [&far, &near]] {
         let mut both = order[0].clone();
@@ -169,7 +171,7 @@ fn a_splat_is_hidden_by_the_mesh_before_it_and_dims_the_mesh_behind_it() {
     for [r, g, _] in pixel(white(1.9), &wall, [8, 8]) {
         assert!(r > 0.99 && (g - 0.9).abs() < 0.01, "before the wall: {r} {g}");
     }
-    // Beside a wall that fills the lower right quarter there is the splat over the black background.
+    // The wall covers the lower right quarter; in the upper left, the splat shows over the black background.
     for [r, g, b] in pixel(white(2.1), &square([0.0, 0.0], 2.0, RED), [0, 0]) {
         assert!([r, g, b].iter().all(|v| (v - 0.9).abs() < 0.01), "beside the wall: {r} {g} {b}");
     }
@@ -177,7 +179,7 @@ fn a_splat_is_hidden_by_the_mesh_before_it_and_dims_the_mesh_behind_it() {
 
 #[test]
 fn a_mesh_far_away_is_hidden_by_a_splat_as_a_near_one_is() {
-    // near / depth has its digits where depths are large: 1000 and 1001 are 2e-7 apart in the depth buffer, and their order is right.
+    // The depth buffer stores near / depth: 1000 and 1001 differ by 2e-7 there, which 32-bit floats resolve.
     let wall = Mesh {
         positions: vec![[-2e3, -2e3, 1e3], [2e3, -2e3, 1e3], [2e3, 2e3, 1e3], [-2e3, 2e3, 1e3]],
         ..square([0.0; 2], 0.0, RED)
@@ -193,7 +195,8 @@ fn a_mesh_far_away_is_hidden_by_a_splat_as_a_near_one_is() {
 
 #[test]
 fn x_points_right_y_down_and_pixels_are_sampled_at_their_centres() {
-    // One unit right of and below the axis, at depth 2: pixels 7.5 + 8 to the right of pixel 7.5, half of the picture.
+    // At depth 2 the square's corner is on the axis, at (8, 8), and the square is 16 pixels wide: the lower right
+    // quarter.
     let wall = square([0.0, 0.0], 2.0, RED);
     for (at, seen) in [([7, 8], false), ([8, 7], false), ([8, 8], true), ([15, 15], true)] {
         for [r, ..] in pixel(Splat { opacity: 0.0, ..white(50.0) }, &wall, at) {
@@ -219,12 +222,13 @@ fn an_image_is_red_at_its_upper_left_where_u_and_v_are_0_and_its_colours_are_dec
     wall.texels = vec![[255, 0, 0, 255], [0, 128, 0, 255], [0, 0, 255, 255], [255; 4]];
     wall.materials[0].base_color_image = splatgraph_assets::Texture { first: 0, width: 2, height: 2 };
     let none = Splat { opacity: 0.0, ..white(50.0) };
-    // Pixels 3 and 12 are a sixteenth of a texel from a texel's centre, towards the nearer edge, beyond which the image repeats.
+    // The centres of pixels 3 and 12 are 1/16 texel from a texel's centre, towards the square's edge, where the image
+    // repeats.
     let (own, next) = (0.9375f32, 0.0625f32);
     let encode = |v: f32| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     let linear = [[1.0, 0.0, 0.0], [0.0, 0.215_860_5, 0.0], [0.0, 0.0, 1.0], [1.0; 3]];
     for (texel, at) in [[3, 3], [12, 3], [3, 12], [12, 12]].into_iter().enumerate() {
-        // Of the texel itself, the one beside it, the one above or below it, and the one across.
+        // The texel itself, its horizontal neighbour, its vertical neighbour, and the diagonal one.
         let weights =
             [(texel, own * own), (texel ^ 1, own * next), (texel ^ 2, own * next), (texel ^ 3, next * next)];
         let expected: [f32; 3] = std::array::from_fn(|c| {

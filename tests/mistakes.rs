@@ -1,14 +1,14 @@
 //! Mistakes that users make, and the complete output that they see.
 //!
-//! Each test copies the small graph of `tests/graphs/two_steps`, changes something in it, runs the program on it and
-//! compares the whole output.
+//! Each test copies the small graph of `tests/graphs/two_steps`, breaks it, runs the program on it and compares the
+//! whole output.
 
 use crate::place::Place;
 use std::fs;
 
 const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/two_steps");
 
-/// Copies the graph's folder, with changes: file, text, and its replacement.
+/// Copies the graph's folder and applies `changes`: a file, a text in it, and the replacement.
 fn changed(changes: &[(&str, &str, &str)]) -> Place {
     let place = Place::empty();
     for entry in fs::read_dir(GRAPH).expect("the graph's folder") {
@@ -21,7 +21,7 @@ fn changed(changes: &[(&str, &str, &str)]) -> Place {
     place
 }
 
-/// Fails unless the program says exactly this of the graph, and nothing else.
+/// Applies `changes`, runs `line`, and fails unless standard error is exactly `expected`.
 fn assert_shown(changes: &[(&str, &str, &str)], line: &str, expected: &str) {
     let errors = changed(changes).fails(line, 1);
     // The expected texts start on a line of their own.
@@ -185,7 +185,7 @@ error: `make.comp` has no block `Kyes`
 fn bad_usage_exits_with_2() {
     let place = Place::empty();
     place.fails("chekc", 2);
-    // A picture needs somewhere to go.
+    // `render` without an output path is an invalid command line.
     place.fails("render", 2);
 }
 
@@ -223,7 +223,7 @@ fn a_shader_includes_no_file_of_the_system() {
     let place = changed(&[("make.comp", "\"hash.glsl\"", "\"/etc/passwd\"")]);
     let refused = place.fails("check graph.ron", 1);
     assert!(refused.contains("/etc/passwd lies outside of the graph's folder, "), "{refused}");
-    // With the folder allowed it is read, but is not GLSL.
+    // With the folder allowed, the file is read; it is not GLSL.
     let allowed = place.fails("check graph.ron --include-root /etc", 1);
     assert!(!allowed.contains("lies outside"), "{allowed}");
 }

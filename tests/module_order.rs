@@ -1,4 +1,4 @@
-//! Checks the order of a crate's files: imports run one way, between modules and between files, and modules are laid out alike.
+//! Checks a crate's files: imports run one way, between modules and between files, and modules have one layout.
 //!
 //! An import is a path, in a `use` or in code, that leads to another file of the crate. A re-exported name (`use
 //! child::Name` in `mod.rs`) counts as an import of the file that defines it. Tests may import anything: files and
@@ -13,7 +13,7 @@ use std::path::Path;
 /// The path of a module from the crate's root.
 type Module = Vec<String>;
 
-/// A file of the crate.
+/// The imports in a source file.
 struct File {
     /// The path below `src`, for messages.
     place: String,
@@ -46,14 +46,15 @@ pub fn assert_modules_run_one_way(src: &Path, order: &[&str]) {
     assert!(wrong.is_empty(), "expected imports in the order {order}, found\n{}", wrong.join("\n"));
 }
 
-/// Fails if imports between a crate's files form a circle, including a module and its children.
+/// Fails if imports between a crate's files form a cycle, including cycles between a module and its children.
 pub fn assert_files_have_no_circle(src: &Path) {
     let files = read(src);
     let mut left: BTreeMap<&Module, Vec<Import>> = BTreeMap::new();
     for (own, file) in &files {
         left.insert(own, imports(&files, own, file));
     }
-    // Repeatedly removes files without remaining imports or importers. Circles remain, and the files between them.
+    // Repeatedly removes files without remaining imports or importers. What remains are the cycles, and the files
+    // between two cycles.
     loop {
         let before = left.len();
         let kept: BTreeSet<&Module> = left.keys().copied().collect();
@@ -68,7 +69,7 @@ pub fn assert_files_have_no_circle(src: &Path) {
     assert!(circles.is_empty(), "expected no circle of imports between files, found\n{}", circles.join("\n"));
 }
 
-/// An import of another file, with its place and its path for a message.
+/// An import of another file, and its text for messages.
 struct Import<'a> {
     other: &'a Module,
     text: String,
@@ -82,8 +83,8 @@ fn imports<'a>(files: &'a BTreeMap<Module, File>, own: &Module, file: &File) -> 
     file.paths.iter().filter_map(import).collect()
 }
 
-/// Fails if a module with children is not laid out as `name/mod.rs`, or unit tests are elsewhere than at the end of
-/// their file, in `tests.rs`, or in `tests/` beside it.
+/// Fails if a module with children is not laid out as `name/mod.rs`, or if unit tests are neither at the end of their
+/// file, nor in `tests.rs`, nor in `tests/` beside it.
 pub fn assert_modules_are_laid_out_alike(src: &Path) {
     let mut wrong = Vec::new();
     for (place, text) in sources(src) {
@@ -128,7 +129,7 @@ fn sources(src: &Path) -> Vec<(String, String)> {
     found
 }
 
-/// Reads the files that are no tests.
+/// Reads all files except tests.
 fn read(src: &Path) -> BTreeMap<Module, File> {
     let mut files = BTreeMap::new();
     for (place, text) in sources(src) {
@@ -162,7 +163,7 @@ fn target<'a>(files: &'a BTreeMap<Module, File>, own: &Module, path: &[String]) 
         at.pop();
         rest = &rest[1..];
     }
-    // Long enough for any chain of re-exports.
+    // Eight steps follow any chain of re-exports in these crates.
     for _ in 0..8 {
         while let Some(name) = rest.first() {
             at.push(name.clone());
@@ -230,13 +231,13 @@ fn line_tokens(code: &str, line: usize, found: &mut Vec<(usize, String)>) {
     }
 }
 
-/// Lists the paths in a file's code, and the names that its `use`s give.
+/// Lists the paths in a file's code, and the names that its `use`s import.
 ///
-/// Within a module in the file, a `super` that leads back to the file is left out.
+/// Within an inline module, a `super` that leads back to the file is left out.
 fn paths(tokens: &[(usize, String)]) -> (Vec<(usize, Module)>, BTreeMap<String, Module>) {
     let (mut all, mut names) = (Vec::new(), BTreeMap::new());
     let word = |at: usize| tokens.get(at).map_or("", |(_, token)| token.as_str());
-    // The depths of braces at which modules in the file began.
+    // `inner` holds the brace depths at which inline modules began.
     let (mut inner, mut depth, mut at) = (Vec::new(), 0, 0);
     while at < tokens.len() {
         let line = tokens[at].0;
@@ -290,7 +291,7 @@ fn outside(path: Module, inner: usize) -> Option<Module> {
     }
 }
 
-/// Reads the tree of a `use` from a token on; returns the position after it. Each path comes with the imported name.
+/// Reads a `use` tree from token `at`; returns the position after it. Each path comes with the imported name.
 fn tree(
     tokens: &[(usize, String)],
     mut at: usize,

@@ -1,10 +1,10 @@
-//! A random number generator for tests, shared by the crates: a case is its number, so every run is equal.
+//! A seeded random number generator for tests, shared by the crates: equal seeds give equal cases in every run.
 
 /// A generator of random numbers: SplitMix64 (Steele, Lea and Flood 2014).
 pub struct Random(pub u64);
 
 impl Random {
-    /// Draws a word.
+    /// Returns the next 64 random bits.
     pub fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;

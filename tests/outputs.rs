@@ -1,4 +1,4 @@
-//! Outputs besides the picture: every graph's against the exact renderer's, and plans without outputs.
+//! Outputs besides the picture: every graph's outputs against the exact renderer's, and plans without outputs.
 
 use crate::common::{self, EXACT_TILES, Graph, settings};
 use crate::golden::Golden;
@@ -13,13 +13,13 @@ use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
-/// The largest relative difference of a depth, and of an alpha.
+/// Largest relative difference of a depth, an alpha or a normal.
 const TOLERANCE: f64 = 1e-4;
 
-/// Outputs that quads can make as well.
+/// The outputs that quads can draw too.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
-/// A capture, the scene of the rules' edge cases, and a random one, each with a camera of small pictures.
+/// Returns scenes with cameras of 160 x 90 pixels: a capture, the scene of the rules' edge cases, and a random one.
 fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     let mut found = Vec::new();
     for golden in Golden::all("outputs of captures").into_iter().filter(|golden| golden.name != "biker") {
@@ -55,8 +55,8 @@ fn numbers(output: &Output) -> Vec<f64> {
     }
 }
 
-/// Counts the pixels at which an output differs from the exact one beyond the tolerance. Each pixel has `channels` values, and counts
-/// where `counts` says so.
+/// Counts the pixels at which an output differs from the exact one beyond the tolerance. Only the pixels that `counts`
+/// marks are compared; an output has several values per pixel if it is a vector.
 fn differing(found: &Output, exact: &Output, counts: &[bool]) -> usize {
     assert_eq!((&found.name, &found.shape), (&exact.name, &exact.shape));
     let channels = found.words.len() / counts.len();
@@ -71,8 +71,10 @@ fn differing(found: &Output, exact: &Output, counts: &[bool]) -> usize {
     (0..counts.len()).filter(|pixel| counts[*pixel]).filter(differs).count()
 }
 
-/// Compares a graph's outputs with the exact ones under equal rules. A splat at the alpha floor in f32 may be below it
-/// in f64; pixels where the number of contributors differs are left out.
+/// Compares a graph's outputs with the exact ones under equal rules.
+///
+/// A splat at the alpha floor in f32 may be below it in f64. So pixels where the number of contributors differs are
+/// left out.
 fn compare(name: &str, graph: Graph, found: &[Output], truth: &Truth) {
     let pixels = truth.picture.color.len();
     let exact = |name: &str| truth.output(name).expect("an output");
@@ -85,8 +87,7 @@ fn compare(name: &str, graph: Graph, found: &[Output], truth: &Truth) {
     for output in found.iter().filter(|output| output.name != "contributors") {
         let off = differing(output, &exact(&output.name), &counts);
         println!("{name}, {}: {} differs at {off} pixels, {left_out} left out", graph.0, output.name);
-        // The median depth and the largest weight can belong to either of two splats that are equal except for
-        // rounding.
+        // Two splats can be equal except for rounding: the median depth and the largest weight may then be either's.
         let most = if graph.0 == "splat" { pixels / 100 } else { pixels / 1000 };
         assert!(off <= most, "{name}, {}: {} differs at {off} of {pixels} pixels", graph.0, output.name);
     }
@@ -100,7 +101,7 @@ fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
     let by_quads: [(Graph, &[(&str, &str)]); 4] = [
         (("splat", &[("target", "rgba32f")]), &[]),
         (("tiled", &[]), &[("stop", "0.0")]),
-        // Segments that are composited.
+        // Small segments, so that most tiles composite several.
         (("tiled", &[]), &[("stop", "0.0"), ("segment", "32"), ("entries", "20000")]),
         (("tiled_cpu", &[]), &[("stop", "0.0")]),
     ];

@@ -1,8 +1,8 @@
 //! The page of a dump, opened in a browser.
 //!
-//! Headless Chromium loads what `splatgraph dump digit4 --format html` writes and prints the document as its script left it.
-//! The browser is the first of `chromium`, `chromium-browser` and `google-chrome` that is installed, or what
-//! `SPLATGRAPH_CHROMIUM` names. Without one the test says `NOT RUN: ... needs chromium` and counts as passed.
+//! Headless Chromium loads the page that `splatgraph dump digit4 --format html` writes, runs its script and prints the
+//! document. The browser is `SPLATGRAPH_CHROMIUM`, or else the first of `chromium`, `chromium-browser` and
+//! `google-chrome` that is installed. Without a browser the test says `NOT RUN: ... needs chromium` and passes.
 
 use crate::place::Place;
 use serde_json::Value;
@@ -24,10 +24,10 @@ fn chromium(test: &str) -> Option<String> {
     found
 }
 
-/// Returns the document after the script ran, for a fragment of the address.
+/// Opens the page at a fragment of its address; returns the document after its script ran.
 fn document(browser: &str, place: &Place, hash: &str) -> String {
     let output = Command::new(browser)
-        // Containers lack what the sandbox needs; the page is our own.
+        // The sandbox does not work in containers. The page is trusted.
         .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"])
         .args(["--virtual-time-budget=2000", "--window-size=1600,1000", "--dump-dom"])
         .arg(format!("--user-data-dir={}", place.named("profile")))
@@ -36,19 +36,19 @@ fn document(browser: &str, place: &Place, hash: &str) -> String {
         .expect("the browser runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).expect("text");
-    // Without the scripts, which contain the searched words.
+    // Cuts out the scripts, which contain the words that the test searches for.
     let (before, rest) = text.split_once("<script").expect("it has scripts");
     let after = rest.rsplit_once("</script>").expect("they end").1;
     before.to_owned() + after
 }
 
-/// Counts the elements whose list of classes begins with a class.
+/// Counts the elements whose first class is `class`.
 fn count(document: &str, class: &str) -> usize {
     document.matches(&format!("class=\"{class}\"")).count()
         + document.matches(&format!("class=\"{class} ")).count()
 }
 
-/// The text of the panel at the side.
+/// Returns the text of the side panel.
 fn panel(document: &str) -> String {
     let (_, rest) = document.split_once("id=\"panel\"").expect("it has a panel");
     let rest = rest.split_once('>').expect("a tag ends").1;
@@ -75,7 +75,7 @@ fn the_page_draws_every_pass_and_barrier_and_opens_where_its_address_says() {
     let barriers: Vec<&Value> = in_passes.chain(json["handover"].as_array().expect("a list")).collect();
     let open = |hash: &str| document(&browser, &place, hash);
 
-    // Unfolded, everything has its own mark: for a barrier its head and its line.
+    // Unfolded, every pass and barrier is drawn. A barrier can be selected by its knob and by its line.
     let all = open("#unfold=*");
     assert_eq!(count(&all, "column"), passes.len(), "columns");
     let knobs = all.matches("class=\"knob\"").count();

@@ -1,4 +1,4 @@
-//! The parameters of the graphs: each draws like the exact renderer with the changed rule, or with the scene rounded.
+//! Parameters of the graphs: each draws what the exact renderer draws with the changed rule, or with the rounded scene.
 
 use crate::common::{self, EXACT_TILES, Graph, settings};
 use splatgraph::draw::backend::Backend;
@@ -16,7 +16,8 @@ fn scene() -> (Arc<Scene>, Camera) {
     let camera = synth::demo_cameras().swap_remove(0).resized(128, 72);
     let [right, _, forward] = camera.axes();
     let beside = |i: usize| {
-        // At 1.5 to 2 times the half field of view, and large. Equal depths would leave the order to the device.
+        // Large, and centred at 1.5 to 2 times the half field of view. Depths differ: among equal depths, devices may
+        // differ.
         let depth = 3.0 + 0.1 * i as f64;
         let side = (1.5 + 0.05 * i as f64) * 0.5 * f64::from(camera.width) / camera.fx;
         let position =
@@ -37,7 +38,7 @@ fn drawn(session: &mut Session<Backend>, camera: &Camera, set: &[(&str, &str)]) 
 
 const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
 
-/// Both kinds of graphs, and the tiles for CPUs and for GPUs, by the rules of quads.
+/// Quads, and the tile renderers for CPUs and for GPUs.
 const ALL: [Graph; 3] = [QUADS, EXACT_TILES[1], EXACT_TILES[0]];
 
 fn drawn_by(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
@@ -78,7 +79,7 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
         let found = drawn(&mut session, &camera, &[(name, setting)]);
         let (near, far) = (psnr(&found, &by_rule), psnr(&found, &published));
         assert!(near > 100.0, "{name}={setting}: {near:.1} dB from the rule {rule}={value}");
-        // The rule makes a difference here, and the parameter makes an equal one.
+        // The changed rule must change the picture, or agreement would prove nothing. `budget=1.0` changes no rule.
         assert!(
             name == "budget" || near > far + 30.0,
             "{name}={setting}: {near:.1} dB, {far:.1} dB from the published"
@@ -102,7 +103,7 @@ fn fewer_bits_cost_some_accuracy_and_change_nothing_else() {
         let found = psnr(&drawn(&mut session, &camera, &[(name, setting)]), &single);
         assert!((least..=most).contains(&found), "{name}={setting}: {found:.1} dB");
     }
-    // Each degree has its own number of planes.
+    // The number of planes depends on the degree.
     for degree in ["0", "1", "2"] {
         let of = |storage: &'static str| [("sh_degree", degree), ("sh_storage", storage)];
         let (half, single) =
@@ -136,7 +137,7 @@ fn with_rounded_positions(scene: &Scene) -> Scene {
     })
 }
 
-/// Rounds harmonics as `sh_storage=q8` does: half floats, and shares of the largest view-dependent coefficient in 127ths.
+/// Rounds harmonics as `sh_storage=q8` does: degree 0 to half floats, the rest to 127ths of the splat's largest.
 fn with_rounded_harmonics(scene: &Scene) -> Scene {
     let half = |v: f32| half::f16::from_f32(v).to_f32();
     Scene::generate(scene.count(), 3, |i| {
@@ -179,7 +180,7 @@ fn rounded_storage_draws_the_scene_with_its_numbers_rounded() {
 #[test]
 fn a_cull_margin_leaves_out_the_splats_whose_centre_is_beyond_it() {
     let (scene, camera) = scene();
-    // The tangents of the margin's border.
+    // Tangents of the angles to the margin's edges: 30% of the picture's size beyond each side.
     let size = [(camera.width, camera.fx), (camera.height, camera.fy)];
     let border = size.map(|(side, focal)| (1.0 + 2.0 * 0.3) * 0.5 * f64::from(side) / focal);
     let inside = |i: &usize| {
@@ -203,7 +204,7 @@ fn a_cull_margin_leaves_out_the_splats_whose_centre_is_beyond_it() {
 #[test]
 fn equalised_keys_are_right_where_they_are_wide_and_the_nearest_to_right_where_they_are_narrow() {
     let (scene, camera) = scene();
-    // An outlier uses up the others' bits.
+    // A distant outlier stretches the range of depths, which leaves fewer key values for the other splats.
     let count = scene.count();
     let far = Splat { position: [0.0, 0.0, 1e6], ..scene.splat(0) };
     let scene = Scene::generate(count + 1, 3, |i| if i < count as usize { scene.splat(i) } else { far });

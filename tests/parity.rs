@@ -17,9 +17,9 @@ use crate::{common, images};
 
 /// Width and height of the pictures.
 const SIZE: (u32, u32) = (192, 108);
-/// Splats of the scene.
+/// Number of splats in the scene.
 const SPLATS: u32 = 20_000;
-/// Quads in both orders of blending, and tiles.
+/// Quads, blended in both orders, and tiles.
 const PRESETS: [&str; 3] = ["splat", "front_to_back", "tiled"];
 
 /// Minimum PSNR in decibels, and maximum difference in 8-bit steps in any channel of any pixel.
@@ -29,7 +29,7 @@ const PRESETS: [&str; 3] = ["splat", "front_to_back", "tiled"];
 const LEAST_DB: f64 = 50.0;
 const MOST_STEPS: f32 = 3.0;
 
-/// Set to redraw the pictures.
+/// Environment variable: if it is set, the stored pictures are redrawn.
 const WRITE: &str = "SPLATGRAPH_WRITE_PARITY";
 
 fn stored(preset: &str) -> PathBuf {

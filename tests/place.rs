@@ -1,4 +1,4 @@
-//! A folder to run the program in, as a person would.
+//! A folder in which tests run the program as a user would.
 
 use crate::common;
 use serde_json::Value;
@@ -16,11 +16,11 @@ use std::process::{Command, Output, Stdio};
 #[cfg(target_os = "linux")]
 pub const SIZE: (u32, u32) = (64, 48);
 
-/// Draws all cameras quickly, into what follows.
+/// Command line that draws all cameras with a cheap preset. The output path must be appended.
 #[cfg(target_os = "linux")]
 pub const DRAW: &str = "render scene.ply --cameras cameras.json --pipeline unsorted --device llvmpipe -o";
 
-/// A command line: a text, split at its spaces (a word in single quotes may have some), or a list of words.
+/// A command line: a list of words, or a text that is split at spaces outside single quotes.
 pub trait Line {
     fn words(&self) -> Vec<&str>;
 }
@@ -62,7 +62,7 @@ impl<S: AsRef<str>> Line for Vec<S> {
     }
 }
 
-/// A folder to run the program in, removed at the end.
+/// A temporary folder in which the program runs.
 pub struct Place(tempfile::TempDir);
 
 impl Place {
@@ -78,7 +78,7 @@ impl Place {
         place
     }
 
-    /// Makes a folder with a scene that is drawn quickly, `scene.ply`.
+    /// Makes a folder with a small scene, `scene.ply`.
     #[cfg(target_os = "linux")]
     pub fn new() -> Place {
         let place = Place::empty();
@@ -97,19 +97,19 @@ impl Place {
         self.0.path().join(name)
     }
 
-    /// Returns a path as a graph is named.
+    /// Returns the path of a file in this folder as text.
     pub fn named(&self, name: &str) -> String {
         self.at(name).to_string_lossy().into_owned()
     }
 
-    /// Generates a scene into a file.
+    /// Generates a scene, writes it as PLY and returns it.
     pub fn scene(&self, name: &str, generator: &str, splats: u32, seed: u64) -> Scene {
         let scene = synth::generate(generator, splats, seed).expect("the scene is generated");
         scene.write_ply(self.at(name)).expect("the scene is written");
         scene
     }
 
-    /// Writes `cameras.json` with a camera of each name.
+    /// Writes `cameras.json`: copies of one camera with the given names.
     #[cfg(target_os = "linux")]
     pub fn cameras(&self, names: &[&str]) {
         let first = synth::demo_cameras().swap_remove(0);
@@ -134,7 +134,7 @@ impl Place {
         fs::read_to_string(self.at(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    /// Changes a text in a file, which must be there; returns the file's former text.
+    /// Replaces the first `from` in a file; fails if there is none. Returns the file's former text.
     pub fn edit(&self, name: &str, from: &str, to: &str) -> String {
         let text = self.text(name);
         assert!(text.contains(from), "{name} has no `{from}`");
@@ -150,7 +150,7 @@ impl Place {
         Image::load(&self.at(name)).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// The program in this folder, without a display.
+    /// Returns the program as a command that runs in this folder, without a display.
     pub fn program(&self, line: &(impl Line + ?Sized)) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
         command.args(line.words()).current_dir(self.0.path()).stdin(Stdio::null());
@@ -160,7 +160,7 @@ impl Place {
         command
     }
 
-    /// Runs the program; it draws on the device of the tests unless the line names another.
+    /// Runs the program. `render` and `video` use the tests' device unless the line names another.
     pub fn run(&self, line: &(impl Line + ?Sized)) -> Output {
         let words = line.words();
         let draws = matches!(words.first(), Some(&("render" | "video")));
@@ -189,20 +189,20 @@ impl Place {
         self.said(line).0
     }
 
-    /// Runs the program, which must print JSON.
+    /// Runs the program, which must succeed and print JSON; returns the JSON.
     pub fn told(&self, line: &(impl Line + ?Sized)) -> Value {
         serde_json::from_str(&self.done(line))
             .unwrap_or_else(|error| panic!("{}: {error}", line.words().join(" ")))
     }
 
-    /// Runs the program, which must end with an exit code, and returns its standard error.
+    /// Runs the program, which must exit with `code`; returns its standard error.
     pub fn fails(&self, line: &(impl Line + ?Sized), code: i32) -> String {
         let (found, errors) = self.code(line);
         assert_eq!(found, Some(code), "splatgraph {}: {errors}", line.words().join(" "));
         errors
     }
 
-    /// Runs lines that begin alike and must be refused, with an exit code and a reason; none may change a file.
+    /// Runs lines that must fail without changing a file. A case is the rest of the line, the exit code and the reason.
     pub fn refuses(&self, begin: &str, cases: &[(&str, i32, &str)]) {
         let before = self.files(".");
         for (more, code, why) in cases {
@@ -242,7 +242,7 @@ fn collect(folder: &Path, name: &Path, found: &mut BTreeMap<String, Vec<u8>>) {
     }
 }
 
-/// A scene that is drawn quickly.
+/// Generates a scene of 200 splats, which draws quickly.
 #[cfg(target_os = "linux")]
 pub fn scene() -> Scene {
     synth::generate("demo", 200, 0).expect("the scene is generated")

@@ -1,6 +1,6 @@
 //! The plan of every built-in graph, as `splatgraph dump` prints it, with subgroups of 4, 8, 32 and 64 lanes.
 //!
-//! `tests/plans/*.snap` has the texts, one for all widths with equal plans. After an intended change of plans:
+//! The texts are in `tests/plans/*.snap`; widths with equal plans share one. After an intended change of plans:
 //!
 //! ```sh
 //! INSTA_UPDATE=always cargo test -p splatgraph --test end_to_end plans

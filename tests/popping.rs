@@ -1,16 +1,16 @@
-//! `popping`: the error that changes from frame to frame, as a command.
+//! `popping` as a command: how much the error of each variant changes from frame to frame.
 
 use crate::place::Place;
 use serde_json::Value;
 use splatgraph_assets::{Camera, synth};
 
-/// Runs the command without an error, with validation, and returns its JSON.
+/// Runs `popping`, which must succeed, with validation; returns its JSON.
 fn popping(place: &Place, more: &str) -> Value {
     place.done(&format!("popping scene.ply --device llvmpipe --validate --json popping.json {more}"));
     place.json("popping.json")
 }
 
-/// A number of a variant's summary.
+/// Returns a number from a variant's summary.
 fn of(found: &Value, name: &str, key: &str) -> f64 {
     let all = found["variants"].as_array().expect("a list");
     let row =
@@ -27,7 +27,7 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     let found = popping(&place, &format!("--frames 4 --step 2 --size 96x64 -o out {graphs} {bits}"));
     let pop = |name: &str| of(&found, name, "pop");
 
-    // Each number is next to its step.
+    // Numbers are given per step, with the step's size, and per degree.
     for row in found["variants"].as_array().expect("a list") {
         let number = |key: &str| row["summary"][key].as_f64().expect("a number");
         assert!((number("step_degrees") - 2.0).abs() < 1e-9, "{row}");
@@ -37,19 +37,19 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
         found["notes"].as_str().is_some_and(|notes| notes.contains("0 by definition: the published order"))
     );
 
-    // The true order, by either operator: only the quads' cut remains.
+    // Both presets draw in the true order. The small error that remains comes from the edges of the quads.
     assert!(pop("splat") < 1e-4 && (pop("splat") / pop("front_to_back") - 1.0).abs() < 0.1, "{found:#}");
     assert!(pop("key_bits=8") > 5.0 * pop("splat"), "{found:#}");
     assert!(pop("key_bits=12") < pop("key_bits=8"), "{found:#}");
     assert!(pop("stale_order") > pop("splat"), "{found:#}");
 
-    // The file's order never changes, the sorted one exactly as the truth does.
+    // The file's order never changes. 32-bit keys change the order exactly when the true order changes.
     let changes = |name: &str, key: &str| of(&found, name, key);
     assert_eq!(changes("unsorted", "order_changes"), 0.0);
     assert!(changes("unsorted", "true_order_changes") > 100.0, "{found:#}");
     assert_eq!(changes("key_bits=32", "order_changes"), changes("key_bits=32", "true_order_changes"));
 
-    // A constant order gives an error that drifts: at a hundredth of the step, no pixel changes much.
+    // With a constant order the error drifts instead of popping: at 1/100 of the step, pixels change little.
     let finer = "--frames 3 --step 0.02 --size 96x64 -p unsorted";
     let worst = |found: &Value| {
         found["variants"].as_array().expect("a list").iter().find_map(|row| {

@@ -1,4 +1,5 @@
-//! Projections other than pinhole: each draws like the exact renderer, also where its picture ends or its Jacobian degenerates.
+//! Projections other than pinhole: each draws what the exact renderer draws, also at the picture's edges and where its
+//! Jacobian degenerates.
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, settings};
 use splatgraph::draw::backend::Backend;
@@ -13,12 +14,12 @@ use std::sync::Arc;
 
 const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
 
-/// The projections other than pinhole.
+/// Returns the projections other than pinhole.
 fn lenses() -> impl Iterator<Item = Projection> {
     Projection::ALL.into_iter().filter(|projection| !projection.is_pinhole())
 }
 
-/// Makes a white splat, long and oblique.
+/// Makes a bright, oblique splat of opacity 0.7.
 fn splat(position: [f32; 3], scale: [f32; 3]) -> Splat {
     let mut sh = [0.0; 48];
     sh[..3].copy_from_slice(&[1.0, 0.7, 0.4]);
@@ -51,8 +52,8 @@ fn around() -> Arc<Scene> {
     scene_of(&splats)
 }
 
-/// Makes a camera at the origin that looks along +z, with x to the right and y down. A fisheye view of 200 degrees, an
-/// orthographic one 6 units wide.
+/// Makes a camera at the origin that looks along +z, with x to the right and y down. A fisheye picture spans 200
+/// degrees, an orthographic one 6 units.
 fn camera(projection: Projection, (width, height): (u32, u32)) -> Camera {
     let focal = match projection {
         Projection::Fisheye => f64::from(width) / 200f64.to_radians(),
@@ -89,7 +90,7 @@ fn every_projection_draws_splats_all_around_the_camera_as_the_exact_renderer_doe
     let scene = around();
     let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
     for projection in lenses() {
-        // Tiles cut off at the edges, and a width that is no multiple of a tile or a bin.
+        // The picture's size is no multiple of a tile or a bin, so those at its edges are cut.
         let camera = camera(projection, (204, 116));
         let published = exact(&scene, &camera, &[]);
         // Near the poles of a panorama, splats are wider than half of it: see the test below.
@@ -104,7 +105,7 @@ fn every_projection_draws_splats_all_around_the_camera_as_the_exact_renderer_doe
             println!("{projection}, quads: {db:.1} dB");
             assert!(db > 115.0, "{projection}, quads: {db:.1} dB from the exact renderer");
         }
-        // By depth, only the splats ahead are drawn.
+        // Sorted by depth instead of distance, only the splats ahead of the camera are drawn.
         if projection.sees_behind() {
             let ahead = exact(&scene, &camera, &[("key_of", "depth")]);
             let db = psnr(&drawn(&mut session, &camera, EXACT_TILES[1], &[("key_of", "depth")]), &ahead);
@@ -115,8 +116,10 @@ fn every_projection_draws_splats_all_around_the_camera_as_the_exact_renderer_doe
     common::assert_silent(session.device(), "projections");
 }
 
-/// A tile blends the copy of a splat that is nearest to its middle, and the exact renderer the one nearest to the pixel. Both are the same
-/// unless the splat is wider than half of the panorama, which it is only close to a pole.
+/// Draws splats away from the poles of a panorama.
+///
+/// A splat repeats every 360 degrees. A tile blends the copy nearest to the tile's middle, the exact renderer the copy
+/// nearest to the pixel. They differ only if a splat is wider than half the panorama, which happens near the poles.
 #[test]
 fn a_panorama_is_exact_away_from_its_poles() {
     let all = around();
@@ -151,7 +154,7 @@ fn captures_drawn_by_tiles_agree_with_the_exact_renderer() {
         for projection in lenses() {
             let camera = first.projected(projection, &scene);
             let truth = exact(&scene, &camera, &[]);
-            // Fast tiles draw splats to the alpha floor, the published tiles cut some off at three sigmas.
+            // Fast tiles draw splats to the alpha floor; the published tiles cut some of them off at three sigmas.
             let graphs = EXACT_TILES
                 .map(|graph| (graph, 90.0))
                 .into_iter()
@@ -172,7 +175,8 @@ fn row(image: &Image, y: usize) -> Vec<f32> {
 
 #[test]
 fn a_splat_behind_a_panorama_is_on_both_edges_of_it() {
-    // A little to one side, so that the splat's centre is at the left edge, and most of it on the right one.
+    // Slightly to one side: the splat's centre is at the left edge, and its copy shows the other half at the right
+    // edge.
     let scene = scene_of(&[Splat { rotation: [1.0, 0.0, 0.0, 0.0], ..splat([-0.01, 0.0, -3.0], [0.4; 3]) }]);
     let camera = camera(Projection::Equirectangular, (200, 100));
     let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
@@ -189,7 +193,7 @@ fn a_splat_behind_a_panorama_is_on_both_edges_of_it() {
             row[0],
             row[199]
         );
-        // It falls off alike on both sides.
+        // The brightness falls off alike from both edges.
         for i in 1..20 {
             assert!(row[i] <= row[i - 1] && row[199 - i] <= row[200 - i], "{graph:?}, {i}: {row:?}");
         }

@@ -1,4 +1,5 @@
-//! Writes Spark's `.rad` files for tests: every encoding, chunks inside or beside, a palette of harmonics, a tree.
+//! Writes Spark's `.rad` files for tests: all encodings, chunks inside the file or beside it, a palette of harmonics, a
+//! tree.
 
 use flate2::Compression;
 use flate2::write::DeflateEncoder;
@@ -23,7 +24,7 @@ pub fn array(
     values: &[f32],
 ) -> Array {
     let rows = values.len() / width;
-    // All of the first component, then all of the second.
+    // Planar layout: all values of the first component, then all of the second.
     let planar: Vec<f32> =
         (0..width).flat_map(|component| (0..rows).map(move |row| values[row * width + component])).collect();
     let each =
@@ -56,7 +57,7 @@ pub fn array(
         }),
         "u16" => each(&|value| (value as u16).to_le_bytes().to_vec()),
         "u32" => each(&|value| (value as u32).to_le_bytes().to_vec()),
-        // Rows as they are: two bytes of an axis, and one of an angle.
+        // Values are bytes already: two of an axis, and one of an angle.
         "oct88r8" => values.iter().map(|value| *value as u8).collect(),
         other => unreachable!("{other} is no encoding"),
     };
@@ -100,7 +101,7 @@ pub fn chunk(base: u64, count: u64, arrays: &[Array], compressed: bool) -> Vec<u
     [headed(b"RADC", &document), (payload.len() as u64).to_le_bytes().to_vec(), payload].concat()
 }
 
-/// Builds a file of `count` splats. With names, the chunks are left to the files beside it.
+/// Builds a file of `count` splats. If `names` are given, the chunks are expected in files of those names.
 pub fn file(count: u64, chunks: &[Vec<u8>], names: &[&str], entries: Option<u64>) -> Vec<u8> {
     let mut offset = 0;
     let mut places = Vec::new();

@@ -76,7 +76,7 @@ fn the_splats_of_a_pixel_sum_up_to_the_exact_picture_of_a_capture() {
     }
 }
 
-/// The bounds are the cost of each broken rule at the worst camera, rounded up by 1 dB or less.
+/// Each bound is the PSNR with the broken rule at the worst camera, rounded up by 1 dB or less.
 #[test]
 fn each_rule_broken_on_purpose_fails_the_bound() {
     let golden = Golden::rules();
@@ -110,7 +110,7 @@ fn each_rule_broken_on_purpose_fails_the_bound() {
     }
 }
 
-/// Draws a small cloud behind one splat with these logarithms of scales, with lavapipe and with the reference.
+/// Draws a small cloud behind one splat of scales exp(`logs`). Returns the PSNR against the exact renderer.
 fn giant(logs: [f32; 3], covariance: &str) -> f64 {
     let size = (320, 180);
     let camera =
@@ -148,7 +148,7 @@ fn splats_of_any_size_are_drawn_like_the_reference_draws_them() {
             assert!(db > 70.0, "scales e^{logs:?}, {covariance}: {db:.1} dB");
         }
     }
-    // Of needles and plates of such ratios, only the factored form keeps the short axes.
+    // For needles and plates of such ratios, only the factored form keeps the short axes.
     for logs in [[20.0, -4.0, -4.0], [25.0, 25.0, -3.0], [40.0, -3.0, -3.0]] {
         let db = giant(logs, "factored");
         println!("scales e^{logs:?}: {db:.1} dB");

@@ -1,4 +1,4 @@
-//! Results of `Once` passes that a plan reuses from another: the picture is identical, on a real driver.
+//! Results of `Once` passes that a plan takes over from the previous plan: the picture is identical, on a real driver.
 
 use crate::common;
 use splatgraph::draw::backend::Backend;
@@ -42,7 +42,7 @@ fn draw(device: &mut Backend, scene: &Scene, plan: Plan, camera: &Camera, sharin
     device.wait(frame).expect("drawn")
 }
 
-/// The names of the passes of the prologue that a frame ran.
+/// Returns the names of the `Once` passes that a frame ran.
 fn once(plan: &Plan, result: &FrameResult) -> Vec<String> {
     let passes = result.pass_ms.iter().map(|(id, _)| plan.pass(*id));
     passes.filter(|pass| pass.run == Run::Once).map(|pass| pass.name.clone()).collect()
@@ -58,10 +58,10 @@ fn a_resize_and_a_changed_constant_draw_the_same_bytes_with_results_that_are_tak
         let (halves, keys) = (("sh_storage", "f16"), ("key_bits", "16"));
         let steps: [Step; 5] = [
             ((64, 48), &[halves], &all),
-            // Another size, and another constant of other passes: nothing is recomputed.
+            // Another size, then a constant of other passes: nothing is recomputed.
             ((80, 60), &[halves], &[]),
             ((80, 60), &[halves, keys], &[]),
-            // A constant of one of the passes: only that one runs.
+            // A constant of `covariance`: only that pass runs again.
             ((80, 60), &[halves, keys, ("covariance", "half")], &all[..1]),
             ((64, 48), &[halves, ("covariance", "half")], &[]),
         ];

@@ -1,9 +1,8 @@
-//! Several scenes in one picture: by a composition file, by names on the command line, and by `convert`, with equal
-//! bits.
+//! Several scenes in one picture: a composition file, names on the command line and `convert` must agree bit by bit.
 
 use crate::place::Place;
 
-/// A folder with two scenes.
+/// Creates a folder with two scenes.
 fn scenes() -> Place {
     let place = Place::empty();
     place.done("synth demo --count 3000 -o a.ply --cameras cameras.json");
@@ -11,13 +10,13 @@ fn scenes() -> Place {
     place
 }
 
-/// Draws a scene, or several, and returns the bytes of the picture.
+/// Draws one or several scenes; returns the bytes of the picture.
 fn picture(place: &Place, scenes: &str) -> Vec<u8> {
     place.done(&format!("render {scenes} -c cameras.json#0 --size 96x54 -p splat -o out.npy"));
     place.bytes("out.npy")
 }
 
-/// Converts a scene file to PLY, and returns its bytes.
+/// Converts scenes to PLY; returns the bytes of the file.
 fn converted(place: &Place, line: &str) -> Vec<u8> {
     place.done(&format!("convert {line} converted.ply"));
     place.bytes("converted.ply")
@@ -34,7 +33,7 @@ fn scenes_of_a_file_are_those_that_convert_moves_and_merges_bit_by_bit() {
     assert!(moved == converted(&place, "moved.ron"), "moved");
     place.write("plain.ron", "// Two scenes.\nScenes([Scene(file: \"a.ply\"), Scene(file: \"b.ply\")])");
     assert!(converted(&place, "a.ply --merge=b.ply") == converted(&place, "plain.ron"), "merged");
-    // Every command that takes a scene takes several.
+    // `info` counts the splats of both scenes.
     assert!(place.done("info plain.ron").contains("5,000"));
 }
 

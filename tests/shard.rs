@@ -1,4 +1,4 @@
-//! `--shard` and `merge`: a command's views in several processes leave what one process leaves.
+//! `--shard` and `merge`: several processes together write the files that one process writes.
 
 use crate::place::Place;
 use serde_json::Value;
@@ -7,7 +7,7 @@ use std::fs;
 
 const CAMERAS: [&str; 3] = ["one", "two", "three"];
 
-/// The files of a folder, by their paths in it.
+/// Returns the files of a folder by their paths in it.
 fn files(place: &Place, folder: &str) -> BTreeMap<String, Vec<u8>> {
     let inside = |(path, bytes): (String, Vec<u8>)| (path[folder.len() + 1..].to_owned(), bytes);
     place.files(folder).into_iter().map(inside).collect()
@@ -21,7 +21,7 @@ fn run(place: &Place, line: &str, more: &[&str], code: i32) -> String {
     errors
 }
 
-/// Removes what two runs measure differently: times, and what follows from them.
+/// Removes fields that differ between runs: times, and what follows from them.
 fn without_times(json: &[u8]) -> Value {
     fn clean(value: &mut Value) {
         match value {
@@ -52,7 +52,7 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     assert!(told.contains("shard 0/2: 2 of 3 views: 2 done, 0 were there, 0 failed"), "{told}");
     let told = run(&place, "merge out", &[], 1);
     assert!(told.contains("2 of 3 views are there\n") && told.contains("missing: two\n"), "{told}");
-    // A process that was killed leaves some of its pictures.
+    // As if a process had been killed: one of its pictures is missing.
     fs::remove_file(place.at("out/three.png")).expect("it is there");
     let told = run(&place, line, &["out", "--shard", "0/1"], 0);
     assert!(told.contains("3 of 3 views: 2 done, 1 were there"), "{told}");
@@ -97,7 +97,7 @@ fn a_view_that_fails_costs_no_other() {
     place.cameras(&CAMERAS);
     let mut cameras: Value =
         serde_json::from_slice(&fs::read(place.at("cameras.json")).expect("cameras")).expect("JSON");
-    // No device has pictures of this width, but for one that draws no more than a line.
+    // Larger than the largest image of the tests' devices.
     cameras[1]["width"] = 32_768.into();
     cameras[1]["height"] = 32_768.into();
     place.write("cameras.json", cameras.to_string());
@@ -117,7 +117,7 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     ] {
         run(&place, &line, &["-o", "one"], 0);
         for shard in ["1/2", "0/2"] {
-            // Machines with disks of their own.
+            // Each shard writes to a folder of its own, as on machines without a shared disk.
             run(&place, &line, &["-o", &format!("of-{}", &shard[..1]), "--shard", shard], 0);
         }
         let told = run(&place, "merge of-1", &["-o", "part"], 1);

@@ -1,7 +1,7 @@
 //! The shipped radix sorts compared with a stable sort of the standard library, bit for bit.
 //!
-//! `tests/graphs/sort_only.ron` runs the includes that the presets use, on pairs that a shader makes from a description; the
-//! test makes the same pairs here, sorts them, and compares keys and values.
+//! `tests/graphs/sort_only.ron` runs the includes that the presets use, on pairs that a shader generates from a
+//! description. The test generates the same pairs, sorts them, and compares keys and values.
 
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::builtin;
@@ -53,7 +53,7 @@ impl Run {
     }
 }
 
-/// A loaded sort of a given shape.
+/// A sort plan with its digit and key widths, loaded on the device.
 struct Sorter<'a> {
     device: &'a mut Backend,
     plan: Plan,
@@ -82,7 +82,7 @@ impl Bench {
         self.with(sorter, &set, capacity).unwrap_or_else(|text| panic!("{text}"))
     }
 
-    /// Returns the sort with these parameters, or the errors of its graph.
+    /// Builds and loads the sort with these parameters, or returns the errors of its graph.
     fn with(&mut self, sorter: &str, set: &[(&str, u32)], capacity: u32) -> Result<Sorter<'_>, String> {
         let host = [("scene.count".into(), Value::Int(capacity.into()))].into();
         let facts = Facts { device: self.device.info().facts, host };
@@ -118,7 +118,7 @@ impl Sorter<'_> {
         }
     }
 
-    /// Sorts the run's pairs on the GPU and here, and compares.
+    /// Sorts the run's pairs on the GPU and on the CPU, and compares the results.
     fn check(&mut self, run: Run) {
         let mut passes = self.plan.frame.iter().copied();
         let finish = passes.find(|pass| self.plan.pass(*pass).name == "finish").expect("the last pass");
@@ -152,8 +152,10 @@ impl Sorter<'_> {
     }
 }
 
-/// Returns sizes around block boundaries and around boundaries of groups of blocks, up to 2^16: around the first and
-/// the seventh, or around all.
+/// Returns sizes up to 2^16: the smallest, the largest, and the neighbours of multiples of two steps.
+///
+/// The steps are the block, and `block * lanes` for the serial sort or `8 * lanes` for others. The multiples are 1, 2,
+/// 3 and 7, or all in a long run.
 fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     let mut sizes = vec![0, 1, 2, lanes - 1, lanes, lanes + 1, 65_535, 65_536];
     for step in [block, if serial { block * lanes } else { 8 * lanes }] {
@@ -167,8 +169,9 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     sizes
 }
 
-/// Tests every digit width with the key widths, each at every boundary size, cycling through the kinds of keys. With an
-/// unusual vector width, a digit width gets one of the key widths (with `--long` all).
+/// Tests every digit width with every key width, each at every boundary size, cycling through the kinds of keys.
+///
+/// With an unusual vector width, each digit width is tested with one key width only, unless the run is long.
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();
@@ -210,9 +213,8 @@ fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
 }
 
-/// Up to 2^20: every pair of digit width, key width, size and kind of keys occurs (with `--long`, every triple of the
-/// first three).
-/// three).
+/// Sorts up to 2^20 pairs. Every pair of digit width, key width, size and kind of keys occurs; in a long run, every
+/// triple of the first three.
 #[test]
 fn larger_sorts_are_right_too() {
     let mut bench = Bench::new();
@@ -236,7 +238,7 @@ fn larger_sorts_are_right_too() {
     println!("{sorts} sorts of up to 2^20 pairs");
 }
 
-/// Lavapipe ends the loops of an invocation after 65,535 rounds, and the scan of the serial sort loops over the blocks.
+/// Lavapipe ends loops after 65,535 iterations, and the scan of the serial sort loops over the blocks.
 #[test]
 fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_with_the_smallest_others() {
     let count = 1 << 21;
@@ -248,7 +250,7 @@ fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_wi
     smallest.check(Run { count, seed: 5, kind: Kind::Random });
 }
 
-/// Blocks are taken from last to first, so none finds the counts of its predecessor.
+/// With `starve`, blocks are taken from last to first, so none finds the counts of its predecessor.
 #[test]
 fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
     let mut bench = Bench::new();
@@ -265,7 +267,7 @@ fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
 fn sixteen_million_pairs_are_sorted_with_digits_of_4_8_and_11_bits() {
     let mut bench = Bench::new();
     let every = ["serial", "subgroup", "sweep"].into_iter().flat_map(|s| [4, 8, 11].map(|d| (s, d)));
-    // By default each sorter has one width, and each width one sorter.
+    // By default, each sorter is tested at one digit width, and each digit width with one sorter.
     let short = [("serial", 11), ("subgroup", 4), ("sweep", 8)];
     for (sorter, digit_bits) in every.filter(|sort| common::long() || short.contains(sort)) {
         let mut sorter = bench.sorter(sorter, digit_bits, 32, 1 << 24);

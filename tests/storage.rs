@@ -47,7 +47,7 @@ fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
     let resident = memory(&mut session).1;
     assert_all_is_listed(&mut session, "after the first frame");
     assert!(resident >= (12 + 4 + 24 + 96) * n && resident < (12 + 4 + 24 + 96 + 1) * n, "{resident}");
-    // Another constant needs the attributes again, and back.
+    // Changing a constant loads the freed attributes again, and so does changing it back.
     for covariance in ["half", "six"] {
         session.set_graph("tiled_cpu", &settings(&[("sh_storage", "f16"), ("covariance", covariance)]));
         let again = draw(&mut session, &camera);
@@ -57,13 +57,13 @@ fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
     images::close(session, "a reload");
 }
 
-/// The parameter's values, bytes per splat of degree 3, and minimum PSNR on captures.
+/// Values of `storage`: maximum bytes per splat, and minimum PSNR on captures.
 const PACKED: [(&str, u64, f64); 3] = [("b64", 64, 60.0), ("b32", 32, 45.0), ("b24", 24, 40.0)];
 
 #[test]
 fn packed_splats_take_no_more_than_their_bytes_at_any_degree() {
     for degree in ["3", "2", "1", "0"] {
-        // A last block of fewer splats than others.
+        // 5000 splats: the last block is not full.
         let scene = Arc::new(synth::generate("uniform", 5000, 0).expect("a scene"));
         let camera = Camera::framing(&scene, 96, 54);
         let exact = draw(&mut session(&scene, &[("sh_degree", degree)]), &camera);
@@ -120,7 +120,7 @@ fn a_limit_of_memory_chooses_the_storage_of_the_splats() {
         assert!(place.bytes("limited.png") == place.bytes("set.png"), "{chosen}");
         let [limited, set] = ["limited.json", "set.json"].map(|name| place.json(name));
         assert_eq!(limited[0]["parameters"], set[0]["parameters"]);
-        // The report gives the same choice.
+        // `info` reports the same choice.
         place.done(&format!(
             "info scene.ply -p tiled_cpu --size 96x54 --device=llvmpipe --memory {memory} --json=info.json"
         ));

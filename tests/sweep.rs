@@ -3,7 +3,7 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// Three steps with the minimum number of frames.
+/// A sweep of three steps with the minimum number of frames.
 const SHORT: &str = "sweep scene.ply --size 64x48 --steps 3 --rounds 1 --frames 1";
 
 #[test]
@@ -27,7 +27,7 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
         assert!(half["time"]["gpu_ms"].as_f64() > Some(0.0), "{half}");
     }
     assert!(psnr(step("screen_size", 50)) > psnr(step("file_order", 50)), "what counts is kept: {swept}");
-    // Splats cut before the keys are not visible; splats cut after the sort are.
+    // `screen_size` drops splats before the keys, so they do not count as visible. `nearest` drops them after the sort.
     let number = |step: &Value, name: &str| step[name].as_u64().expect("a count");
     let visible = number(all, "visible");
     assert!(number(step("screen_size", 50), "visible") <= 50);

@@ -1,5 +1,5 @@
-//! Splats in tiles: compared with images of the published CUDA rasteriser and with each other, with long lists and with
-//! too little room.
+//! Tile renderers, compared with images of the published CUDA rasteriser and with each other. Lists are also long, or
+//! too small at first.
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
@@ -34,7 +34,7 @@ fn least_psnr(graphs: [Graph; 2], golden: &Golden) -> f64 {
 fn exact_tiles_agree_with_the_published_rasteriser_to_98_decibels() {
     for golden in Golden::all("exact_tiles_agree_with_the_published_rasteriser_to_98_decibels") {
         let (scene, db) = (golden.name, least_psnr(EXACT_TILES, &golden));
-        // Its own rounding decides whether a pixel at the floor of alpha keeps a splat.
+        // Not higher: rounding decides whether a pixel at the alpha floor blends a splat.
         assert!(db >= 98.0, "{scene}: {db:.2} dB, expected 98 or more");
     }
 }
@@ -61,7 +61,7 @@ fn drawn(graph: Graph, more: &[(&str, &str)]) -> Vec<Image> {
     draw_scene(scene, &cameras, graph.0, [0.1, 0.2, 0.3], &with(graph, more))
 }
 
-/// Fails if two pictures of the same camera differ by more than these decibels allow.
+/// Fails if the PSNR of two pictures of one camera is below `bound` dB.
 fn assert_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let db = psnr(found, expected);
@@ -73,7 +73,7 @@ fn assert_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
 #[test]
 fn every_variant_of_tiles_draws_the_same_picture() {
     let expected = drawn(CPU, &[]);
-    // The lists, their division, and their shader only change the rounding of sums.
+    // Segments, sorters and digit widths change only the rounding of sums.
     for (graph, set) in [
         (GPU, &[][..]),
         (GPU, &[("segment", "64"), ("entries", "100000")]),
@@ -83,7 +83,7 @@ fn every_variant_of_tiles_draws_the_same_picture() {
     ] {
         assert_close(&format!("{} {set:?}", graph.0), &drawn(graph, set), &expected, 75.0);
     }
-    // These round their inputs.
+    // These differ more: in the records, in the order of near ties, or in the splat at which blending stops.
     for (graph, set) in [
         (GPU, ("sorted", "pairs")),
         (GPU, ("record", "packed")),
@@ -113,7 +113,7 @@ fn the_digit_width_changes_every_sort_of_tiles_and_no_byte_of_the_picture() {
     }
 }
 
-/// The subgroup's sort of pairs, which orders as many bits of bin and depth by radix.
+/// Returns parameters that sort pairs with the subgroup sorter, by `bits` bits of bin and depth.
 fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 3] {
     [("sorter", "subgroup"), ("sorted", "pairs"), ("pair_bits", bits)]
 }
@@ -122,7 +122,7 @@ fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 3] {
 fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     let splats = [("sorter", "subgroup"), ("sorted", "splats")];
     let expected: Vec<Vec<u32>> = drawn(GPU, &splats).iter().map(bytes).collect();
-    // Keys of 28 bits are scaled to fill them, which must keep depths apart.
+    // 28-bit keys are scaled up to the full range, which must not merge depths.
     for (bits, key_bits) in [("32", "32"), ("24", "32"), ("20", "32"), ("24", "28")] {
         let set = [&by_pairs(bits)[..], &[("key_bits", key_bits)]].concat();
         let found: Vec<Vec<u32>> = drawn(GPU, &set).iter().map(bytes).collect();
@@ -130,7 +130,7 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     }
 }
 
-/// Counts the pairs that tiles leave in file order when radix sort covers `bits` bits.
+/// Counts the pairs that remain in file order when the radix sort covers `bits` bits.
 fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
     let mut session = images::session(scene.clone(), GPU.0, &with(GPU, &by_pairs(bits)));
     let stats = images::frame(&mut session, camera, &FrameOptions::default()).stats;
@@ -148,7 +148,8 @@ fn pairs_in_runs_too_long_to_be_ordered_are_counted() {
 #[test]
 fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
-    // Far to near in the file, all within one class of 14 bits of depth; and one far behind them, so that classes are that wide.
+    // Ordered from far to near in the file. Splat 0 is far behind and stretches the depth range, so that all others
+    // share one class of 14 depth bits.
     let scene = |run: usize| {
         let splat = |at: usize| Splat {
             position: if at == 0 { [0.0, 0.0, 100.0] } else { [-0.25, -0.2, 1.0 + 2e-6 * (run - at) as f32] },
@@ -170,11 +171,11 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
 }
 
-/// Makes splats all over a camera's picture, in many directions, and that camera.
+/// Returns splats spread over a picture in many orientations, and the picture's camera.
 ///
-/// Sizes go through `scales`, and `colour` turns a number from 0 to 1 into a coefficient.
+/// Splats cycle through `scales`. `colour` maps a number from 0 to 1 to a coefficient.
 fn scattered(count: u32, scales: &[[f32; 3]], colour: impl Fn(f32) -> f32 + Sync) -> (Arc<Scene>, Camera) {
-    // Digits of the golden ratio deal places and directions evenly.
+    // Multiples of irrational numbers, modulo 1, spread positions and orientations evenly.
     let share = |at: usize, step: f64| (at as f64 * step).fract() as f32;
     let scene = Scene::generate(count, 0, |at| {
         let [x, y, z] = [share(at, 0.618_034) - 0.5, share(at, 0.754_877_7) - 0.5, share(at, 0.569_840_3)];
@@ -213,7 +214,8 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
     let (scene, camera) =
         scattered(100, &[point, needle, plate, [0.05; 3], [0.2, 0.1, 0.02]], |share| 3.0 * share - 1.5);
     for low_pass in ["dilated", "compensated"] {
-        // The lowest floor, so that faint alphas count; order, early stop and records are equal.
+        // The lowest alpha floor, so that faint alphas count. Order, early stop and records are the same in both
+        // graphs.
         let rules = [("low_pass", low_pass), ("alpha_floor", "0.001"), ("stop", "0"), ("key_bits", "32")];
         let draw = |name: &str, more: &[(&str, &str)]| {
             let set = [&rules[..], more].concat();
@@ -265,7 +267,8 @@ fn tiles_are_right_on_subgroups_of_4_8_and_16() {
 
 #[test]
 fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows() {
-    // 8,000 splats near the first corner of a picture that takes three rows of workgroups, on devices with the fewest in x.
+    // 8,000 splats near the upper left corner of a picture that takes three rows of workgroups on devices with the
+    // minimum limit in x.
     let scene = Scene::generate(8000, 0, |at| Splat {
         position: [-0.999, -0.999, 1.0 + at as f32 * 1e-6],
         scale: [1e-6; 3],
@@ -277,7 +280,7 @@ fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows(
     let deep = inspected(scene, &camera, "tiled_cpu", &[], "deep@rasterise");
     let [x, y, z, tiles] =
         [0, 4, 8, 12].map(|at| u32::from_le_bytes(*deep[at..].first_chunk().expect("a word")));
-    // The list is that of a bin, which has four tiles here.
+    // Lists belong to bins, and this bin has four tiles.
     assert_eq!((x, y, z, tiles), (4, 4, 1, 4), "blocks, and the tiles that are left: in y, in z and in all");
 }
 
@@ -290,8 +293,8 @@ fn lists_without_room_grow_until_the_picture_is_whole() {
     }
 }
 
-/// Draws lists far longer than a segment: small faint splats all over the picture, close behind one another, so that no
-/// pixel finishes.
+/// Draws lists far longer than a segment: faint small splats over the whole picture, at nearly equal depths, so that no
+/// pixel stops early.
 #[test]
 fn long_lists_are_blended_to_their_end() {
     const COUNT: usize = 90_000;
@@ -299,7 +302,7 @@ fn long_lists_are_blended_to_their_end() {
     let sample = synth::generate("demo", 1, 0).expect("a scene").splat(0);
     let scene = Arc::new(Scene::generate(COUNT as u32, 0, |i| {
         let depth = 2.0 + i as f32 * 1e-5;
-        // Every pixel in turn, in an order that has nothing to do with depth.
+        // Visits every pixel, in an order unrelated to depth.
         let at = (i * 7919) % (64 * 36);
         let [x, y] = [(at % 64) as f32 / 64.0 - 0.5, (at / 64) as f32 / 64.0 - 36.0 / 128.0];
         splatgraph_assets::Splat {

@@ -1,4 +1,4 @@
-//! `render --timeline`: a trace of the process, whose spans nest and leave little of its time unnamed.
+//! `render --timeline`: the spans of the trace nest, and they cover nearly all of the main thread's time.
 
 use crate::common;
 use crate::place::Place;
@@ -12,10 +12,10 @@ struct Span {
     end: f64,
 }
 
-/// Rounding of times in a trace, in microseconds.
+/// Largest rounding error of a time in a trace, in microseconds.
 const ROUNDING: f64 = 0.01;
 
-/// Returns the spans of each track by its name, in the order of their starts, outer ones first.
+/// Returns each track's spans by the track's name, ordered by start. Of equal starts, the longer span is first.
 fn tracks(trace: &Value) -> BTreeMap<String, Vec<Span>> {
     let events = trace["traceEvents"].as_array().expect("events");
     let of_kind = |kind: &'static str| events.iter().filter(move |event| event["ph"] == kind);
@@ -39,7 +39,7 @@ fn tracks(trace: &Value) -> BTreeMap<String, Vec<Span>> {
     tracks
 }
 
-/// Asserts that spans of a track lie within or beside each other; returns the time of the outermost.
+/// Fails if spans of a track overlap without nesting; returns the total time of the outermost spans.
 fn nested_time(track: &str, spans: &[Span]) -> f64 {
     let mut around: Vec<&Span> = Vec::new();
     let mut time = 0.0;
@@ -84,7 +84,7 @@ fn spans_nest_on_each_track_and_name_nine_tenths_of_the_main_threads_time() {
     let written: usize = tracks.keys().filter(written).map(|track| count(track, "encode and write")).sum();
     assert_eq!(written, 4, "on the pool's threads");
 
-    // The camera of each picture is drawn once, and its passes are on the GPU's track.
+    // Each of the four pictures is one frame in flight, with its passes on the GPU's track.
     let flown: usize =
         tracks.iter().filter(|(name, _)| name.starts_with("in flight")).map(|(_, s)| s.len()).sum();
     assert_eq!(flown, 4);
@@ -112,12 +112,12 @@ fn a_timeline_that_cannot_be_written_is_an_error_before_anything_is_drawn() {
         assert!(errors.contains(why), "{errors}");
         assert!(!place.at("out.png").exists());
     }
-    // The scene stays: a timeline over an input is a wrong command line.
+    // A timeline that would overwrite an input is an invalid command line.
     let before = place.bytes("scene.ply");
     let output = place.run("render scene.ply --size 32x32 -o out.png --timeline scene.ply");
     assert_eq!(output.status.code(), Some(2));
     assert!(before == place.bytes("scene.ply") && !place.at("out.png").exists());
-    // Processes that share views would write one file.
+    // All shards would write the same timeline.
     let output = place.run("render scene.ply --shard 0/2 -o shared --timeline trace.json");
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.code() == Some(2) && errors.contains("--timeline"), "{errors}");

@@ -3,10 +3,10 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// As few frames as there can be.
+/// `trade` with the minimum number of frames.
 const SHORT: &str = "trade scene.ply -c cameras.json --rounds 1 --frames 1";
 
-/// Draws the pictures of `true/`.
+/// Draws the pictures that serve as truth, into `true/`.
 const TRUTH: &str = "render scene.ply -c cameras.json -o true --format npy";
 
 fn ledger(place: &Place) -> Value {
@@ -47,7 +47,7 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
     let plot = place.image("ledger/ledger.png");
     assert!(plot.rgb.iter().any(|pixel| *pixel != plot.rgb[0]), "it is not empty");
 
-    // The result of an interruption: the first rows.
+    // An interrupted run leaves only the first rows.
     let mut part = whole.clone();
     part["rows"].as_array_mut().expect("rows").truncate(2);
     place.write("ledger/ledger.json", part.to_string());
@@ -78,7 +78,7 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
     );
 }
 
-/// The numbers of a row of the only camera.
+/// Returns the PSNR of a setting's row in dB; `None` if its picture equals the truth.
 fn psnr(place: &Place, setting: &str) -> Option<f64> {
     let ledger = ledger(place);
     let rows = ledger["rows"].as_array().expect("rows");
@@ -97,7 +97,7 @@ fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
     assert_eq!(psnr(&place, "defaults"), None, "the defaults drew the truth");
     assert!(trade(against).contains("2 rows of an earlier run are kept"));
 
-    // Other pictures under the same names.
+    // Replaces the truth by other pictures under the same names.
     place.done(&format!("{TRUTH} --background 1,1,1"));
     let errors = trade(against);
     assert!(
@@ -110,7 +110,7 @@ fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
     place.write("ledger/ledger.json", place.bytes("fresh/ledger.json"));
     assert!(resumed < 30.0 && psnr(&place, "defaults") == Some(resumed), "{resumed}");
 
-    // A preset of the folder stands before the built-in one; the graph's own rows stay.
+    // A preset in the folder overrides the built-in one. Editing it invalidates only its own row.
     let preset = |bits: u32| {
         let text = format!("Preset(graph: \"splat\", summary: \"Keys\", set: {{ \"key_bits\": {bits} }})");
         place.write("pipelines/key16.ron", text);

@@ -1,5 +1,5 @@
 //! The tutorial and the templates of `splatgraph new`: every graph is checked, drawn with validation, and shows its
-//! effect. Also the commands of the tutorial.
+//! effect. The tutorial's commands are run as well.
 
 use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;
@@ -13,7 +13,7 @@ fn tutorial() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/tutorial")
 }
 
-/// Checks a graph and draws it with validation, from the first camera. `more` has parameters.
+/// Checks a graph and draws it with validation, from the first camera. `more` holds further options.
 fn drawn(place: &Place, graph: &str, more: &str) -> Image {
     let text = place.done(&format!("check {graph}"));
     assert!(text.contains(": OK\n"), "{text}");
@@ -22,7 +22,7 @@ fn drawn(place: &Place, graph: &str, more: &str) -> Image {
     place.image("out.npy")
 }
 
-/// PSNR in decibels; infinite for equal pictures.
+/// Returns the PSNR in dB; infinite for equal pictures.
 fn psnr(a: &Image, b: &Image) -> f64 {
     metrics::compare(a, b).expect("pictures of one size").psnr()
 }
@@ -41,7 +41,7 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
     let auto = drawn(&place, "auto", "");
     let renderer = step("renderer", "");
     assert!(psnr(&renderer, &splat) > 50.0, "{}", psnr(&renderer, &splat));
-    // The previous steps lack harmonics and the order.
+    // The steps before `renderer` draw no harmonics, and those before `sorted` are unsorted too.
     let base = drawn(&place, "splat", "--set sh_degree=0");
     let sorted = step("sorted", "");
     assert!(psnr(&sorted, &base) > 50.0 && psnr(&sorted, &splat) < 45.0);
@@ -55,12 +55,12 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
     assert!(lit > 1000 && dark > 1000 && lit + dark == 128 * 72, "{lit} points, {dark} dark");
     let rings = step("paint", "");
     assert!(psnr(&rings, &step("paint", "--set width=40")) < 20.0, "the slider changes the rings");
-    // Depth is grey; the nearest is the brightest.
+    // Depth is shown in grey, brightest at the nearest splat.
     let depth = step("depth", "");
     assert!(pixels(&depth).all(|[r, g, b]| (r - g).abs() < 1e-5 && (g - b).abs() < 1e-5));
     let range = pixels(&depth).fold((1.0f32, 0.0f32), |(low, high), [r, ..]| (low.min(r), high.max(r)));
     assert!(range.0 < 0.4 && range.1 > 0.8 && range.1 < 1.01, "{range:?}");
-    // Filters at 0 leave the picture as it is.
+    // With strength 0, the filters change nothing.
     assert_eq!(psnr(&step("post", "--set grey=0"), &auto), f64::INFINITY);
     assert!(
         pixels(&step("post", "--set grey=1")).all(|[r, g, b]| (r - g).abs() < 1e-5 && (g - b).abs() < 1e-5)
@@ -114,7 +114,7 @@ fn parameters_are_listed_as_text_and_as_json_with_the_devices_defaults() {
     let names: Vec<&str> =
         json["parameters"].as_array().expect("a list").iter().filter_map(|p| p["name"].as_str()).collect();
     assert!(names.contains(&"sh_degree") && names.contains(&"key_bits"), "{names:?}");
-    // Helps name the command instead of listing them.
+    // The help refers to `params` instead of listing the parameters.
     for command in ["render", "check"] {
         let help = place.done(&[command, "--help"]);
         assert!(help.contains("splatgraph params NAME") && !help.contains("jacobian_limit"), "{help}");

@@ -8,7 +8,7 @@ use std::process::Stdio;
 
 const SIZE: (usize, usize) = (48, 27);
 
-/// Four frames through the cameras of the folder.
+/// Films four frames through the cameras of the folder. The output path must be appended.
 const LINE: &str = "video scene.ply --cameras=cameras.json --seconds=0.4 --fps=10 --size=48x27 \
                     --background=0.1,0.2,0.3 --closed --pipeline=splat -o";
 
@@ -23,7 +23,7 @@ fn frame(place: &Place, name: &str, index: usize) -> Image {
     image
 }
 
-/// The largest difference of a channel, in levels of 8 bits.
+/// Returns the largest difference of a channel, in 8-bit steps.
 fn difference(a: &Image, b: &Image) -> f32 {
     let pairs = a.rgb.as_flattened().iter().zip(b.rgb.as_flattened());
     255.0 * pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
@@ -71,7 +71,7 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
     let at = |index: usize| place.at(format!("frames/{index:05}.png"));
     let before: Vec<Vec<u8>> = (0..4).map(|index| fs::read(at(index)).expect("written")).collect();
     fs::remove_file(at(1)).expect("removed");
-    // A picture of another size is not complete; a complete one is not redrawn, whatever it shows.
+    // A file that is not a whole picture is redrawn. A whole picture is kept, whatever it shows.
     fs::write(at(2), "half a picture").expect("written");
     fs::copy(at(0), at(3)).expect("copied");
     let said = drawn(&place, "frames");
@@ -132,7 +132,7 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
         cameras.truncate(2);
         for (camera, lens) in cameras.iter_mut().zip(lenses) {
             camera["projection"] = lens.into();
-            // Units of a plan are world units, not radians.
+            // The focal length is in pixels per world unit for orthographic cameras, and per radian for the others.
             let scale = if lens == "orthographic" { 0.2 } else { 0.5 };
             for side in ["fx", "fy"] {
                 camera[side] = (camera[side].as_f64().expect("a focal length") * scale).into();

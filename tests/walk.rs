@@ -1,8 +1,8 @@
 //! The Metal backend's walk over a plan's encoders creates exactly the encoders that the model of Metal's rules
 //! accepts.
 //!
-//! The part of the backend that calls Metal follows the walk, one call per move. So the moves of a few frames of every
-//! graph are reassembled to encoders and compared with the data.
+//! The part of the backend that calls Metal follows the walk, one call per move. These tests walk a few frames of every
+//! graph, rebuild the encoders from the moves, and compare them with the lowered ones.
 
 use crate::encoders::plans;
 use splatgraph_framework::ir::PassId;
@@ -37,7 +37,7 @@ fn walked_frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> (Vec<Enc
     let mut moves = Vec::new();
     for id in passes {
         walk.pass(walked, *id, timed, &mut moves);
-        // The host's pass moves nothing, and is in no encoder.
+        // A host pass makes no moves and is in no encoder.
         let encoders = walked.encoders(if timed { Division::Passes } else { Division::Merged });
         let all = encoders.prologue.iter().chain(&encoders.frame).flat_map(|encoding| &encoding.passes);
         let encoded = all.map(|pass| pass.pass).any(|pass| pass == *id);
@@ -49,7 +49,7 @@ fn walked_frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> (Vec<Enc
     (found, handover)
 }
 
-/// Removes waits for fences that nothing has updated, encoder by encoder.
+/// Returns the encoders without waits for fences that no earlier encoder has updated. Marks their updates in `updated`.
 fn expected(encodings: &[Encoding], updated: &mut [bool]) -> Vec<Encoding> {
     let mut all = encodings.to_vec();
     for encoding in &mut all {
@@ -78,7 +78,7 @@ fn the_walk_over_every_built_in_graph_makes_the_encoders_that_were_proven() {
                 assert_eq!(found, wanted, "{}, {division:?}: frame {number}", plan.name);
                 assert_eq!(handed_over, None);
             }
-            // By now every fence of the frame was updated: no wait is omitted.
+            // Every fence of the frame has been updated by now, so no wait is omitted.
             assert_eq!(walked_frame(&mut walked, frames, timed).0, frame, "{}, {division:?}", plan.name);
         }
     }

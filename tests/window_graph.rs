@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use crate::common;
 
-/// Draws windows of one size.
+/// A device with the window graph loaded, for windows of one size.
 struct Window {
     device: Backend,
     size: [u32; 2],
@@ -106,7 +106,7 @@ fn flat(format: Format, size: [u32; 2], colour: [u8; 3]) -> Option<Shown> {
     picture(format, size, |_, _| colour.map(|v| f32::from(v) / 255.0))
 }
 
-/// A picture on the device comes in parts, one from the host in a single part.
+/// A picture that stays on the device comes in parts, a picture from the host in a single part.
 #[test]
 fn a_picture_in_parts_is_shown_like_one_in_one() {
     let mut window = Window::open([300, 300]);
@@ -126,7 +126,7 @@ fn a_picture_in_parts_is_shown_like_one_in_one() {
     let composed = |shown| composition([300, 300], [10, 20, 270, 270], Mode::A, Some(shown), None);
     let (one, parts) = (window.compose(&composed(on_host)), window.compose(&composed(on_device.clone())));
     assert!(one.pixels == parts.pixels);
-    // B is like A, and equal pictures have no difference.
+    // A and B are equal, so their difference is black.
     let difference = composition(
         [300, 300],
         [10, 20, 270, 270],
@@ -158,7 +158,7 @@ fn pictures_of_every_format_stand_in_the_view_pixel_by_pixel() {
             let (u, v) = (x.wrapping_sub(3), y.wrapping_sub(2));
             let expected = match (u, v) {
                 _ if !inside => BACKGROUND,
-                // 8 bits could not represent these; floats are clamped.
+                // Out of range: clamped on conversion to 8 bits, or when drawn from floats.
                 (1, 1) if grey => [0; 3],
                 (1, 1) => [0, 255, 128],
                 _ if grey => [colour(u, v)[0]; 3],
@@ -227,12 +227,12 @@ fn a_picture_of_another_size_is_scaled_to_the_views_height_about_its_middle() {
     let same_shape = picture(Format::Rgba8Unorm, [4, 2], |x, _| halves(x, 4));
     let row = window.compose(&composition([8, 4], view, Mode::A, same_shape, None)).row(2);
     assert_eq!(row.map_first(), [0, 0, 0, 64, 191, 255, 255, 255]);
-    // As wide as high: at the sides there is nothing of it.
+    // A square picture leaves background at both sides.
     let narrow = picture(Format::Rgba32Float, [20, 20], |x, _| halves(x, 20));
     let row = window.compose(&composition([8, 4], view, Mode::A, narrow, None)).row(1);
     assert_eq!([row[1], row[6]], [BACKGROUND; 2]);
     assert_eq!([row[2], row[3], row[4], row[5]], [[0; 3], [0; 3], [255; 3], [255; 3]]);
-    // Wider than the view: cut off at the sides.
+    // A picture wider than the view is cropped at both sides.
     let wide =
         picture(Format::Rgba16Float, [32, 8], |x, _| if (8..24).contains(&x) { [1.0; 3] } else { [0.0; 3] });
     let row = window.compose(&composition([8, 4], view, Mode::A, wide, None)).row(1);
@@ -250,7 +250,7 @@ impl Reds for Vec<[u8; 3]> {
     }
 }
 
-/// Runs a pass of egui in a window of this size in pixels.
+/// Runs a pass of egui over the window of `under`; returns what the painter draws.
 fn interface(
     painter: &mut Painter,
     context: &egui::Context,
@@ -297,7 +297,7 @@ fn egui_draws_its_colours_inside_its_clips_over_the_picture() {
         for (x, y) in (0..60).flat_map(|y| (0..78).map(move |x| (x, y))) {
             let inside = (10..30).contains(&x) && (10..40).contains(&y);
             let clipped = (50..60).contains(&x) && (20..30).contains(&y);
-            // egui softens borders by up to a pixel; a clip has no such border.
+            // egui antialiases borders over up to a pixel; clips are sharp.
             let border = (9..=30).contains(&x)
                 && (9..=40).contains(&y)
                 && !((11..29).contains(&x) && (11..39).contains(&y));
@@ -374,7 +374,7 @@ fn textures_are_drawn_with_the_filter_that_they_ask_for_and_follow_changes() {
             .map(|(x, y)| grey(drawn, x, y))
     };
     assert_eq!(corners(&drawn), [0, 0, 100, 100, 200, 200, 40, 40]);
-    // Between the texels' middles, 12 pixels apart, linear; beyond them, flat.
+    // Linear between the texel centres, which are 12 pixels apart; constant beyond them.
     for x in 0..24u8 {
         let part = ((f32::from(x) - 5.5) / 12.0).clamp(0.0, 1.0);
         let found = grey(&drawn, 36 + x as usize, 6);
@@ -390,12 +390,12 @@ fn textures_are_drawn_with_the_filter_that_they_ask_for_and_follow_changes() {
     window.close();
 }
 
-/// The interface of a step: panels around the view, some of which change, and a box that moves over the view's border.
+/// Draws the interface of a step: panels around the view, some of which change, and a box that crosses the view's edge.
 fn panels(ui: &mut egui::Ui, step: usize) {
     let rect = |[x, y, width, height]: [f32; 4]| Rect::from_min_size(pos2(x, y), vec2(width, height));
     let grey = |value: usize| Color32::from_gray(60 + 30 * value as u8);
     let font = || FontId::proportional(14.0);
-    // Each panel has its own clip, as the viewer's have: otherwise egui makes one mesh of all.
+    // Each panel has its own clip, as in the viewer: with one clip, egui would make one mesh of all.
     let panel = |place: [f32; 4], colour| {
         let painter = ui.painter().with_clip_rect(rect(place));
         painter.rect_filled(rect(place).shrink(2.0), 3.0, colour);
@@ -423,7 +423,7 @@ fn a_window_in_which_only_changes_are_drawn_shows_what_one_that_is_drawn_whole_s
     let context = egui::Context::default();
     let (mut painter, mut triangles) = (Painter::default(), Vec::new());
     for step in 0..16 {
-        // The view stays for some steps, and its picture changes in each.
+        // The view changes at step 12, its picture in every step.
         let view = [40, 10, if step < 12 { 80 } else { 70 }, 66];
         let shade = [16 * step as u8, 100, 200];
         let picture = flat(Format::Rgba16Float, [view[2], if step == 6 { 50 } else { 66 }], shade);
@@ -436,7 +436,7 @@ fn a_window_in_which_only_changes_are_drawn_shows_what_one_that_is_drawn_whole_s
         let meshes = context.tessellate(output.shapes, 1.0);
         let changes = painter.paint(output.textures_delta, &meshes, 1.0, &under);
         let drawn = kept.draw(&under, &changes);
-        // The same painter, which has the textures, when it does not know what is shown.
+        // Repaints everything with the same painter, which has the textures, after it forgot what the window shows.
         painter.forget();
         let everything = painter.paint(Default::default(), &meshes, 1.0, &under);
         let expected = whole.draw(&under, &everything);
@@ -450,7 +450,7 @@ fn a_window_in_which_only_changes_are_drawn_shows_what_one_that_is_drawn_whole_s
         };
         triangles.push((count(&changes), count(&everything)));
     }
-    // The first step has all, and the next ones the box alone, where it was and where it is.
+    // The first step draws everything, the next ones only what changed.
     assert!(
         triangles[0].0 == triangles[0].1 && triangles[1..4].iter().all(|(some, all)| some < all),
         "{triangles:?}"

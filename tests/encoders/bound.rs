@@ -1,28 +1,30 @@
-//! Derives the minimum number of encoders, waits and barriers of a frame on Metal from its passes and their
+//! Derives lower bounds on the encoders, barriers, waits and fences of a frame on Metal from its passes and their
 //! dependencies only, without the lowering.
 //!
-//! The order of the passes is given. Then a careful version by hand cannot have fewer
+//! For the given order of the passes, careful hand-written code cannot have fewer
 //!
-//! - **encoders** than the frame has runs of one kind, where draws end a run if they clear, if their targets are others than those
-//!   before them, or if they conflict with a draw of the run other than by blending;
-//! - **barriers** in a run of dispatches than there are pairs of conflicting passes one after another, the next pair beginning no
-//!   earlier than the last one ends: there must be one between the passes of each pair, and different pairs have different ones;
-//! - **waits** than each run has *last conflicts*: earlier runs, of this frame or of the previous frame, which conflict with it and
-//!   which none of its other conflicts comes after;
-//! - **fences** than there are runs at any one time whose update is still waited for.
+//! - **encoders** than runs of passes of one kind. A draw begins a new run if it clears, if its targets differ from the
+//!   run's, or if it conflicts with a draw of the run other than by blending.
+//! - **barriers** in a run of dispatches than disjoint pairs of conflicting passes, where each pair begins no earlier
+//!   than the previous one ends. Each pair needs a barrier between its passes, and no barrier serves two pairs.
+//! - **waits** than *last conflicts*, over all runs. A last conflict of a run is an earlier run, of this or the
+//!   previous frame, that conflicts with it and comes before none of its other conflicts.
+//! - **fences** than runs whose updates are awaited at one time.
 //!
-//! The last two hold for versions that order two runs only if one depends on the other, directly or through others. In a chain of runs,
-//! each has one last conflict, and one fence serves all. A run beside the chain makes a fork: the draw of a mesh is beside the sort of
-//! `mesh_quads`, and beside the previous frame's copies in `mesh`. The run that joins the branches has two last conflicts. It must wait
-//! for each, because a wait for one orders it after the other only if one branch waits for the other. A wait is for the last update
-//! of its fence, so while two updates are waited for, they need two fences. A version with one wait for each run would let the sort
-//! wait for the mesh, or the mesh for the sort.
+//! The bounds on waits and fences assume that two runs are ordered only if one depends on the other, directly or
+//! through others.
+//!
+//! In a chain of runs, each run has one last conflict, and one fence serves all. A run beside the chain makes a fork:
+//! the draw of a mesh is beside the sort in `mesh_quads`, and beside the previous frame's copies in `mesh`. The run
+//! that joins the branches has two last conflicts. It must wait for both: waiting for one would imply the other only if
+//! one branch waited for the other. A wait is for the latest update of its fence, so two updates that are awaited at
+//! one time need two fences. With one wait per run, the sort would have to wait for the mesh, or the mesh for the sort.
 
 use splatgraph_framework::ir::{Hazard, Load, PassId, Stages, Target, Work};
 use splatgraph_framework::plan::{Dependency, Plan};
 use std::collections::HashSet;
 
-/// The minimum counts of a frame.
+/// Lower bounds on the counts of a frame.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Least {
     pub encoders: usize,
@@ -31,8 +33,8 @@ pub struct Least {
     pub barriers: usize,
 }
 
-/// Passes of which one depends on the other: other than by blending into one target, and in any way. Further conflicts are chains of
-/// these.
+/// Pairs of passes, in both orders, of which one depends directly on the other. `any` holds all of them, `hard` those
+/// that depend other than by blending into one target.
 struct Conflicts {
     hard: HashSet<(PassId, PassId)>,
     any: HashSet<(PassId, PassId)>,
@@ -102,11 +104,12 @@ fn continues(plan: &Plan, run: &[PassId], pass: PassId, conflicts: &Conflicts) -
         && (own.is_empty() || !run.iter().any(|earlier| conflicts.hard.contains(&(*earlier, pass))))
 }
 
-/// Returns the maximum number of disjoint pairs of conflicting passes: none begins before the previous one has ended.
+/// Returns the maximum number of disjoint pairs of conflicting passes: each begins no earlier than the previous one
+/// ends.
 fn pairs(run: &[PassId], conflicts: &Conflicts) -> usize {
     let (mut pairs, mut begin) = (0, 0);
     for (at, pass) in run.iter().enumerate() {
-        // The pair that ends first is as good as any.
+        // Greedy: taking the pair that ends first is optimal.
         if (begin..at).any(|earlier| conflicts.any.contains(&(run[earlier], *pass))) {
             (pairs, begin) = (pairs + 1, at);
         }
@@ -114,14 +117,17 @@ fn pairs(run: &[PassId], conflicts: &Conflicts) -> usize {
     pairs
 }
 
-/// Returns the last conflicts of each run: pairs of an earlier run and the run that waits. Runs of the next frame count on.
+/// Returns pairs of runs: a last conflict, and the run that waits for it.
+///
+/// Runs are numbered through two frames, from 0 and from `runs.len()`. The waiting runs are those of the second frame.
 fn last_conflicts(runs: &[Vec<PassId>], conflicts: &Conflicts) -> Vec<(usize, usize)> {
     let count = runs.len();
     let meet = |one: usize, two: usize| {
         let passes = |run: usize| runs[run % count].iter();
         passes(one).any(|one| passes(two).any(|two| conflicts.any.contains(&(*one, *two))))
     };
-    // Three frames, of which the last has two before it. By run, the earlier ones that it comes after.
+    // Walks three frames and keeps the waits of the third, for whose previous frame `after` is complete. `after[run]`
+    // holds the runs that come before `run`, directly or through others.
     let mut after: Vec<HashSet<usize>> = Vec::new();
     let mut waits = Vec::new();
     for run in 0..3 * count {
@@ -138,10 +144,11 @@ fn last_conflicts(runs: &[Vec<PassId>], conflicts: &Conflicts) -> Vec<(usize, us
     waits
 }
 
-/// Returns the maximum number of runs that are waited for at one time, of waits in the second of two frames with `count` runs each.
+/// Returns the maximum number of runs awaited at one time. `waits` are those of the second of two frames, each with
+/// `count` runs.
 fn most_awaited(waits: &[(usize, usize)], count: usize) -> usize {
     let awaited = |time: usize| {
-        // The waits of the next frame are these, one frame later.
+        // The next frame has the same waits, shifted by one frame.
         let waits = waits.iter().flat_map(|(one, two)| [(*one, *two), (one + count, two + count)]);
         let open = waits.filter(|(update, wait)| *update < time && time <= *wait);
         open.map(|(update, _)| update).collect::<HashSet<_>>().len()

@@ -1,7 +1,7 @@
 //! The built-in graphs and the examples, lowered to Metal's encoders, fences and barriers.
 //!
-//! Nothing here needs a Mac. [`bound`] says how few encoders, waits and barriers there can be; the model of Metal's rules must accept
-//! each list of encoders and to object to each that lacks a wait, an update, a barrier or a part of one.
+//! Nothing here needs a Mac. [`bound`] gives the minimum numbers of encoders, waits and barriers. The model of Metal's
+//! rules must accept each list of encoders, and object if a wait, an update, a barrier or a part of one is removed.
 
 use crate::common::settings;
 use splatgraph::draw::backend;
@@ -21,11 +21,11 @@ use std::io::Write;
 mod bound;
 
 fn say(text: &str) {
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// The plans of all graphs in the repository, and of some values of parameters that add or move passes.
+/// Builds the plans of all graphs in the repository, then plans with parameters that add or move passes.
 pub fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();
     let mut catalog = facts::nominal_catalog();
@@ -135,7 +135,7 @@ fn the_page_on_metal_shows_what_the_command_prints() {
     let shown = [builtin::names(), vec![paint::GRAPH]].concat();
     let plans = plans(true);
     for name in shown {
-        // The first plan of a name is that of its defaults.
+        // The first plan of a name has default parameters.
         let plan = plans.iter().find(|plan| plan.name == name).expect("it is one of them");
         let dump = add_encoders(backend::dump(plan), plan);
         let text = dump::encoders_text(&dump).expect("they were added");

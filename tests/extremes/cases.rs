@@ -2,29 +2,29 @@
 
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 
-/// A scene at an extreme, with bounds on the errors of its pictures.
+/// A scene with extreme values, and bounds on the errors of its pictures.
 pub struct Case {
     pub name: &'static str,
     /// Makes the scene and the camera.
     pub scene: fn() -> (Scene, Camera),
-    /// True to draw it with the other form of the covariance as well.
+    /// True to draw it with `covariance=factored` as well.
     pub factored: bool,
     pub bounds: Bounds,
 }
 
-/// Minimum PSNR in dB, some dB below lavapipe's results, and the largest error of a pixel.
+/// Minimum PSNR in dB, a few dB below lavapipe's results, and the largest error of a pixel.
 pub struct Bounds {
-    /// Every preset with the right order, blending in 32-bit floats.
+    /// Presets with the right order, blending in 32-bit floats.
     pub exact: f64,
-    /// The worst pixel of those pictures.
+    /// Largest pixel error of the pictures that `exact` bounds.
     pub worst: f64,
     /// Tiles in 32-bit floats.
     pub tiled_exact: f64,
     /// Tiles with half-float attributes and narrower keys.
     pub tiled: f64,
-    /// Half floats, which lavapipe truncates, with either blending.
+    /// Half-float targets, which lavapipe truncates, blended in either order.
     pub half: f64,
-    /// 8 bits; drawn only for cases that need it.
+    /// 8-bit targets; `None` if they are not drawn.
     pub bytes: Option<f64>,
     /// Depth keys of 16 bits.
     pub key16: f64,
@@ -37,25 +37,25 @@ pub struct Bounds {
 /// The size of the pictures.
 const SIZE: (u32, u32) = (96, 54);
 
-/// Makes the camera's picture small.
+/// Resizes the camera's picture to the size of the tests.
 pub fn small(camera: Camera) -> Camera {
     camera.resized(SIZE.0, SIZE.1)
 }
 
-/// A scene with thousands of splats on each pixel, in a picture of half the size.
+/// Generates a scene with thousands of splats per pixel, and a camera of half the usual size.
 fn halved(name: &str, count: u32) -> (Scene, Camera) {
     let (scene, camera) = generated(name, count);
     (scene, camera.resized(SIZE.0 / 2, SIZE.1 / 2))
 }
 
-/// A generated scene of `count` splats and its first camera, in a small picture.
+/// Generates a scene of `count` splats; returns it with the generator's first camera, resized.
 fn generated(name: &str, count: u32) -> (Scene, Camera) {
     let generator = synth::generators().iter().find(|generator| generator.name == name).expect("a generator");
     let camera = (generator.cameras)().swap_remove(0);
     (synth::generate(name, count, 0).expect("it fits in memory"), small(camera))
 }
 
-/// A splat in front of a camera at the origin, another for each index.
+/// Returns a splat in front of a camera at the origin, different for each index.
 pub fn plain(index: usize) -> Splat {
     let t = index as f32;
     let mut sh = [0.0; 48];
@@ -75,7 +75,7 @@ fn ball(distance: f64, degrees: f64) -> (Scene, Camera) {
     (scene, Camera::looking_at([0.0, 0.0, -distance], [0.0; 3], degrees, SIZE))
 }
 
-/// Returns a view of a cloud in a picture of another shape.
+/// Returns a view of needles, `width` x `height` pixels, with the horizontal field of view of other cases.
 fn shaped(width: u32, height: u32) -> (Scene, Camera) {
     let (scene, camera) = generated("needles", 500);
     let focal = camera.fx * f64::from(width) / f64::from(camera.width);

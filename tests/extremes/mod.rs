@@ -1,9 +1,9 @@
-//! Scenes at the extremes: every number of a scene, a camera and a picture's size at the point where formulas fail.
+//! Scenes at the extremes: numbers of a scene, a camera and a picture's size at which formulas fail.
 //!
-//! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer and then by
-//! every preset, and no picture may hold a value that is not finite. The exact renderer follows the rules of quads here
-//! (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors come from arithmetic, from order
-//! and from the target's format. The errors are printed as rows of the table in docs/accuracy-tables.md.
+//! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer
+//! and then by every preset, and no picture may hold a non-finite value. The exact renderer follows the rules of quads
+//! here (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors come from arithmetic,
+//! from order and from the target's format. The errors are printed as rows of the table in docs/accuracy-tables.md.
 
 mod cases;
 mod surveyed;
@@ -30,7 +30,7 @@ struct Error {
 }
 
 impl Error {
-    /// Compares a picture; one with NaN or an infinite value is a failure.
+    /// Compares a picture with the truth; fails on NaN and infinite values.
     fn of(what: &str, image: &Image, truth: &Image) -> Error {
         let db = metrics::compare(image, truth).unwrap_or_else(|error| panic!("{what}: {error}")).psnr();
         let channels = image.rgb.as_flattened().iter().zip(truth.rgb.as_flattened());
@@ -39,13 +39,13 @@ impl Error {
         Error { db, worst: channels.map(share).fold(0.0, f64::max) }
     }
 
-    /// The larger of two errors.
+    /// Returns the worse PSNR and the worse pixel of two errors.
     fn or(self, other: Error) -> Error {
         Error { db: self.db.min(other.db), worst: self.worst.max(other.worst) }
     }
 }
 
-/// Draws with the exact renderer and changed rules; fails on NaN.
+/// Draws with the exact renderer and changed rules; fails on non-finite values.
 fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &str)]) -> Image {
     let mut rules = Rules::PUBLISHED;
     for (name, value) in changes {
@@ -60,7 +60,7 @@ fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &st
 /// The rules of quads: no tiles, no early stop.
 const QUADS: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
 
-/// A way to draw, with its bound.
+/// A preset with parameters, and the bound that applies to it.
 struct Way {
     preset: &'static str,
     set: Vec<(String, String)>,
@@ -72,7 +72,10 @@ impl Way {
         Way { preset, set: common::settings(set), bound }
     }
 
-    /// Lists every preset of a pinhole, blending in 32-bit floats, tiles without their early stop and extent; then other formats.
+    /// Lists the pinhole presets, then variants of `splat`, `tiled` and `front_to_back`.
+    ///
+    /// The presets blend in 32-bit floats; tiles draw by the rules of quads. `factored` adds the factored covariance
+    /// and `bytes` an 8-bit target.
     fn all(factored: bool, bytes: bool) -> Vec<Way> {
         let full = [("target", "rgba32f")];
         let preset = |preset: &'static str| match preset {
@@ -80,14 +83,15 @@ impl Way {
             "front_to_back_naive" => Way::new(preset, &full, |bounds| bounds.naive),
             "key16" => Way::new(preset, &full, |bounds| bounds.key16),
             "auto" | "mesh" | "tiled_cpu" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
-            // The tiles of GPUs, which a CPU does not choose. Packed, they composite segments in half floats.
+            // `auto` chooses these tiles on GPUs only. Their packed records composite segments in half floats, which
+            // costs dB.
             "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled - 9.0),
             "tiled_exact" => {
                 Way::new(preset, &[("stop", "0.0"), ("extent", "alpha")], |bounds| bounds.tiled_exact)
             }
             _ => Way::new(preset, &full, |bounds| bounds.exact),
         };
-        // Scenes and bounds are those of pinhole cameras.
+        // The cases and their bounds are for pinhole cameras.
         let other = ["orthographic", "fisheye", "equirectangular"];
         let pinholes = builtin::names().into_iter().filter(|name| !other.contains(name));
         let mut all: Vec<Way> = pinholes.map(preset).collect();
@@ -141,7 +145,7 @@ fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     drawn
 }
 
-/// Draws a case in every way and checks the errors against its bounds.
+/// Draws a case in all ways and checks the errors against its bounds.
 fn hold(name: &str) {
     let Case { scene, factored, bounds, .. } = cases::find(name);
     let (scene, camera) = scene();
@@ -189,7 +193,7 @@ fn hold(name: &str) {
 /// Turns a sentence into a test that checks cases against their bounds.
 macro_rules! held {
     ($($sentence:ident: $($case:literal),+;)+) => {
-        /// The cases that some test checks.
+        /// The cases that the tests check.
         const HELD: &[&str] = &[$($($case),+),+];
         $(#[test] fn $sentence() { $(hold($case);)+ })+
     };
@@ -229,7 +233,7 @@ fn every_case_of_the_table_is_held_to_its_bounds() {
     assert!(missing.is_empty(), "{missing:?}");
 }
 
-/// Numbers near the maximum of f32, where sums overflow and no error bound applies: the picture must still be finite.
+/// Draws numbers near the maximum of f32. Sums overflow, so no error bound applies, but the picture must be finite.
 #[test]
 fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
     let camera = cases::small(Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 79.0, (64, 36)));
@@ -264,7 +268,7 @@ fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
 #[test]
 fn a_device_says_truly_whether_its_fma_rounds_once() {
     let place = Place::empty();
-    // The square of 1 + 2^-12 has a bit beyond the float: 2^-24.
+    // The exact square of 1 + 2^-12 has one bit more than a float: 2^-24. Only a fused fma() keeps it.
     let shader = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\
         layout(local_size_x = 1) in;\n\
         layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D color;\n\
@@ -287,7 +291,7 @@ fn a_device_says_truly_whether_its_fma_rounds_once() {
     assert_eq!(session.device().info().facts.fused_fma, rest == 1.0);
 }
 
-/// Layers of one opacity each, a few floats from the alpha floor, without falloff and with little.
+/// Draws layers whose opacity is a few floats from the alpha floor, with no or little falloff.
 #[test]
 fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
     let (layers, camera) = (cases::find("floor").scene)();

@@ -7,7 +7,7 @@ use splatgraph_reference::{Gaussian, Splats};
 
 const SIZE: (u32, u32) = (96, 54);
 
-/// The scene and its camera in the coordinates of the world, every number in f64.
+/// Returns the splats and the camera in world coordinates, in f64, and the scene as generated.
 fn world() -> (Vec<Gaussian>, Camera, Scene) {
     let scene = synth::generate("surveyed", 1000, 0).expect("it fits in memory");
     let offset = scene.offset();
@@ -24,7 +24,7 @@ fn world() -> (Vec<Gaussian>, Camera, Scene) {
 fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let (splats, camera, made) = world();
     assert!(made.offset().iter().all(|v| v.abs() > 9e6));
-    // Depths in f64: world depths have no correct digits in f32.
+    // The truth needs f64 depths: in f32, depths in world coordinates have no correct digits.
     let rules = [&QUADS[..], &[("depth", "f64")]].concat();
     let truth = exact(splats.as_slice(), &camera, &rules);
     let place = Place::new();
@@ -32,7 +32,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let loaded = Scene::load(place.at("far.ply"), splatgraph_assets::QUIET).expect("it loads");
     assert_eq!(loaded.offset(), made.offset(), "the reader finds the origin that the writer had");
     let off = loaded.positions().iter().flatten().zip(made.positions().iter().flatten());
-    // The world's coordinates have 53 bits: 2^-29 of a unit.
+    // World coordinates in f64 have a resolution of 2^-29.
     assert!(off.fold(0.0f32, |most, (a, b)| most.max((a - b).abs())) < 3e-9);
     let written = Camera::load(place.at("far.json")).expect("cameras");
     assert_eq!(written[0].position, camera.position);
@@ -47,7 +47,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     println!("surveyed, recentred: {:.1} dB, worst pixel {:.5}", found.db, found.worst);
     assert!(found.db > 90.0, "{found:?}");
 
-    // The former result: every coordinate rounded to f32 in the world.
+    // For comparison: world coordinates rounded to f32.
     let rounded: Vec<Gaussian> = (splats.iter())
         .map(|splat| Gaussian { position: splat.position.map(|v| f64::from(v as f32)), ..*splat })
         .collect();
@@ -55,7 +55,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     println!("surveyed, rounded to f32: {:.1} dB, worst pixel {:.5}", before.db, before.worst);
     assert!(before.db < 30.0, "{before:?}");
 
-    // The framing camera is computed from the loaded scene, and sees it.
+    // Without a camera file, the scene is framed, and must be visible.
     let framed = draw("", "framed.npy");
     let lit = framed.rgb.iter().filter(|pixel| (pixel[0] - 0.2).abs() > 0.05).count();
     assert!(lit > 200, "only {lit} pixels show anything");

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// The system's Vulkan loader.
+/// Returns the path of the system's Vulkan loader.
 fn loader() -> PathBuf {
     let known = Command::new("/sbin/ldconfig").arg("-p").output().expect("ldconfig runs").stdout;
     let known = String::from_utf8_lossy(&known).into_owned();

@@ -1,4 +1,4 @@
-//! The program is killed after a random number of files while it draws twelve cameras: every existing file must be
+//! The program is killed at random moments while it draws twelve cameras: every file that exists afterwards must be
 //! whole.
 
 use crate::common::long;
@@ -13,12 +13,12 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Kills: in the long run, and by default.
+/// Number of kills: in a long run, and by default.
 const KILLS: (u32, u32) = (1_000, 16);
 
 const CAMERAS: usize = 12;
 
-/// Bytes of the words of an inspected array, after a header of some times 64 bytes.
+/// Bytes of an inspected array, without its header, whose length is a multiple of 64 bytes.
 const ARRAY_BYTES: usize = 4 * 200;
 
 /// Checks the folder: only the expected files, and each is whole. Returns the number of pictures and arrays.
@@ -48,7 +48,8 @@ fn assert_whole(place: &Place, killed: bool, what: &str) -> usize {
                 assert!(expected_array(bytes), "{what}: {name} has {} bytes", bytes.len());
                 drawn += 1;
             }
-            // Between two system calls a file that replaces another has a hidden name. Nothing can remove it after SIGKILL.
+            // A file that replaces another has a hidden name between two system calls. Nothing removes it after
+            // SIGKILL.
             name if killed && name.contains(".splatgraph-") => {
                 assert!(
                     expected_array(bytes) || bytes.ends_with(b"IEND\xaeB`\x82"),
@@ -62,8 +63,9 @@ fn assert_whole(place: &Place, killed: bool, what: &str) -> usize {
     drawn
 }
 
-/// Returns the exit code or the signal's number, which are equal in a shell: the program handles a signal only after it
-/// started.
+/// Returns the exit status as a shell shows it: the exit code, or 128 and the signal's number.
+///
+/// Once the program handles signals, it exits with that code; before that, the signal itself ends it.
 fn number(status: ExitStatus) -> i32 {
     status.code().or(status.signal().map(|signal| 128 + signal)).unwrap_or(-1)
 }
@@ -99,12 +101,12 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
         let mut child =
             place.program(&args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
         let pid = Pid::from_child(&child);
-        // Some runs end before the first file, while the program starts.
+        // Some runs are killed before the first file, while the program starts.
         let wanted = random.below(2 * CAMERAS);
         wait_until(&mut child, || written(&place, &names, &before) >= wanted);
-        // At a random moment while a file is written.
+        // Waits a random time, so that the kill often falls within the writing of a file.
         std::thread::sleep(Duration::from_micros(random.below(2_000) as u64));
-        // It may have ended by itself.
+        // The program may have ended by itself.
         if child.try_wait().expect("asked").is_none() {
             kill_process(pid, signal).expect("it is there until it was waited for");
         }
@@ -118,7 +120,7 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
             assert_eq!(drawn, 2 * CAMERAS, "{what}");
         }
     }
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(std::io::stderr(), "kills: {kills}, {ended} of them before the end");
 }
 
@@ -128,10 +130,10 @@ fn a_program_that_is_killed_between_two_files_leaves_those_before() {
     let names: Vec<String> = (0..CAMERAS).map(|index| format!("camera{index}")).collect();
     place.cameras(&names.iter().map(String::as_str).collect::<Vec<_>>());
     let args = format!("{DRAW} out --inspect order@compact=seen.npy");
-    // The program waits for a reader of this picture for ever.
+    // The picture's path is a named pipe without a reader: opening it blocks the program.
     let at = CAMERAS / 2;
     let pipe = place.at(format!("out/camera{at}.png"));
-    // Its place while the files are read.
+    // The pipe is moved here while the files are checked.
     let aside = tempfile::tempdir().expect("a folder");
     fs::create_dir(place.at("out")).expect("made");
     assert!(Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs").success());
@@ -187,16 +189,16 @@ fn has_device(pid: Pid) -> bool {
         .any(|name| name.starts_with("llvmpipe"))
 }
 
-/// Processor time of a process so far, in the clock ticks of `/proc`; 0 for one that has ended.
+/// Returns the processor time of a process so far, in the clock ticks of `/proc`; 0 if it has ended.
 fn ticks(pid: Pid) -> u64 {
     let stat = fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
-    // The program's name comes second, in parentheses; user time and system time are words 14 and 15.
+    // The program's name comes second, in parentheses; user time and system time are words 14 and 15 of the whole line.
     let words = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace();
     words.skip(11).take(2).filter_map(|word| word.parse::<u64>().ok()).sum()
 }
 
-/// Lets a signal end the program, even if the tests were started with the signal ignored, as shells do in the
-/// background.
+/// Restores the default action of a signal, in case the tests were started with the signal ignored, as shells do for
+/// background jobs.
 fn undo_ignoring(command: &mut Command, signal: Signal) {
     let undo = move || {
         // SAFETY: the call is safe between fork and exec, and sets what a program has by default.
@@ -211,7 +213,7 @@ fn undo_ignoring(command: &mut Command, signal: Signal) {
 fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() {
     let place = Place::new();
     place.cameras(&["one"]);
-    // Drawn repeatedly, so that it runs until the signal.
+    // Draws repeatedly, so that the program runs until the signal.
     let args = format!("{DRAW} out --repeat 100000");
     for (signal, ignored) in
         [(Signal::INT, false), (Signal::TERM, false), (Signal::HUP, false), (Signal::HUP, true)]
@@ -230,7 +232,7 @@ fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() 
         wait_until(&mut child, || has_device(pid));
         kill_process(pid, signal).expect("it runs");
         if ignored {
-            // It continues drawing.
+            // The program keeps drawing.
             let before = ticks(pid);
             wait_until(&mut child, || ticks(pid) > before + 20);
             assert!(child.try_wait().expect("asked").is_none(), "it ends on a signal that is ignored");

@@ -1,4 +1,5 @@
-//! Random command lines for the real program: it ends by itself, with one of its own exit codes, and destroys nothing.
+//! Random command lines for the real program: it must exit with one of its own codes, and destroy no file that it
+//! reads.
 
 use super::words::{self, Random};
 use crate::common::long;
@@ -10,7 +11,7 @@ use std::io::Write;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// Command lines: in the long run, and by default.
+/// Number of command lines: in a long run, and by default.
 const LINES: (u64, u64) = (4_000, 150);
 
 /// Time after which a command counts as hung.
@@ -35,7 +36,7 @@ fn prepared(place: &Place) {
     fs::hard_link(place.at("scene.ply"), place.at("hard.ply")).expect("made");
 }
 
-/// Counts the words that may name a file.
+/// Counts the words that name `file`. The scene and its links count as one file.
 fn named(words: &[String], file: &str) -> usize {
     let scene = ["scene.ply", "link.ply", "hard.ply"];
     let is_it = |word: &&String| {
@@ -56,7 +57,7 @@ fn no_command_line_ends_the_program_otherwise_or_destroys_a_file_that_it_reads()
     let mut codes: BTreeMap<i32, u32> = BTreeMap::new();
     for number in 0..lines {
         let words = words::line(&mut Random(number));
-        // Standard output may be a picture; no command draws, because there is no device.
+        // Standard output may be a picture, so it is discarded. Without a device, no command draws.
         let args: Vec<&str> = words.iter().map(String::as_str).collect();
         let mut child = place
             .program(&args)
@@ -100,7 +101,7 @@ fn no_command_line_ends_the_program_otherwise_or_destroys_a_file_that_it_reads()
         let _ = fs::remove_dir_all(place.at("new"));
         prepared(&place);
     }
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(std::io::stderr(), "command lines: {lines}, by exit code {codes:?}");
     assert!((0..=2).all(|code| codes.get(&code).is_some_and(|count| *count > 0)), "{codes:?}");
 }

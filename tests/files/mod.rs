@@ -1,4 +1,4 @@
-//! The outputs of the real program: complete or missing files, refusals, exit codes, and text without terminal escapes.
+//! Outputs of the real program: files are complete or missing; refusals, exit codes, and text without terminal escapes.
 
 mod drivers;
 mod full;

@@ -9,7 +9,7 @@ fn refused(place: &Place, args: &str, why: &str) {
     let before = place.files(".");
     let output = place.run(args);
     let errors = String::from_utf8_lossy(&output.stderr);
-    // The cameras beside the scene are named as soon as they are read.
+    // Removes the note about the camera, which is printed before the refusal.
     let errors: String = errors
         .split_inclusive('\n')
         .filter(|line| !line.starts_with("the camera is the first of "))
@@ -101,7 +101,7 @@ fn every_camera_has_a_picture_and_an_array_of_its_own() {
     }
     let arrays = place.files(".").into_keys().filter(|name| name.starts_with("./seen-")).count();
     assert_eq!(arrays, names.len());
-    // An equal list gives equal names.
+    // A second run must give the same names.
     place.done(&args);
     assert_eq!(place.files("out").into_keys().collect::<Vec<_>>(), pictures.into_keys().collect::<Vec<_>>());
 }

@@ -1,4 +1,4 @@
-//! Little memory, few processes, and invalid drivers: an error and an exit code.
+//! Little memory, few processes and invalid drivers: the program must exit with an error instead of panicking.
 
 use crate::place::{DRAW, Place};
 use rustix::process::{Resource, Rlimit, setrlimit};
@@ -8,7 +8,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-/// Limits a resource of the program.
+/// Limits a resource of the program to `most`.
 fn limit(command: &mut Command, resource: Resource, most: u64) {
     let limit = move || Ok(setrlimit(resource, Rlimit { current: Some(most), maximum: Some(most) })?);
     // SAFETY: the closure makes one system call, which is safe between fork and exec, and allocates nothing.
@@ -47,11 +47,11 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
         .save(&place.at("a.npy"))
         .expect("written");
     fs::set_permissions(place.at("."), fs::Permissions::from_mode(0o777)).expect("set");
-    // Root has no limit on processes, so the program runs as another user, who must be able to start it wherever it was
-    // built.
+    // The limit on processes does not apply to root. So root runs the program as another user, from a copy which that
+    // user can reach.
     let program = place.at("program");
     let root = rustix::process::geteuid().is_root();
-    // Copied by another process: a file that this process has open for writing, while another test forks, is busy.
+    // `cp` copies it: if this process had it open for writing while another test forks, starting it would fail (busy).
     let copied = Command::new("cp").arg(env!("CARGO_BIN_EXE_splatgraph")).arg(&program).status();
     assert!(copied.expect("cp runs").success());
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("set");
@@ -64,7 +64,7 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
             let mut command = Command::new(&program);
             command.args(args.split(' ')).current_dir(place.at(".")).env("RAYON_NUM_THREADS", "64");
             if root {
-                // A user that has no other processes.
+                // A user without other processes.
                 command.uid(54_321).gid(54_321);
             }
             limit(&mut command, resource, most);
@@ -77,7 +77,7 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
                 output.status
             );
             assert!(!errors.contains("panicked"), "{args:?} with {most} of {resource:?}: {errors}");
-            // The others compile shaders, which needs a thread.
+            // The other commands may fail: they compile shaders or load files on threads.
             if args.starts_with("compare") || args.starts_with("synth") {
                 assert_eq!(code, Some(0), "{args:?} with {most} of {resource:?}: {errors}");
             }

@@ -4,7 +4,7 @@ use crate::place::{DRAW, Place};
 use std::fs::{self, File};
 use std::process::{Command, Stdio};
 
-/// Runs with standard output to a closed pipe.
+/// Runs the program with a closed pipe as standard output. Returns the exit code and standard error.
 fn into_closed_pipe(mut command: Command) -> (Option<i32>, String) {
     let (reader, writer) = std::io::pipe().expect("a pipe");
     drop(reader);
@@ -12,7 +12,7 @@ fn into_closed_pipe(mut command: Command) -> (Option<i32>, String) {
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-/// Runs with standard output on a full device.
+/// Runs the program with /dev/full as standard output. Returns the exit code and standard error.
 fn onto_full_device(mut command: Command) -> (Option<i32>, String) {
     let full = File::options().write(true).open("/dev/full").expect("Linux has it");
     let output = command.stdout(full).stderr(Stdio::piped()).output().expect("the program runs");
@@ -54,7 +54,7 @@ fn where_standard_output_is_the_product_a_closed_pipe_ends_it_and_a_full_device_
         assert_eq!(code, Some(1), "{args:?}: {errors}");
         assert!(errors.contains("standard output cannot be written: No space left"), "{args:?}: {errors}");
     }
-    // The exit code reports the result as well.
+    // A failed check keeps its exit code even if nobody reads its output.
     assert_eq!(into_closed_pipe(place.program("check broken.ron")).0, Some(1));
     assert_eq!(text("-"), "", "`-` is no file");
 }
@@ -85,7 +85,7 @@ fn a_picture_or_a_scene_on_standard_output_is_alone_there() {
     let output = place.run(&args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stdout.starts_with(b"\x89PNG") && output.stdout.ends_with(b"IEND\xaeB`\x82"));
-    // The reader of a large output stops before its end.
+    // The reader of a large output closes the pipe before its end.
     let scene = "synth demo --count 20000 -o -";
     assert_eq!(into_closed_pipe(place.program(scene)).0, Some(0));
     let picture = format!("{DRAW} - --format exr --size 640x480");
@@ -94,7 +94,7 @@ fn a_picture_or_a_scene_on_standard_output_is_alone_there() {
     assert!(made.stdout.starts_with(b"ply\n") && made.stdout.len() > 2480, "{} bytes", made.stdout.len());
 }
 
-/// Returns a character that acts on a terminal, if any.
+/// Returns the first character that a terminal would act on, if any.
 fn acts(text: &str) -> Option<char> {
     text.chars().find(|c| {
         !matches!(c, '\n' | '\t')
@@ -103,7 +103,7 @@ fn acts(text: &str) -> Option<char> {
     })
 }
 
-/// A name that would clear the screen, colour it, change its title, go back, and read backwards.
+/// A name that would clear the screen, colour it, change its title, move the cursor back, and reverse the text.
 const EVIL: &str = "e\x1b[2J\x1b[31m\x1b]0;owned\x07\u{9b}1m\r\u{8}\u{7f}\u{202e}x";
 
 #[test]
@@ -169,6 +169,6 @@ fn no_name_in_a_file_reaches_the_terminal_raw() {
             shown += usize::from(text.contains("\\u001b") || text.contains('\u{241b}'));
         }
     }
-    // Most of them do show the name, or the test would show nothing.
+    // Most messages must show the name, or the test would prove nothing.
     assert!(shown >= 14, "{shown} of the messages show the name");
 }

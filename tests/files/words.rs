@@ -3,7 +3,7 @@
 pub use crate::numbers::Random;
 
 impl Random {
-    /// Draws a word of a list. `~` is a space, and two spaces have an empty word between them.
+    /// Draws a word of a list. `~` stands for a space; a double space gives an empty word.
     fn word(&mut self, words: &str) -> String {
         let words: Vec<&str> = words.split(' ').collect();
         words[self.below(words.len())].replace('~', " ")
@@ -24,7 +24,7 @@ const NUMBERS: &str = "0 1 -1 2 100 0.5 -0.5 nan inf 1e300 4294967296 1844674407
 
 const GRAPHS: &str = "graph.ron unsorted nope scene.ply pics  ../splat pipe";
 
-/// Makes the words of a command line, without the program's name.
+/// Generates the words of a command line, without the program's name.
 pub fn line(random: &mut Random) -> Vec<String> {
     let command = match random.below(30) {
         0 => random.word("help rendre  devices"),
@@ -35,7 +35,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
     };
     let command = command.as_str();
     let mut words = vec![command.to_owned()];
-    // Mostly the operands of the command.
+    // Mostly the number of operands that the command expects.
     let operands = match command {
         "render" | "video" | "view" | "info" | "bench" | "trade" | "sweep" | "advise" | "popping" => {
             random.below(8).min(1)

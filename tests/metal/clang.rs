@@ -1,4 +1,4 @@
-//! Compiles shaders in Metal's language as C++, by clang and the header in `include/`.
+//! Compiles shaders in Metal's language as C++, with clang and the headers in `include/`.
 
 use splatgraph_framework::ir::{Msl, Shader, ShaderStage};
 use std::collections::{BTreeSet, HashMap};
@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal");
 
-/// The language: Metal's is based on C++14, and the header needs slightly more.
+/// Compiler flags. Metal's language is based on C++14; the header needs slightly more.
 ///
 /// Literals are floats, as in Metal, and products and sums are rounded separately, as by lavapipe. Warnings are errors,
 /// except about code that SPIRV-Cross leaves unused.
@@ -27,7 +27,7 @@ const FLAGS: [&str; 12] = [
     "-Wno-unused-parameter",
 ];
 
-/// Runs clang with the flags.
+/// Runs clang with [`FLAGS`] and `arguments`. Returns its messages if it fails.
 fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
     let output = Command::new("clang++")
         .args(FLAGS)
@@ -42,13 +42,13 @@ fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// SPIRV-Cross's array type has members for each address space, which C++ cannot distinguish. The header's type has
-/// only one set.
+/// Begin and end of SPIRV-Cross's array type, which has members for each address space. C++ cannot distinguish these,
+/// so the header has a type with one set of members.
 const ARRAY: (&str, &str) = ("template<typename T, size_t Num>\nstruct spvUnsafeArray\n{", "\n};\n");
 
-/// Converts a text to C++, in its own namespace.
+/// Converts a shader's text to C++, in a namespace of its own.
 ///
-/// Variables of the threadgroup are distinguished from references to them.
+/// Threadgroup variables get another qualifier than references to them.
 fn as_cpp(shader: &Shader, msl: &Msl, index: usize) -> String {
     let mut text = msl.source.clone();
     if let Some(begin) = text.find(ARRAY.0) {
@@ -87,7 +87,7 @@ fn attributes(msl: &Msl) -> Vec<&str> {
     line.split("[[").skip(1).map(|rest| rest.split("]]").next().expect("it ends")).collect()
 }
 
-/// Checks that the arguments' indices in the text equal the backend's. Returns the number of buffers.
+/// Checks that the indices of the arguments in the text equal the backend's. Returns the number of buffers.
 pub fn assert_places(shader: &Shader) -> usize {
     let msl = shader.msl.as_ref().expect("translated");
     let found: BTreeSet<String> =
@@ -104,7 +104,7 @@ pub fn assert_places(shader: &Shader) -> usize {
     all.iter().filter(|place| place.starts_with("buffer")).count()
 }
 
-/// Divides shaders among files that are compiled in parallel; duplicates are removed.
+/// Distributes shaders over files that are compiled in parallel, without duplicates. Also returns each text's index.
 fn files(shaders: &[&Shader], parts: usize) -> (Vec<String>, HashMap<String, usize>) {
     let mut known = HashMap::new();
     let mut files = vec!["#include <metal_stdlib>\n".to_string(); parts];
@@ -120,7 +120,7 @@ fn files(shaders: &[&Shader], parts: usize) -> (Vec<String>, HashMap<String, usi
     (files, known)
 }
 
-/// Compiles files side by side. Returns the folder with the objects.
+/// Compiles files in parallel. Returns the folder with the objects, and their names without an ending.
 fn compile(files: Vec<String>, arguments: &[&str]) -> (tempfile::TempDir, Vec<String>) {
     let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
     let names: Vec<String> = (0..files.len()).map(|i| format!("part{i}")).collect();
@@ -154,7 +154,7 @@ pub fn check(shaders: &[&Shader]) -> usize {
     known.len()
 }
 
-/// A kernel's arguments, on the way to `machine_run`.
+/// A kernel's arguments for `machine_run`.
 pub struct Call<'a> {
     pub buffers: &'a mut [*mut u8],
     pub images: &'a mut [Image],
@@ -165,7 +165,7 @@ pub struct Call<'a> {
     pub reversed: bool,
 }
 
-/// `Image` of the header.
+/// Mirrors `Image` of the header.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct Image {
@@ -187,14 +187,14 @@ type Run = unsafe extern "C" fn(
     bool,
 ) -> *const c_char;
 
-/// Kernels that were compiled, and the machine that runs them.
+/// Compiled kernels, and the machine that runs them.
 pub struct Library {
     handle: *mut c_void,
     known: HashMap<String, usize>,
 }
 
 impl Library {
-    /// Compiles the compute shaders among these.
+    /// Compiles the compute shaders among `shaders`.
     pub fn new(shaders: &[&Shader]) -> Library {
         let kernels: Vec<&Shader> =
             shaders.iter().copied().filter(|s| s.reflection.stage == ShaderStage::Compute).collect();
@@ -221,7 +221,7 @@ impl Library {
         found
     }
 
-    /// Runs a kernel.
+    /// Runs a kernel. Returns the machine's error, such as an access beyond a buffer.
     pub fn run(&self, shader: &Shader, call: Call) -> Result<(), String> {
         let msl = shader.msl.as_ref().expect("translated");
         let kernel = self.symbol(&format!("kernel_{}", self.known[&msl.source]));

@@ -6,7 +6,7 @@ use splatgraph_framework::ir::{Format, Groups, Msl, PassId, ResourceId, Shape, S
 use splatgraph_framework::plan::Plan;
 use std::ptr::null_mut;
 
-/// The byte that memory holds before anything is written to it.
+/// The byte that fills memory before anything is written to it.
 pub const UNWRITTEN: u8 = 0xa5;
 
 /// Bytes that end at a page boundary; the next page is inaccessible.
@@ -55,7 +55,7 @@ impl Drop for Memory {
     }
 }
 
-/// A plan with its own memory for every resource.
+/// Executes a plan, with separate memory for every resource.
 pub struct Cpu<'a> {
     plan: &'a Plan,
     library: &'a Library,
@@ -63,7 +63,7 @@ pub struct Cpu<'a> {
 }
 
 impl<'a> Cpu<'a> {
-    /// Fills the resources that the host owns; `plan` shares no memory.
+    /// Allocates the resources, and fills those that the host provides. `plan` must not share memory.
     pub fn new(plan: &'a Plan, library: &'a Library, scene: &dyn SceneData, inputs: &FrameInputs) -> Cpu<'a> {
         let memory = plan.resources.iter().map(|resource| {
             let mut memory = Memory::new(resource.bytes() as usize);
@@ -97,7 +97,7 @@ impl<'a> Cpu<'a> {
         u32::from_le_bytes(bytes)
     }
 
-    /// Runs a pass. Returns false for a draw, which it skips.
+    /// Runs a pass. Returns false if it is a draw, which is skipped.
     pub fn run(&mut self, pass: PassId, reversed: bool) -> Result<bool, String> {
         let plan = self.plan;
         let pass = plan.pass(pass);
@@ -165,7 +165,7 @@ impl<'a> Cpu<'a> {
     }
 }
 
-/// Returns the width of subgroups that a plan was built for.
+/// Returns the subgroup width that a plan was built for.
 fn plan_lanes(plan: &Plan) -> u32 {
     match plan.facts["device.subgroup_size"] {
         splatgraph_framework::ir::Value::Int(lanes) => lanes as u32,

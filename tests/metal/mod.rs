@@ -1,7 +1,8 @@
 //! The shaders in Metal's language, without a Mac: they compile as C++, and kernels on the CPU give lavapipe's bytes.
 //!
-//! `include/` declares the part of Metal's library that the shaders use, and `machine.cpp` runs threadgroups. [`clang`] compiles,
-//! [`cpu`] executes the passes of a plan, [`parity`] compares them with lavapipe's. docs/metal.md says what this proves.
+//! `include/` declares the part of Metal's library that the shaders use, and `machine.cpp` runs threadgroups. [`clang`]
+//! compiles, [`cpu`] executes the passes of a plan, and [`parity`] compares them with lavapipe's. docs/metal.md
+//! explains what this proves.
 
 mod clang;
 mod cpu;
@@ -17,7 +18,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::{Validation, Vulkan};
 use std::sync::Arc;
 
-/// Returns the device for the expected bytes. Other tests check these plans with the validation layers.
+/// Opens the device that draws the expected bytes. Other tests check these plans with the validation layers.
 fn lavapipe() -> Vulkan {
     let device = Vulkan::open(&common::options(Validation::Off));
     let device = device.unwrap_or_else(|e| panic!("the tests need lavapipe: {e}"));
@@ -25,9 +26,9 @@ fn lavapipe() -> Vulkan {
     device
 }
 
-/// Runs `body` in its own process, because kernels can crash it.
+/// Runs `body` in a process of its own, because kernels can crash it.
 ///
-/// `./x test --long` also runs it at lavapipe's other subgroup sizes.
+/// `./x test --long` also runs it at lavapipe's other subgroup widths.
 fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
     common::alone(test, body);
     if common::long() && common::lanes_are_usual() && std::env::var_os(common::ALONE).is_none() {
@@ -46,7 +47,7 @@ fn shaders<'a>(plans: impl IntoIterator<Item = &'a Plan>) -> Vec<&'a Shader> {
     plans.into_iter().flat_map(|plan| &plan.shaders).collect()
 }
 
-/// Replaces a piece of a shader's text.
+/// Replaces `from` in a shader's Metal text; fails if the text lacks it.
 fn change(plan: &mut Plan, shader: &str, from: &str, to: &str) {
     let shader = plan.shaders.iter_mut().find(|s| s.name == shader).expect("a shader");
     let msl = shader.msl.as_ref().expect("translated");

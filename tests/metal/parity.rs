@@ -12,13 +12,13 @@ use std::sync::Arc;
 /// Words of a resource that need not be equal.
 #[derive(Clone, Copy, Debug)]
 pub struct Loose {
-    /// The resource.
+    /// Name of the resource, without the suffix of a ping-pong half.
     pub resource: &'static str,
-    /// Words of an element, and which of them may differ, by at most `by`.
+    /// Words per element, and the indices of those that may differ.
     pub words: (usize, &'static [usize]),
-    /// The words are pairs of half floats.
+    /// True if the words are pairs of half floats.
     pub halves: bool,
-    /// The largest distance of two numbers.
+    /// Largest allowed difference of two numbers.
     pub by: f32,
 }
 
@@ -38,7 +38,7 @@ fn written(plan: &Plan, pass: PassId) -> BTreeSet<ResourceId> {
     plan.pass(pass).uses.iter().filter(|u| u.accesses.writes()).map(|u| u.resource).collect()
 }
 
-/// Runs the prologue and one frame of a plan without shared memory on both.
+/// Runs the prologue and one frame of a plan without shared memory on lavapipe and on the CPU.
 ///
 /// Each pass starts from lavapipe's state. Draws run only on lavapipe. Fails on every word that differs and is not in
 /// `loose`.
@@ -52,7 +52,7 @@ pub fn compare(
 ) -> Compared {
     let passes: Vec<PassId> =
         plan.order().filter(|pass| !matches!(plan.pass(*pass).work, Work::Export | Work::Host)).collect();
-    // The results of each pass; and the contents of a buffer before its first write.
+    // Inspects the results of each pass, and the contents of each buffer before its first write.
     let mut inspect: Vec<Inspect> = Vec::new();
     let mut seen = BTreeSet::new();
     for (i, pass) in passes.iter().enumerate() {
@@ -96,7 +96,7 @@ pub fn compare(
                 if let Some(text) = compare_words(&mut compared, found, expected, loose, is_image || i == 0) {
                     panic!("{}: after {}, {name} differs: {text}", plan.name, pass.name);
                 }
-                // Unwritten image contents are undefined on lavapipe, and known here.
+                // Unwritten pixels are undefined on lavapipe, so keep the known byte.
                 if is_image {
                     for (next, found) in std::iter::zip(next.chunks_exact_mut(4), found.chunks_exact(4)) {
                         if found == [UNWRITTEN; 4] {
@@ -117,7 +117,7 @@ fn is_buffer(plan: &Plan, resource: ResourceId) -> bool {
     matches!(plan.resource(resource).shape, Shape::Buffer { .. })
 }
 
-/// Compares word by word; skips words that nothing wrote here if `unwritten` is true.
+/// Compares word by word. If `unwritten` is true, skips words that nothing has written on the CPU.
 fn compare_words(
     compared: &mut Compared,
     found: &[u8],
@@ -151,17 +151,16 @@ impl Loose {
             let halves = [word as u16, (word >> 16) as u16].map(|bits| half::f16::from_bits(bits).to_f32());
             if self.halves { halves } else { [f32::from_bits(word); 2] }
         };
-        // NaN is near nothing.
+        // False for NaN.
         std::iter::zip(numbers(found), numbers(expected))
             .all(|(found, expected)| (found - expected).abs() <= self.by)
     }
 }
 
-/// Forbids lavapipe to reorder computations.
+/// Returns the plan with shaders whose float operations lavapipe must not reorder.
 ///
-/// Every float operation is decorated like operations on `precise` variables. Otherwise its optimiser factors out sums,
-/// and no other compiler would give the same bits.
-/// compiler would give the same bits.
+/// Every float operation is decorated like operations on `precise` variables. Otherwise lavapipe's optimiser factors
+/// sums, and no other compiler would give the same bits.
 fn in_order(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     for shader in &mut plan.shaders {
@@ -170,9 +169,9 @@ fn in_order(plan: &Plan) -> Plan {
     plan
 }
 
-/// Adds `NoContraction` to every operation on floats of a module. (SPIR-V 1.6, 3.52 "Instructions".)
+/// Adds `NoContraction` to every float arithmetic instruction of a module (SPIR-V 1.6, 3.52 "Instructions").
 fn precise(spirv: &[u32]) -> Vec<u32> {
-    /// FNegate, FAdd, FSub, FMul, FDiv, VectorTimesScalar to MatrixTimesMatrix, Dot.
+    /// Opcodes of FNegate, FAdd, FSub, FMul, FDiv, Dot, and VectorTimesScalar to MatrixTimesMatrix.
     const ARITHMETIC: [u32; 11] = [127, 129, 131, 133, 136, 142, 143, 144, 145, 146, 148];
     const DECORATE: u32 = 71;
     const NO_CONTRACTION: u32 = 42;

@@ -1,4 +1,4 @@
-//! The kernels that draw: tiles in both variants, and the quads without their draw.
+//! The kernels that draw: both tile renderers, and the quads up to their draw, which is skipped.
 
 use super::clang::Library;
 use super::cpu::Cpu;
@@ -59,14 +59,14 @@ impl Stage {
         }
     }
 
-    /// Executes a plan on the CPU. Returns the bytes of its output, or of a draw's inputs.
+    /// Executes a plan on the CPU. Returns the bytes of its output; if the plan has a draw, those of the draw's inputs.
     fn run(&self, plan: &Plan, library: &Library, reversed: bool) -> Vec<u8> {
         let mut cpu = Cpu::new(plan, library, &Planes(&self.scene), &self.inputs(plan));
         for id in plan.order() {
             let pass = plan.pass(id);
             let ran = cpu.run(id, reversed).unwrap_or_else(|error| panic!("{}: {error}", pass.name));
             if !ran {
-                // The arguments contain the number of sort blocks, which depends on the device.
+                // `Args` contains the number of sort blocks, which depends on the device.
                 let drawn = pass.bindings.iter().filter(|bound| bound.name != "Args");
                 return drawn.flat_map(|bound| cpu.bytes(bound.resource).to_vec()).collect();
             }
@@ -75,7 +75,7 @@ impl Stage {
     }
 }
 
-/// The kernels for GPUs and for CPUs, with all forms of their parameters.
+/// Graphs that together use the kernels for GPUs and for CPUs, with all forms of their parameters.
 const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
     ("tiled", &[SUBGROUP, ROOM]),
     ("tiled", &[SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),
@@ -120,24 +120,24 @@ const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
 const SUBGROUP: (&str, &str) = ("sorter", "subgroup");
 const ROOM: (&str, &str) = ("entries", "20000");
 
-/// Bounds on the effect of exp2(), log2() and log() on the shipped kernels' results.
+/// Tolerances for the effect of exp2(), log2() and log() on the shipped kernels' results.
 ///
-/// lavapipe's are polynomials with errors of some 1e-7, the C library's are nearly correctly rounded, and a Mac's
-/// differ again.
+/// lavapipe's functions are polynomials with errors of about 1e-7, the C library's are nearly correctly rounded, and a
+/// Mac's differ again.
 const POWERS: [Loose; 4] = [
-    // The reach of a splat is a root of a logarithm.
+    // The reach of a splat is the square root of a logarithm.
     Loose { resource: "splats", words: (8, &[6]), halves: false, by: 1e-6 },
     // The logarithm of the opacity, in both forms of a record.
     Loose { resource: "splats.records", words: (4, &[1]), halves: false, by: 1e-6 },
-    // Sums of colours times opacities, which are powers: half floats near 1 are 5e-4 apart.
+    // Sums of colours times opacities, which are powers. Half floats near 1 are 5e-4 apart.
     Loose { resource: "sums", words: (1, &[0]), halves: true, by: 1e-3 },
     Loose { resource: "final", words: (1, &[0]), halves: false, by: 1e-5 },
 ];
 
-/// Compares these graphs of a folder, or the built-in ones.
+/// Compares the plans of `graphs` with lavapipe. `folder` is put before the graphs' names; if empty, they are built-in.
 fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]) {
     let (mut stage, mut device) = (Stage::new(), lavapipe());
-    // Metal has no doubles: both compute fma() as lavapipe does.
+    // Metal has no doubles, so kernels use fma(), which both sides compute with one rounding.
     let facts = DeviceFacts { fused_fma: true, ..device.info().facts };
     let plans: Vec<Plan> =
         graphs.iter().map(|(graph, set)| stage.plan(&format!("{folder}{graph}"), set, &facts)).collect();
@@ -148,7 +148,7 @@ fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]
             "{graph}, {set:?}: {} kernels, {} words equal, {} near",
             found.kernels, found.equal, found.near
         );
-        // Tolerances that are not needed are refused.
+        // A tolerance must be needed.
         assert_eq!(found.near > 0, !loose.is_empty(), "{graph}, {set:?}");
     }
 }
@@ -162,7 +162,7 @@ fn shipped_kernels_give_the_words_of_lavapipe_but_for_powers_and_logarithms() {
         },
     );
 }
-/// exp2() and log2() written out. Their values matter little; both sides compute them in the same order.
+/// exp2() and log2() as polynomials. Their accuracy matters little: both sides compute them in the same order.
 const WRITTEN_OUT: &str = "
 float written_exp2(float x) {
     float c = clamp(x, -126.0, 127.0);
@@ -191,7 +191,7 @@ fn write_out(to: &Path) {
             let path = entry.path();
             let Ok(mut text) = std::fs::read_to_string(&path) else { continue };
             if path.extension().is_some_and(|e| e == "comp") {
-                // Extensions come before everything else.
+                // Inserts the functions after the version and the extensions, which must come first.
                 let last = text
                     .lines()
                     .filter(|line| line.starts_with('#'))
@@ -216,9 +216,9 @@ fn kernels_with_their_powers_and_logarithms_written_out_give_every_byte_of_lavap
     });
 }
 
-/// Compares widths: SIMD-groups of Macs have 32 threads, more than lavapipe's.
+/// Runs kernels at several SIMD-group widths: Macs have 32 threads, more than lavapipe's subgroups.
 ///
-/// Neither the width nor the execution order of groups and lanes changes a result.
+/// Neither the width nor the execution order of groups and lanes may change a result.
 #[test]
 fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads() {
     const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
@@ -243,14 +243,14 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
     });
 }
 
-/// Bounds on the effect of more lanes on a channel; the first is a twentieth of an 8-bit step.
+/// Bounds on the difference that more lanes make to a channel. The first is a twentieth of an 8-bit step.
 ///
 /// 8 lanes walk eight rows of a block by products or sums, rounding each time; 32 lanes have two pixels each.
 const MORE_LANES: [(common::Graph, f32); 2] = [(common::FAST_TILES[1], 2e-4), (common::EXACT_TILES[1], 2e-6)];
 
-/// Compares the CPUs' rasteriser at a Mac's width with 8 lanes, which give exactly lavapipe's bytes.
+/// Compares the rasteriser for CPUs at a Mac's width with 8 lanes, where its bytes equal lavapipe's.
 ///
-/// No preset chooses it for a Mac.
+/// No preset uses it on a Mac.
 #[test]
 fn the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_macs() {
     const NAME: &str =

@@ -13,15 +13,15 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::render;
 
-/// More than two blocks in each variant, and not a whole number of them.
+/// Number of pairs: more than two blocks in each variant, the last one partly filled.
 const COUNT: u32 = 4500;
 
-/// Both variants with digits of every width.
+/// Returns both variants with digits of every width.
 fn every() -> Vec<(&'static str, u32)> {
     (1..=11).flat_map(|digit_bits| [("subgroup", digit_bits), ("serial", digit_bits)]).collect()
 }
 
-/// Builds these sorts by `tests/graphs/sort_only.ron`, without shared memory.
+/// Builds these sorts from `tests/graphs/sort_only.ron`, without shared memory.
 fn plans(device: &DeviceFacts, sorts: &[(&str, u32)]) -> Vec<Plan> {
     let host = [("scene.count".to_string(), Value::Int(COUNT.into()))].into();
     let facts = Facts { device: *device, host };
@@ -48,7 +48,7 @@ fn plans(device: &DeviceFacts, sorts: &[(&str, u32)]) -> Vec<Plan> {
     plans.collect()
 }
 
-/// Pairs that `sort_only_load.comp` makes: random keys, and few distinct ones.
+/// Returns the description of the pairs that `sort_only_load.comp` generates: random keys, or few distinct ones.
 fn inputs(few: bool) -> FrameInputs {
     let words = [COUNT, 7, if few { 4 } else { 0 }, 0].map(u32::to_le_bytes);
     FrameInputs { uniforms: [("test.run".to_string(), words.concat())].into(), ..FrameInputs::default() }
@@ -70,7 +70,7 @@ fn sorts_with_digits_of_every_width_give_every_byte_of_lavapipe_after_every_pass
     });
 }
 
-/// The words that `pass` binds as `Keys` and `Values`, in pairs.
+/// Returns the pairs that `pass` binds as `Keys` and `Values`.
 fn pairs(plan: &Plan, cpu: &Cpu, pass: &str) -> Vec<(u32, u32)> {
     let bindings = &plan.passes.iter().find(|p| p.name == pass).expect("a pass").bindings;
     let words = |block: &str| -> Vec<u32> {
@@ -80,7 +80,7 @@ fn pairs(plan: &Plan, cpu: &Cpu, pass: &str) -> Vec<(u32, u32)> {
     std::iter::zip(words("Keys"), words("Values")).collect()
 }
 
-/// Sorts on the CPU and with the standard library. Fails if the pairs differ.
+/// Sorts with the kernels on the CPU and with the standard library. Fails if the pairs differ.
 fn sort(plan: &Plan, library: &Library, reversed: bool) -> Result<(), String> {
     let inputs = inputs(reversed);
     let mut cpu = Cpu::new(plan, library, &NoScene, &inputs);
@@ -100,7 +100,7 @@ fn sort(plan: &Plan, library: &Library, reversed: bool) -> Result<(), String> {
 fn sorts_at_every_width_of_simd_groups_and_in_every_order_of_threads_are_those_of_the_standard_library() {
     const NAME: &str = "metal::sorts::sorts_at_every_width_of_simd_groups_and_in_every_order_of_threads_are_those_of_the_standard_library";
     common::alone(NAME, || {
-        // The serial sort has no SIMD-groups.
+        // The serial sort uses no SIMD-groups, so its width does not matter.
         let alone: Vec<_> = every().into_iter().filter(|(sorter, _)| *sorter == "subgroup").collect();
         let (narrow, wide) = (facts::portable_device(4), facts::portable_device(64));
         for (device, sorts) in [(facts::apple_device(), every()), (narrow, alone.clone()), (wide, alone)] {
@@ -120,11 +120,11 @@ const BARRIER: &str = "threadgroup_barrier(mem_flags::mem_threadgroup);";
 const SIMD_BARRIER: &str =
     "simdgroup_barrier(mem_flags::mem_device | mem_flags::mem_threadgroup | mem_flags::mem_texture);";
 
-/// Mistakes: a piece of the scatter's text, its replacement, and the machine's error.
+/// Mistakes: a piece of the scatter kernel's text, its replacement, and the machine's error.
 const WRONG: [(&str, &str, &str); 5] = [
-    // Ranks that were never counted point far away.
+    // Without the barrier, ranks are read before they are counted.
     (BARRIER, "", "sort/scatter.comp: an access beyond the end of a buffer"),
-    // Lanes that rely on lockstep.
+    // Without the barrier, lanes rely on lockstep.
     (SIMD_BARRIER, "", "sort/scatter.comp: an access beyond the end of a buffer"),
     (
         BARRIER,
@@ -139,7 +139,7 @@ const WRONG: [(&str, &str, &str); 5] = [
     ),
 ];
 
-/// Each runs in its own process, which most of them end.
+/// Runs each case in a process of its own, because most cases end the process.
 #[test]
 fn kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_their_buffers_are_found() {
     const NAME: &str = "metal::sorts::kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_their_buffers_are_found";

@@ -1,4 +1,4 @@
-//! The shaders' texts: every shader has one, with the expected content, and it is valid C++.
+//! The Metal texts of the shaders: every shader has one, with the expected contents, and it is valid C++.
 
 use super::{change, clang, shaders, translated};
 use crate::common;
@@ -30,7 +30,7 @@ impl Bench {
     }
 }
 
-/// Every graph of the project.
+/// Returns every graph of the repository.
 fn graphs() -> Vec<&'static str> {
     const OTHERS: [&str; 3] = [
         concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron"),
@@ -54,7 +54,7 @@ fn every_shader_of_every_graph_on_every_device_is_valid_cpp_with_its_arguments_i
         for device in &devices {
             plans.push(bench.plan(graph, &[], device));
         }
-        // And every other choice that the graph allows.
+        // Also every other choice, and every digit width.
         let apple = facts::apple_device();
         let params = plans.last().expect("a plan").params.clone();
         for param in params.iter().filter(|param| param.binding == ParamBinding::Const) {
@@ -77,7 +77,7 @@ fn every_shader_of_every_graph_on_every_device_is_valid_cpp_with_its_arguments_i
     assert!(page().contains(&told), "docs/metal.md lacks `{told}`");
 }
 
-/// Lists the arguments of a shader.
+/// Formats the arguments of a shader as a table.
 fn table(shader: &Shader, msl: &Msl) -> String {
     let mut text = format!("{} ({})\n", shader.name, msl.entry);
     for argument in &msl.arguments {
@@ -92,7 +92,7 @@ fn table(shader: &Shader, msl: &Msl) -> String {
     text
 }
 
-/// After an intended change of texts:
+/// Compares texts and arguments with snapshots. After an intended change of texts:
 ///
 /// ```sh
 /// INSTA_UPDATE=always cargo test -p splatgraph --test end_to_end metal::texts
@@ -112,7 +112,8 @@ fn shaders_of_an_apple_gpu_have_the_texts_and_the_arguments_of_their_snapshots()
                 plan.shaders.iter().map(|shader| (shader, shader.msl.as_ref().expect("translated")));
             let tables: Vec<String> = with_msl.clone().map(|(shader, msl)| table(shader, msl)).collect();
             insta::assert_snapshot!(format!("arguments_{}", plan.name), tables.join("\n"));
-            // One of each kind: threadgroup memory and atomics, SIMD-groups, an image, and both stages of a draw.
+            // One shader of each kind: threadgroup memory and atomics, SIMD-groups, an image, and both stages of a
+            // draw.
             let shown = ["sort/histogram.comp", "sort/scan.comp", "compose.comp", "splat.vert", "splat.frag"];
             for (shader, msl) in
                 with_msl.filter(|(shader, _)| plan.name == "splat" && shown.contains(&&*shader.name))

@@ -1,29 +1,29 @@
 //! Lower bounds on the barrier calls of a frame, derived from the passes' accesses, independent of the solver's
 //! barriers.
 //!
-//! Where one pass depends on another, some call must be recorded between the two. Along a chain of such pairs these calls
-//! are different ones, because the second pass of one pair is the first of the next. So that no list of barriers has fewer
-//! calls than the longest chain has links. There are two such bounds:
+//! If one pass depends on another, a barrier call must be recorded between the two. In a chain of dependent passes,
+//! each link needs a call of its own, because a link begins at the pass where the previous link ends. So the longest
+//! chain's number of links is a lower bound on the calls. Two relations give two bounds:
 //!
-//! - with [`reads_what_was_written`] it holds whatever the order of the passes, and whichever resources share memory;
-//! - with [`conflicts`] it holds for the order and the memory of the plan.
+//! - [`reads_what_was_written`] holds for any order of the passes and any sharing of memory;
+//! - [`conflicts`] holds for the order and the memory of the plan.
 //!
-//! One more call is needed if the first pass of the frame changes a layout ([`changes_a_layout_first`]): this call comes before every
-//! link of a chain, because both passes of a link are in the frame.
+//! If the first pass of the frame changes a layout ([`changes_a_layout_first`]), that takes one more call. It comes
+//! before the first pass, so it belongs to no link.
 
 use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::sync::Barriers;
 
-/// Counts the barrier calls of a frame of this plan.
+/// Counts the barrier calls of one frame.
 pub fn calls(plan: &Plan, barriers: &Barriers) -> usize {
     plan.frame.iter().filter(|pass| !barriers.at(Some(**pass)).is_empty()).count()
 }
 
-/// The passes of the longest chain of one frame, by name, each of which depends on the one before it. `depends` is given two
-/// steps of the frame, the earlier first.
+/// Returns the longest chain of passes of a frame, by name, in which each depends on the one before it. `depends` takes
+/// two steps of the frame, the earlier first.
 pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Vec<&str> {
-    // For each step, the length of the longest chain that ends there, and the previous step in it.
+    // For each step, the number of links of the longest chain that ends there, and the step before it in that chain.
     let mut best: Vec<(usize, Option<usize>)> = Vec::new();
     for step in 0..plan.frame.len() {
         let before =
@@ -40,7 +40,7 @@ pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Ve
     chain
 }
 
-/// Returns true if the first pass of each frame changes the layout of an image. The plan places a change immediately before the pass.
+/// Returns true if the frame begins with a layout change, which the plan places directly before the first pass.
 pub fn changes_a_layout_first(plan: &Plan) -> bool {
     plan.frame.first().is_some_and(|first| plan.layout_changes_at(Some(*first)).next().is_some())
 }
@@ -49,7 +49,7 @@ fn uses(plan: &Plan, step: usize) -> &[Use] {
     &plan.pass(plan.frame[step]).uses
 }
 
-/// Returns true if the later step reads data whose last writer is the earlier step.
+/// Returns true if `later` reads data whose last writer is `earlier`.
 pub fn reads_what_was_written(plan: &Plan, earlier: usize, later: usize) -> bool {
     uses(plan, later).iter().filter(|touch| reads(touch)).any(|touch| {
         let writes = |other: &Use| other.resource == touch.resource && other.accesses.writes();
@@ -69,7 +69,7 @@ pub fn conflicts(plan: &Plan, earlier: usize, later: usize) -> bool {
     })
 }
 
-/// Returns true if a use reads. A cleared attachment is not read, although blending names the access.
+/// Returns true if a use reads. A cleared attachment is not read, although blending declares a read access.
 fn reads(touch: &Use) -> bool {
     touch.accesses.reads() && !touch.discards
 }

@@ -1,9 +1,9 @@
 //! Predicts which mistakes in barriers synchronization validation reports.
 //!
-//! The classes are those that the calibration tests of the Vulkan backend established for Khronos validation 1.3.239, one plan
-//! with one mistake each. Whether a mutant falls into one is derived from the violations that the oracle has to it: each tells
-//! which two accesses meet and what lacks between them, and the layer sees it unless it is blind for one of the two, or for
-//! the pair. That the layer was silent about a mutant is no argument here.
+//! The calibration tests of the Vulkan backend established the layer's blind spots for Khronos validation 1.3.239, one
+//! plan with one mistake each. The oracle lists the violations of a mutant; each names two accesses and what is missing
+//! between them. The layer should report a violation unless it is blind to one of the accesses, or to the pair. That it
+//! was silent about a mutant is never used as evidence.
 
 use splatgraph_api::FRAMES_IN_FLIGHT;
 use splatgraph_framework::ir::{
@@ -15,28 +15,29 @@ use splatgraph_vulkan::sync::model::{Actor, Missing, Replay, Violation, Violatio
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-/// The reason why the layer does not see a mistake.
+/// The reason why the layer does not report a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Blind {
-    /// Attachments of dynamic rendering, and the layouts that they are in.
+    /// The layer does not track attachments of dynamic rendering, nor their layouts.
     Attachments,
-    /// A write by a shader after a write by a shader.
+    /// It does not report a shader write after a shader write.
     ShaderWrites,
-    /// A binding that a shader both loads from and stores to counts as a write alone.
+    /// A binding that a shader both loads from and stores to counts only as a write.
     LoadsBesideStores,
-    /// A binding with atomics alone counts as a read alone.
+    /// A binding that is accessed only by atomics counts only as a read.
     Atomics,
-    /// Reads and writes of the host.
+    /// It does not track reads and writes of the host.
     Host,
     /// Accesses of a frame that the host waited for count as complete, even if they were not made available or visible.
     Fences,
     /// A write made visible to one access counts as visible to everything that waits for that access.
     SeenByAnother,
-    /// A fill counts as a copy, and the backend uses both `CLEAR` and `COPY` for either: each implies the other.
+    /// A fill counts as a copy, and the backend translates both `CLEAR` and `COPY` to both stages: each implies the
+    /// other.
     FillsAreCopies,
-    /// A buffer and an image in the same memory: images have their own addresses in the layer.
+    /// A buffer and an image in the same memory: for the layer, images have addresses of their own.
     BesideImages,
-    /// The layer does not track contents of memory.
+    /// It does not track whether memory has contents.
     Contents,
 }
 
@@ -60,7 +61,7 @@ impl fmt::Display for Blind {
 /// An access as the layer sees it.
 #[derive(Clone, Copy, PartialEq)]
 struct View {
-    /// Empty for a change of layout.
+    /// Empty for a layout change.
     stage: Stages,
     access: Accesses,
     writes: bool,
@@ -71,7 +72,7 @@ impl View {
         self.writes && self.access == Accesses::STORAGE_WRITE
     }
 
-    /// Returns true if the layer reports these two accesses without `missing` between them.
+    /// Returns true if the layer reports these two accesses when `missing` is missing between them.
     fn conflicts(self, other: View, missing: Missing) -> bool {
         let pair = self.writes || other.writes;
         let lacks = match missing {
@@ -89,7 +90,7 @@ impl View {
 /// Models the layer's view of a plan's passes.
 pub struct Layer<'a> {
     plan: &'a Plan,
-    /// The bindings of each shader that it stores to, other than by atomics.
+    /// For each shader, the bindings that it stores to other than by atomics.
     stores: Vec<BTreeSet<u32>>,
 }
 
@@ -98,13 +99,14 @@ impl Layer<'_> {
         Layer { plan, stores: plan.shaders.iter().map(|shader| stores(&shader.spirv)).collect() }
     }
 
-    /// Predicts whether the layer reports a mutant of the plan's barriers within `frames`; if not, returns the reason.
+    /// Predicts whether the layer reports the mutant `mutant` within `frames` frames. Returns the reason if it does
+    /// not.
     pub fn ought_to_see(&self, mutant: &Barriers, frames: u32) -> Result<(), Blind> {
         let (plan, mutant) = with_fills_as_copies(self.plan, mutant);
         let violations = replay(&plan, &mutant, &Replay { frames, ..Replay::default() });
         let blind: Option<BTreeSet<Blind>> =
             violations.iter().map(|violation| self.sees(&mutant, violation).err()).collect();
-        // The oracle objects to every mutant: where it no longer does, that is because of the copies.
+        // The oracle objects to every mutant. If it does not object here, it is because fills are treated as copies.
         blind.map_or(Ok(()), |blind| Err(blind.first().copied().unwrap_or(Blind::FillsAreCopies)))
     }
 
@@ -154,7 +156,8 @@ impl Layer<'_> {
         })
     }
 
-    /// Returns true if another pass reads the resource between these two of one frame, and the second waits for it.
+    /// Returns true if a pass between `first` and `second`, in the same frame, reads the resource and `second` waits
+    /// for it.
     fn seen_between(
         &self,
         mutant: &Barriers,
@@ -172,7 +175,7 @@ impl Layer<'_> {
         let (Some((frame, first)), Some((same, second))) = (step(first), step(second)) else { return false };
         let waits = |reader: usize, at: Stages| {
             let passes = self.plan.frame[reader + 1..=second].iter();
-            // A later stage of the reader's own command stands for it.
+            // A wait for indirect reads may name a later stage of the same command.
             let with_later = if at == Stages::INDIRECT { at | Stages::COMPUTE | Stages::VERTEX } else { at };
             let target = |stages: Stages| after.iter().all(|view| stages.contains(view.stage));
             passes
@@ -252,7 +255,7 @@ impl Layer<'_> {
     }
 }
 
-/// The frame with which something is submitted.
+/// Returns the frame with which an actor is submitted; 0 for the prologue.
 fn frame(actor: Actor) -> u32 {
     match actor {
         Actor::Pass { when: When::Frame(frame), .. }
@@ -266,7 +269,7 @@ fn is_bound(binding: &Binding, number: u32, resource: ResourceId) -> bool {
     binding.binding == number && binding.resource == resource
 }
 
-/// The plan as the backend and the layer have it: fills run at the stage of copies, and `CLEAR` names that stage.
+/// Returns the plan and its barriers as the layer sees them: fills run at the copy stage, and `CLEAR` means that stage.
 fn with_fills_as_copies(plan: &Plan, barriers: &Barriers) -> (Plan, Barriers) {
     let (mut plan, mut barriers) = (plan.clone(), barriers.clone());
     let rename = |stages: &mut Stages| {
@@ -283,8 +286,8 @@ fn with_fills_as_copies(plan: &Plan, barriers: &Barriers) -> (Plan, Barriers) {
     (plan, barriers)
 }
 
-/// Lists the bindings that a module stores to, by the operations of the SPIR-V specification, section 3; what is written by
-/// an atomic alone is left out.
+/// Returns the bindings that a SPIR-V module stores to. Bindings that only atomics write are left out. (SPIR-V 1.6,
+/// section 3.)
 fn stores(spirv: &[u32]) -> BTreeSet<u32> {
     const HEADER: usize = 5;
     const LOAD: u32 = 61;

@@ -1,10 +1,10 @@
-//! The built-in graphs with one mistake each: every barrier of their plans removed, and every bit of every mask
-//! cleared; likewise for every dependency, which the check of dependencies must find.
+//! Mutations of the built-in graphs: each barrier of their plans is removed, and each bit of its masks cleared, one at
+//! a time. The same is done to every dependency; the check of dependencies must notice.
 //!
 //! There are three judges. The longest [`chain`] of a frame is the minimum number of calls. The model of the Vulkan
 //! backend must accept each plan and object to each mutant, so that nothing is missing or needless. The validation
-//! layer, which knows neither, must be silent about the plan and catch each mutant, unless it is known not to see the
-//! mistake ([`layer`]).
+//! layer, which knows neither, must be silent about the plan and report each mutant, unless the mistake is in one of
+//! its blind spots ([`layer`]).
 
 use splatgraph::draw::backend::Api;
 use splatgraph::draw::builtin;
@@ -34,11 +34,11 @@ mod layer;
 
 const SIZE: (u32, u32) = (64, 36);
 
-/// Frames that each mutant is drawn for: enough for two after the prologue's, and for each copy to be reused.
+/// Frames drawn with each mutant: one with the prologue and two more, so that per-frame copies are reused.
 const FRAMES: u32 = 3;
 
 fn say(text: &str) {
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
@@ -46,7 +46,7 @@ fn scene() -> Scene {
     splatgraph_assets::synth::generate("demo", 2_000, 1).expect("a generator")
 }
 
-/// The plan of every preset, for this device.
+/// Builds the plan of every preset for this device.
 fn plans(scene: &Scene, device: &DeviceFacts) -> Vec<Plan> {
     let facts = facts::facts(&SceneFacts::of(scene), device, SIZE);
     let (catalog, mut planner) = (facts::catalog(scene), Planner::default());
@@ -88,8 +88,8 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
         for mutation in needless(&plan, &barriers) {
             wrong.push(format!("{}: needless: {}", plan.name, mutation.describe(&plan, &barriers)));
         }
-        // Where drawing does not wait for the sort, `compose`, `export` and `host` could share the sort's calls; recorded after it,
-        // as they are, each has its own.
+        // In `stale_order`, drawing does not wait for the sort. So `compose`, `export` and `host` could share the
+        // sort's calls, but they are recorded after it, each with a call of its own.
         let spare = if plan.name == "stale_order" { 3 } else { 0 };
         if calls < bound || calls > bound + spare {
             let (chain, shown) = (chain.join(", "), builds::shown(&plan));
@@ -117,7 +117,7 @@ fn a_dependency_of_a_preset_that_is_removed_or_has_a_bit_cleared_is_missed() {
             let removed = mutant.dependencies.remove(index);
             missed(&mutant, index, "all");
             mutant.dependencies.insert(index, removed);
-            // Where only the layout change waits, its target is not looked at.
+            // If only the layout change waits, the dependency's target masks are not checked.
             let change_alone = whole.hazard == Hazard::LayoutChange;
             let masks = if change_alone { whole.masks.source() } else { whole.masks };
             for bit in masks.bits() {
@@ -179,8 +179,8 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
     assert!(waits > 0, "no barrier is for the arguments of a draw");
 }
 
-/// Counts the writes among the targets of a plan's barriers, and how many could go if write-after-write needed only
-/// availability.
+/// Counts the write accesses among the barriers' targets, and those that could be removed if write-after-write needed
+/// only availability.
 pub fn target_writes(plan: &Plan) -> (usize, usize) {
     let barriers = builds::barriers(plan);
     let all = mutations(plan, &barriers).into_iter().filter(Mutation::clears_a_written_target).count();
@@ -201,7 +201,7 @@ fn target_writes_of_presets_that_could_go_by_availability_alone_are_counted() {
     assert!(spare > 0 && spare <= all);
 }
 
-/// A scene that differs for every plan, so that no history continues and all prologues run.
+/// A scene with a new identity for every plan, so that no history continues and every prologue runs.
 struct Upload<'a>(&'a Scene, u64);
 
 impl SceneData for Upload<'_> {
@@ -214,7 +214,7 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// One device that draws one scene with many plans.
+/// A device that draws one scene with many plans.
 struct Bench {
     device: Vulkan,
     scene: Scene,
@@ -262,9 +262,9 @@ impl Bench {
 #[derive(Default)]
 struct Tally {
     mutants: usize,
-    /// Caught by a hazard or a layout.
+    /// Reported as a hazard or a wrong layout.
     caught: usize,
-    /// Caught only as a mask with an access that none of its stages can make.
+    /// Reported only because a mask has an access that none of its stages supports.
     masks: usize,
     blind: BTreeMap<Blind, usize>,
 }
@@ -292,7 +292,7 @@ impl Tally {
     }
 }
 
-/// A mutation with the barrier that it is about.
+/// Describes a mutation and the masks of its barrier.
 fn text(plan: &Plan, barriers: &Barriers, mutation: &Mutation) -> String {
     let (Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. }) = *mutation;
     format!("{}: {}", mutation.describe(plan, barriers), barriers.at(at)[barrier].masks)
@@ -326,7 +326,7 @@ fn the_validation_layer_catches_every_mutant_that_it_can_see() {
         let layer = Layer::new(plan);
         let mut tally = Tally::default();
         for mutation in mutations(plan, &barriers) {
-            // The presets share most of their passes.
+            // Presets share most of their passes: a mutation that was already drawn is skipped, except in a long run.
             let fresh = met.insert(text(plan, &barriers, &mutation));
             if !fresh && !common::long() && !["splat", "digit4"].contains(&plan.name.as_str()) {
                 continue;

@@ -21,7 +21,7 @@ use super::render::{Files, Style, render};
 use super::sketch::Sketch;
 use crate::common::long;
 
-/// Facts of a plain device.
+/// Returns the facts of a plain device.
 fn facts() -> Facts {
     let ints = [("scene.count", 1000), ("viewport.width", 16), ("viewport.height", 8)];
     let device = DeviceFacts {
@@ -39,7 +39,7 @@ fn facts() -> Facts {
     Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
 }
 
-/// Builds the graph of these files. An error is formatted as for a user.
+/// Builds the graph of these files. Errors are formatted as for a user.
 pub fn plan_with(
     files: &Files,
     settings: Settings,
@@ -67,7 +67,7 @@ pub fn plan(files: &Files, settings: Settings, share_memory: bool) -> Result<Pla
     plan_with(files, settings, share_memory, &mut HeaderCompiler)
 }
 
-/// Returns the plan, or `None` if the builder refused the graph. A failed solve is not a refusal but a mistake.
+/// Returns the plan, or `None` if the builder refused the graph. A mistake of the solver is an error.
 pub fn accepted(built: Result<Plan, String>) -> Result<Option<Plan>, String> {
     match built {
         Err(error) if error.contains("mistake of the solver") => Err(error),
@@ -75,7 +75,7 @@ pub fn accepted(built: Result<Plan, String>) -> Result<Option<Plan>, String> {
     }
 }
 
-/// The barriers that a plan is lowered to.
+/// Lowers a plan to barriers.
 pub fn barriers(plan: &Plan) -> Barriers {
     splatgraph_vulkan::sync::barriers(plan).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -90,18 +90,19 @@ pub struct Case<'a> {
 }
 
 impl Case<'_> {
-    /// The plan under these settings.
+    /// Builds and counts the plan under these settings.
     pub fn plan(&self, settings: Settings, share_memory: bool) -> Result<Plan, String> {
         let plan = plan(&self.files, settings, share_memory);
         plan.inspect(|plan| self.counts.add(plan))
     }
 
-    /// Counts a plan built another way.
+    /// Counts a plan that was built in another way.
     pub fn count(&self, plan: &Plan) {
         self.counts.add(plan);
     }
 
-    /// Fails with the model's objections to a plan and its dependencies, if any. `what` names the plan.
+    /// Fails with the first objection to a plan, its dependencies or its barriers, if there is one. `what` names the
+    /// plan.
     pub fn judge(&self, plan: &Plan, what: &str) -> Result<(), String> {
         if let Some(objection) = oracle::dependencies(plan).first() {
             return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));
@@ -121,7 +122,7 @@ impl Case<'_> {
     }
 }
 
-/// A plan's passes and barriers, as people can read them.
+/// Formats a plan's passes and barriers for messages.
 pub fn shown(plan: &Plan) -> String {
     let name = |id: PassId| plan.pass(id).name.as_str();
     let shown = |barriers: &[Barrier]| -> String {
@@ -185,13 +186,13 @@ impl Counts {
     }
 }
 
-/// Graphs of a long run.
+/// Number of graphs in a long run.
 const LONG: u32 = 100_000;
 
-/// Graphs per random generator, so that the graphs do not depend on the number of threads.
+/// Graphs per random generator. Batches make the graphs independent of the number of threads.
 const BATCH: u32 = 50;
 
-/// Checks `property` on `quick` random graphs, or 100,000 in a long run, on all cores. A failure is shrunk first.
+/// Checks `property` on `quick` random graphs, or [`LONG`] in a long run, on all cores. Failures are shrunk.
 ///
 /// # Panics
 /// If the property fails, with the graph; or if the builder refuses more than one graph in ten.
@@ -207,7 +208,7 @@ pub fn for_all(
     let start = Instant::now();
     let say = |what: &str| {
         let number = |counter: &AtomicU64| counter.load(Relaxed);
-        // Not by `eprintln!`, which is kept back in tests that pass.
+        // Not `eprintln!`, whose output is hidden in tests that pass.
         let _ = writeln!(
             std::io::stderr(),
             "random graphs: {name}: {what}{} graphs, {} refused, {} plans, {} passes, {} barriers, {} mutants, {:.1} s",
@@ -257,7 +258,7 @@ pub fn for_all(
     assert!(refused * 10 <= graphs, "{refused} of {graphs} random graphs are refused");
 }
 
-/// Holds `property` against so many recipes, which depend on the number of the batch alone. An error holds the smallest graph
+/// Checks `property` on `cases` recipes, which depend only on the number of the batch. The error has the smallest graph
 /// that fails.
 pub fn run_batch(
     batch: u32,

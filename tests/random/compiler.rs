@@ -1,5 +1,5 @@
-//! A compiler that reads only the comments at a generated shader's head, so that graphs can be built by the thousand and
-//! without C++. They say what the real compiler finds out:
+//! A compiler that reads only the comments at the head of a generated shader, so that thousands of graphs can be built
+//! without C++. The comments state what the real compiler would find:
 //!
 //! ```text
 //! //: local 16                    workgroup size

@@ -1,4 +1,4 @@
-//! Contents that graphs declare to keep, and the contents of a presented output.
+//! Histories: contents that graphs declare to keep. Also the contents of a presented output.
 
 use splatgraph_framework::ir::{
     Accesses, Layout, Load, Masks, Pass, PassId, ResourceId, Run, Stages, Use, Work as PlanWork,
@@ -13,7 +13,7 @@ use super::builds::{barriers, for_all, shown};
 use super::recipe::{LARGE, Role};
 use super::sketch::{Half, Target};
 
-/// Returns true if the first pass of the frame that uses a resource writes the whole of it and reads nothing.
+/// Returns true if the first pass of the frame that uses a resource overwrites all of it and reads nothing of it.
 fn starts_anew(plan: &Plan, id: ResourceId) -> bool {
     let uses = |pass: &&Pass| pass.uses.iter().any(|touch| touch.resource == id);
     let Some(first) = plan.frame.iter().map(|pass| plan.pass(*pass)).find(uses) else { return false };
@@ -41,7 +41,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                 Target::Buffer(at) => vec![format!("b{at:02}")],
                 Target::Image(at) => vec![format!("i{at:02}")],
             };
-            // A plan does not show whether a pass reads the previous frame's contents.
+            // The sketch shows whether a pass reads the previous frame's contents; the plan does not.
             let reads_last = sketch
                 .passes
                 .iter()
@@ -53,12 +53,12 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
             };
             let halves: Vec<ResourceId> = names.iter().filter_map(|name| plan.find_resource(name)).collect();
             let live = halves.iter().filter(|id| plan.resource(**id).history.is_some()).count();
-            // What no pass reads cannot matter, and then the fill or the clear that began the frame is left out.
+            // If no pass reads a resource, its contents do not matter, and the fill or clear at its start is culled.
             let unread = |id: &ResourceId| {
                 let mut uses = plan.passes.iter().flat_map(|pass| &pass.uses);
                 !uses.any(|touch| touch.resource == *id && touch.accesses.reads())
             };
-            // For a ping-pong buffer, the half in front at the end of the frame is the history. It may be unused.
+            // Of a ping-pong buffer, the half in front at the end of the frame is kept. It may be unused.
             let free = halves.iter().all(|id| (starts_anew(plan, *id) || unread(id)) && !once(id))
                 || halves.len() < names.len();
             match live {
@@ -93,8 +93,8 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
     assert!(kept > 200 && dropped > 5, "too few histories");
 }
 
-/// The plan with a blit of its output behind each frame, as the runtime submits it: a read at the stage of copies, and then a call
-/// that lets `waiting` wait for it.
+/// Adds a blit of the output to the end of the frame, as the runtime submits it: a read at the copy stage, then a call
+/// that makes `waiting` wait for it.
 fn presented(plan: &Plan, mut barriers: Barriers, waiting: Stages) -> (Plan, Barriers) {
     let mut plan = plan.clone();
     let pass = |name: &str, uses| Pass {
@@ -139,7 +139,7 @@ fn a_plan_with_statistics_can_be_presented() {
             return Err(format!("{}\n{}", violation.describe(&plan), shown(&plan)));
         }
         held.fetch_add(1, Relaxed);
-        // The plan's own wait for copies may stand before the blit.
+        // Only `COPY` waits for the blit here. The plan's own wait for copies may come before the blit.
         let (plan, barriers) = presented(&case.plan, own, Stages::COPY);
         needed.fetch_add(usize::from(has_violation(&plan, &barriers)), Relaxed);
         Ok(())

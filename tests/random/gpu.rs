@@ -24,12 +24,12 @@ use crate::common::{self, long};
 pub struct Bench {
     device: Backend,
     compiler: Glslang,
-    /// Histories persist from plan to plan within a run.
+    /// Number of the run, which identifies the scene. Histories persist from plan to plan within a run.
     run: u64,
     loads: u32,
 }
 
-/// A scene without data. Its identity is the run, because histories belong to a scene.
+/// A scene without data. Its identity is the run: histories belong to a scene.
 struct NoScene(u64);
 
 impl SceneData for NoScene {
@@ -42,7 +42,7 @@ impl SceneData for NoScene {
     }
 }
 
-/// Holds the results of a frame: the output, the statistics, and the inspected resources, by name.
+/// Results of a frame: the output, the statistics, and the inspected resources by name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     pub output: Vec<u8>,
@@ -50,12 +50,12 @@ pub struct Outcome {
     contents: BTreeMap<String, Vec<u8>>,
 }
 
-/// The pace of the host.
+/// When the host waits for frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
-    /// It waits for each frame before it goes on.
+    /// After each frame, before it submits the next.
     Waits,
-    /// Two frames are in flight, possibly of two plans.
+    /// After all frames: two are in flight, possibly of two plans.
     InFlight,
 }
 
@@ -68,13 +68,15 @@ impl Bench {
         plan_with(files, settings, share_memory, &mut self.compiler)
     }
 
-    /// Loads plans one after another, each for so many frames. The last frame of all also reads back every resource that it
-    /// wrote; the others do not, because reading has barriers of its own.
+    /// Loads plans one after another and draws the given number of frames with each.
+    ///
+    /// The very last frame also reads back every resource that it wrote. Other frames do not, because reading back adds
+    /// barriers.
     pub fn run(&mut self, plans: &[(&Plan, u32)], pace: Pace) -> Result<Vec<Outcome>, String> {
         self.run_with(plans, pace, None)
     }
 
-    /// Runs plans like [`Self::run`], the first with other barriers on Vulkan.
+    /// Runs plans like [`Self::run`]; on Vulkan, `barriers` replace those of the first plan.
     fn run_with(
         &mut self,
         plans: &[(&Plan, u32)],
@@ -130,19 +132,20 @@ impl Bench {
     }
 }
 
-/// Returns true if the layer reports a write after a write where the specification has no hazard:
+/// Returns true if the layer reports a write after write where the specification has no hazard:
 ///
-/// - a change of layout after a write that an earlier barrier made available: the layer wants that write in the change's own source,
-///   by the specification the chain is enough; plans name it, but for writes of the prologue;
-/// - a write after one of another submission, with a read between the two that saw the first and that the second waits for: when
-///   it compares submissions, the layer does not think of that read.
+/// - A layout change after a write that an earlier barrier made available. The layer expects the write's stage and
+///   access in the source of the layout change itself; by the specification, the chain of dependencies is enough. Plans
+///   name them there, except for writes of the prologue.
+/// - A write after a write of another submission, if a read between the two waits for the first and the second waits
+///   for the read. When the layer compares submissions, it ignores that read.
 fn is_too_strict(message: &str) -> bool {
     let change = message.contains("usage: SYNC_IMAGE_LAYOUT_TRANSITION, ")
         && message.contains("prior_usage: SYNC_COMPUTE_SHADER_SHADER_STORAGE_WRITE");
     message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE") && (change || message.contains("vkQueueSubmit2"))
 }
 
-/// Lists every buffer and image of the plan, after its last writer in the frame.
+/// Returns an inspection of every buffer and image that the frame writes, after its last writer.
 fn inspections(plan: &Plan) -> Vec<Inspect> {
     let ids = (0..plan.resources.len() as u32).map(ResourceId);
     let own = ids.filter(|id| plan.resource(*id).source == Source::Transient);
@@ -157,7 +160,7 @@ fn inspections(plan: &Plan) -> Vec<Inspect> {
     .collect()
 }
 
-/// Returns barriers that make everything wait for everything, with layout changes where they are.
+/// Returns barriers that make every pass wait for all earlier ones. Layout changes stay where they are.
 fn full_barriers(plan: &Plan) -> Barriers {
     let mut all = barriers(plan);
     let everything = (Stages::all(), Accesses::all());
@@ -171,7 +174,7 @@ fn full_barriers(plan: &Plan) -> Barriers {
     all
 }
 
-/// Describes where two runs differ.
+/// Fails if two runs differ, and names the first frame and the resources that do.
 fn same(one: &[Outcome], other: &[Outcome], plan: &Plan, what: &str) -> Result<(), String> {
     if one == other {
         return Ok(());
@@ -186,12 +189,12 @@ fn same(one: &[Outcome], other: &[Outcome], plan: &Plan, what: &str) -> Result<(
     Err(format!("other bytes {what}, in frame {differs} (counted from 0), {names:?}\n{}", shown(plan)))
 }
 
-/// Makes the validation layer compare each submission with earlier ones. The layer reads this when an instance is
-/// created.
+/// Environment variable that makes the validation layer compare each submission with earlier ones. The layer reads it
+/// when an instance is created.
 const COMPARES: (&str, &str) =
     ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
 
-/// Returns true if this process compares submissions. If not, runs the named test in such a process, and fails with it.
+/// Returns true if this process compares submissions. Otherwise runs `test` in a process that does; it must pass there.
 pub fn compares_submissions(test: &str) -> bool {
     if std::env::var(COMPARES.0).is_ok_and(|value| value == COMPARES.1) {
         return true;

@@ -1,8 +1,8 @@
 //! Histories across plan changes, compared with a model of their contents.
 //!
-//! The graph counts, keeps a trail and sorts nothing; its constants change how often its ping-pong buffer is swapped and whether
-//! the trail is drawn on. Plans follow one another while frames of the one before are in flight, and what comes out is
-//! computed here as well, in plain loops.
+//! The graph increments counters and draws a trail. Its constants change how often its ping-pong buffer is swapped, and
+//! whether the trail is drawn on. Plans follow one another while frames of the previous plan are in flight. The outputs
+//! are compared with those of plain loops here.
 
 use super::gpu::{Bench, Pace};
 use super::recipe::Settings;
@@ -37,7 +37,7 @@ const GRAPH: &str = r#"Graph(
 "#;
 
 const SHADERS: [(&str, &str); 6] = [
-    // Writes one word of sixteen, another in each frame, and reads none: the others stay.
+    // Writes one of sixteen words, a different one in each frame, and reads none: the other words must be kept.
     (
         "part.comp",
         "layout(set = 0, binding = 0, std430) readonly buffer Sum { uint sum[]; };
@@ -101,7 +101,7 @@ struct Model {
 }
 
 impl Model {
-    /// One frame; returns the output.
+    /// Computes one frame; returns the expected output.
     fn frame(&mut self, settings: Settings) -> Vec<u32> {
         let seen: [u32; 16] =
             std::array::from_fn(|i| self.far[15 - i].wrapping_mul(5).wrapping_add(self.sum[i]));
@@ -137,7 +137,7 @@ fn histories_live_on_through_changes_of_the_plan_as_a_model_says() {
     };
     let files = Files { graph: GRAPH.into(), shaders: SHADERS.map(shader).into(), parts: Vec::new() };
     let settings = |flag, steps| Settings { flag, steps };
-    // Odd and even numbers of swaps, with and without the pass that marks, for one frame and for several.
+    // Odd and even numbers of swaps, with and without `mark`, for one frame and for several.
     let row = [
         (settings(true, 1), 2),
         (settings(true, 2), 1),

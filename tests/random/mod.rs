@@ -1,8 +1,9 @@
 //! Properties of every graph, checked on random graphs.
 //!
-//! `recipe` has proptest's raw material, `sketch` makes of it a graph that can be built, `render` writes that down as a file and its
-//! shaders, `compiler` replaces the one in C++, `builds` builds and counts, and `orders` finds the other orders of a frame. The
-//! properties here need no GPU: the [oracle](splatgraph_vulkan::sync::model) judges. Those in `gpu` run the shaders.
+//! `recipe` generates raw material with proptest, `sketch` turns it into a valid graph, and `render` writes the graph's
+//! file and shaders. `compiler` replaces the one in C++, `builds` builds and counts, and `orders` finds the other
+//! orders of a frame. The properties here need no GPU: the [oracle](splatgraph_vulkan::sync::model) judges. Those in
+//! `gpu` run the shaders.
 
 pub mod builds;
 mod compiler;
@@ -94,7 +95,7 @@ fn nameless(plan: &Plan) -> Plan {
     plan
 }
 
-/// Clears the reasons why parameters have no effect: they contain passes and lines.
+/// Clears the reasons why parameters have no effect: they name passes and lines.
 fn clear_reasons(plan: &mut Plan) {
     plan.effects.iter_mut().for_each(|effect| effect.none.iter_mut().for_each(String::clear));
 }
@@ -159,7 +160,7 @@ fn parameters_without_an_effect_decide_nothing() {
             plan
         };
         for other in Settings::all() {
-            // Differs in parameters without an effect alone.
+            // Only parameters without an effect differ.
             let changed = [("flag", other.flag != used.flag), ("steps", other.steps != used.steps)];
             let without = |name| case.plan.no_effect(name).is_some();
             if changed.iter().all(|(name, changed)| !changed || without(name)) && other != used {
@@ -199,7 +200,8 @@ fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
     });
 }
 
-/// Checks that the uses of a block's resources do not overlap, and that resources that outlive a frame have their own.
+/// Checks that resources of one block are never used at the same time, and that resources that outlive a frame share
+/// none.
 fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
     for (resource, block) in plan.resources.iter().filter_map(|r| Some((r, r.block?))) {
         if resource.source != Source::Transient || block.index() >= plan.blocks.len() {

@@ -3,8 +3,11 @@
 use splatgraph_framework::ir::{PassId, Use, Work};
 use splatgraph_framework::plan::Plan;
 
-/// Orders of the frame in which of two passes that touch the same resource, one of them writing, the first stays the first, and
-/// whose end is the plan's: all of them, or the first `most` by the order of the plan.
+/// Returns orders of the frame that keep the order of conflicting passes, and the plan's export and host passes at the
+/// end.
+///
+/// Two passes conflict if they access the same resource and one of them writes. Returns at most `most` orders,
+/// beginning with the plan's own.
 pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
     let frame = &plan.frame;
     let conflict = |a: PassId, b: PassId| {
@@ -26,7 +29,7 @@ pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
     found
 }
 
-/// Goes on with every pass that may be next.
+/// Extends `order` by each pass whose predecessors are in it, recursively; adds complete orders to `found`.
 fn extend(
     frame: &[PassId],
     before: &[Vec<usize>],

@@ -1,8 +1,8 @@
 //! Generates the raw material of random graphs with proptest.
 //!
-//! A recipe is a list of wishes. Indices are taken modulo what there is, and wishes that would make no graph (a read of contents that no pass
-//! has written yet) are dropped by [`super::sketch`], so that any part of a recipe can be taken away and a graph is left: that is
-//! what lets a failure shrink to a few lines.
+//! A recipe is a list of wishes. [`super::sketch`] takes indices modulo the number of things, and drops impossible
+//! wishes, such as a read of contents that no pass has written yet. So any part of a recipe can be removed and a valid
+//! graph is left. This lets a failure shrink to a few lines.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -15,9 +15,9 @@ pub struct Recipe {
     pub items: Vec<Item>,
     /// Resources that the last pass reads, besides the one written last.
     pub shown: Vec<Pick>,
-    /// The last pass draws its image rather than storing to it.
+    /// True if the last pass draws to its image, false if it stores to it.
     pub drawn: bool,
-    /// Words that are read back: the buffer, and which word.
+    /// Statistics: a buffer, and the word that is read back.
     pub stats: Vec<(Pick, u8)>,
     /// Two settings of the graph's constants; the first are their defaults.
     pub settings: [Settings; 2],
@@ -41,9 +41,9 @@ pub const MOST_STEPS: u32 = 4;
 
 #[derive(Clone, Debug)]
 pub struct BufferWish {
-    /// 32-bit words; a multiple of 4.
+    /// Size in 32-bit words, a multiple of 4.
     pub words: u32,
-    /// Elements of four words.
+    /// True if an element has four words, false if it has one.
     pub wide: bool,
     pub role: Role,
     pub history: bool,
@@ -59,7 +59,7 @@ pub enum Role {
 
 #[derive(Clone, Debug)]
 pub struct ImageWish {
-    /// `rgba32f`, which can be drawn to; else `r32ui`.
+    /// True for `rgba32f`, which can be drawn to; false for `r32ui`.
     pub color: bool,
     pub small: bool,
     pub history: bool,
@@ -130,15 +130,15 @@ impl When {
 pub struct PassWish {
     pub kind: Kind,
     pub reads: Vec<(Pick, Stage)>,
-    /// Each with true if the previous contents are read as well, and (in a draw) the stage.
+    /// Each with true if the previous contents are read, too. The stage is used only by draws.
     pub writes: Vec<(Pick, bool, Stage)>,
-    /// A buffer of arguments, and which of its ranges.
+    /// A buffer of arguments, and the index of the arguments in it.
     pub indirect: Option<(Pick, u8)>,
     pub when: When,
     pub stands: Stands,
-    /// A number that makes shaders differ.
+    /// A number in the shader, so that shaders differ.
     pub salt: u32,
-    /// The number is a push constant.
+    /// True if `salt` is a push constant instead.
     pub push: bool,
 }
 
@@ -148,7 +148,7 @@ pub enum Kind {
         once: bool,
         local: u32,
     },
-    /// The targets, with whether their contents are kept.
+    /// Targets by index, each with true if its contents are kept.
     Draw {
         targets: Vec<(u8, bool)>,
         strip: bool,
@@ -158,7 +158,7 @@ pub enum Kind {
     },
 }
 
-/// The stages of a draw.
+/// Stages of a draw that access a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     Vertex,
@@ -166,7 +166,7 @@ pub enum Stage {
     Both,
 }
 
-/// The place of a pass in the file, if it is free.
+/// Wished position of a pass in the file. Ignored unless the pass can be moved without changing the plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stands {
     InPlace,
@@ -179,11 +179,11 @@ pub enum Stands {
 pub struct Limits {
     pub buffers: usize,
     pub images: usize,
-    /// Items of the file.
+    /// Maximum number of items in the file.
     pub items: usize,
-    /// Passes after repeats, the last one included.
+    /// Maximum number of passes with repeats unrolled, including the last pass.
     pub passes: usize,
-    /// Excludes work that no GPU should run: indirect arguments that may be zero or arbitrary.
+    /// True if the shaders are run. Excludes work that no GPU should run: arbitrary indirect arguments.
     pub runs: bool,
 }
 
@@ -211,7 +211,7 @@ pub fn recipes(limits: Limits) -> impl Strategy<Value = Recipe> {
         })
 }
 
-/// True with probability `of` / `times`.
+/// Generates true with probability `of` / `times`.
 fn weighted(of: u32, times: u32) -> impl Strategy<Value = bool> + Clone {
     (0..times).prop_map(move |n| n >= times - of)
 }
@@ -316,7 +316,7 @@ fn item() -> impl Strategy<Value = Item> {
     ]
 }
 
-/// The way that ping-pong buffers are meant to be used: each round reads the front, writes the back and swaps.
+/// Repeats a pass that reads the front, writes the back and swaps: the intended use of ping-pong buffers.
 fn ping_pong(count: Count, index: u8, mut pass: PassWish) -> Item {
     pass.kind = Kind::Dispatch { once: false, local: 16 };
     pass.reads.insert(0, (Pick { index, want: Want::Front }, Stage::Both));

@@ -19,7 +19,7 @@ pub struct Files {
     pub parts: Vec<(String, String)>,
 }
 
-/// The naming, and additional passes or includes.
+/// Variations of the text: naming, and additional passes or includes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Style {
     /// True for other names of equal length, which sort in reverse.
@@ -132,17 +132,17 @@ fn format(sketch: &Sketch, image: usize) -> &'static str {
 struct Writer<'a> {
     sketch: &'a Sketch,
     style: Style,
-    /// Text and name.
+    /// Names of shaders by their text.
     shaders: BTreeMap<String, String>,
     passes: String,
-    /// Idle passes so far, and whether the last of them runs whatever the constants are.
+    /// Number of idle passes so far. `idle_runs` is true if the last of them runs under all settings.
     idle: usize,
     idle_runs: bool,
     idle_shaders: Vec<(String, String)>,
     parts: Vec<(String, String)>,
 }
 
-/// The most includes inside of each other.
+/// Maximum depth of nested includes.
 const MOST_DEPTH: usize = 3;
 
 impl Writer<'_> {
@@ -159,7 +159,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Returns true if ports can take all accessed resources: none is an image.
+    /// Returns true if all accessed resources can be ports: none is an image.
     fn fits_a_part(&self, node: &Node) -> bool {
         match node {
             Node::Pass(at) => {
@@ -170,11 +170,11 @@ impl Writer<'_> {
         }
     }
 
-    /// Writes a graph that holds these nodes, the first of them itself and the others in a graph that it includes, and includes
-    /// it.
+    /// Writes `nodes` as an included graph, and the line that includes it. The graph has the first node itself; the
+    /// others go to a graph that it includes.
     fn part(&mut self, nodes: &[Node], repeated: bool) {
         let name = format!("part{}", self.parts.len());
-        // Its place, in front of the graphs that it includes.
+        // Reserves the graph's entry, before those of the graphs that it includes.
         self.parts.push((format!("{name}.ron"), String::new()));
         let place = self.parts.len() - 1;
         let outer = self.style;
@@ -194,7 +194,7 @@ impl Writer<'_> {
             let _ = writeln!(ports, "    \"{inner}\": Buffer(stride: {}{pair}),", self.sketch.stride(at));
             with += &format!("\"{inner}\": \"{}\", ", outer.resource(buffer));
         }
-        // The constants that its conditions, counts and push constants may name.
+        // Declares the constants that conditions, counts and push constants may name.
         let (mut params, mut set) = (String::new(), String::new());
         let ranges = [("steps", "Int(default: 0, range: (0, 4))"), ("flag", "Bool(default: false)")];
         let index = [("i", "Int(default: 0, range: (0, 9))")];
@@ -243,7 +243,7 @@ impl Writer<'_> {
         self.passes += "\n";
     }
 
-    /// A shader of this text, by name.
+    /// Returns the name of the shader with this text, and adds it if it is new.
     fn shader(&mut self, text: String, ending: &str) -> String {
         let number = self.style.number(self.shaders.len());
         let letter = if self.style.other_names { 't' } else { 'k' };
@@ -296,7 +296,7 @@ impl Writer<'_> {
                 let shader = self.shader(text, "comp");
                 let size = indirect.unwrap_or_else(|| {
                     let largest = slots.iter().filter(|s| s.bind.writes).map(|s| elements(sketch, s)).max();
-                    // In one, two or three dimensions: all in x.
+                    // Sizes of one, two or three dimensions; all but x are 1.
                     let others = ["", ", 1", ", 1, 1"][pass.salt as usize % 3];
                     format!("Threads({}{others})", largest.unwrap_or(1))
                 });
@@ -325,7 +325,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Reads what the pass before it touched, or what another idle pass wrote; its own output has no reader.
+    /// Writes a pass whose output has no reader. It reads what pass `after` accessed, or what another idle pass wrote.
     fn idle_pass(&mut self, after: usize) {
         let (sketch, style) = (self.sketch, self.style);
         let pass = &sketch.passes[after];
@@ -358,7 +358,7 @@ impl Writer<'_> {
     }
 }
 
-/// Collects the buffers that nodes touch, with true if more than a front is used.
+/// Collects the buffers that nodes access, with true if other halves than the front are used.
 fn touched(nodes: &[Node], sketch: &Sketch, buffers: &mut BTreeMap<usize, bool>) {
     for node in nodes {
         match node {
@@ -390,11 +390,11 @@ struct Slot {
     bind: Bind,
     block: String,
     var: String,
-    /// Accessed by atomics alone.
+    /// True if it is accessed only by atomics.
     atomic: bool,
 }
 
-/// Elements of a buffer, pixels of an image.
+/// Returns the number of elements of a buffer, or of pixels of an image.
 fn elements(sketch: &Sketch, slot: &Slot) -> u32 {
     match slot.bind.what.of {
         Target::Buffer(at) => sketch.buffers[at].words * 4 / sketch.stride(at),
@@ -405,7 +405,7 @@ fn elements(sketch: &Sketch, slot: &Slot) -> u32 {
     }
 }
 
-/// The header's line for a binding.
+/// Returns the line for a binding in the shader's header comment.
 fn header(sketch: &Sketch, slot: &Slot) -> String {
     let Slot { number, bind, block, .. } = slot;
     let access = match (bind.reads, bind.writes) {
@@ -420,7 +420,7 @@ fn header(sketch: &Sketch, slot: &Slot) -> String {
     }
 }
 
-/// The declaration of a binding.
+/// Returns the GLSL declaration of a binding.
 fn declaration(sketch: &Sketch, slot: &Slot) -> String {
     let Slot { number, bind, block, var, .. } = slot;
     let qualifier = match (bind.reads, bind.writes) {
@@ -443,7 +443,7 @@ fn declaration(sketch: &Sketch, slot: &Slot) -> String {
     }
 }
 
-/// One word from an element.
+/// Returns an expression that reads one word from element `at`.
 fn load(sketch: &Sketch, slot: &Slot, at: &str) -> String {
     match slot.bind.what.of {
         Target::Buffer(buffer) if sketch.stride(buffer) == 16 => format!("fold({}[{at}])", slot.var),
@@ -465,7 +465,7 @@ uint mixed(uint a, uint b) {
 uint fold(uvec4 v) { return v.x ^ (v.y * 3u) ^ (v.z * 5u) ^ (v.w * 7u); }
 ";
 
-/// The version, the header, the declarations and the functions.
+/// Returns the beginning of a shader: version, header comment, declarations and functions.
 fn head(sketch: &Sketch, pass: &Pass, slots: &[&Slot], mut lines: String, mut body: String) -> String {
     for slot in slots {
         lines += &header(sketch, slot);
@@ -480,7 +480,7 @@ fn head(sketch: &Sketch, pass: &Pass, slots: &[&Slot], mut lines: String, mut bo
     format!("#version 460\n{lines}{body}{FUNCTIONS}")
 }
 
-/// Statements that mix what the pass reads into `h`, at an element that depends on `index`.
+/// Returns statements that mix what the pass reads into `h`, at an element that depends on `index`.
 fn mix_reads(sketch: &Sketch, slots: &[&Slot], index: &str, all: bool) -> String {
     let mut text = String::new();
     for slot in slots.iter().filter(|slot| !slot.bind.writes) {
@@ -508,7 +508,7 @@ fn compute(sketch: &Sketch, pass: &Pass, slots: &[Slot], local: u32, all: bool) 
         format!("//: local {local}\n"),
         format!("layout(local_size_x = {local}) in;\n"),
     );
-    // Everything is written, for any number of workgroups.
+    // The loops write every element for any number of workgroups.
     let _ = write!(
         text,
         "void main() {{
@@ -532,7 +532,7 @@ fn compute(sketch: &Sketch, pass: &Pass, slots: &[Slot], local: u32, all: bool) 
     text + "}\n"
 }
 
-/// A statement that stores `h` at `i`.
+/// Returns a statement that stores `h` at `i`.
 fn store(sketch: &Sketch, slot: &Slot) -> String {
     let var = &slot.var;
     match slot.bind.what.of {
@@ -552,10 +552,10 @@ fn store(sketch: &Sketch, slot: &Slot) -> String {
     }
 }
 
-/// Whole numbers that floats hold.
+/// Integers that floats represent exactly.
 const COLOR: &str = "vec4(h & 0xffffu, h >> 16, h & 0xffu, (h >> 8) & 0xffffffu)";
 
-/// The vertex and the fragment shader.
+/// Returns the vertex and the fragment shader.
 fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot], all: bool) -> [String; 2] {
     let of = |stages: [Stage; 2]| -> Vec<&Slot> {
         slots.iter().filter(|slot| stages.contains(&slot.bind.stage)).collect()
@@ -577,7 +577,7 @@ fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot],
         "//: out 0 tone uint flat\n".into(),
         "layout(location = 0) flat out uint tone;\n".into(),
     );
-    // All of the target; half of it where something is kept, so that it is seen.
+    // The triangle covers the whole target, or half of it if contents are kept, so that they stay visible.
     let kept = targets.iter().any(|(_, keep)| *keep);
     let far = if kept { "1.0" } else { "3.0" };
     let _ = write!(

@@ -17,10 +17,10 @@ pub struct Sketch {
     pub buffers: Vec<BufferWish>,
     /// The last one is the output.
     pub images: Vec<ImageWish>,
-    /// In the order of declaration; the last one shows.
+    /// In the order of declaration; the last one writes the output.
     pub passes: Vec<Pass>,
     pub nodes: Vec<Node>,
-    /// A buffer and a byte offset.
+    /// A buffer and the byte offset of the word that is read back.
     pub stats: Vec<(Ref, u32)>,
     pub settings: [Settings; 2],
 }
@@ -28,7 +28,7 @@ pub struct Sketch {
 #[derive(Clone, Debug)]
 pub enum Node {
     Pass(usize),
-    /// A ping-pong buffer.
+    /// The index of a ping-pong buffer.
     Swap(usize),
     Repeat(Count, Vec<Node>),
 }
@@ -70,12 +70,12 @@ pub enum Work {
         once: bool,
         local: u32,
     },
-    /// Images, with whether they are kept.
+    /// Targets by index, each with true if its contents are kept.
     Draw {
         targets: Vec<(usize, bool)>,
         strip: bool,
     },
-    /// Fills what is bound.
+    /// Fills the bound buffers.
     Fill {
         value: u32,
     },
@@ -94,7 +94,7 @@ impl Pass {
         matches!(self.work, Work::Dispatch { once: true, .. })
     }
 
-    /// Everything it names, with whether it writes.
+    /// Returns everything that the pass accesses, with true for writes.
     pub fn uses(&self) -> impl Iterator<Item = (Ref, bool)> + '_ {
         let targets = match &self.work {
             Work::Draw { targets, .. } => targets.as_slice(),
@@ -110,24 +110,24 @@ fn front(of: Target) -> Ref {
     Ref { of, half: Half::Front }
 }
 
-/// One half of a ping-pong buffer, or (half 0) any other resource.
+/// A half (0 or 1) of a ping-pong buffer, or half 0 of any other resource.
 type Real = (Target, usize);
 
-/// A read of contents that no pass wrote.
+/// A read of contents that no pass wrote, by the index of its binding or target.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Fault {
     /// Through a binding.
     Read(usize),
-    /// Through a target.
+    /// Through a target whose contents are kept.
     Keep(usize),
     Indirect,
 }
 
-/// Lists the passes that run under one pair of settings, in the order of the file.
+/// The passes that run under one pair of settings, in the order of the file.
 struct Runs {
-    /// With the half of each buffer that is the front then.
+    /// Each with the half of every buffer that is the front when it runs.
     passes: Vec<(usize, Vec<usize>)>,
-    /// The fronts at the end.
+    /// The half of every buffer that is the front when the frame ends.
     fronts: Vec<usize>,
 }
 
@@ -168,7 +168,7 @@ impl Sketch {
         if self.images[image].small { (8, 4) } else { (16, 8) }
     }
 
-    /// Returns the most passes of the frame and the prologue under any settings.
+    /// Returns the maximum number of passes of the prologue and the frame under any settings.
     pub fn longest(&self) -> usize {
         Settings::all().map(|settings| self.runs(settings).passes.len()).max().unwrap_or(0)
     }
@@ -228,7 +228,7 @@ impl Sketch {
         }
     }
 
-    /// Resolves a pass, ignoring the others.
+    /// Converts a wish to a pass, without regard to other passes. `None` if the pass would write nothing.
     fn pass(&self, wish: &PassWish, limits: Limits) -> Option<Pass> {
         let work = match &wish.kind {
             Kind::Dispatch { once, local } => Work::Dispatch { once: *once, local: *local },
@@ -294,7 +294,7 @@ impl Sketch {
         Some(Pass { work, binds, indirect, when, stands, salt, push: wish.push && !fills })
     }
 
-    /// Lists images of one size that can be drawn to; `None` without any.
+    /// Returns images of one size that can be drawn to; `None` if there are none.
     fn targets(&self, wishes: &[(u8, bool)]) -> Option<Vec<(usize, bool)>> {
         let mut targets: Vec<(usize, bool)> = Vec::new();
         for (index, keep) in wishes {
@@ -310,7 +310,7 @@ impl Sketch {
         (!targets.is_empty()).then_some(targets)
     }
 
-    /// Adds the pass that the output comes from.
+    /// Adds the pass that writes the output.
     fn show(&mut self, recipe: &Recipe) {
         let mut binds: Vec<Bind> = Vec::new();
         let written = self.passes.iter().rev().flat_map(|pass| pass.uses().filter(|(_, writes)| *writes));
@@ -362,7 +362,7 @@ impl Sketch {
         }
     }
 
-    /// Drops reads without contents under these settings. Returns false if there were none.
+    /// Drops reads of contents that no pass wrote under these settings. Returns false if there were none.
     fn mend(&mut self, settings: Settings) -> bool {
         let runs = self.runs(settings);
         let past = Past::of(self, &runs);
@@ -377,13 +377,13 @@ impl Sketch {
                     let writers = past.writers.get(&real).copied().unwrap_or(0);
                     let carried = self.history(what.of) && is_final(real, &runs.fronts);
                     match (what.half, once) {
-                        // Contents that nothing writes are not read.
+                        // A resource without writers has no contents to read.
                         (Half::Last, _) if writers == 0 => false,
                         (Half::Last, true) => !past.once.contains(&real),
                         // The frame's writers come after readers of the previous frame's contents.
                         (Half::Last, false) => !framed.contains(&real),
                         (_, true) => written.contains(&real),
-                        // A single writer runs before its readers, wherever in the file it stands.
+                        // A single writer runs before its readers, wherever it is in the file.
                         (_, false) => written.contains(&real) || carried && (writers > 1 || sole),
                     }
                 };
@@ -415,7 +415,8 @@ impl Sketch {
             match (fault, work) {
                 (Fault::Indirect, _) => *indirect = None,
                 (Fault::Keep(number), Work::Draw { targets, .. }) => targets[*number].1 = false,
-                // What a dispatch would have read and written it only writes; a draw cannot.
+                // A dispatch keeps the binding and only writes it. A draw cannot write without reading, so it loses the
+                // binding.
                 (Fault::Read(number), Work::Dispatch { .. }) if binds[*number].writes => {
                     binds[*number].reads = false;
                 }
@@ -438,7 +439,7 @@ impl Sketch {
         !faults.is_empty() || self.stats.len() != stats
     }
 
-    /// Moves passes whose place in the file is free, because none of their resources has several writers.
+    /// Moves passes that may be anywhere in the file: none of their resources has several writers.
     fn move_passes(&mut self) {
         let mut writers: BTreeMap<Target, usize> = BTreeMap::new();
         count_writers(&self.nodes, &self.passes, 1, &mut writers);
@@ -466,7 +467,7 @@ impl Sketch {
 
 /// Records the writers of each resource under one pair of settings.
 struct Past {
-    /// Written before any frame.
+    /// Resources that passes of the prologue write.
     once: BTreeSet<Real>,
     writers: BTreeMap<Real, usize>,
 }
@@ -498,7 +499,7 @@ fn real(what: Ref, fronts: &[usize], last: &[usize]) -> Real {
     (what.of, half)
 }
 
-/// Returns true for the half that is the front when the frame ends.
+/// Returns true if the half is the front when the frame ends.
 fn is_final((of, half): Real, last: &[usize]) -> bool {
     match of {
         Target::Buffer(at) => half == last[at],
@@ -506,7 +507,7 @@ fn is_final((of, half): Real, last: &[usize]) -> bool {
     }
 }
 
-/// Passes in the file that write each resource; those in a repeat count for many.
+/// Counts the passes in the file that write each resource. A pass in a repeat counts as several.
 fn count_writers(nodes: &[Node], passes: &[Pass], times: usize, writers: &mut BTreeMap<Target, usize>) {
     for node in nodes {
         match node {

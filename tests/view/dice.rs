@@ -9,12 +9,12 @@ impl Random {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Draws one of these.
+    /// Draws an element, each with equal probability.
     pub fn of<'a, T>(&mut self, all: &'a [T]) -> &'a T {
         &all[self.below(all.len())]
     }
 
-    /// Draws one of these, each as often as its number says.
+    /// Draws an element with a probability proportional to its weight.
     #[cfg(target_os = "linux")]
     pub fn weighted<T: Copy>(&mut self, all: &[(usize, T)]) -> T {
         let mut left = self.below(all.iter().map(|(weight, _)| weight).sum());

@@ -21,7 +21,7 @@ fn values_without_a_meaning_are_refused_before_anything_is_loaded() {
         ("--show none,graph", "expected --show none alone"),
         ("--background 0,2,0", "expected the channels of --background from 0 to 1, found 2"),
     ] {
-        // A missing scene would be the next error.
+        // The scene is missing, too, but the option's error comes first.
         let errors = Place::empty().fails(&format!("view nothing.ply {options}"), 2);
         assert!(errors.contains(expected), "{options}: {errors}");
         assert_eq!(errors.trim().lines().count(), 1, "{options}: {errors}");
@@ -78,7 +78,8 @@ fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
 
 #[test]
 fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
-    // On a CPU each takes several tenths of a second; the window waits for one.
+    // On a CPU, a picture takes several tenths of a second. The window stops submitting while one in flight is that
+    // old.
     let line = "--continuous --pipeline pipelines/splat.ron --size 900x720 --show none";
     let mut program = Program::launch(100_000, line, |_| {});
     assert!(program.window.appears(), "no window came");
@@ -93,7 +94,7 @@ fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
     assert!(status.success(), "{status}\n{errors}");
 }
 
-/// A graph of one pass with this many workgroups, which draws one pixel per invocation.
+/// Returns a graph of one pass with `groups` workgroups.
 fn slow_graph(groups: u32) -> String {
     format!(
         "Graph(version: 1, summary: \"\", output: \"color\", \
@@ -102,7 +103,7 @@ fn slow_graph(groups: u32) -> String {
     )
 }
 
-/// The shader of that graph, with this many iterations of a loop.
+/// Returns the shader of that graph, which iterates a loop before it writes its pixel.
 fn slow_shader(iterations: u32) -> String {
     format!(
         "#version 460\nlayout(local_size_x = 64) in;\n\
@@ -113,7 +114,7 @@ fn slow_shader(iterations: u32) -> String {
     )
 }
 
-/// Starts the program with that graph, in which the shader takes no time yet.
+/// Starts the program with that graph and a shader that takes no time yet.
 fn quick(groups: u32, show: &str) -> Program {
     let line = format!("--pipeline slow.ron --size 900x600 --show {show}");
     let mut program = Program::launch(100, &line, |place| {
@@ -129,12 +130,12 @@ fn quick(groups: u32, show: &str) -> Program {
 #[test]
 fn while_a_pass_runs_for_long_the_window_says_so_is_used_and_can_be_closed() {
     let mut program = quick(60_000, "parameters");
-    // A pass of many minutes.
+    // With this shader, the pass takes many minutes.
     program.place.write("slow.comp", slow_shader(60_000));
     let named = comes(|| program.window.title().contains("has been running for"));
     assert!(named, "the title is {}", program.window.title());
     program.until(0, "the slow pass", |event| event["event"] == "slow");
-    // Everything but the picture goes on.
+    // The panels still react, and the window can be resized.
     let toggle = middle(program.control("panel:Inspector"));
     let mut since = program.now();
     program.window.point(toggle);

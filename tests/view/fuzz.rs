@@ -5,7 +5,7 @@
 //! what is wrong and where. Meanwhile and afterwards, the picture must be bit-identical.
 //!
 //! A damaged shader that still builds is not run on a device: it may write anywhere, and lavapipe would take this
-//! process down with it. So each damaged file is first built beside the viewer, in another copy of the folder. That
+//! process down with it. So each damaged file is first built without a device, in another copy of the folder. That
 //! build also gives the expected result: an error with the same text, or an equal plan (the damage is in a comment).
 //! Cases that give another plan are counted and left out.
 
@@ -28,7 +28,7 @@ use std::time::Instant;
 
 const SIZE: (u32, u32) = (64, 36);
 
-/// The parameters that A's graph is set to.
+/// The parameter that A's graph is set to: name and value.
 const NARROW: (&str, i64) = ("key_bits", 8);
 
 /// Number of viewers that share the cases.
@@ -37,15 +37,15 @@ const VIEWERS: u64 = 4;
 const SHORT: usize = 160;
 const LONG: usize = 2_000;
 
-/// One case per this many waits for the watcher to notice the damage, and then for the delay of broken files. In the
-/// others the renderer is told at once. The watcher always has to notice the mending.
+/// In one case of this many, the viewer's watcher must notice the damage and wait out the delay for broken files. In
+/// the others the renderer is told at once. The watcher always has to notice the repair.
 const WATCHED: usize = 25;
 
 #[test]
 fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_picture() {
     let begun = Instant::now();
     let cases = if common::long() { LONG } else { SHORT };
-    // A viewer mostly waits for time to pass.
+    // Several viewers in parallel: each spends most of its time waiting.
     let viewers: Vec<_> = (0..VIEWERS)
         .map(|seed| {
             std::thread::spawn(move || {
@@ -63,16 +63,16 @@ fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_pictur
         }
     }
     println!("{cases} cases in {:.1} s: {counted:#?}", begun.elapsed().as_secs_f64());
-    // Otherwise this has tested nothing.
+    // If most damage were harmless, the test would prove little.
     let failed: usize =
         counted.iter().filter(|((_, what), _)| *what == "failed").map(|(_, count)| count).sum();
     assert!(failed > cases / 2, "{failed} of {cases} failed");
 }
 
-/// The outcome of a damaged file.
+/// The outcome of building with a damaged file.
 #[derive(Clone, Debug, PartialEq)]
 enum Outcome {
-    /// There is no plan, for this reason.
+    /// There is no plan; the error's text.
     Failed(String),
     /// The plan is unchanged.
     Same,
@@ -83,11 +83,11 @@ enum Outcome {
 struct Fuzz {
     viewer: TestShell,
     dice: Random,
-    /// Builds files, to find out whether they do.
+    /// Builds damaged files without a device, to predict the outcome.
     beside: Beside,
-    /// The files of each, by their names in the folder.
+    /// The files that each renderer's graph is built from, by their names in the folder.
     files: Vec<(RendererId, Vec<String>)>,
-    /// The pictures of A and the window.
+    /// The intact pictures of A and of the window.
     shown: [Vec<[f32; 3]>; 2],
     counted: BTreeMap<(&'static str, &'static str), usize>,
 }
@@ -110,7 +110,7 @@ impl Fuzz {
 
     fn case(&mut self, number: usize) {
         let watched = number.is_multiple_of(WATCHED);
-        // No call announces a change of the window's graph: the watcher must see it.
+        // Only the watcher notices changes of the window's graph; no call announces them.
         let (who, files) = self.files[usize::from(watched && number.is_multiple_of(2 * WATCHED))].clone();
         let (name, damage, bytes, expected) = loop {
             let name = self.dice.of(&files);
@@ -160,7 +160,7 @@ impl Fuzz {
         *self.counted.entry((damage, what)).or_default() += 1;
     }
 
-    /// Draws until there is a new plan, and none to come.
+    /// Draws until `who` has a new plan and is not building another.
     fn until_swapped(&mut self, who: RendererId, what: &str) {
         self.viewer.until(what, |viewer| {
             let swapped = |event: &Event| matches!(event, Event::Swapped { renderer: of, .. } if *of == who);
@@ -203,7 +203,7 @@ struct Building {
     set: Vec<(String, String)>,
     facts: Facts,
     catalog: Catalog,
-    /// The plan of the files as they are shipped.
+    /// The plan of the intact files.
     plan: Option<Plan>,
 }
 
@@ -249,11 +249,11 @@ impl Beside {
         self.planners.get_mut(key(who)).expect("both are there")
     }
 
-    /// The files of the folder that the graph is built from.
+    /// Returns the files of the folder that the graph is built from.
     fn files(&mut self, who: RendererId) -> Vec<String> {
         let folder = self.place.at("").canonicalize().expect("the folder is there");
         let wanted = self.building(who).planner.wanted();
-        // Those that are not there were looked for in vain.
+        // Leaves out files that were looked for and do not exist.
         let there = wanted.iter().filter_map(|wanted| wanted.path.canonicalize().ok());
         let files = there.filter(|path| path.is_file());
         let name = |path: PathBuf| Some(path.strip_prefix(&folder).ok()?.to_string_lossy().into_owned());
@@ -264,12 +264,12 @@ impl Beside {
         files
     }
 
-    /// Builds a file with these bytes.
+    /// Builds the graph while the file `name` has these bytes, then restores the file.
     fn outcome(&mut self, who: RendererId, name: &str, bytes: &[u8], shipped: &[u8]) -> Outcome {
         self.place.write(name, bytes);
         let building = self.building(who);
         let outcome = match building.build() {
-            // It would be drawn without the setting, from then on.
+            // The viewer would drop the setting, and draw another picture even after the repair.
             _ if !building.declares_what_is_set() => Outcome::Other,
             Err(text) => Outcome::Failed(text),
             Ok(plan) if building.plan.as_ref() == Some(&plan) => Outcome::Same,
@@ -281,7 +281,7 @@ impl Beside {
 }
 
 impl Building {
-    /// Returns true if the files of the last plan have the parameters that are set, or are no graph.
+    /// Returns true if the graph still declares the parameters that are set, or does not load at all.
     fn declares_what_is_set(&mut self) -> bool {
         let Building { planner, graph, set, facts, catalog, .. } = self;
         planner.controls(graph, &[], facts, catalog).map_or(true, |declared| {
@@ -289,7 +289,7 @@ impl Building {
         })
     }
 
-    /// The plan without what no device sees, or what is wrong.
+    /// Builds the plan and clears what does not affect the drawing: summary, culled passes and places in files.
     fn build(&mut self) -> Result<Plan, String> {
         self.planner.forget_files();
         let Building { planner, graph, set, facts, catalog, .. } = self;

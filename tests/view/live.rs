@@ -31,7 +31,7 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
     assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     assert_eq!(twin.viewer.navigation.camera(96, 54), camera);
 
-    // And one that shows.
+    // An edit that changes the picture.
     let frag = twin.place.text("shaders/splat.frag");
     let output = frag
         .lines()
@@ -88,7 +88,7 @@ fn the_digit_width_changes_while_it_runs_and_the_picture_does_not_flicker() {
     let passes = twin.passes();
     for (bits, fewer) in [(4, false), (11, true), (8, false)] {
         twin.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(bits)));
-        // Every frame until then, and the first ones after it.
+        // Checks every frame until the swap, and the first three after it.
         let seen = twin.events.len();
         let mut after = 0;
         while after < 3 {
@@ -120,7 +120,7 @@ fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
     let built = plans(&twin);
     twin.viewer.a.renderer.set_param("budget", Some(Value::Float(0.25)));
     assert_ne!(twin.picture(RendererId::A).rgb, before.rgb);
-    // A new plan for another reason has it as well.
+    // A plan that is rebuilt for another reason keeps the live value.
     let dimmed = twin.picture(RendererId::A);
     twin.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
     twin.next_plan();
@@ -139,7 +139,7 @@ fn parameters_that_a_file_no_longer_declares_are_forgotten_and_the_others_stay()
     let end = from + graph[from..].find("    )),\n").expect("its end") + "    )),\n".len();
     twin.place.write("pipelines/parts/depth_order.ron", format!("{}{}", &graph[..from], &graph[end..]));
     for (name, text) in [("shaders/args.glsl", "live.glsl"), ("shaders/compact.comp", "budget")] {
-        // Where a shader reads it, it must not any more.
+        // Shaders that read the parameter must stop reading it.
         let shader = twin.place.text(name);
         if shader.contains(text) {
             twin.place.write(name, shader.replace("budget", "1.0"));
@@ -240,7 +240,7 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     twin.close();
 }
 
-/// Files have the world's coordinates, the viewer has its scene's.
+/// Camera files are in world coordinates, the viewer's cameras in those of its scene.
 #[test]
 fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
@@ -266,7 +266,7 @@ fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     twin.settle();
     assert!(shows_something(&twin.picture(RendererId::A)));
 
-    // Back to a scene at the origin: its cameras, opened at the same time, are not moved.
+    // Back to a scene at the origin: cameras that are opened then are not moved.
     let near = twin.place.at("near.ply");
     twin.place.scene("near.ply", "uniform", 1_000, 0);
     Camera::save(std::slice::from_ref(&local), &cameras).expect("they are written");
@@ -286,7 +286,7 @@ fn what_the_last_frame_left_lives_on_when_a_shader_is_reloaded() {
     assert!(shows_something(&before));
     twin.place.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text\n");
     let seen = twin.events.len();
-    // It draws in the order of the previous frame: without one, a frame is black.
+    // The graph draws in the order of the previous frame. If the order were lost, a frame would be black.
     while twin.events[seen..].iter().all(|event| !matches!(event, Event::Swapped { .. })) {
         assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     }
@@ -310,7 +310,7 @@ fn sorted_keys_are_found_sorted_and_the_prologue_can_be_looked_at() {
     twin.settle();
     twin.frames(3);
     assert!(!found(&twin).order.expect("keys have an order").ascending);
-    // It runs once: to see what it leaves, it runs again.
+    // `covariance` is a `Once` pass; inspecting it runs it again.
     twin.viewer.a.look_at("covariances", "covariance");
     twin.settle();
     twin.frames(3);

@@ -1,7 +1,7 @@
 //! Random actions on the tools, on a device that executes nothing and on lavapipe.
 //!
-//! A seeded generator clicks and drags whatever is shown, types numbers, swaps graphs and digits, edits files, opens scenes,
-//! resizes the window, undoes and redoes. These must hold:
+//! A seeded generator clicks and drags the controls that are shown, types numbers, swaps graphs and digits, edits
+//! files, opens scenes, resizes the window, undoes and redoes. These must hold:
 //!
 //! - nothing panics, and no frame fails;
 //! - an action that only looks (open a tool, select a pass, scroll, resize, change the theme) changes no setting;
@@ -38,7 +38,7 @@ const SIZES: [(u32, u32); 5] = [(400, 225), (320, 200), (175, 150), (125, 100), 
 struct Monkey<D: Device> {
     viewer: TestShell<D>,
     dice: Random,
-    /// The actions so far, for messages.
+    /// The latest 12 actions, for messages.
     deeds: VecDeque<String>,
 }
 
@@ -74,7 +74,7 @@ impl<D: Device> Monkey<D> {
         }
     }
 
-    /// Draws frames until all input was delivered.
+    /// Draws frames until all input was delivered, and one more.
     fn act(&mut self) {
         while !self.viewer.input.is_empty() {
             self.frame();
@@ -82,18 +82,18 @@ impl<D: Device> Monkey<D> {
         self.frame();
     }
 
-    /// Does something, and checks that looking changes nothing.
+    /// Performs a random action. An action that only looks must change no setting.
     fn something(&mut self) {
         let looks = self.dice.below(2) == 0;
-        // A number that is being typed becomes a change where the next click takes its focus.
+        // While a number is being typed, a click elsewhere commits it, which changes a setting.
         let shell = &self.viewer.shell;
         let checked = looks && !shell.viewer.busy() && !shell.context().egui_wants_keyboard_input();
         if looks {
-            // A list over the tools would take the click.
+            // An open list over the tools would take the click.
             Popup::close_all(shell.context());
             self.frame();
         }
-        // While splats are selected, Esc and a click with the brush change the selection.
+        // Marks are not compared: while splats are selected, Esc and a click with the brush change the selection.
         let before = Settings::of(&self.viewer.shell.viewer).without_marks();
         self.viewer.events.clear();
         let mut deed = if looks { self.look() } else { self.change() };
@@ -225,7 +225,7 @@ impl<D: Device> Monkey<D> {
         }
     }
 
-    /// Writes a graph again with another comment, broken, or as it is shipped.
+    /// Writes a graph with another comment, broken, or as it is shipped.
     fn edit(&mut self) -> String {
         let name = format!("pipelines/{}.ron", self.dice.of(&builtin::names()));
         let text = shipped(&name);
@@ -252,7 +252,7 @@ impl<D: Device> Monkey<D> {
         let value = match &param.domain {
             Domain::Bool => Value::Bool(share < 0.5),
             Domain::Int { min, max } => {
-                // Large lists cost memory, and nothing else.
+                // Limits the range: large capacities would only cost memory.
                 let max = (*max).min(min.saturating_add(4096));
                 Value::Int(min + ((max - min) as f64 * share).round() as i64)
             }
@@ -326,7 +326,7 @@ fn walk_on_null(preset: &str, actions: usize) {
     let device = canvas.new_context().expect("a second executor");
     let seed = 77 + builtin::names().iter().position(|name| *name == preset).expect("it is shipped") as u64;
     let mut monkey = Monkey::new([canvas, device], preset, seed);
-    // The record of the calls is not looked at, and grows.
+    // Empties the journal of calls, which would grow.
     monkey.play(actions, || _ = journal.take());
 }
 
@@ -336,7 +336,7 @@ fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() 
     let device = canvas.new_context().expect("a second executor");
     let mut monkey = Monkey::new([canvas, device], "auto", 4);
     monkey.play(500, || {});
-    // A file's change is told some time after it was written.
+    // The watcher reports a changed file with a delay.
     let begun = Instant::now();
     while monkey.viewer.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
         monkey.viewer.settle();

@@ -15,18 +15,18 @@ pub type Rect = [i32; 4];
 pub struct Program {
     process: Child,
     pub window: Window,
-    /// All events so far.
+    /// Events that were read so far.
     events: Vec<Value>,
-    /// Bytes of the file that they came from.
+    /// Bytes of the event file that were read so far.
     read: usize,
     pub place: Place,
-    // After the process: it is stopped last.
+    // The last field, so that the X server is stopped after the process.
     screen: Option<Screen>,
 }
 
 impl Program {
-    /// Starts it, and waits until it shows the requested picture. It draws continuously, so that frames can be waited
-    /// for.
+    /// Starts the program, and waits until it shows the requested picture. It draws continuously, so that
+    /// [`Self::frames`] can wait for frames.
     pub fn start(splats: u32, line: &str) -> Program {
         let mut program = Program::launch(splats, &format!("--continuous {line}"), |_| {});
         assert!(program.window.appears(), "no window came {}", program.account());
@@ -35,12 +35,12 @@ impl Program {
         program
     }
 
-    /// Starts it after preparing its folder.
+    /// Starts the program in a folder that `arrange` prepares.
     pub fn launch(splats: u32, line: &str, arrange: impl FnOnce(&Place)) -> Program {
         Program::launch_with(splats, line, |_| {}, arrange)
     }
 
-    /// Like `launch`, after a change to its command.
+    /// Like `launch`, but `change` first changes the command.
     pub fn launch_with(
         splats: u32,
         line: &str,
@@ -66,16 +66,16 @@ impl Program {
         Program { process, window, events: Vec::new(), read: 0, place, screen: Some(screen) }
     }
 
-    /// Ends the X server that it is connected to.
+    /// Stops the X server that the program is connected to.
     pub fn lose_display(&mut self) {
         self.screen = None;
     }
 
-    /// Reads the new events, and returns their total number.
+    /// Reads new events; returns the total number of events.
     pub fn now(&mut self) -> usize {
         let all = fs::read(self.place.at("events.jsonl")).unwrap_or_default();
         let new = &all[self.read..];
-        // The last line may not be whole yet.
+        // The last line may be incomplete.
         let whole = new.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
         for line in new[..whole].split(|byte| *byte == b'\n').filter(|line| !line.is_empty()) {
             let event = serde_json::from_slice(line);
@@ -104,7 +104,7 @@ impl Program {
         )
     }
 
-    /// Waits for an event after the first `since`, and returns it.
+    /// Waits for an event that satisfies `is_it`, after the first `since` events; returns it.
     pub fn until(&mut self, since: usize, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         let mut next = since;
@@ -123,7 +123,7 @@ impl Program {
         }
     }
 
-    /// Waits until the frames after these are on their way to the screen: what was done before has acted on the second of them. Needs
+    /// Waits for `count` further frames. Input before this call affects the second of them at the latest. Needs
     /// `--continuous`.
     pub fn frames(&mut self, count: usize) {
         let since = self.now();
@@ -132,7 +132,7 @@ impl Program {
         self.until(since, "frames", |event| event["number"].as_u64().is_some_and(|number| number >= last));
     }
 
-    /// Waits until no event is written for a while.
+    /// Waits until no event was written for half a second.
     pub fn rests(&mut self) {
         let rests = comes(|| {
             let before = self.now();
@@ -147,7 +147,7 @@ impl Program {
         self.until(since, "a frame", |event| event["event"] == "frame");
     }
 
-    /// Waits until nothing is being built, and that is on the screen.
+    /// Waits until nothing is being built and the result is on the screen.
     pub fn settle(&mut self) {
         self.act();
         let since = self.now();
@@ -155,7 +155,7 @@ impl Program {
         self.act();
     }
 
-    /// Waits for the next plan of a viewport that was built for this cause, perhaps among others.
+    /// Waits for the next plan of viewport `who` whose causes include `cause`; returns the event.
     pub fn swapped(&mut self, since: usize, who: &str, cause: &str) -> Value {
         let event = self.until(since, &format!("a plan of {who} because of {cause}"), |event| {
             let causes = event["causes"].as_array().into_iter().flatten();
@@ -165,7 +165,7 @@ impl Program {
         event
     }
 
-    /// Returns the place of a control, if it is shown.
+    /// Returns a control's rectangle; `None` if it is not shown.
     pub fn find(&mut self, name: &str) -> Option<Rect> {
         self.now();
         let last = self.events.iter().rev().find(|event| event["name"] == name)?;
@@ -173,7 +173,7 @@ impl Program {
         Some([side("left")?, side("top")?, side("right")?, side("bottom")?])
     }
 
-    /// Returns the place of a control, which must be within the window.
+    /// Waits until a control is shown; returns its rectangle, which must be within the window.
     pub fn control(&mut self, name: &str) -> Rect {
         let mut found = None;
         comes(|| {
@@ -190,7 +190,7 @@ impl Program {
 
     /// Waits until the program has processed the input.
     pub fn act(&mut self) {
-        // The first of these frames may have begun before.
+        // The first frame may have begun before the input arrived.
         self.frames(2);
     }
 
@@ -200,7 +200,7 @@ impl Program {
         self.act();
     }
 
-    /// Clicks a control once it stands still: an opening menu reaches its position in its second frame.
+    /// Clicks a control once its place is stable: an opening menu reaches its position in its second frame.
     pub fn click(&mut self, name: &str) {
         let mut place = self.control(name);
         loop {
@@ -229,7 +229,7 @@ impl Program {
         self.act();
     }
 
-    /// Turns the wheel by a notch, away from the user or towards.
+    /// Turns the wheel by a notch, away from the user or towards them.
     pub fn wheel(&mut self, away: bool) {
         let button = if away { 4 } else { 5 };
         self.window.press(button);
@@ -251,10 +251,10 @@ impl Program {
         self.window.pixels(view)
     }
 
-    /// Waits until the view shows something.
+    /// Waits until the view satisfies `is_it`; returns its picture.
     pub fn view_until(&mut self, what: &str, is_it: impl Fn(&Pixels) -> bool) -> Pixels {
         let mut shown = self.view();
-        // The place of the view may also change.
+        // Finds the view again each time, because it may move.
         let come = is_it(&shown)
             || comes(|| {
                 shown = self.view();
@@ -267,12 +267,12 @@ impl Program {
         shown
     }
 
-    /// Waits until the view shows exactly this.
+    /// Waits until the view shows exactly `expected`.
     pub fn view_is(&mut self, what: &str, expected: &Pixels) {
         self.view_until(what, |shown| shown == expected);
     }
 
-    /// Waits until the view shows something else, and returns it once it is stable.
+    /// Waits until the view differs from `former`; returns the picture once it is stable.
     pub fn view_is_not(&mut self, what: &str, former: &Pixels) -> Pixels {
         self.view_until(what, |shown| shown.differs(former) > 0.01);
         self.still()
@@ -319,7 +319,7 @@ impl Drop for Program {
     }
 }
 
-/// The middle of a rectangle.
+/// Returns the middle of a rectangle.
 pub fn middle([left, top, right, bottom]: Rect) -> [i32; 2] {
     [(left + right) / 2, (top + bottom) / 2]
 }

@@ -1,4 +1,4 @@
-//! Things are broken and mended repeatedly: picture and memory afterwards must be as before.
+//! Things are broken and repaired repeatedly: picture and memory afterwards must be as before.
 //!
 //! Each cycle breaks one thing of every kind: a graph, a shader, a scene, a size, an inspection, and the device itself,
 //! which is closed and reopened as after its loss. `SPLATGRAPH_LONG` runs more cycles. `SPLATGRAPH_RECOVERY=FILE.csv`
@@ -20,22 +20,22 @@ use std::time::Instant;
 const SIZE: (u32, u32) = (400, 225);
 const SPLATS: u32 = 2_000;
 
-/// The graph and a shader of it.
+/// The graph and one of its shaders.
 const GRAPH: &str = "pipelines/splat.ron";
 const SHADER: &str = "shaders/project.comp";
 
-/// A graph that the graph includes, and a file that the shader does.
+/// A graph that the graph includes, and a file that the shader includes.
 const INCLUDE: &str = "pipelines/parts/sort.ron";
 const HEADER: &str = "shaders/camera.glsl";
 
-/// As in the soak test: the allocator's padding depends on earlier allocations.
+/// Tolerance for sums of memory. As in the soak test, the allocator's padding depends on earlier allocations.
 const PADDING_BYTES: u64 = 4 << 10;
 
 struct Cycles {
     viewer: TestShell,
     begun: Instant,
     table: Option<File>,
-    /// The picture and the memory of A that every mending must bring back.
+    /// A's initial picture and memory, which every repair must restore.
     sound: Option<(Image, Vec<(String, u64)>)>,
 }
 
@@ -99,11 +99,11 @@ impl Cycles {
         }
     }
 
-    /// Compares with the initial state.
+    /// Compares A's picture and memory with the initial ones; the first call records them.
     fn check(&mut self, kind: &str) {
         self.viewer.settle();
         let picture = self.viewer.picture(RendererId::A);
-        // The readback buffers are recreated with a new plan.
+        // Leaves out readback buffers, which are recreated with a new plan.
         let device = self.viewer.shell.viewer.a.renderer.device().expect("the device is there");
         let memory: Vec<(String, u64)> =
             device.memory().into_iter().filter(|(name, _)| !name.contains("readback")).collect();
@@ -132,7 +132,7 @@ impl Cycles {
         self.check(kind);
     }
 
-    /// Replaces a file by a pipe, which never ends.
+    /// Replaces a file by a named pipe, which would block a reader, and restores the file.
     fn no_file(&mut self, cycle: u32, kind: &str, name: &str) {
         let (shipped, path) = (shipped(name), self.viewer.place.at(name));
         std::fs::remove_file(&path).expect("it is removed");

@@ -1,4 +1,4 @@
-//! A screen for the real program: an X server without a display (Xvfb), and a user's input, by the XTEST extension.
+//! A screen for the real program: an X server without a display (Xvfb), and a user's input through the XTEST extension.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -10,13 +10,13 @@ use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
 use x11rb::wrapper::ConnectionExt as _;
 
-/// Time limit for anything, on any machine.
+/// Time limit of every wait, generous for slow machines.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Interval of polling, which takes time from the program.
+/// Polling interval. Polling more often would slow the program down.
 const LOOK: Duration = Duration::from_millis(25);
 
-/// Polls for a condition; returns true if it came.
+/// Polls a condition. Returns true once it holds, and false after [`PATIENCE`].
 pub fn comes(mut is_there: impl FnMut() -> bool) -> bool {
     let begun = Instant::now();
     while !is_there() {
@@ -36,7 +36,7 @@ pub struct Screen {
 
 impl Screen {
     pub fn start(width: u32, height: u32) -> Screen {
-        // It picks a free display number and writes it to its standard output.
+        // Xvfb picks a free display number and writes it to its standard output.
         let mut process = Command::new("Xvfb")
             .args(["-displayfd", "1", "-nolisten", "tcp", "-noreset"])
             .args(["-screen", "0", &format!("{width}x{height}x24")])
@@ -47,7 +47,7 @@ impl Screen {
                 panic!("this test needs the X server Xvfb (Debian and Ubuntu: package `xvfb`): {why}")
             });
         let output = process.stdout.take().expect("the output is a pipe");
-        // From here on it is stopped even after a panic.
+        // From here on, the server is stopped even after a panic.
         let mut screen = Screen { process, display: String::new() };
         let mut number = String::new();
         let read = BufReader::new(output).read_line(&mut number);
@@ -56,7 +56,7 @@ impl Screen {
         screen
     }
 
-    /// The value of the variable DISPLAY.
+    /// Returns the value for the variable DISPLAY.
     pub fn display(&self) -> &str {
         &self.display
     }
@@ -98,7 +98,7 @@ pub struct Window {
     connection: RustConnection,
     root: u32,
     id: u32,
-    /// The keycode of each keysym that a key has without modifiers.
+    /// Keysyms that need no modifier, each with its keycode.
     keys: Vec<(u32, u8)>,
 }
 
@@ -116,7 +116,7 @@ impl Window {
         Window { connection, root, id: 0, keys }
     }
 
-    /// Waits for the window on the screen that can be asked to close. Returns true if it appeared.
+    /// Waits for a visible window that can be asked to close (WM_PROTOCOLS). Returns true if it appeared.
     pub fn appears(&mut self) -> bool {
         let polite = self.atom("WM_PROTOCOLS");
         let look = || -> Result<Option<u32>, ReplyError> {
@@ -132,7 +132,7 @@ impl Window {
         };
         let mut found = None;
         comes(|| {
-            // A window that vanishes during the query does not count.
+            // If a window vanishes during the query, try again.
             found = look().unwrap_or(None);
             found.is_some()
         });
@@ -149,19 +149,19 @@ impl Window {
         self.connection.sync().expect("the server answers");
     }
 
-    /// Gives it the keyboard, which a window manager would do.
+    /// Gives the window the keyboard focus, as a window manager would.
     pub fn focus(&self) {
         let sent = self.connection.set_input_focus(InputFocus::PARENT, self.id, x11rb::CURRENT_TIME);
         sent.expect("sent").check().expect("the window takes the keyboard");
     }
 
-    /// Width and height.
+    /// Returns the width and height in pixels.
     pub fn size(&self) -> (u32, u32) {
         let size = self.connection.get_geometry(self.id).expect("asked").reply().expect("answered");
         (size.width.into(), size.height.into())
     }
 
-    /// The title.
+    /// Returns the title.
     pub fn title(&self) -> String {
         let (name, utf8) = (self.atom("_NET_WM_NAME"), self.atom("UTF8_STRING"));
         let asked = self.connection.get_property(false, self.id, name, utf8, 0, 1024).expect("asked");
@@ -185,7 +185,7 @@ impl Window {
         self.connection.map_window(self.id).expect("sent").check().expect("the window comes back");
     }
 
-    /// Tells it that it is iconified or not, like a window manager.
+    /// Tells the window whether it is iconified, as a window manager would.
     pub fn set_minimised(&self, minimised: bool) {
         let (state, hidden) = (self.atom("_NET_WM_STATE"), self.atom("_NET_WM_STATE_HIDDEN"));
         let states: &[u32] = if minimised { &[hidden] } else { &[] };
@@ -194,7 +194,7 @@ impl Window {
         sent.expect("sent").check().expect("the property is set");
     }
 
-    /// Sends a window manager's message for closing a window.
+    /// Asks the window to close, as a window manager would.
     pub fn ask_to_close(&self) {
         let (protocols, delete) = (self.atom("WM_PROTOCOLS"), self.atom("WM_DELETE_WINDOW"));
         let event = ClientMessageEvent::new(32, self.id, protocols, [delete, x11rb::CURRENT_TIME, 0, 0, 0]);

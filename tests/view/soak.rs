@@ -7,17 +7,16 @@
 //!
 //! These must hold:
 //!
-//! - the validation layers, synchronization validation among them, have nothing to say, and nothing panics on whatever thread;
-//! - **no frame is lost**: every frame that is requested draws one of A once A has a plan, and one of B if B is shown and has
-//!   one, whatever is being built, broken or resized meanwhile. That holds for a window of size 0 as well: the pictures keep
-//!   the size that they had. There are no exceptions but these: before the first plan of a scene there is nothing to draw, and
-//!   B is not drawn while it is not shown;
-//! - in the reference state, the device's memory has the same bytes each time, and the pictures the same pixels;
-//! - the process's memory does not grow: see [`check_growth`];
-//! - nor do the numbers of its open files and of its threads.
+//! - The validation layers, including synchronization validation, report nothing, and no thread panics.
+//! - **No frame is lost.** Every requested frame draws one of A once A has a plan, and one of B if B is shown and has a
+//!   plan, whatever is being built, broken or resized meanwhile. This includes windows of size 0: the pictures keep
+//!   their former size.
+//! - In the reference state, the device's memory has the same bytes each time, and the pictures the same pixels.
+//! - The process's memory does not grow: see [`check_growth`].
+//! - The numbers of its open files and of its threads do not grow.
 //!
 //! `SPLATGRAPH_LONG` runs 10,000 frames. `SPLATGRAPH_SOAK=FILE.csv` writes a row per [`ROW`] frames, for a plot.
-//! `SPLATGRAPH_SOAK_BARE` leaves the validation layers out, whose own memory is then not in the numbers.
+//! `SPLATGRAPH_SOAK_BARE` leaves the validation layers out, and so their memory.
 
 mod deeds;
 pub mod process;
@@ -45,14 +44,14 @@ use std::time::Instant;
 
 /// The window size in the reference state.
 const SIZE: (u32, u32) = (400, 225);
-/// Pixels of the picture per pixel of the window, then: 64 x 36 of them.
+/// Pixels of the picture per pixel of the window in the reference state: the picture has 64 x 36 pixels.
 const SCALE: f32 = 0.16;
 const SPLATS: u32 = 2_000;
 
 /// Frames per row of the table.
 const ROW: u64 = 25;
 
-/// Sets the length of a run.
+/// Length of a run, and its tolerance.
 struct Length {
     frames: u64,
     /// Frames from one reference state to the next.
@@ -61,19 +60,19 @@ struct Length {
     noise: u64,
 }
 
-/// Caches are still filling: the driver's, the validation layers', and those of compiled shaders. Only a leak in every
-/// frame shows in the resident memory; the device's memory is exact.
+/// A short run. The driver, the validation layers and the shader compilers are still filling their caches, so the
+/// resident memory shows only a leak in every frame. The device's memory is exact.
 const SHORT: Length = Length { frames: 600, cycle: 60, noise: 96 << 20 };
-/// The remainder is memory that allocators keep after it was freed, and some 10 KiB per compiled shader text, of which
-/// each compiler caches the last thousand.
+/// A long run. The tolerance covers freed memory that allocators keep, and about 10 KiB per compiled shader text, of
+/// which each compiler caches the latest thousand.
 const LONG: Length = Length { frames: 10_000, cycle: 500, noise: 24 << 20 };
 
-/// The device's allocator counts alignment gaps as part of the next allocation. The gaps depend on earlier allocations,
-/// so the sum varies slightly.
+/// Tolerance for the device's memory. Its allocator counts alignment gaps as part of the next allocation, and the gaps
+/// depend on earlier allocations.
 const PADDING_BYTES: u64 = 4 << 10;
 
-/// Bytes of texels: egui packs its letters into 2048 x 2048 of them at most, buffers are powers of two, and there is one per
-/// frame in flight.
+/// Maximum bytes of texels: a buffer per frame in flight, with a power of two bytes. egui packs its glyphs into at most
+/// 2048 x 2048 texels.
 const MOST_TEXELS: u64 = 2 * (32 << 20);
 
 /// Number of panics on any thread.
@@ -111,7 +110,8 @@ fn soak(length: Length) {
     soak.viewer.close();
 }
 
-/// In the first third caches fill. Of the rest, the second half must not have more than the first.
+/// Fails if the process or the device has more memory in the last third than in the middle third. The first third fills
+/// caches. Open files and threads must stay the same.
 fn check_growth(references: &[Reference], noise: u64) {
     let third = references.len() / 3;
     assert!(third >= 3, "{} reference states are too few to tell", references.len());
@@ -141,19 +141,19 @@ fn check_growth(references: &[Reference], noise: u64) {
     }
 }
 
-/// Measures the reference state.
+/// Measurements in the reference state.
 #[derive(Clone, Debug, PartialEq)]
 struct Reference {
     call: u64,
-    /// Bytes that A, B and the window list, without the texels.
+    /// Bytes that A, B and the window list, without egui's texels.
     listed: [u64; 3],
-    /// Egui's textures. They grow when a letter is drawn for the first time, and until egui packs them anew.
+    /// Bytes of egui's textures. They grow when a glyph is drawn for the first time, until egui packs them anew.
     texels: u64,
     /// Bytes of the device, with the texels.
     device: DeviceMemory,
     rss: u64,
     files: usize,
-    /// By their names.
+    /// Names of the threads.
     threads: Vec<String>,
 }
 
@@ -186,9 +186,9 @@ struct Soak {
     begun: Instant,
     /// The camera of the reference state.
     start: Navigation,
-    /// The files that are not as they are shipped.
+    /// Files that differ from the shipped ones.
     edited: BTreeSet<String>,
-    /// Numbers things that must differ.
+    /// Counter that makes texts differ.
     number: u64,
     deeds: u64,
     plans: u64,
@@ -196,7 +196,7 @@ struct Soak {
     /// Pictures of the reference state: A, and the window.
     shown: Option<[Image; 2]>,
     table: Option<fs::File>,
-    /// Rows of the table so far; some are skipped on the way to the reference state.
+    /// Rows of the table so far. Some are skipped on the way to the reference state.
     rows: u64,
     scenes: [&'static str; 3],
 }
@@ -216,7 +216,7 @@ impl std::fmt::Display for Soak {
 }
 
 impl Soak {
-    /// A viewer, once it shows something.
+    /// Opens a viewer and waits until it shows something.
     fn begin() -> Soak {
         let bare = std::env::var_os("SPLATGRAPH_SOAK_BARE").is_some();
         let validation = if bare { Validation::Off } else { Validation::Synchronization };
@@ -251,7 +251,7 @@ impl Soak {
         soak
     }
 
-    /// Does something every few frames, up to the frame of this number.
+    /// Performs an action every few frames, up to frame `end`.
     fn disturb(&mut self, end: u64) {
         while self.viewer.calls < end {
             let deed = self.dice.weighted(&DEEDS);
@@ -306,7 +306,7 @@ impl Soak {
         self.viewer.due - drawn + self.viewer.undrawn_windows
     }
 
-    /// Brings everything back to the reference state, for the time of this number.
+    /// Restores the reference state at the end of cycle `cycle`.
     fn restore(&mut self, cycle: u64) {
         let input_is_over = |viewer: &mut TestShell| viewer.input.is_empty();
         self.viewer.until("the end of the input", input_is_over);
@@ -315,7 +315,7 @@ impl Soak {
         self.viewer.frame();
         self.edited.clear();
         self.viewer.shell.panels.hidden = true;
-        // Times always vary.
+        // The display of times would differ every time.
         self.viewer.shell.panels.hud = false;
         self.viewer.shell.panels.help = false;
         let scene = self.viewer.place.at(self.scenes[0]);
@@ -327,7 +327,7 @@ impl Soak {
         }
         let graph = self.viewer.place.at(GRAPHS[0]);
         let viewer = &mut self.viewer.shell.viewer;
-        // B is drawn, too, so that it gets there.
+        // Shows B as well, so that it is rebuilt, too.
         viewer.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));
         viewer.navigation = self.start.clone();
         (viewer.split, viewer.gain, viewer.scale) = (0.5, 8.0, SCALE);
@@ -342,7 +342,7 @@ impl Soak {
         for _ in 0..30 {
             self.viewer.frame();
         }
-        // What grows as frames need it is new with a new plan, and a new size is one.
+        // Buffers that grow on demand are recreated with a new plan. A new size causes one.
         for size in [(SIZE.0 + 2, SIZE.1 + 2), SIZE] {
             self.viewer.size = size;
             self.viewer.settle();

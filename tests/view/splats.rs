@@ -122,7 +122,7 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     let tinted = picture(&mut viewer);
     assert!(tinted.rgb != untouched.rgb, "the selection is visible");
 
-    // A list of the selection, for `convert`.
+    // Writes a list of the selection, for `convert`.
     let list = viewer.place.at("list.json");
     viewer.shell.viewer.export(A, Part::Selected, &list);
     assert_eq!(exported(&mut viewer), (list, some));
@@ -133,7 +133,7 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     let hidden = picture(&mut viewer);
     assert!(hidden.rgb != untouched.rgb && hidden.rgb != tinted.rgb);
 
-    // The rest, as `convert` writes it; its picture is the one without the hidden splats.
+    // The file of the rest equals what `convert` writes, and draws the picture without the hidden splats.
     click(&mut viewer, "splats:save_rest");
     let (rest, count) = exported(&mut viewer);
     assert_eq!(count, all - some);
@@ -149,7 +149,7 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     let drawn = images::draw_scene(scene, &[own], &graph, [0.0; 3], &[]);
     assert!(drawn[0].rgb == hidden.rgb, "the file has the picture of what is left");
 
-    // Undone: the selection, and at last all splats.
+    // Undo restores the selection, then all splats.
     press(&mut viewer, Key::Z, Modifiers::COMMAND);
     assert_eq!(marks(&viewer), Marks { selected: found.clone().into(), hidden: Default::default() });
     assert!(picture(&mut viewer).rgb == tinted.rgb);
@@ -157,7 +157,7 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     assert!(marks(&viewer).is_empty());
     assert!(picture(&mut viewer).rgb == untouched.rgb, "without marks, the picture is the same again");
 
-    // Another scene starts without marks; undone, the former comes back without its hidden splats.
+    // Another scene starts without marks. Undo brings back the former scene, with the same splats hidden.
     for _ in 0..2 {
         press(&mut viewer, Key::Z, Modifiers::COMMAND | Modifiers::SHIFT);
     }
@@ -179,7 +179,7 @@ fn a_brush_adds_and_removes_splats_and_keys_change_the_selection() {
     let all = viewer.shell.viewer.loaded(A).count();
     press(&mut viewer, Key::B, Modifiers::NONE);
     let (line, other) = ([[0.3, 0.4], [0.5, 0.4]], [[0.4, 0.6], [0.4, 0.3]]);
-    // 24 points of the window.
+    // The brush's radius is 24 points of the window.
     let radius = 24.0 * f64::from(super::whole::PIXELS_PER_POINT);
     let brush = |viewer: &TestShell, line: &[[f32; 2]]| {
         let region = Region::Brush { line: pixels(viewer, line), radius };
@@ -194,7 +194,7 @@ fn a_brush_adds_and_removes_splats_and_keys_change_the_selection() {
     drag(&mut viewer, &line, Modifiers::CTRL);
     assert_eq!(*marks(&viewer).selected, second.without(&first));
 
-    // A search that adds does not cancel the one before it.
+    // A search that adds to the selection does not cancel an earlier one.
     viewer.shell.viewer.clear_selection(A);
     for line in [&line, &other] {
         let region = Region::Brush { line: pixels(&viewer, line), radius };
@@ -215,7 +215,7 @@ fn a_brush_adds_and_removes_splats_and_keys_change_the_selection() {
     let large = dab(&mut viewer);
     assert!(small > 0 && large > small, "{small}, then {large}");
 
-    // The splats in front are fewer than those through all depths.
+    // The brush finds fewer splats in front than through all depths.
     click(&mut viewer, "splats:front");
     let front = dab(&mut viewer);
     assert!(front > 0 && front < large, "{front} of {large}");
@@ -228,7 +228,7 @@ fn a_brush_adds_and_removes_splats_and_keys_change_the_selection() {
     assert!(marks(&viewer).is_empty());
     assert_eq!(viewer.shell.panels.controls.find("splats"), None);
 
-    // Not all splats can be hidden.
+    // Hiding all splats is refused.
     press(&mut viewer, Key::A, Modifiers::COMMAND);
     assert_eq!(marks(&viewer).selected.len(), all);
     press(&mut viewer, Key::Delete, Modifiers::NONE);
@@ -257,7 +257,7 @@ fn the_left_button_moves_the_camera_unless_a_tool_selects() {
     drag(&mut viewer, &CORNERS, Modifiers::NONE);
     assert!(viewer.shell.viewer.world_camera() != camera);
     assert!(marks(&viewer).is_empty());
-    // The middle button moves it with a tool.
+    // With a tool active, the middle button moves the camera.
     press(&mut viewer, Key::R, Modifiers::NONE);
     let camera = viewer.shell.viewer.world_camera();
     let points = CORNERS.map(|share| at(&viewer, share));

@@ -19,7 +19,7 @@ const SIZE: (u32, u32) = (640, 360);
 fn viewer(graph: &str) -> TestShell {
     let mut viewer =
         TestShell::new(&common::options(Validation::Synchronization), ("demo", 500), graph, SIZE);
-    // The tab opened last is in front.
+    // The tool that is opened last is the front tab.
     let tools = [Tool::Cameras, Tool::Inspector, Tool::Times, Tool::Timeline, Tool::Parameters];
     viewer.shell.panels.open_tools(&tools);
     viewer.settle();
@@ -30,14 +30,14 @@ fn passes(viewer: &TestShell) -> usize {
     viewer.shell.viewer.a.renderer.plan().expect("there is a plan").frame.len()
 }
 
-/// Chooses a graph of the folder.
+/// Chooses a graph of the viewer's folder for a viewport.
 fn choose(viewer: &mut TestShell, who: RendererId, graph: &str) {
     let path = viewer.place.named(&format!("pipelines/{graph}.ron"));
     let viewport = viewer.shell.viewer.viewport(who).expect("there is such a viewport");
     viewport.renderer.choose(&path, Default::default());
 }
 
-/// Draws every frame until the next plan is measured, with all tools looking on.
+/// Draws frames, with all tools open, until the next plan's times are measured.
 fn until_measured(viewer: &mut TestShell) {
     viewer.settle();
     viewer.until("times of the plan", |viewer| {
@@ -71,7 +71,7 @@ fn the_picture_keeps_its_place_while_plans_are_built() {
     for bits in [4, 8, 11] {
         viewer.shell.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(bits)));
         let former = viewer.shell.viewer.a.renderer.plan().cloned();
-        // One frame after another, as while the pointer moves.
+        // Draws without pauses, as while the pointer moves.
         while viewer.shell.viewer.a.renderer.plan().map(Arc::as_ptr) == former.as_ref().map(Arc::as_ptr) {
             viewer.frame();
             assert_eq!(place(&viewer), before);
@@ -200,7 +200,7 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(viewer.click("worst"));
     viewer.act();
     assert!(viewer.shell.viewer.comparison_is_current());
-    // An inspection requested together with a change is measured after it.
+    // A comparison requested together with a change is measured after the change.
     choose(&mut viewer, RendererId::B, "splat");
     viewer.shell.viewer.measure();
     viewer.until("the next result", |viewer| !viewer.shell.viewer.is_comparing());
@@ -241,7 +241,7 @@ fn b_draws_another_scene_from_the_same_place_of_the_world() {
     assert_eq!(viewer.shell.viewer.scene_of(RendererId::B).count(), 300);
     let command = viewer.shell.viewer.render_command(RendererId::B, "b.png".as_ref()).expect("there is a B");
     assert!(command.contains("other.ply"), "{command}");
-    // After the exchange, each keeps its scene, and nothing is read again.
+    // The exchange swaps the scenes as well, and reads no file again.
     viewer.shell.viewer.exchange();
     viewer.settle();
     assert_eq!(viewer.shell.viewer.scene_path(), other);
@@ -249,7 +249,7 @@ fn b_draws_another_scene_from_the_same_place_of_the_world() {
     let now = viewer.shell.viewer.world_camera();
     let away = now.position.iter().zip(camera.position).map(|(a, b)| (a - b).abs());
     assert!(away.fold(0.0, f64::max) < 1e-5, "the camera stays where it is");
-    // Undone step by step, B shares A's scene again.
+    // After both steps are undone, B shares A's scene again.
     for _ in 0..2 {
         viewer.key(Key::Z, Modifiers::COMMAND);
         viewer.act();

@@ -10,26 +10,25 @@ use splatgraph::view::viewer::Viewer;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time limit for anything, on any machine.
+/// Time limit of every wait, generous for slow machines.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The pictures' size.
+/// Size of the pictures, in pixels.
 pub const SIZE: (u32, u32) = (96, 54);
 
 /// A viewer over its own copy of graphs and shaders, which can be edited.
 pub struct Twin {
-    /// Draws.
     pub viewer: Viewer<Backend>,
     /// Events so far.
     pub events: Vec<Event>,
     /// Size of the view, in pixels.
     pub size: (u32, u32),
-    /// Its files.
+    /// Folder with the scene, the graphs and the shaders.
     pub place: Place,
 }
 
 impl Twin {
-    /// A generated scene of `splats` splats, drawn with `graph` of a copy of all shipped files.
+    /// Opens a viewer of a generated scene of `splats` splats, drawn with `graph` of a copy of all shipped files.
     pub fn new(graph: &str, splats: u32, set: &[(&str, &str)]) -> Twin {
         let place = Place::shipped();
         let scene = (place.scene("scene.ply", "demo", splats, 0), place.at("scene.ply"));
@@ -50,7 +49,7 @@ impl Twin {
         twin
     }
 
-    /// Draws a frame, and collects what happened.
+    /// Draws a frame and collects its events.
     pub fn frame(&mut self) {
         self.viewer.frame(self.size);
         let renderers = [Some(&self.viewer.a), self.viewer.b.as_ref()].into_iter().flatten();
@@ -67,7 +66,7 @@ impl Twin {
         self.viewer.a.renderer.device_mut().expect("the device is not lost")
     }
 
-    /// Draws frames.
+    /// Draws `count` frames.
     pub fn frames(&mut self, count: usize) {
         for _ in 0..count {
             self.frame();
@@ -106,7 +105,7 @@ impl Twin {
         self.until("a new plan of A", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }))
     }
 
-    /// Waits for the next error.
+    /// Waits for the next error; returns its text.
     pub fn next_failure(&mut self) -> String {
         match self.until("a mistake", |event| matches!(event, Event::Failed { .. })) {
             Event::Failed { text, .. } => text,
@@ -114,7 +113,7 @@ impl Twin {
         }
     }
 
-    /// Returns the picture of the next frame.
+    /// Draws a frame; returns the picture of a viewport.
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
@@ -128,18 +127,18 @@ impl Twin {
         image_of(&pixels).expect("it has colours")
     }
 
-    /// Passes of A's frame.
+    /// Returns the number of passes in A's frame.
     pub fn passes(&self) -> usize {
         self.viewer.a.renderer.plan().map_or(0, |plan| plan.frame.len())
     }
 
-    /// Frames of A that were drawn and are done.
+    /// Waits for frames in flight; returns the number of A's frames so far.
     pub fn drawn(&mut self) -> u64 {
         self.viewer.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         self.viewer.a.history.frames()
     }
 
-    /// Closes it; fails on validation messages.
+    /// Closes the viewer; fails on validation messages.
     pub fn close(mut self) {
         self.viewer.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let messages = self.viewer.into_device().expect("the device is not lost").close();

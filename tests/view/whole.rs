@@ -25,7 +25,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-/// Time limit for anything, on any machine.
+/// Time limit of every wait, generous for slow machines.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Interval between frames while nothing is new.
@@ -37,9 +37,9 @@ pub const PIXELS_PER_POINT: f32 = 0.4;
 /// A viewer over its own copy of graphs and shaders, which can be edited.
 pub struct TestShell<D: Device = Backend> {
     pub shell: Shell<D>,
-    /// Its files.
+    /// Folder with the scene, the graphs and the shaders.
     pub place: Place,
-    /// Events that were not taken yet.
+    /// Events that the test has not taken yet.
     pub events: Vec<Event>,
     /// Size of the window, in pixels.
     pub size: (u32, u32),
@@ -51,22 +51,22 @@ pub struct TestShell<D: Device = Backend> {
     pub due: u64,
     /// Due frames of the window that were not drawn.
     pub undrawn_windows: u64,
-    /// Input of the frames to come.
+    /// Planned input, one list per frame.
     pub input: VecDeque<Vec<Input>>,
-    /// Signalled when other threads have something new.
+    /// Signalled when another thread has something new.
     woken: Receiver<()>,
 }
 
 impl TestShell {
-    /// Draws `scene` (generator and number of splats) with `graph`, and the window with its own, of a copy of all shipped
-    /// files.
+    /// Opens a viewer that draws `scene` (generator and number of splats) with `graph`, and the window with the
+    /// window's graph, both from a copy of all shipped files.
     pub fn new(options: &Options, scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell {
         let canvas = common::open(options);
         let device = canvas.open_beside(options).expect("a device for the scene");
         TestShell::on([canvas, device], scene, graph, size)
     }
 
-    /// Closes it; fails on validation messages.
+    /// Closes the viewer; fails on validation messages.
     pub fn close(mut self) {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let devices = self.shell.into_devices();
@@ -77,11 +77,11 @@ impl TestShell {
 }
 
 impl<D: Device> TestShell<D> {
-    /// Draws the window on one device, and the scene on another.
+    /// Opens a viewer that draws the window on one device, and the scene on another.
     pub fn on([canvas, device]: [D; 2], scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell<D> {
         let place = Place::shipped();
         place.scene("scene.ply", scene.0, scene.1, 0);
-        // Rounded as in the file, so that reopening the file gives an equal scene.
+        // Read from the file, which rounds, so that reopening the file gives an equal scene.
         let path = place.at("scene.ply");
         let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let (sender, woken) = channel();
@@ -114,12 +114,12 @@ impl<D: Device> TestShell<D> {
         }
     }
 
-    /// Plans events, each for a frame of its own.
+    /// Plans events, one per frame.
     pub fn plan(&mut self, events: impl IntoIterator<Item = Input>) {
         self.input.extend(events.into_iter().map(|event| vec![event]));
     }
 
-    /// Plans that the pointer is pressed at the first place, moves over the others, and is released at the last.
+    /// Plans a drag: a press at the first place, moves over the others, and a release at the last.
     pub fn drag(&mut self, button: PointerButton, places: &[Pos2]) {
         let press = |pos, pressed| Input::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
         let (first, last) = (places[0], places[places.len() - 1]);
@@ -134,7 +134,7 @@ impl<D: Device> TestShell<D> {
         at.inspect(|at| self.drag(PointerButton::Primary, &[*at])).is_some()
     }
 
-    /// Plans a notch of the wheel.
+    /// Plans a turn of the wheel at a place, by a distance in points.
     pub fn scroll(&mut self, at: Pos2, points: f32) {
         let wheel = Input::MouseWheel {
             unit: MouseWheelUnit::Point,
@@ -146,7 +146,7 @@ impl<D: Device> TestShell<D> {
         self.plan([Input::PointerMoved(at), wheel]);
     }
 
-    /// Plans a key that is pressed and released.
+    /// Plans a press and release of a key.
     pub fn key(&mut self, key: Key, modifiers: Modifiers) {
         let event = |pressed| Input::Key { key, physical_key: None, pressed, repeat: false, modifiers };
         self.plan([true, false].map(event));
@@ -160,7 +160,7 @@ impl<D: Device> TestShell<D> {
         self.frame();
     }
 
-    /// Draws a frame, and collects what happened.
+    /// Draws a frame and collects its events.
     pub fn frame(&mut self) {
         self.draw(false);
     }
@@ -174,7 +174,7 @@ impl<D: Device> TestShell<D> {
         let input = RawInput {
             viewports: [(ViewportId::ROOT, viewport)].into_iter().collect(),
             screen_rect: Some(Rect::from_min_size(Pos2::ZERO, points)),
-            // Fixed frame times: what takes time (a drag, a fade) takes as many frames on every machine.
+            // Fixed frame times, so that drags and fades take the same number of frames on every machine.
             time: Some(self.calls as f64 / 60.0),
             events: self.input.pop_front().unwrap_or_default(),
             focused: true,
@@ -201,7 +201,7 @@ impl<D: Device> TestShell<D> {
         frame
     }
 
-    /// Frames of A and B that were drawn and are done.
+    /// Waits for frames in flight; returns the number of frames of A and B so far.
     #[cfg(target_os = "linux")]
     pub fn drawn(&mut self) -> u64 {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
@@ -213,7 +213,7 @@ impl<D: Device> TestShell<D> {
             .sum()
     }
 
-    /// Draws frames until `is_so`. Between them it waits a little for other threads to have something new.
+    /// Draws frames until `is_so`. Between frames, waits up to [`REST`] for news from other threads.
     pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut TestShell<D>) -> bool) {
         let begun = Instant::now();
         loop {
@@ -228,9 +228,9 @@ impl<D: Device> TestShell<D> {
         }
     }
 
-    /// Draws frames until nothing is being built and the pictures have the size that the window asks for.
+    /// Draws frames until nothing is being built and the pictures have the size that the window requests.
     pub fn settle(&mut self) {
-        // The first frame asks for what the second is to show.
+        // The first frame requests what later frames show.
         self.frame();
         self.until("the end of all building", |viewer| !viewer.busy());
     }
@@ -240,8 +240,10 @@ impl<D: Device> TestShell<D> {
         shell.viewer.busy() || shell.window().busy() || shell.window().size() != self.size
     }
 
-    /// Has all that is shown drawn from the files as they are shipped now, but for a number in the graphs' summaries, which tells
-    /// when that is so: whatever was changed in the files before, it was built after that.
+    /// Restores all shipped files, and draws until everything shown is built from them.
+    ///
+    /// The graphs' summaries get `number`, and are written last. A plan with this number was built after all files were
+    /// restored.
     #[cfg(target_os = "linux")]
     pub fn restore(&mut self, number: u64) {
         let marked = ["pipelines/splat.ron", "pipelines/view/window.ron"];
@@ -266,7 +268,7 @@ impl<D: Device> TestShell<D> {
         self.settle();
     }
 
-    /// Returns the picture of a viewport's next frame.
+    /// Draws a frame; returns the picture of a viewport.
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.shell.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
@@ -277,7 +279,7 @@ impl<D: Device> TestShell<D> {
         image_of(&pixels).expect("it has colours")
     }
 
-    /// Returns the picture of the window's next frame.
+    /// Draws a frame; returns the picture of the window.
     pub fn window(&mut self) -> Image {
         let pixels = self.draw(true).picture.expect("the window's picture is there");
         image_of(&pixels).expect("it has colours")

@@ -47,7 +47,7 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     program.window.point(middle(control));
     program.frame_after(since);
     program.rests();
-    // ...and so are the effect of a key, a restored window, another size, and an edited file.
+    // ...and so is the window after a key, after it is restored or resized, and after a file is edited.
     let mut since = program.now();
     program.window.key('h'.into());
     program.frame_after(since);
@@ -85,13 +85,13 @@ fn a_window_that_cannot_be_drawn_says_why_and_ends() {
     assert!(errors.contains("pipelines/view/window.ron:1:6"), "{errors}");
 }
 
-/// Each parameter's control triggers a build, and the keys control the camera afterwards.
+/// Tests the parameters' controls: each triggers a build, and keys still move the camera afterwards.
 fn parameters(program: &mut Program, first: &Pixels) {
     let passes = |event: &serde_json::Value| event["passes"].as_u64().expect("it has passes");
     let since = program.now();
     let started =
         program.until(0, "the first plan", |event| event["renderer"] == "a" && event["event"] == "swapped");
-    // From 8 bits to about 4.
+    // Drags the slider from 8 bits to about 4.
     let rail = program.control("param:digit_bits");
     let ([left, _, right, _], [_, y]) = (rail, middle(rail));
     let at = |share: f32| [left + ((right - left) as f32 * share) as i32, y];
@@ -99,7 +99,7 @@ fn parameters(program: &mut Program, first: &Pixels) {
     program.settle();
     let narrow = program.swapped(since, "a", "digit_bits");
     assert!(passes(&narrow) > passes(&started), "{narrow}");
-    // The sorted order does not depend on the digits.
+    // The sorted order does not depend on the digit width.
     program.view_is("the same picture with other digits", first);
 
     let since = program.now();
@@ -140,7 +140,7 @@ fn presets(program: &mut Program, first: &Pixels) {
     program.view_is("the graph of the file again", first);
 }
 
-/// Clicks the field of the scale, which stands in a menu.
+/// Clicks the field of the scale, and opens its menu before if necessary.
 fn click_scale(program: &mut Program) {
     if program.find("scale").is_none() {
         program.click("menu");
@@ -148,27 +148,27 @@ fn click_scale(program: &mut Program) {
     program.click("scale");
 }
 
-/// Pointer and keys over the view move the camera, but not elsewhere.
+/// Tests that the pointer and keys move the camera over the view, but not elsewhere.
 fn camera(program: &mut Program, first: &Pixels) {
     let view = program.control("view");
     let [x, y] = middle(view);
     program.drag(1, &[[x, y], [x + 40, y + 10], [x + 80, y + 20]]);
     let orbited = program.view_is_not("the scene from another side", first);
 
-    // A drag that began in the view goes on over a panel.
+    // A drag that began in the view continues over a panel.
     let panel = middle(program.control("param:sorter"));
     program.point([view[0] + 20, y]);
     program.window.press(1);
     program.act();
     program.point(panel);
     let there = program.view_is_not("what a drag onto a panel shows", &orbited);
-    // Back up: below, the camera may already look straight down.
+    // Moves up: the camera may already look straight down, so that moving down would change nothing.
     program.point([panel[0], panel[1] - 80]);
     program.view_is_not("what a drag over a panel shows", &there);
     program.window.release(1);
     program.act();
 
-    // The wheel zooms where the view is, and scrolls where a panel is.
+    // The wheel zooms over the view, and scrolls over a panel.
     let before = program.still();
     program.point([x, y]);
     program.wheel(true);
@@ -188,7 +188,7 @@ fn camera(program: &mut Program, first: &Pixels) {
     // Keys move the camera after a control was used, but not while a number is being edited.
     click_scale(program);
     program.keys(&['0', '.', '5', 'f'].map(u32::from));
-    // Leaves the field, then the menu that lies over the picture.
+    // The first Esc leaves the field, the second closes the menu that covers the picture.
     program.keys(&[ESCAPE]);
     program.keys(&[ESCAPE]);
     assert!(program.still() == near, "writing in a field moves the camera");
@@ -211,7 +211,7 @@ fn camera(program: &mut Program, first: &Pixels) {
 
     // A press in the view takes the keyboard from a field.
     click_scale(program);
-    // Beside the menu, which this closes.
+    // The press is beside the menu, and closes it.
     let [x, y] = [view[2] - 80, view[3] - 40];
     program.drag(3, &[[x, y], [x + 30, y]]);
     program.view_is_not("what a turned head sees", first);
@@ -219,7 +219,7 @@ fn camera(program: &mut Program, first: &Pixels) {
     program.view_is("the first view", first);
 }
 
-/// Files that are edited are shown.
+/// Tests that edited files are drawn.
 fn files(program: &mut Program, first: &Pixels) {
     let since = program.now();
     let part = "pipelines/parts/depth_order.ron";
@@ -245,7 +245,7 @@ fn files(program: &mut Program, first: &Pixels) {
     program.view_is("all colours", first);
 }
 
-/// A mistake is reported over the last good picture until it is mended.
+/// Tests that a mistake is reported over the last good picture until it is mended.
 fn mistakes(program: &mut Program, first: &Pixels) {
     assert_eq!(program.find("mistakes"), None);
     let since = program.now();
@@ -257,7 +257,7 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     let [left, top, right, bottom] = program.control("mistakes");
     let view = program.control("view");
     let [x, y] = [view[0], view[1]];
-    // Text on a reddish dark ground...
+    // The message is text on a dark, reddish background.
     let shown = program.view();
     let part: Vec<_> = (top - y + 2..bottom - y - 2)
         .flat_map(|row| (left - x + 2..right - x - 2).map(move |column| (column as usize, row as usize)))
@@ -266,7 +266,7 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     let reddish = part.iter().filter(|[r, g, b]| *r < 100 && r > g && r > b).count();
     let bright = part.iter().filter(|pixel| pixel.iter().any(|v| *v > 150)).count();
     assert!(2 * reddish > part.len() && bright > 0, "{reddish} and {bright} of {} pixels", part.len());
-    // ...and the picture if there is none.
+    // Above the message, the last good picture stays.
     let above = |pixels: &Pixels| pixels.rgb[..(top - y - 8) as usize * pixels.width].to_vec();
     assert!(above(&shown) == above(first), "the picture does not stay");
 
@@ -279,7 +279,7 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     program.view_is("the picture alone", first);
 }
 
-/// Two graphs side by side, and their difference.
+/// Tests two graphs side by side, and their difference.
 fn comparisons(program: &mut Program, first: &Pixels) {
     let since = program.now();
     program.click("compare:split");
@@ -287,7 +287,7 @@ fn comparisons(program: &mut Program, first: &Pixels) {
     program.settle();
     let view = program.control("view");
     let width = view[2] - view[0];
-    // The line is a black pixel and a white one.
+    // The dividing line is a black pixel and a white one.
     let stands_at = |shown: &Pixels, x: i32| {
         let row = shown.height - 20;
         shown.at(x as usize - 1, row) == [0; 3] && shown.at(x as usize, row) == [255; 3]
@@ -313,7 +313,7 @@ fn screen(program: &mut Program, first: &Pixels) {
     program.window.focus();
     program.view_is("the same after it was away", first);
 
-    // No frame is drawn for an icon.
+    // A minimised window draws nothing.
     program.window.set_minimised(true);
     program.rests();
     program.window.set_minimised(false);
@@ -338,7 +338,7 @@ fn screen(program: &mut Program, first: &Pixels) {
     let path = program.place.at(saved["path"].as_str().expect("a path"));
     let image = Image::load(&path).expect("a picture");
     assert_eq!((image.width, image.height), (760, 560));
-    // The bar above the view shows the time of a frame, which changes.
+    // Skips the bar above the view: it shows the time of a frame, which changes.
     let bar = view[1] as usize * image.width;
     for (index, (saved, shown)) in image.rgb.iter().zip(&whole.rgb).enumerate().skip(bar) {
         let close =

@@ -20,7 +20,7 @@ pub(super) const GRAPHS: [&str; 8] = [
     "pipelines/front_to_back_naive.ron",
 ];
 
-/// Edits that build: file, text and its replacement.
+/// Edits after which the file still builds: file, text and its replacement.
 const CONSTANTS: [(&str, &str, &str); 6] = [
     ("shaders/compose.comp", "blended.a * camera", "0.5 * blended.a * camera"),
     ("shaders/splat.frag", "min(alpha_cap,", "min(0.5 * alpha_cap,"),
@@ -34,7 +34,7 @@ const CONSTANTS: [(&str, &str, &str); 6] = [
     ("pipelines/view/window.ron", "history: true", "history: false"),
 ];
 
-/// Edits that do not build.
+/// Edits after which the file does not build: file, text and its replacement.
 const MISTAKES: [(&str, &str, &str); 5] = [
     ("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;"),
     ("shaders/camera.glsl", "uniform", "uniförm"),

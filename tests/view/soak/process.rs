@@ -3,7 +3,7 @@
 use std::fs;
 use std::time::{Duration, Instant};
 
-/// Returns the bytes of memory that this process has in RAM.
+/// Returns the resident memory of this process, in bytes.
 pub fn resident() -> u64 {
     let text = fs::read_to_string("/proc/self/statm").expect("there is a /proc");
     let pages: u64 = text.split(' ').nth(1).and_then(|pages| pages.parse().ok()).expect("a number of pages");
@@ -15,11 +15,12 @@ pub(super) fn open_files() -> usize {
     fs::read_dir("/proc/self/fd").expect("there is a /proc").count()
 }
 
-/// Returns the names of the threads, sorted. Mesa writes its cache of shaders on disk with up to four threads, which it starts when it has
-/// much to write: these are left out.
+/// Returns the names of the threads, sorted.
+///
+/// Leaves out Mesa's threads for the shader cache on disk: it starts up to four of them when it has much to write.
 pub(super) fn threads() -> Vec<String> {
     let tasks = fs::read_dir("/proc/self/task").expect("there is a /proc");
-    // One that ends meanwhile has no name any more.
+    // A thread that has ended meanwhile has no name.
     let name = |task: std::io::Result<fs::DirEntry>| fs::read_to_string(task.ok()?.path().join("comm")).ok();
     let names = tasks.filter_map(name).map(|name| name.trim_end().to_owned());
     let mut names: Vec<String> = names.filter(|name| !name.contains(":disk$")).collect();
@@ -27,7 +28,7 @@ pub(super) fn threads() -> Vec<String> {
     names
 }
 
-/// Returns the names of the threads after those that are done have ended.
+/// Returns the names of the threads, after 50 ms in which finished threads can end.
 pub(super) fn settled_threads() -> Vec<String> {
     let mut least = threads();
     let begun = Instant::now();
