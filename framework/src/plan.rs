@@ -62,8 +62,8 @@ pub struct Plan {
     pub culled: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<Warning>,
-    /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves it in
-    /// [`Layout::TransferSource`], readable by [`Stages::COPY`](crate::ir::Stages::COPY).
+    /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves
+    /// it in [`Layout::TransferSource`], readable by [`Stages::COPY`](crate::ir::Stages::COPY).
     pub output: ResourceId,
     /// Images requested besides the output. The export leaves them in the same layout as the output.
     pub outputs: Vec<Output>,

@@ -103,8 +103,7 @@ pub type ParamSet = BTreeSet<usize>;
 pub struct Effect {
     /// The passes that depend on the parameter, in the plan's order.
     pub passes: Vec<PassId>,
-    /// True if a condition, a repeat count or a swap depends on the parameter, so that the value decides which passes
-    /// exist.
+    /// True if a condition or a repeat count depends on the parameter, so that the value decides which passes exist.
     pub shape: bool,
     /// Why there is no effect, a phrase such as `nothing in this plan depends on it`; `None` if there is one.
     pub none: Option<String>,
