@@ -27,7 +27,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
         views.map(|views| Dataset { views, photographs: None, off_center: 0.0 })
     };
     parsed.map_err(|error| {
-        // serde_json repeats the place at the end of its message.
+        // serde_json appends the line and column to its message.
         let message = error.to_string();
         let place = format!(" at line {} column {}", error.line(), error.column());
         CameraError::Parse {
@@ -203,7 +203,7 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
         width,
         height,
         position: [0, 1, 2].map(|row| matrix[row][3]),
-        // From up and backward to down and forward.
+        // Converts the axes up and backward to down and forward.
         rotation: [0, 1, 2].map(|row| [matrix[row][0], -matrix[row][1], -matrix[row][2]]),
         fx,
         fy: fy.unwrap_or(fx),

@@ -6,9 +6,9 @@
 //! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
 //!
-//! Cameras have the principal point at the centre. They are pinholes, or have another [`Projection`](crate::Projection) if the
-//! dataset names one; a lens with distortion is refused. Any other principal
-//! point is moved to the centre, as the reference does; [`Dataset::off_center`] has the largest distance.
+//! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
+//! distortion is refused. The principal point is at the centre; any other one is moved there, as the reference does,
+//! and [`Dataset::off_center`] has the largest distance.
 
 mod colmap;
 mod error;
@@ -30,7 +30,7 @@ impl Dataset {
     /// Reads the cameras of a folder or a file in any of the module's formats.
     ///
     /// # Errors
-    /// No format is recognised, the file cannot be read, or a camera is malformed or not a pinhole. The error has the
+    /// No format is recognised, the file cannot be read, or a camera is malformed or has distortion. The error has the
     /// file, the line (or byte) and the field.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, CameraError> {
         let path = path.as_ref();
@@ -149,7 +149,7 @@ impl Camera {
     /// # Errors
     /// The errors of [`Camera::load`], or there is no such camera.
     pub fn select(spec: &str) -> Result<Self, CameraError> {
-        // A file whose own name contains a `#` can be named as well.
+        // If the whole text names a file, the `#` is part of the file's name.
         let (path, wanted) = match spec.rsplit_once('#') {
             Some((path, wanted)) if !Path::new(spec).exists() => (Path::new(path), Some(wanted)),
             _ => (Path::new(spec), None),

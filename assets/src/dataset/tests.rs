@@ -100,10 +100,10 @@ fn the_cameras_of_the_captures_are_read() {
     ["biker", "playbot-31k"].iter().for_each(|name| check(&captures, name));
 }
 
-/// A point of the world, and the pixel at which the camera of these tests shows it, computed by hand.
+/// A point of the world, and its pixel in the camera of these tests, computed by hand.
 ///
-/// The camera is at (1, 2, 3) and looks along the world's -x, with the world's +z up. Its right is then the world's +y. The point
-/// is 4 before it, 2 to the right and 1 below: at 50 + 100 * 2 / 4 and 40 + 80 * 1 / 4.
+/// The camera is at (1, 2, 3) and looks along the world's -x, with the world's +z up, so its right is the world's +y.
+/// The point is 4 units in front of it, 2 to the right and 1 below: at 50 + 100 * 2 / 4 and 40 + 80 * 1 / 4.
 const KNOWN: ([f64; 3], [f64; 2]) = ([-3.0, 4.0, 2.0], [100.0, 60.0]);
 
 fn pixel(camera: &Camera, point: [f64; 3]) -> [f64; 2] {
@@ -116,8 +116,10 @@ fn shows_the_known_point(camera: &Camera) {
     assert!((0..2).all(|axis| (found[axis] - KNOWN.1[axis]).abs() < 1e-9), "{found:?}");
 }
 
-/// The world-to-camera pose of the known camera in COLMAP's form. Rows of the rotation: right (0, 1, 0), down (0, 0, -1), forward
-/// (-1, 0, 0). It turns by 120 degrees about (1, 1, -1), so all components are 1/2, and its translation is -R (1, 2, 3).
+/// The world-to-camera pose of the known camera in COLMAP's form.
+///
+/// Rows of the rotation: right (0, 1, 0), down (0, 0, -1), forward (-1, 0, 0). It turns by 120 degrees about
+/// (1, 1, -1), so all components of the quaternion are 1/2 or -1/2. The translation is -R (1, 2, 3).
 const POSE: [f64; 7] = [0.5, 0.5, 0.5, -0.5, -2.0, 3.0, 1.0];
 
 fn colmap_text(lens: &str, image: &str) -> tempfile::TempDir {
@@ -150,13 +152,13 @@ fn colmap_text_shows_a_known_point_at_its_pixel() {
         (3, "left/a photo", "left/a photo.JPG")
     );
     assert_eq!(dataset.photographs, Some(folder.path().canonicalize().unwrap().join("images")));
-    // The folder of the model, and a file of it, name the same dataset.
+    // The folder of the model, and a file in it, give the same dataset.
     for path in ["sparse/0", "sparse/0/images.txt"] {
         assert_eq!(Dataset::load(folder.path().join(path)).unwrap(), dataset, "{path}");
     }
 }
 
-/// Makes both binary files, of images with so many points.
+/// Builds both binary files. Each image has `points` points.
 fn colmap_binary(model: u32, parameters: &[f64], points: u64) -> [Vec<u8>; 2] {
     let mut lenses = 1u64.to_le_bytes().to_vec();
     lenses.extend([7, model].map(u32::to_le_bytes).as_flattened());
@@ -373,7 +375,7 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     let write = |split: &str, names: &[&str]| {
         let frame = |name: &&str| format!("{{\"file_path\": \"./{name}\", \"transform_matrix\": {MATRIX}}}");
         let frames: Vec<String> = names.iter().map(frame).collect();
-        // Half of the tangent of 2 atan(1/2) is that of 100 pixels at a focal length of 100.
+        // A field of view of 2 atan(1/2) is that of 100 pixels at a focal length of 100.
         let text =
             format!("{{\"camera_angle_x\": {}, \"frames\": [{}]}}", 2.0 * 0.5f64.atan(), frames.join(","));
         std::fs::write(folder.path().join(format!("transforms_{split}.json")), text).unwrap();

@@ -233,7 +233,8 @@ impl Document {
 }
 
 impl ChunkDocument {
-    /// Reads the description of a chunk at offset `at`, of `bytes` bytes. Also returns the offset of the payload's length.
+    /// Reads the description of a chunk of `bytes` bytes at offset `at`. Also returns the offset of its payload's
+    /// length.
     pub(super) fn read(source: &Source, at: u64, bytes: u64) -> Result<(Self, u64), SceneError> {
         let (chunk, end): (Self, u64) = text(source, at, bytes, CHUNK_MAGIC)?;
         if chunk.version != VERSION {

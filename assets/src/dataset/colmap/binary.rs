@@ -60,7 +60,7 @@ impl<'a> Fields<'a> {
         Ok(f64::from_le_bytes(self.take(field)?))
     }
 
-    /// Reads a number of entries. Fails if the rest of the file cannot hold so many of at least `bytes` bytes each.
+    /// Reads a number of entries of at least `bytes` bytes each. Fails if they exceed the rest of the file.
     fn count(&mut self, field: &'static str, bytes: u64) -> Result<u64, CameraError> {
         let (at, count) = (self.at, self.long(field)?);
         let most = (self.length - self.at) / bytes;

@@ -88,8 +88,8 @@ pub(in crate::dataset) const UNDISTORT: &str =
 pub(super) type Fault = (&'static str, String);
 
 impl Model {
-    /// Returns the projection of the model, or an error for a model that bends rays otherwise even if its coefficients
-    /// are zero.
+    /// Returns the projection of the model. Fails for a model that is neither a pinhole nor a fisheye, even with zero
+    /// coefficients.
     pub(super) fn projection(&self) -> Result<Projection, Fault> {
         let fault = || format!("expected a pinhole or fisheye camera, found {}; {UNDISTORT}", self.name);
         self.projection.ok_or_else(|| ("MODEL", fault()))

@@ -12,7 +12,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::str::FromStr;
 
-/// Maximum length of a line, in bytes. Lines of points may be longer, and are skipped.
+/// Maximum length of a line, in bytes. Lines of points are skipped, and can be longer.
 const LONGEST_LINE: u64 = 64 << 10;
 
 /// The lines of a file.
@@ -130,7 +130,7 @@ pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Res
                 *number = value(&mut rest, name)?;
             }
             let lens = value(&mut rest, "CAMERA_ID")?;
-            // Names may have blanks.
+            // A name can contain blanks.
             let name = rest.trim_ascii();
             if name.is_empty() {
                 return Err(("NAME", "expected a value, found the end of the line".into()));
