@@ -9,10 +9,10 @@ use crate::scene::Scene;
 
 /// Generates a scene of `n` splats from another.
 ///
-/// Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place; a further copy moves by `R (s * u)` with the
-/// splat's rotation R, its scales s, and u per axis uniform in -sqrt(3) to sqrt(3), which has deviation 1, from the top 24 bits
-/// of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below the count takes the first `n`
-/// splats.
+/// Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place. A further copy moves by `R (s * u)`, with
+/// the splat's rotation R and its scales s. Each component of u is uniform in -sqrt(3) to sqrt(3), which has deviation
+/// 1, from the top 24 bits of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below
+/// the count takes the first `n` splats.
 ///
 /// # Errors
 /// The new scene does not fit in memory.

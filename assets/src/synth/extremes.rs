@@ -133,7 +133,7 @@ pub(super) fn ties(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates opacities within a thousandth of 1/255, above and below, where alpha is skipped.
+/// Generates opacities within a thousandth of 1/255, the floor below which alpha is skipped.
 pub(super) fn faint(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -219,7 +219,7 @@ pub(super) fn quaternions(count: u32, seed: u64) -> Made {
         let mut splat = cloud(random, count);
         let length = 10f64.powf(random.range(-43.0, 38.0));
         splat.rotation = splat.rotation.map(|c| (f64::from(c) * length) as f32);
-        // The shortest have few digits left, but always a direction.
+        // The shortest ones lose most of their digits. The smallest float keeps them from being zero.
         splat.rotation[0] += f32::from_bits(1);
         splat.scale[0] *= 4.0;
         splat
@@ -315,8 +315,8 @@ pub(super) fn crossing(count: u32, seed: u64) -> Made {
         let plate = i % 18;
         let angle = (10.0 + 60.0 * plate as f64 + random.range(-1.0, 1.0)).to_radians();
         let (x, y) = (angle.cos(), angle.sin());
-        // Far to near in the file, two ten-thousandths of a unit apart; the points are at the ends of a box of two
-        // units.
+        // In the file, the plates are ordered far to near, 2e-4 units apart. The points are a unit in front of them and
+        // a unit behind.
         let z = if plate < 6 { -2e-4 * plate as f64 } else { 1.0 - 2.0 * (plate % 2) as f64 };
         let position = std::array::from_fn(|axis| [x, 0.0, 0.0][axis] + y * along[axis] + z * CROSSING[axis]);
         let half: f64 = 35f64.to_radians();
@@ -350,7 +350,7 @@ pub(super) fn remote(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Returns a camera at the origin of [`remote`], which f32 cannot represent exactly.
+/// Makes a camera at the centre of [`remote`], moved so that f32 cannot represent its position exactly.
 pub(super) fn remote_camera() -> Camera {
     Camera { img_name: "remote".into(), ..camera().relative_to(REMOTE.map(|v| -v - 0.012_345_678_9)) }
 }
@@ -358,7 +358,7 @@ pub(super) fn remote_camera() -> Camera {
 /// Generates the cloud of [`remote`] ten million units from the origin; its file stores positions as `double`.
 pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate(count, 0, |i| small_cloud(&mut Random::new(seed, i as u64), count))?;
-    // A multiple of 1,024, which a reader of the file finds again.
+    // A multiple of 1,024, so that a reader of the file chooses the same origin.
     Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
 }
 
@@ -385,7 +385,7 @@ pub(super) fn two_clouds_camera() -> Camera {
     Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
 }
 
-/// Returns a distant camera with a field of view about as wide as a ball of this radius at the origin.
+/// Makes a distant camera whose field of view is 1.5 times as wide as a ball of this radius at the origin.
 pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
     let degrees = 3.0 * (radius / distance).atan().to_degrees();
     let eye = [0.28 * distance, -0.3 * distance, -0.911_921 * distance];

@@ -1,6 +1,6 @@
 //! Generates random numbers that are equal on every machine and in every run.
 
-/// Finalises a word by SplitMix64 (Steele, Lea and Flood), a bijection with random-looking outputs.
+/// Hashes a word with SplitMix64 (Steele, Lea and Flood), which is a bijection.
 pub(crate) fn splitmix64(x: u64) -> u64 {
     let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let x = (x ^ x >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);

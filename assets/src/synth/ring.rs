@@ -1,6 +1,7 @@
 //! Generates a mesh for the demo scene: an upright bronze ring, half sunk into the pond.
 //!
-//! It has every image that a material can have: worn bronze and verdigris, roughness and metalness, and the hammer marks as normals.
+//! Its material has all three images: worn bronze and verdigris as colours, roughness and metalness, and hammer marks
+//! as normals.
 
 use crate::mesh::{Mesh, MeshMaterial, Texture};
 use glam::{DVec2, DVec3};
@@ -23,7 +24,7 @@ fn patches(at: DVec2, scale: f64) -> f64 {
     WAVES.into_iter().map(wave).sum::<f64>() / 2.5
 }
 
-/// Evaluates the dents of a hammer, 0 to 1.
+/// Evaluates the pattern of hammer marks, 0 to 1.
 fn hammered(at: DVec2) -> f64 {
     let (x, y) = (48.0 * at.x, 6.0 * at.y);
     let dent = |x: f64| 0.5 + 0.5 * (TAU * x).cos();
@@ -72,7 +73,7 @@ fn image(mesh: &mut Mesh, texel: fn(DVec2) -> DVec3) -> Texture {
     texture
 }
 
-/// Returns how much verdigris there is, 0 to 1: in patches, and in the dents.
+/// Returns the amount of verdigris, 0 to 1: in patches, and in the hammer marks.
 fn verdigris(at: DVec2) -> f64 {
     let amount = 0.9 * patches(at, 1.0) + 0.5 * patches(at, 3.0) + 0.6 * hammered(at) - 0.5;
     (2.5 * amount + 0.3).clamp(0.0, 1.0)

@@ -18,7 +18,7 @@ const TWISTS: f64 = 7.0;
 fn line(s: f64) -> DVec3 {
     let t = TAU * s;
     let p = DVec3::new(t.sin() + 2.0 * (2.0 * t).sin(), t.cos() - 2.0 * (2.0 * t).cos(), -(3.0 * t).sin());
-    // Turned so that its three loops hang well, and a little flatter than round.
+    // Tilted so that its three loops hang well, and thickened along z, its shortest axis.
     let p = DVec3::new(p.x, -p.y, p.z) * DVec3::new(0.190, 0.190, 0.245);
     glam::DQuat::from_rotation_y(0.42) * glam::DQuat::from_rotation_x(0.22) * p + CENTER
 }
@@ -46,11 +46,11 @@ pub(super) fn knot(random: &mut Random, count: usize) -> Vec<Splat> {
         .map(|index| {
             let uv = even(index);
             let patch = Patch::new(rope, uv);
-            // du x dv points into the rope.
+            // The normal must point out of the rope.
             let axis = line(uv.x);
             let normal = if patch.normal.dot(patch.at - axis) < 0.0 { -patch.normal } else { patch.normal };
             let ridge = (lobes(uv) - 0.83) / 0.34;
-            // Between the lobes little light gets in, nor does it on the inner side of the knot.
+            // Little light reaches the grooves between the lobes and the inner side of the knot.
             let inward = 0.5 + 0.5 * normal.dot((patch.at - CENTER).normalize_or(UP));
             let occlusion = (0.18 + 0.82 * ridge.powf(0.8)) * (0.45 + 0.55 * inward);
             // A thread of gold lies in each groove.

@@ -71,7 +71,7 @@ impl Petal {
         }
         let across = 2.0 * uv.y - 1.0;
         let half = ring.width * outline(uv.x);
-        // The edges stand up from the middle, and roll back a little near the tip.
+        // The edges curve up from the middle, less so towards the tip.
         let cup = self.curl * half * (0.55 - 0.55 * uv.x.powi(3)) * across * across;
         let angle = slope(uv.x);
         let (out, up) = (out - angle.sin() * cup, up + angle.cos() * cup);
@@ -99,7 +99,7 @@ pub(super) fn petals(random: &mut Random, count: usize) -> Vec<Splat> {
             let vein = 0.5 + 0.5 * (across * 31.0 + 0.6 * (9.0 * uv.x).sin()).cos();
             let albedo =
                 tip * (0.80 + 0.20 * vein) * (1.0 + 0.04 * random.normal()) * (1.0 - 0.22 * across.powi(4));
-            // Inner rings shade the roots of the outer ones.
+            // The roots are in the shade, and inner rings more than outer ones.
             let occlusion = (0.28 + 0.90 * uv.x).min(1.0) * (1.0 - 0.08 * petal.ring as f64);
             let light = diffuse(patch.at, normal, albedo, occlusion * occlusion, 0.25, 0.40);
             let material = Material::new(display(light))

@@ -31,7 +31,7 @@ struct Part {
     mirrored: bool,
 }
 
-/// Parts of the scene. The reflection gets the thousandths that they leave.
+/// Parts of the scene. The reflection gets the rest of the splats.
 const PARTS: [Part; 12] = [
     Part { share: 235, make: knot::knot, mirrored: true },
     Part { share: 165, make: lotus::petals, mirrored: true },
@@ -50,7 +50,7 @@ const PARTS: [Part; 12] = [
 /// Generates the scene. Shares are proportional to `count`. Any count covers the surfaces; larger ones do so more
 /// finely.
 pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
-    // The splats, the mirrored ones, and the part being generated.
+    // Three lists: all splats, the mirrored ones, and those of the part being generated.
     let needed = u64::from(count) * (3 * size_of::<Splat>() as u64) + Scene::host_bytes(count.into(), 3);
     SceneMemoryError::check(count.into(), 3, needed)?;
     let count = count as usize;

@@ -44,7 +44,7 @@ fn sky_color(direction: DVec3) -> DVec3 {
 /// Generates a band of glow above the horizon that thins into the dark, with stars over it.
 pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     let glow = count * 2 / 5;
-    // Equal areas of a sphere are equal steps of height.
+    // Equal steps of height have equal areas on a sphere.
     let (low, high) = ((-4f64).to_radians().sin(), 46f64.to_radians().sin());
     let size = 0.56 * SKY_RADIUS * (TAU * (high - low) / glow.max(1) as f64).sqrt();
     let mut splats = Vec::with_capacity(count);
@@ -70,7 +70,7 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     for _ in glow + disc..count {
         let elevation = random.range(0.16, 0.999f64).asin();
         let direction = towards(random.range(0.0, TAU), elevation);
-        // Few are bright.
+        // Few stars are bright.
         let bright = random.unit().powi(7);
         let tint = blend(DVec3::new(0.75, 0.84, 1.0), DVec3::new(1.0, 0.82, 0.62), random.unit().powi(2));
         let veil = ((elevation.to_degrees() - 9.0) / 26.0).clamp(0.0, 1.0) * (1.0 - 0.5 * sunward(direction));
@@ -173,7 +173,7 @@ pub(super) fn dust(random: &mut Random, count: usize) -> Vec<Splat> {
             let scatter = DVec3::from(random.direction()) * spread * random.normal();
             let bright = random.unit().powi(3);
             let color = blend(DVec3::new(0.95, 0.55, 0.22), DVec3::new(1.0, 0.90, 0.62), bright);
-            // Each flake flashes towards a direction of its own.
+            // Each flake flashes in its own direction.
             let flash = DVec3::from(random.direction());
             let material = Material::new(color * 0.72).flash(flash, DVec3::new(0.5, 0.42, 0.28));
             let size = 0.0022 + 0.0040 * bright;

@@ -25,7 +25,7 @@ fn ripple(at: DVec3) -> DVec3 {
 pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count)
         .map(|index| {
-            // Denser near the middle: equal counts in rings whose width grows outwards.
+            // Denser near the middle: rings of equal counts have areas that grow outwards.
             let t = (index as f64 + 0.5) / count as f64;
             let radius = 0.12 + SHORE * t.powf(0.78);
             let azimuth = TAU * (index as f64 * 0.618_033_988_749_895).fract();
@@ -43,9 +43,9 @@ pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
                 sunward * radius / SHORE,
             );
             let far = (radius / SHORE).powi(2);
-            // Seen low over the water against the sun, it mirrors the glowing sky.
+            // Seen at a low angle against the sun, the water mirrors the glowing sky.
             let low = DVec3::new(-SUN.x, -0.16, -SUN.z).normalize();
-            // The sun's disc stands lower than its light, which is a sky's.
+            // The visible disc of the sun is lower than `SUN`, the direction of its light.
             let disc = DVec3::new(SUN.x, -0.14, SUN.z).normalize();
             let mirrored = 2.0 * normal.dot(disc) * normal - disc;
             let opposite = DVec3::new(SUN.x, -0.25, SUN.z).normalize();
@@ -79,7 +79,7 @@ fn pads(random: &mut Random) -> Vec<Pad> {
         // The water in front of the lotus stays open, for its reflection.
         let open = center.y < -0.4 && center.x.abs() < 0.75;
         let clear = pads.iter().all(|p: &Pad| p.center.distance(center) > p.radius + radius + 0.03);
-        // They form groups.
+        // The pads form groups.
         let group = (2.3 * azimuth + 0.8).sin() * (1.7 * distance).cos();
         if clear && !open && group > -0.15 && pads.len() < 44 {
             pads.push(Pad { center, radius, notch: random.range(0.0, TAU), curl: random.range(0.02, 0.16) });
@@ -132,7 +132,7 @@ pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
     let mut splats = Vec::with_capacity(count);
     let mut edge = 0;
     for blade in 0..blades {
-        // Clumps stand about the water, with an opening where the first camera is.
+        // Clumps surround the water, with a gap in front of the first camera.
         let clump = (CLUMPS * random.unit()).floor();
         let azimuth =
             -0.25 * TAU + OPEN + (TAU - 2.0 * OPEN) * (clump + 0.5) / CLUMPS + 0.10 * random.normal();

@@ -65,7 +65,7 @@ pub(super) fn flat(
     let q = DQuat::from_mat3(&DMat3::from_cols(along, normal.cross(along), normal)).normalize();
     Splat {
         position: at.as_vec3().into(),
-        // A surface may shrink to a point, but its splats may not.
+        // A surface can shrink to a point, but a splat has a minimum size.
         scale: scale.max(DVec3::splat(2e-4)).as_vec3().into(),
         rotation: [q.w, q.x, q.y, q.z].map(|c| c as f32),
         opacity: opacity.clamp(0.0, 0.995) as f32,
@@ -89,7 +89,7 @@ pub(super) fn deal(weights: &[f64], count: usize) -> impl Iterator<Item = (usize
         sum += weight;
         edges.push((count as f64 * sum / total).round() as usize);
     }
-    // Rounding must not drop the last one.
+    // Rounding must not drop the last splat.
     *edges.last_mut().expect("it has the 0 at least") = if weights.is_empty() { 0 } else { count };
     (0..weights.len()).flat_map(move |thing| {
         let (first, end) = (edges[thing], edges[thing + 1]);
