@@ -1,7 +1,8 @@
-//! Compares decoded values with other programs' values: PlayCanvas's `splat-transform` (npm) and the package `spz` (PyPI).
+//! Compares decoded values with those of PlayCanvas's `splat-transform` (npm) and of the package `spz` (PyPI).
 //!
-//! `SPLAT_TRANSFORM` is the command that runs splat-transform, by default `splat-transform`; it needs Node 22. `SPZ_PYTHON` is a
-//! Python that has the packages `spz` and `numpy`, by default `python3`. `SPLATGRAPH_DATA` is the folder of captured scenes.
+//! `SPLAT_TRANSFORM` is the command that runs splat-transform, by default `splat-transform`; it needs Node 22.
+//! `SPZ_PYTHON` is a Python that has the packages `spz` and `numpy`, by default `python3`. `SPLATGRAPH_DATA` is the
+//! folder of captured scenes.
 
 use splatgraph_assets::{QUIET, Scene, SceneFormat, Splat, SpzVersion, harmonics};
 use std::fs::File;
@@ -9,12 +10,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Tells that a test is not run. Not by `println!`, whose output is hidden in tests that pass.
+/// Reports that a test is not run. `println!` is not used: its output is hidden in tests that pass.
 fn not_run(test: &str, needs: &str) {
     let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
 }
 
-/// Returns the folder of captured scenes.
+/// Returns the folder of captured scenes; `None`, with a report, if there is none.
 fn captures(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
     if folder.is_none() {
@@ -23,7 +24,7 @@ fn captures(test: &str) -> Option<PathBuf> {
     folder
 }
 
-/// Returns the words of a command in the environment, or a program's name.
+/// Creates the command in an environment variable, split at blanks, or the command `program` without it.
 fn command(variable: &str, program: &str) -> Command {
     let line = std::env::var(variable).unwrap_or_else(|_| program.to_owned());
     let mut words = line.split_ascii_whitespace();
@@ -32,17 +33,17 @@ fn command(variable: &str, program: &str) -> Command {
     command
 }
 
-/// Runs a command; returns its output, or the reason why there is none.
+/// Runs a command. Returns its output, or the reason why it failed.
 fn output(mut command: Command) -> Result<String, String> {
     let done = command.output().map_err(|error| error.to_string())?;
     let text = String::from_utf8_lossy(&done.stdout).into_owned();
     let error = String::from_utf8_lossy(&done.stderr);
-    // splat-transform prints its version there.
+    // splat-transform prints its version to the standard error.
     let text = if text.is_empty() { error.clone().into_owned() } else { text };
     if done.status.success() { Ok(text) } else { Err(format!("{}: {error}", done.status)) }
 }
 
-/// The largest differences of two scenes, in the order of [`Differences::NAMES`].
+/// The largest differences between two scenes, in the order of [`Differences::NAMES`].
 #[derive(Debug, Default)]
 struct Differences([f64; 6]);
 
@@ -50,7 +51,7 @@ impl Differences {
     const NAMES: [&str; 6] =
         ["positions", "scales, relative", "rotations", "opacities", "band 0", "other bands"];
 
-    /// Compares splat by splat; `turned` are axes half a turn about x from a scene's.
+    /// Compares splat by splat. If `turned` is true, the axes of `theirs` are half a turn about x from those of `ours`.
     fn of(ours: &Scene, theirs: &Scene, turned: bool) -> Self {
         let mut most = Self::default();
         // The logits of 0 and 1 are infinite in a PLY, and such splats are dropped.
@@ -71,7 +72,7 @@ impl Differences {
             most.add(1, &relative, &[1.0; 3]);
             let same = most.0[2];
             most.add(2, &a.rotation.map(|value| value * dot.signum()), &b.rotation);
-            // Axes can change places: then the ellipsoids are compared.
+            // The same ellipsoid can have its axes in another order, so covariances are compared.
             if most.0[2] > ANOTHER {
                 most.0[2] = same;
                 most.add(2, &covariance(&a), &covariance(&b));
@@ -89,7 +90,7 @@ impl Differences {
         }
     }
 
-    /// Prints the differences, and checks them against the largest that rounding explains.
+    /// Prints the differences, and checks them against limits.
     fn check(&self, what: &str, limits: [f64; 6]) {
         let found: Vec<String> =
             Self::NAMES.iter().zip(self.0).map(|(name, value)| format!("{name} {value:.1e}")).collect();
@@ -100,7 +101,7 @@ impl Differences {
     }
 }
 
-/// Difference of quaternions above which they may describe one ellipsoid with other axes.
+/// Difference of quaternions above which they may describe the same ellipsoid with its axes in another order.
 const ANOTHER: f64 = 0.1;
 
 /// Computes the covariance, relative to the largest variance.
@@ -133,9 +134,10 @@ fn turn(splat: &mut Splat) {
     }
 }
 
-/// Limits for values that both programs decode from the same bytes: positions and harmonics above band 0 to the bit. The
-/// others pass through a logarithm, a logit, a normalisation or a colour of the PLY. Before the logit, other programs move the
-/// opacities 0 and 1 by 1e-6.
+/// Limits for values that both programs decode from the same bytes.
+///
+/// Positions and harmonics above band 0 must be bit-identical. The others pass through a logarithm, a logit, a
+/// normalisation or a colour of the PLY. Other programs change opacities of 0 and 1 by 1e-6 before the logit.
 const EQUAL: [f64; 6] = [0.0, 1e-6, 1e-6, 1.1e-6, 1e-6, 0.0];
 
 fn load(path: &Path) -> Scene {
@@ -167,7 +169,7 @@ fn splat_transform_decodes_the_values_that_are_read() {
         let theirs = at("theirs.ply");
         convert(path, &theirs);
         let what = format!("{what}, decoded by splat-transform {version}");
-        // It takes the axes of SPZ, which point right, up and back, for those of PLY.
+        // splat-transform copies the axes of SPZ (right, up and back) to the PLY without a conversion.
         let turned = path.extension().is_some_and(|end| end == "spz");
         Differences::of(&load(path), &load(&theirs), turned).check(&what, limits);
     };
@@ -179,7 +181,7 @@ fn splat_transform_decodes_the_values_that_are_read() {
             (SceneFormat::CompressedPly, EQUAL),
             (SceneFormat::Spz, EQUAL),
             (SceneFormat::Sog, EQUAL),
-            // The bytes of quaternions are `(u - 128) / 128` here, and `u / 127.5 - 1` there.
+            // A byte of a quaternion is `(u - 128) / 128` here, and `u / 127.5 - 1` in splat-transform.
             (SceneFormat::Splat, [EQUAL[0], EQUAL[1], 0.01, EQUAL[3], EQUAL[4], EQUAL[5]]),
         ] {
             let path = at(&format!("ours.{}", format.extension()));
@@ -189,14 +191,14 @@ fn splat_transform_decodes_the_values_that_are_read() {
         let path = at("ours3.spz");
         ours.write_spz(SpzVersion::V3, &mut File::create(&path).unwrap()).unwrap();
         compare(&path, EQUAL, &format!("{scene} as .spz, version 3"));
-        // The palette of a scene with harmonics takes minutes there.
+        // For a scene with harmonics, splat-transform takes minutes to choose the palette.
         let ends = ["compressed.ply", "spz", "sog"];
         for end in &ends[..if ours.stored_degree() > 0 { 2 } else { 3 }] {
             let path = at(&format!("written.{end}"));
             convert(&original, &path);
             compare(&path, EQUAL, &format!("{scene} as .{end}, written by splat-transform"));
         }
-        // It writes glTF without reading it, so the splats are compared with those of the PLY.
+        // splat-transform writes glTF but does not read it, so the splats are compared with those of the PLY.
         let path = at("written.glb");
         convert(&original, &path);
         let what = format!("{scene} as .glb, written by splat-transform {version}");
@@ -204,9 +206,11 @@ fn splat_transform_decodes_the_values_that_are_read() {
     }
 }
 
-/// Decodes an SPZ file to rows of floats: position, scale (a logarithm), rotation x, y, z, w, opacity (a logit), band 0, and the
-/// other bands with the channels of each coefficient together. The package cannot be imported by its name in version 0.0.1, so
-/// its library is loaded.
+/// Decodes an SPZ file to rows of floats.
+///
+/// A row has position, scale (a logarithm), rotation x, y, z, w, opacity (a logit), band 0, and the other bands with
+/// the channels of each coefficient together. Version 0.0.1 of the package cannot be imported by its name, so its
+/// library is loaded.
 const DECODE: &str = r#"
 import glob, importlib.util, os, sys
 import numpy as np

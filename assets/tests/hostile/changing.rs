@@ -1,4 +1,4 @@
-//! Files that a writer truncates and rewrites while they are read: the result is a whole scene or an error.
+//! Tests files that are truncated and rewritten while they are read: the result is a whole scene or an error.
 
 use crate::allocation::alone;
 use crate::long;
@@ -14,7 +14,7 @@ fn load(path: &Path) -> Result<Scene, LoadError> {
     Scene::load(path, splatgraph_assets::QUIET)
 }
 
-/// Returns the bytes of a scene file whose first colour depends on the seed, and the seed.
+/// Returns the bytes of a scene file that depends on the seed, and the identity of its scene.
 fn written(seed: u64) -> (Vec<u8>, u64) {
     let scene = synth::generate("uniform", 40_000, seed).expect("it is generated");
     let mut bytes = Vec::new();
@@ -75,7 +75,7 @@ fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
                 Err(error) => {
                     refused += 1;
                     let text = error.to_string();
-                    // A file at rest may be truncated, but not mixed.
+                    // A load between two writes can see a truncated file, but never a mixed one.
                     let expected = matches!(
                         error.problem,
                         SceneError::Changed
@@ -135,7 +135,7 @@ fn a_file_that_is_written_over_while_it_is_read_says_so() {
     };
     let said = Scene::load(&path, &touch).unwrap_err();
     assert!(matches!(said.problem, SceneError::Changed), "{said}");
-    // A new file in its place is another file: the opened one stays whole.
+    // A new file that replaces the path does not affect the opened file.
     let replace = |done: u64, _| {
         if done == 0 {
             fs::write(folder.path().join("new"), "not a scene").unwrap();

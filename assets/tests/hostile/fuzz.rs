@@ -1,4 +1,5 @@
-//! Fuzzes the readers with randomly damaged scene and camera files. A case is its number, so every run is equal.
+//! Fuzzes the readers with randomly damaged scene and camera files. Each case is seeded by its number, so that all
+//! runs are equal.
 //!
 //! Readers return within bounded time and memory, whatever a file contains.
 
@@ -118,7 +119,7 @@ fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8
             }
             7 | 8 => {
                 let number = random.pick(&NUMBERS);
-                // A number in the file, if there is one after the position.
+                // Replaces a number of the file, if one follows.
                 let digit = bytes[at..].iter().position(u8::is_ascii_digit).map_or(at, |digit| at + digit);
                 replace_word(&mut bytes, digit, number);
             }
@@ -143,8 +144,8 @@ fn replace_word(bytes: &mut Vec<u8>, at: usize, word: &str) {
     bytes.splice(start..end.max(start), word.bytes());
 }
 
-/// Runs the cases of one reader. `read` returns the first words of its error; `memory` is the maximum of bytes that it
-/// may allocate beyond a multiple of the file's length.
+/// Runs the cases of one reader. `read` returns the kind of its error. It can allocate `memory` bytes and 64 times the
+/// file's length.
 fn run(name: &str, seeds: &[(Vec<u8>, usize)], memory: usize, read: impl Fn(&[u8]) -> Result<(), String>) {
     let _alone = alone();
     // Warm-up: threads and other one-time allocations.
@@ -176,7 +177,7 @@ fn run(name: &str, seeds: &[(Vec<u8>, usize)], memory: usize, read: impl Fn(&[u8
     assert!(answers.len() > 2, "{name}: the cases are all alike: {answers:?}");
 }
 
-/// Returns the kind of a message: its words, without numbers and names.
+/// Returns the kind of a message: its first four words of lower-case letters.
 fn kind(message: &str) -> String {
     let words = message.split(' ').filter(|w| w.chars().all(|c| c.is_ascii_lowercase()));
     words.take(4).collect::<Vec<_>>().join(" ")
@@ -230,12 +231,12 @@ fn scenes() -> Vec<(Vec<u8>, usize)> {
 
 #[test]
 fn damaged_scenes_are_read_or_refused() {
-    // A piece per thread, and the lists of a parallel loop.
+    // A buffer per thread, and the lists of a parallel loop.
     let memory = 4 << 20;
     run("scenes", &scenes(), memory, parse);
 }
 
-/// Builds small scenes in the formats other than plain PLY, with the lengths of their headers.
+/// Builds small scenes in a format whose header has `head` bytes.
 fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     let scenes = [("uniform", 6), ("needles", 300), ("demo", 3)];
     let seeds = scenes.map(|(generator, count)| {
@@ -338,7 +339,8 @@ fn damaged_spz_files_of_version_4_are_read_or_refused() {
     run("SPZ version 4", &seeds, 4 << 20, parse);
 }
 
-/// Memory of SOG's reader beyond the file: a palette of 3 bands and 65,536 entries is 4 MB, however few bytes it packs to.
+/// Memory of SOG's reader beyond the file: a palette of 3 bands and 65,536 entries is 4 MB, however few bytes it packs
+/// to.
 const SOG_MEMORY: usize = 16 << 20;
 
 /// Returns the files of an archive with their names.
@@ -413,7 +415,7 @@ fn sog_parts(version: u32) -> Vec<(&'static str, Vec<u8>)> {
     textures.into_iter().chain(rest).collect()
 }
 
-/// Packs a SOG scene.
+/// Builds a SOG archive.
 fn sog(version: u32, method: CompressionMethod) -> Vec<u8> {
     let parts = sog_parts(version);
     zipped(parts.iter().map(|(name, bytes)| (*name, bytes.as_slice())), method)
@@ -442,13 +444,13 @@ fn ksplat(level: u16) -> Vec<u8> {
 
 #[test]
 fn damaged_ksplat_files_are_read_or_refused() {
-    // Two in five cases hit the file's header, most others the section's.
+    // Two in five cases hit the fields of the file's header. The others are spread over the file.
     let seeds = [0, 1, 2].map(|level| (ksplat(level), 48));
     run("ksplat", &seeds, 4 << 20, parse);
 }
 
-/// Builds `.rad` files in all encodings: splats, a palette of harmonics and a tree of two chunks, compressed or not. Returns
-/// them with the lengths of their texts.
+/// Builds `.rad` files in all encodings, compressed or not: splats, a palette of harmonics and a tree of two chunks.
+/// Returns them with the lengths of their texts.
 fn rad(compressed: bool) -> [(Vec<u8>, usize); 3] {
     let values = |count: usize| (0..count).map(|index| (index as f32 * 0.37).sin()).collect::<Vec<f32>>();
     let positive = |count: usize| values(count).iter().map(|value| 0.6 + 0.3 * value).collect::<Vec<f32>>();
@@ -502,7 +504,8 @@ fn damaged_usd_files_are_read_or_refused() {
         let name = format!("{}/tests/usd/splats.{end}", env!("CARGO_MANIFEST_DIR"));
         std::fs::read(name).expect("it is in the repository")
     };
-    // The text's first prim; the binary file's tokens, fields and paths, which come after the values; an archive's header.
+    // The heads: the text's first prim; the binary file's header; reversed, its tokens, fields and paths, which come
+    // after the values; the archive's header.
     let [text, binary, package] = ["usda", "usdc", "usdz"].map(file);
     run("USD, text", &[(text.clone(), 700)], 4 << 20, parse);
     run("USD, binary", &[(binary.clone(), 88)], 4 << 20, parse);
@@ -524,7 +527,7 @@ fn damaged_sog_files_are_read_or_refused() {
     }
 }
 
-/// Writes a file that seems old: readers wait until the clock has moved on from a new file's time.
+/// Writes a file with an old modification time. Before it reads a new file, a reader waits for the clock to advance.
 fn write_old(path: &Path, bytes: &[u8]) {
     let mut file = std::fs::File::create(path).unwrap();
     file.write_all(bytes).unwrap();
@@ -650,7 +653,7 @@ fn damaged_models_of_colmap_are_read_or_refused() {
             let names = ["cameras", "images"].map(|name| below.join(format!("{name}.{form}")));
             std::fs::write(&names[1 - damaged], &whole[1 - damaged]).unwrap();
             let seeds = [(whole[damaged].clone(), whole[damaged].len())];
-            // A buffer, and a line.
+            // The limit covers a buffer and a line.
             run(&format!("COLMAP {form} {damaged}"), &seeds, 1 << 20, |bytes| {
                 std::fs::write(&names[damaged], bytes).unwrap();
                 sound(Dataset::load(&below))
