@@ -14,8 +14,8 @@ use std::f64::consts::FRAC_PI_2;
 /// that direction it is drawn narrower than it is, rather than as a streak across the picture.
 const LEAST_SINE: f64 = 0.25;
 
-/// Minimum of the cosine of the latitude in the Jacobian of an equirectangular camera: at the poles, a splat covers the
-/// picture's whole width, but is not infinitely wide.
+/// Minimum of the cosine of the latitude in the Jacobian of an equirectangular camera. A splat at a pole covers the
+/// picture's whole width; the minimum keeps it from being infinitely wide.
 const LEAST_COSINE: f64 = 1e-3;
 
 /// Maps view space to the image of one camera.

@@ -107,7 +107,7 @@ impl<'a> Caster<'a> {
                 pixels = std::array::from_fn(|axis| {
                     let at = [a, b, c].map(|p| focal[axis] * p[axis] / p[2] + middle[axis]);
                     let bound = |pick: fn(f64, f64) -> f64| at.into_iter().reduce(pick).unwrap_or(0.0);
-                    // A corner on a pixel's centre may be rounded to either side.
+                    // Rounding may put a corner on either side of a pixel's centre, so the bounds have a margin.
                     [bound(f64::min) - 1e-6, bound(f64::max) + 1e-6]
                 });
             }
@@ -317,7 +317,7 @@ mod tests {
     use crate::gaussian::Gaussian;
     use splatgraph_assets::Projection;
 
-    /// Looks along +z from the origin; pixel (2, 2) is in the middle.
+    /// Returns a camera that looks along +z from the origin; pixel (2, 2) is in the middle.
     fn camera() -> Camera {
         Camera { fx: 2.0, fy: 2.0, ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (5, 5)) }
     }

@@ -93,7 +93,7 @@ impl Pixel {
         most: (0.0, u32::MAX),
     };
 
-    /// Adds a splat to the sums. `transmittance` is what the nearer splats leave.
+    /// Adds a splat to the sums. `transmittance` is that of all nearer splats together.
     fn add(&mut self, splat: &Ellipse, alpha: f64, transmittance: f64) {
         let weight = alpha * transmittance;
         self.color.iter_mut().zip(splat.footprint.color).for_each(|(sum, c)| *sum += weight * c);
@@ -280,7 +280,7 @@ mod tests {
 
     const QUIET: Progress = &|_, _| {};
 
-    /// Looks along +z from the origin; the axis meets the image at pixel (32, 24).
+    /// Returns a camera that looks along +z from the origin; the axis meets the image at pixel (32, 24).
     fn camera() -> Camera {
         Camera {
             width: 65,

@@ -332,7 +332,7 @@ impl<G: Gpu> Device for Executor<G> {
 
     fn running(&mut self) -> Option<Running> {
         for slot in 0..self.slots.len() {
-            // The next call that waits reports a failure.
+            // A failure is reported by the next call that waits.
             self.collect(slot, false).ok()?;
         }
         let oldest = self.slots.iter().flat_map(|slot| &slot.pending).min_by_key(|pending| pending.frame)?;

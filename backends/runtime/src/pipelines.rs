@@ -100,7 +100,7 @@ impl Compilers {
             let (gpu, plan, end) = (gpu.clone(), plan.clone(), end.clone());
             move || {
                 work(&gpu, &plan, &sender);
-                // The sender is dropped before the end is signalled: no receiver is left for the result.
+                // Frees the device, the plan and a result that nobody received, before the thread counts as ended.
                 drop((sender, plan, gpu));
                 let mut end = end_of(&end);
                 end.over = true;

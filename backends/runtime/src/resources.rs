@@ -196,7 +196,7 @@ impl<G: Gpu> Resources<G> {
     pub fn memory(&self, plan: &Plan) -> Vec<(String, u64)> {
         use crate::gpu::Memory;
         let mut entries: Vec<(String, u64)> = Vec::new();
-        // Each allocation with its entry.
+        // Maps each allocation to its entry.
         let mut seen = HashMap::new();
         let is_plane = |index: &usize| matches!(self.held[*index], Held::Plane(_));
         let (planes, own): (Vec<_>, Vec<_>) = (0..self.held.len()).partition(is_plane);

@@ -38,7 +38,7 @@ struct State<G: Gpu> {
 /// A submission's number, and how many of its passes are complete.
 type Point = (u64, usize);
 
-/// Submission, as the watch knows it.
+/// A submission that the watch tracks.
 pub(crate) struct Submission<G: Gpu> {
     /// The frame's passes; `None` for an upload.
     pub frame: Option<Frame<G>>,

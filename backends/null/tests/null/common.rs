@@ -44,7 +44,8 @@ impl SceneData for Zeros {
     }
 }
 
-/// The plan of the unit tests, with histories for the buffer `words` and the image `color`; its prologue clears both.
+/// Returns the plan of the unit tests with histories for the buffer `words` and the image `color`. Its prologue clears
+/// both.
 pub fn histories() -> Plan {
     let mut plan = plan();
     for id in [WORDS, COLOR] {
@@ -75,7 +76,7 @@ pub fn histories() -> Plan {
     plan
 }
 
-/// The plan of the unit tests, with a host buffer instead of the scene's attribute.
+/// Returns the plan of the unit tests with a host buffer instead of the scene's attribute.
 pub fn with_host_buffer() -> Plan {
     let mut plan = plan();
     let splats = &mut plan.resources[crate::testing::SPLATS.index()];

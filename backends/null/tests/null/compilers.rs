@@ -18,7 +18,7 @@ fn hanging(pipelines: impl IntoIterator<Item = u64>) -> (Null, Journal) {
     (null.expect("it opens"), journal)
 }
 
-/// The plan of the unit tests under another name, which makes it a different plan.
+/// Returns the plan of the unit tests under another name, which makes it a different plan.
 fn named(name: &str) -> Plan {
     Plan { name: name.to_string(), ..plan() }
 }
@@ -38,7 +38,7 @@ fn until(journal: &Journal, object: Object, count: i64) {
 
 #[test]
 fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader() {
-    // The first plan has two pipelines; the third pipeline is the second plan's scan, the fourth its draw.
+    // Pipelines 0 and 1 belong to the first plan, 2 and 3 (scan and draw) to the second. The last one hangs.
     let (mut null, journal) = hanging([3]);
     load(&mut null, plan());
     frame(&mut null, &inputs());

@@ -113,7 +113,7 @@ fn run(faults: &[Fault]) -> Outcome {
     Outcome { errors, last, journal }
 }
 
-/// Waits until abandoned compiler threads have noticed that nobody waits, and have ended.
+/// Waits until abandoned compiler threads have noticed that their loads were abandoned, and have ended.
 fn until_compilers_end() {
     let begun = Instant::now();
     while splatgraph_runtime::abandoned_compilers() > 0 {
@@ -128,7 +128,7 @@ fn unnumbered(last: &[Call]) -> Vec<Call> {
     last.iter()
         .filter(|call| !number(call))
         .map(|call| match call {
-            // A failed frame leaves its slot to the next one.
+            // After a failed frame, the next frame uses the same slot.
             Call::BindPass { pass, .. } => Call::BindPass { pass: pass.clone(), slot: 0 },
             other => other.clone(),
         })

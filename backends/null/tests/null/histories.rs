@@ -45,10 +45,11 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
     frame(&mut null, &inputs());
     let calls = journal.take();
     assert_eq!(started(&calls), Vec::<&str>::new());
-    // The barrier orders previous frames first, and transitions the image to the layout that its start would have left.
+    // The barrier makes the frame wait for earlier frames. It moves the image to the layout in which its clear would
+    // have left it.
     let images = vec![("color".to_string(), Layout::TransferSource, Layout::TransferTarget)];
     assert!(last_frame(&calls).contains(&Call::FullBarrier { images }));
-    // Only the execution dependency remains of the start's layout change.
+    // Of the clear's layout change, only the execution dependency remains.
     assert!(last_frame(&calls).contains(&Call::Synchronize { dependencies: 0, images: Vec::new() }));
     // The plan's own buffer and image were not used, and are destroyed.
     assert_eq!(destroyed(&calls, Object::Image), ["color"]);

@@ -2,7 +2,7 @@ use super::*;
 use crate::limits::SubgroupLimits;
 use crate::testing::*;
 
-/// Limits similar to lavapipe's.
+/// Returns limits similar to lavapipe's.
 fn limits() -> Limits {
     Limits {
         max_storage_bytes: 128 << 20,

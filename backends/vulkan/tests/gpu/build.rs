@@ -48,7 +48,8 @@ pub fn frame(vulkan: &mut Vulkan, inputs: &FrameInputs) -> FrameResult {
     vulkan.wait(id).expect("the frame is done")
 }
 
-/// Makes the validation layer compare submissions with earlier ones. The layer reads it when an instance is created.
+/// Environment variable that makes the validation layer compare submissions with earlier ones. The layer reads it when
+/// an instance is created.
 const COMPARE: (&str, &str) =
     ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
 
@@ -400,7 +401,7 @@ pub fn barriers_everywhere(plan: &Plan) -> Barriers {
     }
 }
 
-/// A barrier on all memory.
+/// Returns a barrier on all memory.
 pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
     Barrier { image: None, masks: Masks::new(source, target), causes: Vec::new() }
 }

@@ -166,7 +166,7 @@ fn a_resource_is_inspected_as_it_is_right_after_the_pass() {
     assert_eq!(words(&result.output.unwrap().bytes), [7, 9, 11]);
 
     let too_early = FrameInputs { inspect: vec![at(row, fill)], ..Default::default() };
-    // In the first frame it had no contents yet; now it has the previous frame's.
+    // In the first frame the image had no contents at that point; now it has the previous frame's.
     let result = frame(&mut vulkan, &too_early);
     assert_eq!(words(&result.inspected[0]), [7, 9, 11]);
     let absent = FrameInputs { inspect: vec![at(ResourceId(99), fill)], ..Default::default() };

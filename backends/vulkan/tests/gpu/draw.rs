@@ -72,7 +72,7 @@ void main() { args[1] = 3; args[2] = 2; args[3] = 0; args[4] = 0; }",
     result
 }
 
-/// Premultiplied colours.
+/// Premultiplied colours of the two triangles.
 const FIRST: [f32; 4] = [0.5, 0.25, 0.0, 0.5];
 const SECOND: [f32; 4] = [0.0, 0.125, 0.25, 0.25];
 
@@ -143,7 +143,7 @@ void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
     finish(vulkan);
 }
 
-/// The same triangle, at the depth in the colour's alpha.
+/// The same triangle; its depth is the colour's alpha.
 const AT_ALPHA: &str = "#version 460
 layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
 layout(location = 0) flat out vec4 color;

@@ -7,7 +7,7 @@ use splatgraph_vulkan::sync::{Barrier, barriers};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::time::Duration;
 
-/// The prologue zeros a word and adds 100; each frame adds 1.
+/// Returns a plan whose prologue zeroes a word and adds 100, and whose frames add 1 each.
 fn counter() -> (Plan, ResourceId) {
     let mut build = Build::new();
     let count = build.words("count", 1);
@@ -70,7 +70,7 @@ fn results_that_are_not_taken_do_not_pile_up() {
     finish(vulkan);
 }
 
-/// Outputs the first word of a camera block and the second of the live block.
+/// Returns a plan that outputs the first word of a camera block and the second of the live block.
 fn uniforms() -> Plan {
     let mut build = Build::new();
     let words_ = build.words("words", 2);
@@ -196,7 +196,7 @@ fn devices_in_several_threads_do_not_disturb_one_another() {
     }
 }
 
-/// A slow pass of many short invocations: lavapipe limits the loop rounds of an invocation.
+/// A slow pass with many short invocations, because lavapipe limits the iterations of a loop.
 const SLOW: &str = "#version 460
 layout(local_size_x = 1) in;
 layout(set = 0, binding = 0) buffer Words { uint words[]; };

@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 const NAME: &str = "frame.words";
 
-/// Outputs the first words of the buffer `frame.words`, and its length as the last pixel. Its minimum is `count`.
+/// Returns a plan that outputs the first words of the buffer `frame.words`, and its length as the last pixel. The
+/// buffer's minimum length is `count`.
 fn words_and_length(count: u64) -> Plan {
     let mut build = Build::new();
     let given = build.given(NAME, 4, count);
@@ -81,7 +82,7 @@ fn the_same_words_may_come_again_and_others_in_between() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(2));
     let (first, second, longer) = (bytes(&[1, 2]), bytes(&[3, 4]), bytes(&[5, 6, 7]));
-    // Each slot sees some contents twice in a row, and some again after others.
+    // Each slot gets some contents twice in a row, and some again after others.
     let order =
         [&first, &first, &first, &second, &first, &second, &longer, &second, &second, &first, &second];
     let frames: Vec<_> = order
@@ -94,7 +95,7 @@ fn the_same_words_may_come_again_and_others_in_between() {
         let given = words(given);
         assert_eq!(row(&mut vulkan, frame), [given[0], given[1], given.len() as u32]);
     }
-    // A slot's buffer is shared, not copied, so it cannot be modified; no other slot holds these words.
+    // A slot holds a reference to the words that it has copied, so they cannot be modified and need no second copy.
     let mut last = order[9].clone();
     drop((first, second, longer));
     assert!(Arc::get_mut(&mut last).is_none(), "the slot holds what it will not copy again");
@@ -107,7 +108,7 @@ fn equal_words_in_another_allocation_are_other_words() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(1));
     for index in 0..8 {
-        // The words are freed when the slot holds the next ones, so their address may be reused.
+        // The slot releases the words when it gets the next ones, so their address may be reused.
         assert_eq!(shown(&mut vulkan, &given(&[index])), [index, 1]);
     }
     finish(vulkan);

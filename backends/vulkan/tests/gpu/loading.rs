@@ -6,7 +6,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::sync::atomic::Ordering;
 
-/// Outputs the scene's attribute `numbers`, plus a constant.
+/// Returns a plan that outputs the scene's attribute `numbers`, plus a constant.
 fn numbers(count: u64, constant: u32) -> Plan {
     let mut build = Build::new();
     let source = build.scene("numbers", 2, 4, count);

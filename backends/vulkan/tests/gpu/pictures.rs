@@ -6,7 +6,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
-/// Outputs a row of `width` pixels, all equal to `frame.value`.
+/// Returns a plan that outputs a row of `width` pixels, all equal to `frame.value`.
 fn plain(width: u32) -> Plan {
     let mut build = Build::new();
     let value = build.given("frame.value", 4, 1);
@@ -23,7 +23,8 @@ void main() { imageStore(row, ivec2(gl_WorkGroupID.x, 0), uvec4(value)); }",
     build.export(image)
 }
 
-/// For each of two rows, outputs the first pixel, the number of pixels, and the number equal to the first.
+/// Returns a plan that outputs, for each of two rows, the first pixel, the number of pixels, and the number equal to
+/// the first.
 fn compare() -> Plan {
     let mut build = Build::new();
     let rows = ["frame.left", "frame.right"].map(|name| build.given(name, 4, 1));
@@ -150,7 +151,8 @@ fn a_picture_stays_until_another_size_is_shown_and_only_frames_that_are_shown_ch
     assert_eq!(scene.picture(), Some(first));
     let seen = frame(&mut window, &pictures(first, first)).output.expect("it was asked for");
     assert_eq!(words(&seen.bytes)[..3], [2, 3, 3]);
-    // Another plan of equal size continues with this picture; one of another size has none before it shows a frame.
+    // A plan of equal size reuses the picture. After a plan of another size, the former picture stays until a frame is
+    // shown.
     load(&mut scene, plain(3));
     assert_eq!(draw(&mut scene, 5), first);
     load(&mut scene, plain(4));

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 const SIZE: (u32, u32) = (48, 32);
 
-/// Opens lavapipe: other devices may be unable to present on a server without a display.
+/// Opens lavapipe in a window. Other devices may be unable to present on a server without a display.
 fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
     let options = Options {
         device: Some("llvmpipe".to_string()),
@@ -21,8 +21,8 @@ fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
         .expect("these tests need lavapipe and the Khronos validation layer")
 }
 
-/// Outputs a picture of `SIZE` whose pixels all differ: red grows to the right, green grows downwards, and blue is a
-/// frame input.
+/// Returns a plan that outputs a picture of `SIZE` whose pixels all differ: red grows to the right, green grows
+/// downwards, and blue is a frame input.
 fn gradients(format: Format) -> Plan {
     let (width, height) = SIZE;
     let mut build = Build::new();

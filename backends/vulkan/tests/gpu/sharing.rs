@@ -22,8 +22,8 @@ layout(set = 0, binding = 0, r32ui) readonly uniform uimage2D source;
 layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 0)).x; }";
 
-/// Fills `first`, then copies it to `kept`, to `second`, to `kept`, to the image `third`, and back to `kept`, the
-/// output.
+/// A plan that fills `first` and copies it to `kept`, to `second`, to `kept`, to the image `third`, and back to `kept`,
+/// the output.
 struct Aliases {
     build: Build,
     aliases: [ResourceId; 3],
@@ -90,7 +90,7 @@ fn tenants_of_a_block_all_work_and_the_memory_shows_what_is_saved() {
 
 #[test]
 fn tenants_of_a_block_stand_in_the_same_memory() {
-    // Writing one changes the other. (A solved plan never reads it: the other's lifetime is over.)
+    // Writing one alias changes the other. (A solved plan never reads the other then: its lifetime is over.)
     let mut build = Build::new();
     let [one, other, shown] = ["one", "other", "shown"].map(|name| build.words(name, 4));
     build.share(&[one, other]);

@@ -5,7 +5,7 @@ use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
-/// A plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image.
+/// Returns a plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image.
 ///
 /// Both have a history. The image is `width` pixels wide and is the output; the statistic `name` is the word. `alter`
 /// changes the plan before it is finished.
@@ -224,7 +224,7 @@ fn a_history_starts_from_zeros_where_it_cannot_go_on() {
     };
     for plan in [apart(rename), apart(crowd)] {
         let mut vulkan = open();
-        // Checked in both directions.
+        // Neither the swap to the plan nor the swap back continues a history.
         load(&mut vulkan, growing("count", 1));
         assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
         load(&mut vulkan, plan);
@@ -233,7 +233,7 @@ fn a_history_starts_from_zeros_where_it_cannot_go_on() {
         assert_eq!(grow(&mut vulkan), 1);
         finish(vulkan);
     }
-    // With another scene.
+    // A plan for another scene starts from zeros as well.
     let mut vulkan = open();
     load(&mut vulkan, growing("count", 1));
     assert_eq!(grow(&mut vulkan), 1);

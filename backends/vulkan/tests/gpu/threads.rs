@@ -14,7 +14,7 @@ fn prepare(loader: Loader, plan: Plan) -> Ready {
     loader.prepare(plan, &Scene::default(), &mut |_| {}).expect("the plan is made ready")
 }
 
-/// Outputs the attribute `numbers` of the scene.
+/// Returns a plan that outputs the attribute `numbers` of the scene.
 fn numbers(count: u64) -> Plan {
     let mut build = Build::new();
     let numbers = build.scene("numbers", 0, 4, count);
@@ -114,7 +114,7 @@ fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
     assert_eq!(bytes(&vulkan), before);
     assert_eq!(pending.map(|frame| grown(&mut vulkan, frame).1), [1, 2]);
     assert_eq!(grow(&mut vulkan), 3);
-    // Its uploads were dropped with it.
+    // The plan's uploads were dropped with it.
     assert_eq!(data.asked(), 1);
     vulkan.load(numbers(3), &data, &mut |_| {}).expect("the plan loads");
     assert_eq!(data.asked(), 2);

@@ -22,7 +22,7 @@ pub struct Server {
 
 impl Server {
     pub fn start() -> Server {
-        // It picks a free display number and writes it to its standard output.
+        // Xvfb picks a free display number and writes it to its standard output.
         let mut process = Command::new("Xvfb")
             .args(["-displayfd", "1", "-screen", "0", "640x480x24", "-nolisten", "tcp", "-noreset"])
             .stdout(Stdio::piped())
@@ -35,7 +35,7 @@ impl Server {
         let output = process.stdout.take().expect("the output is a pipe");
         let read = BufReader::new(output).read_line(&mut number);
         let server = |number: &str| CString::new(format!(":{}", number.trim())).expect("digits");
-        // From here on it is stopped even after a panic.
+        // From here on, the server is stopped even after a panic.
         let server = Server { process, display: server(&number) };
         assert!(read.is_ok() && !number.trim().is_empty(), "Xvfb ended before it had a display");
         server

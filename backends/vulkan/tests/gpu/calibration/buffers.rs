@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Two successive passes on one buffer.
+/// Returns a case with two successive passes on one buffer.
 fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let words = build.words("words", 4);
@@ -11,7 +11,7 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
     case(build)
 }
 
-/// Two successive passes on two buffers that alias.
+/// Returns a case with two successive passes on two buffers that alias.
 fn aliased(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let aliases = [build.words("alias", 4), build.words("other alias", 4)];
@@ -25,7 +25,7 @@ fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
     build.fill(Run::Frame, name, buffer, 1);
 }
 
-/// A dispatch with indirect arguments that another dispatch wrote.
+/// Returns a case with a dispatch whose indirect arguments another dispatch wrote.
 fn indirect() -> Case {
     let mut build = Build::new();
     let args = build.words("args", 4);
@@ -36,7 +36,7 @@ fn indirect() -> Case {
     case(build).between("second", COMPUTE_WRITES, (Stages::INDIRECT, Accesses::INDIRECT_READ))
 }
 
-/// A buffer written by a dispatch and read as a uniform block.
+/// Returns a case with a buffer that is written by a dispatch and read as a uniform block.
 fn uniform() -> Case {
     let mut build = Build::new();
     let (words, sink) = (build.words("words", 4), build.words("sink", 4));
@@ -83,7 +83,8 @@ fn every_bit_missing_from_a_barrier_for_read_after_write_is_caught() {
         let exact = exact.between("second", source, target);
         exact.caught(cleared("second", access(source.1), NOTHING), RAW);
         exact.caught(cleared("second", NOTHING, access(target.1)), RAW);
-        // The access goes with the stage: an access without a stage that can make it is another kind of error.
+        // Clears the access together with its stage: an access that no stage of the mask supports is another kind of
+        // error.
         exact.caught(cleared("second", source, NOTHING), RAW);
         exact.caught(cleared("second", NOTHING, target), RAW);
     }
@@ -140,7 +141,7 @@ fn write_after_write_is_caught_where_one_of_the_two_is_a_fill() {
 #[test]
 fn write_after_write_between_dispatches_is_not_seen() {
     two(Build::writes, Build::writes).not_seen(removed("second"));
-    // This holds even if the second pass reads the first one's data, when it writes there as well.
+    // This holds even if the second pass reads the first one's data before it overwrites it.
     two(Build::writes, Build::changes).not_seen(removed("second"));
     two(Build::changes, Build::writes).not_seen(removed("second"));
     two(Build::changes, Build::changes).not_seen(removed("second"));

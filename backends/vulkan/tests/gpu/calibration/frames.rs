@@ -22,7 +22,7 @@ fn caught_between_submissions(
     }
 }
 
-/// Two successive passes on one buffer, repeated every frame, with exactly this barrier between them.
+/// Returns a case with two successive passes on one buffer, repeated every frame, with only this barrier between them.
 fn two(
     first: fn(&mut Build, &str, ResourceId),
     second: fn(&mut Build, &str, ResourceId),
@@ -39,7 +39,7 @@ fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
     build.fill(Run::Frame, name, buffer, 1);
 }
 
-/// A buffer that every frame fills, with its first word as a statistic.
+/// Returns a case with a buffer that every frame fills, and its first word as a statistic.
 fn statistic() -> Case {
     let mut build = Build::new();
     let words = build.words("words", 4);

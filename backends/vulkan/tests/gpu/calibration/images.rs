@@ -55,7 +55,7 @@ void main() { sink = imageLoad(image, ivec2(0)); }",
 
 const CLEARED: Load = Load::Clear(0.0, 0.0, 0.0, 0.0);
 
-/// Two dispatches on one image that stays in its layout.
+/// Returns a case with two dispatches on one image that stays in its layout.
 fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let image = build.picture();
@@ -66,7 +66,7 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
     case
 }
 
-/// A draw into an image, then a dispatch that reads it.
+/// Returns a case with a draw into an image, then a dispatch that reads the image.
 fn drawn_then_read() -> Case {
     let mut build = Build::new();
     let (image, corners) = (build.picture(), build.words("corners", 4));
@@ -75,7 +75,7 @@ fn drawn_then_read() -> Case {
     case(build).at_change("second", DRAWN, COMPUTE_READS)
 }
 
-/// A dispatch that writes an image, then a draw that loads it.
+/// Returns a case with a dispatch that writes an image, then a draw that loads the image.
 fn stored_then_drawn() -> Case {
     let mut build = Build::new();
     let (image, corners) = (build.picture(), build.words("corners", 4));
@@ -84,7 +84,7 @@ fn stored_then_drawn() -> Case {
     case(build).at_change("second", COMPUTE_WRITES, BLENDS)
 }
 
-/// Writes an image, then exports it: the export is the second pass.
+/// Returns a case that writes an image, then exports it: the export is the second pass.
 fn exported(first: impl FnOnce(&mut Build, ResourceId), source: Side) -> Case {
     let mut build = Build::new();
     let image = build.picture();
@@ -124,7 +124,7 @@ fn a_wrong_layout_of_a_storage_image_is_caught() {
     case.caught(removed("second"), "imageLayout");
     case.caught(|case| transition(case, "second").new = Layout::TransferSource, "imageLayout");
     case.caught(|case| transition(case, "second").old = Layout::TransferSource, "oldLayout");
-    // This discards what was drawn, but breaks no rule.
+    // This discards the drawn pixels, but breaks no rule.
     case.not_seen(|case| transition(case, "second").old = Layout::Undefined);
 }
 

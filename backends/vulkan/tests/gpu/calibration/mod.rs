@@ -45,7 +45,7 @@ struct Case {
     read_output: bool,
 }
 
-/// Finishes a plan with an unrelated output.
+/// Finishes a plan with an output that no other pass uses.
 fn case(mut build: Build) -> Case {
     let output = build.image("output", Format::R32Uint, 1, 1, Usage::STORAGE);
     Case::of(build.export(output))
@@ -136,12 +136,12 @@ fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut C
 
 const NOTHING: Side = (Stages::empty(), Accesses::empty());
 
-/// A barrier side with these accesses and no stage.
+/// Returns a barrier side with these accesses and no stage.
 fn access(accesses: Accesses) -> Side {
     (Stages::empty(), accesses)
 }
 
-/// A barrier side with this stage and no access.
+/// Returns a barrier side with this stage and no access.
 fn stage(stages: Stages) -> Side {
     (stages, Accesses::empty())
 }
