@@ -1,8 +1,8 @@
 //! Writes the attributes of a scene's splats and mesh as bytes for GPU buffers.
 //!
 //! A renderer requests an attribute by name and gets its bytes: little endian, one entry per splat, written in parallel
-//! into the backend's memory. The 48 floats of spherical harmonics come in *planes* of four, so that no buffer exceeds
-//! a device's limit and a lower degree reads fewer of them.
+//! into the backend's memory. The 48 floats of spherical harmonics are split into *planes* of four, so that no buffer
+//! exceeds a device's limit. A lower degree needs fewer planes.
 
 use crate::error::nearest;
 use crate::mesh::{MESH_ATTRIBUTES, Mesh};

@@ -151,7 +151,7 @@ impl Camera {
         if !self.projection.is_pinhole() || projection.is_pinhole() {
             return self.clone();
         }
-        /// Minimum distance for the scale of an orthographic view. It bounds the scale near the scene's centre.
+        /// Minimum distance for the scale of an orthographic view, which would be infinite at the scene's centre.
         const LEAST: f64 = 0.2;
         let scale = match projection {
             Projection::Orthographic => {

@@ -74,7 +74,7 @@ impl Scene {
     pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
         let turn = Turn::new(by.rotation);
         let degree = self.stored_degree();
-        // The offset moves with the scene, so that positions relative to it stay exact in f32.
+        // The offset moves with the scene, so that positions relative to it keep their precision in f32.
         let offset = by.point(DVec3::from(self.offset()));
         let offset = if self.offset() == [0.0; 3] { DVec3::ZERO } else { offset };
         let moved = Self::try_generate_wide(self.count(), degree, |index| {

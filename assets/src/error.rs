@@ -77,7 +77,7 @@ pub enum SceneError {
     /// A header line is malformed.
     #[error("line {line} of the header: {message}")]
     Header {
-        /// The line's number.
+        /// Line, counted from 1.
         line: u32,
         /// Expected and found values, as a sentence.
         message: String,
@@ -86,7 +86,7 @@ pub enum SceneError {
     /// The file ends before `end_header`.
     #[error("the header has no `end_header` line: the file ends inside it, after line {line}")]
     HeaderUnfinished {
-        /// The last line's number.
+        /// Number of the last complete line.
         line: u32,
     },
 
@@ -219,7 +219,7 @@ pub enum SceneError {
     /// The text of a composition is malformed.
     #[error("line {line}, column {column}: {message}")]
     Text {
-        /// The line's number.
+        /// Line, counted from 1.
         line: usize,
         /// The column, counted from 1.
         column: usize,
@@ -241,7 +241,7 @@ pub enum SceneError {
     /// A row of an ASCII file is malformed.
     #[error("line {line}: {message}")]
     Row {
-        /// The line's number.
+        /// Line, counted from 1.
         line: u64,
         /// Expected and found values, as a sentence.
         message: String,

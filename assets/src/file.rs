@@ -35,7 +35,7 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
         return Err(too_large(length));
     }
     let mut bytes = Vec::new();
-    // With one byte more, `read_to_end` finds the end without another allocation.
+    // One byte more, so that `read_to_end` finds the end without another allocation.
     bytes.try_reserve_exact(length as usize + 1)?;
     // `take`, because the file may have grown since its length was read.
     file.take(limit + 1).read_to_end(&mut bytes)?;

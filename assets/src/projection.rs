@@ -28,7 +28,7 @@ impl Projection {
     pub const ALL: [Projection; 4] =
         [Projection::Pinhole, Projection::Orthographic, Projection::Fisheye, Projection::Equirectangular];
 
-    /// Returns the name, the same in camera files, as a preset and as a value in graphs.
+    /// Returns the name that camera files, presets and graph parameters use.
     pub fn name(self) -> &'static str {
         match self {
             Projection::Pinhole => "pinhole",

@@ -23,7 +23,7 @@ pub struct SizeBreakdown {
 /// The bytes of one element, a table of rows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ElementSize {
-    /// The element's name; `vertex` holds the splats.
+    /// The element's name; in PLY, `vertex` has the splats.
     pub name: String,
     /// Number of rows.
     pub rows: u64,

@@ -76,7 +76,7 @@ pub enum CameraError {
         wanted: String,
         /// Number of cameras in the file.
         count: usize,
-        /// Names of the first cameras in the file.
+        /// Names of the first cameras in the file, at most eight.
         names: Vec<String>,
     },
     /// The list is empty.

@@ -35,7 +35,7 @@ fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene
     }
 }
 
-/// Content of a file, with a single scene as `T`.
+/// Content of a file; `T` represents a single scene.
 enum Found<T> {
     /// A single scene.
     One(T),

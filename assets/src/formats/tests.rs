@@ -254,7 +254,7 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     ])"#;
     std::fs::write(at("both.ron"), text).unwrap();
     let both = Scene::load(at("both.ron"), crate::QUIET).unwrap();
-    // One step after another, like the options of `convert`.
+    // The steps follow one another, like the options of `convert`.
     let turn = glam::DQuat::from_axis_angle(glam::DVec3::new(0.0, 1.0, 0.5).normalize(), 30f64.to_radians());
     let steps = [
         Similarity { scale: 0.5, ..Similarity::IDENTITY },

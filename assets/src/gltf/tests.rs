@@ -80,7 +80,7 @@ fn a_node_moves_the_splats_and_turns_their_harmonics() {
 #[test]
 fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
     let found = changed(|document| {
-        // Opacities are read from the bytes of the colours' alpha.
+        // The accessor of the opacities refers to the alpha bytes of the colours.
         let last = document["accessors"].as_array().unwrap().len() - 1;
         document["bufferViews"][last]["byteStride"] = json!(4);
         document["accessors"][3] = json!({ "bufferView": last, "byteOffset": 3, "componentType": 5121, "normalized": true, "count": 5, "type": "SCALAR" });

@@ -107,7 +107,7 @@ impl Mesh {
     /// Returns the layout of an attribute and its number of elements; `None` if the name is not among
     /// [`MESH_ATTRIBUTES`].
     ///
-    /// An empty list counts as one element of zeros, because no buffer may be empty.
+    /// An empty list counts as one element of zeros, because buffers cannot be empty.
     pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
         let (stride, count) = match name {
             "mesh.position" => (12, self.positions.len()),

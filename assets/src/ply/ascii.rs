@@ -121,7 +121,7 @@ fn shown(word: &[u8]) -> String {
     word[..word.len().min(40)].escape_ascii().to_string()
 }
 
-/// Parses a number, rounding once.
+/// Parses a number, rounding once; `None` if the word is not a number.
 fn parsed<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }

@@ -9,7 +9,7 @@
 
 use super::layout::Layout;
 
-/// Spacing of the origins, in world units. At half this distance, f32 resolves 1/10,000 of a unit.
+/// Spacing of the origins, in world units. At half this distance, f32 resolves 1/16,384 of a unit.
 pub(super) const STEP: f64 = 1024.0;
 
 /// Maximum number of sampled rows.
@@ -25,7 +25,7 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Starts a sample of `count` rows; `None` if f32 represents every coordinate of the file.
+    /// Starts a sample of `count` rows; `None` if no coordinate of the file has a type wider than f32.
     pub(super) fn of(layout: &Layout, count: u64) -> Option<Self> {
         let wide = layout.wide();
         let every = count.div_ceil(SAMPLES).max(1);

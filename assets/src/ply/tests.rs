@@ -1,4 +1,4 @@
-//! Reads whole files, good and bad.
+//! Reads whole PLY files, valid and damaged.
 
 use super::write::property_names;
 use crate::input::{Input, OpenFile, Source};

@@ -1,5 +1,6 @@
-//! Writes scenes in the reference layout: binary, little endian, all properties `float`. In a scene with an offset,
-//! positions are `double`, because `float` lacks the precision.
+//! Writes scenes in the reference layout: binary, little endian, all properties `float`.
+//!
+//! In a scene with an offset or wide positions, positions are `double`, because `float` lacks the precision.
 
 use super::tags;
 use crate::activation::{logarithm, logit};

@@ -126,7 +126,7 @@ impl Column {
             let [x, y, z] = [0, 1, 2].map(|component| f64::from(self.value(row, component)));
             return [(1.0 - x * x - y * y - z * z).max(0.0).sqrt(), x, y, z];
         }
-        // The three bytes of a row are together.
+        // This encoding is not planar: the three bytes of a row are adjacent.
         let [u, v, angle] = [0, 1, 2].map(|byte| f64::from(self.bytes[3 * row + byte]) / 255.0);
         let (x, y) = (2.0 * u - 1.0, 2.0 * v - 1.0);
         let z = 1.0 - x.abs() - y.abs();

@@ -13,7 +13,7 @@ use rad_file::{Array, array, chunk, file};
 
 const FLOATS: (&str, f32, f32) = ("f32", 0.0, 0.0);
 
-/// Returns numbers of -1 to 1 that differ.
+/// Returns `count` different numbers from -1 to 1.
 fn numbers(count: usize) -> Vec<f32> {
     (0..count).map(|index| (index as f32 * 0.73).sin()).collect()
 }

@@ -136,7 +136,7 @@ impl Gathered {
 
     pub(super) fn add_low(&mut self, low: [f32; 3], scale: [f32; 3]) {
         let largest = |v: [f32; 3]| v.into_iter().fold(0.0, |most: f32, v| most.max(v.abs()));
-        // The minimum avoids 0 / 0 for a splat without extent, for which any other rounding is too much.
+        // The lower bound avoids 0 / 0 for a splat without extent. Any rounding of such a splat counts as large.
         self.rounding = self.rounding.max(largest(low) / largest(scale).max(f32::MIN_POSITIVE));
     }
 

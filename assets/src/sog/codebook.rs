@@ -21,7 +21,7 @@ pub(super) struct Codebook {
 }
 
 impl Codebook {
-    /// Chooses the codes for at least one number; all are finite.
+    /// Chooses the codes for a nonempty list of finite numbers.
     ///
     /// Each number has a weight above 0, a factor on its squared error. At most 256 distinct numbers have exact codes.
     pub(super) fn of(numbers: Vec<(f32, f32)>) -> Self {

@@ -2,7 +2,7 @@
 //!
 //! The points are split into groups, always the groups with the largest error, until every entry has a group. Entries
 //! go where points are dense or far apart, and equal points share one. Lloyd's algorithm could refine the entries, but
-//! would take longer than everything before it, and the pictures of our scenes would be no nearer.
+//! would take longer than everything before it, and would not improve the pictures of our scenes.
 //!
 //! Everything is deterministic: sums run in the order of the points, whatever the number of threads.
 

@@ -80,7 +80,7 @@ fn rotation(quaternion: [f32; 4]) -> Texel {
     texel
 }
 
-/// Writes a scene. `progress` gets the number of palette entries found so far, and of all.
+/// Writes a scene. `progress` gets the number of palette entries found so far, and their total.
 ///
 /// # Errors
 /// The writer fails, `progress` cancels, the scene has no splats, or it has more splats than a texture can have texels.

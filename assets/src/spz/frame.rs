@@ -108,9 +108,9 @@ mod tests {
             Frame::new(system).unwrap().apply(&mut turned, 0);
             turned.position
         };
-        // Right, front, up; left, front, up; right, back, up: to right, down, front.
+        // The systems are right, front, up; left, front, up; and right, back, up.
         assert_eq!([16, 15, 12].map(place), [[1.0, -3.0, 2.0], [-1.0, -3.0, 2.0], [1.0, -3.0, -2.0]]);
-        // Left, up, front; right, down, front.
+        // The systems are left, up, front; and right, down, front.
         assert_eq!([7, 6].map(place), [[-1.0, -2.0, 3.0], [1.0, 2.0, 3.0]]);
     }
 

@@ -25,7 +25,7 @@ impl Header {
                 1 => f16::from_le_bytes([position[2 * axis], position[2 * axis + 1]]).to_f32(),
                 _ => {
                     let [low, middle, high] = [0, 1, 2].map(|byte| position[3 * axis + byte]);
-                    // In the upper bytes, so that the shift back sign-extends.
+                    // The bytes are the upper three of a word, so that the shift sign-extends.
                     let fixed = i32::from_le_bytes([0, low, middle, high]) >> 8;
                     (f64::from(fixed) / f64::from(1u32 << self.fractional_bits)) as f32
                 }
@@ -139,7 +139,7 @@ fn coordinate_system(mut records: &[u8], start: u64) -> Result<u32, SceneError> 
                 let text = format!("expected 4 bytes of coordinate system, found {}", payload.len());
                 field(at, "extensions", text)
             })?;
-            // 0 is unspecified.
+            // 0 means unspecified.
             system = match u32::from_le_bytes(value) {
                 0 => Frame::RUB,
                 found => found,

@@ -104,7 +104,7 @@ fn an_extension_names_the_axes_and_others_are_skipped() {
     let position = |records: &[u8]| parse(&file(3, 0, EXTENSIONS, records)).map(|s| s.splat(0).position);
     assert_eq!(position(&camera).unwrap(), [1.0, 2.0, -3.0]);
     assert_eq!(position(&[camera, system(6)].concat()).unwrap(), [1.0, -2.0, 3.0]);
-    // 0 names none; 16 is right, front, up.
+    // 0 means unspecified; 16 is right, front, up.
     assert_eq!(position(&system(0)).unwrap(), [1.0, 2.0, -3.0]);
     assert_eq!(position(&system(16)).unwrap(), [1.0, -3.0, -2.0]);
     let said = position(&system(17)).unwrap_err().to_string();

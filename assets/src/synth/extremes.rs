@@ -20,7 +20,7 @@ pub(super) fn outside() -> Camera {
     Camera { img_name: "outside".into(), ..Camera::looking_at([0.0, -0.6, -2.6], [0.0; 3], 60.0, (960, 540)) }
 }
 
-/// Returns the spherical harmonics of a colour (0 to 1) that is equal from every direction.
+/// Returns the spherical harmonics of a colour (0 to 1) that is the same from every direction.
 fn flat(color: [f64; 3]) -> [f32; 48] {
     let y0 = crate::harmonics::basis([0.0, 0.0, 1.0])[0];
     let mut sh = [0.0; 48];

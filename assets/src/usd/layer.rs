@@ -180,7 +180,7 @@ pub(super) struct Array {
 }
 
 impl Array {
-    /// Returns the bytes that are read per element.
+    /// Returns the bytes of an element in a binary file.
     pub(super) fn stride(&self) -> usize {
         self.width * self.component.bytes()
     }

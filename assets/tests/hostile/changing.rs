@@ -54,7 +54,7 @@ fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
                 }
                 let (bytes, _) = &scenes[(turn / 2) as usize % 2];
                 match turn % 5 {
-                    // Temporarily shorter than the header declares.
+                    // Truncates the file, so that it is shorter than its header declares.
                     3 => File::options()
                         .write(true)
                         .open(&path)

@@ -339,8 +339,8 @@ fn damaged_spz_files_of_version_4_are_read_or_refused() {
     run("SPZ version 4", &seeds, 4 << 20, parse);
 }
 
-/// Memory of SOG's reader beyond the file: a palette of 3 bands and 65,536 entries is 4 MB, however few bytes it packs
-/// to.
+/// Memory of SOG's reader beyond the file. A palette of 3 bands and 65,536 entries takes 4 MB, even if it is packed to
+/// a few bytes.
 const SOG_MEMORY: usize = 16 << 20;
 
 /// Returns the files of an archive with their names.

@@ -14,7 +14,7 @@ use super::error::CameraError;
 use super::view::Dataset;
 use std::path::Path;
 
-/// Returns true if the folder has both files of a model.
+/// Returns true if the folder has both `cameras` and `images`, as text or as binary.
 pub(super) fn is_folder(folder: &Path) -> bool {
     ["bin", "txt"].into_iter().any(|form| has(folder, form))
 }
