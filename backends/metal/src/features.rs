@@ -67,8 +67,8 @@ pub fn limits(told: &Told) -> Limits {
             selectable: false,
             max_per_group: told.max_threads[0] / LANES,
         },
-        // Not documented; docs/metal-mac.md tells how to find out. Plans for devices that do not round are correct on
-        // all.
+        // Not documented; docs/metal-mac.md says how to measure it. A plan for a device that does not round is correct
+        // on every device.
         rounds_half: false,
         fused_fma: true,
         features: features(),

@@ -111,8 +111,8 @@ impl MetalGpu {
     }
 }
 
-/// Finds the timestamp counters; `None` if they cannot be sampled at the ends of encoders, the only place on Apple's
-/// GPUs.
+/// Finds the timestamp counters; `None` if they cannot be sampled at the ends of encoders, the only place where Apple's
+/// GPUs can sample them.
 fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
     if !device.supports_counter_sampling(MTLCounterSamplingPoint::AtStageBoundary) {
         return None;

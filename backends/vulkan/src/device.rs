@@ -212,13 +212,13 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
             selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_per_group: control.max_compute_workgroup_subgroups,
         },
-        // Blending there truncates to half-float.
+        // Lavapipe truncates when it blends into half floats.
         rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
-        // `fma` is a multiplication and an addition there, on any CPU; Vulkan allows either.
+        // Lavapipe computes `fma` as a multiplication and an addition, on any CPU. Vulkan allows both.
         fused_fma: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,
-        // Reading timestamps there waits for all submitted work.
+        // On lavapipe, reading timestamps waits for all submitted work.
         live_timestamps: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         timestamp_period: core.timestamp_period,
     };

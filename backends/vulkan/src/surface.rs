@@ -129,8 +129,8 @@ pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::P
 
 /// Returns the size of the swapchain's images; `None` while the window has no pixels.
 ///
-/// On some window systems the images determine the window's size. There it is `told`, the size last reported to the
-/// program.
+/// On some window systems the images determine the window's size. There, the size is `told`, the one last reported to
+/// the program.
 pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent2D) -> Option<vk::Extent2D> {
     const ANY: vk::Extent2D = vk::Extent2D { width: u32::MAX, height: u32::MAX };
     let (least, most) = (capabilities.min_image_extent, capabilities.max_image_extent);

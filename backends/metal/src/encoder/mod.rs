@@ -87,7 +87,8 @@ impl Encoder {
         for step in &moves {
             match *step {
                 Move::AfterAll => self.after_all = true,
-                // Later submissions do not wait for an event within these commands.
+                // Later submissions cannot wait for an event within these commands, so they wait for the whole
+                // submission.
                 Move::HandOver => {
                     self.order_midst();
                     self.publishes = true;

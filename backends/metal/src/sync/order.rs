@@ -275,7 +275,7 @@ fn add_reason(reasons: &mut Vec<(At, Cause)>, at: At, dependency: &Dependency) {
         (*known_at, reason.before, reason.resource, reason.alias, reason.previous_frame)
             == (at, second, resource, alias, previous_frame)
     };
-    // A pass that reads and writes is ordered by either.
+    // A pass that reads and writes can have either hazard; both count as the same reason.
     let read_first = |hazard| if hazard == Hazard::WriteAfterWrite { Hazard::ReadAfterWrite } else { hazard };
     let known = reasons.iter_mut().filter(same).find(|(_, r)| read_first(r.hazard) == read_first(hazard));
     match known {

@@ -43,9 +43,9 @@ impl Barriers {
 
     /// Lists the stages whose work, in this frame or the next, waits for the copies of the plan's export.
     ///
-    /// A blit recorded after the frame counts as one of these copies, so work that waits for them must wait for it. Later barriers
-    /// name `COPY`, or chain with barriers between the export and the frame's end. The latter come before the blit, so their targets
-    /// are listed as well.
+    /// A blit recorded after the frame counts as one of these copies, so work that waits for them must wait for the
+    /// blit. Later barriers name `COPY`, or chain with barriers between the export and the frame's end. Those barriers
+    /// come before the blit, so their targets are listed as well.
     pub fn waiting_for_copies(&self, plan: &Plan) -> Stages {
         let after = plan.frame.iter().skip_while(|pass| plan.pass(**pass).work != Work::Export).skip(1);
         let mut waiting = Stages::COPY;

@@ -38,7 +38,8 @@ pub enum ViolationKind {
     WriteAfterWrite,
     /// An access or a layout change that expects a layout other than the image's current one.
     Layout,
-    /// A read of bytes without contents of the resource, or, if it does not persist between frames, of this frame.
+    /// A read of bytes without contents of the resource. If it does not persist between frames, only contents of this
+    /// frame count.
     Unwritten,
 }
 

@@ -109,7 +109,8 @@ fn one_pass_must_not_use_two_resources_of_one_memory() {
     assert_eq!(used(READ, READ), NOTHING);
 }
 
-/// Reads a buffer in every frame before writing it. Only `history` and `once` give it contents in the first frame.
+/// Replays a plan that reads a buffer in every frame before writing it. Only `history` and `once` give the buffer
+/// contents in the first frame.
 fn read_then_written(history: bool, once: bool) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");

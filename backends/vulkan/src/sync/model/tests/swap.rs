@@ -3,7 +3,7 @@
 use super::*;
 use splatgraph_framework::ir::Layout::{General, TransferTarget, Undefined};
 
-/// Reads the previous frame's contents of `kept`, then writes them anew.
+/// Returns a plan that reads the previous frame's contents of `kept`, then overwrites them.
 fn with_history(name: &str, bytes: u64) -> Sketch {
     let mut sketch = Sketch::new();
     let kept = sketch.sized("kept", bytes);
@@ -34,7 +34,7 @@ fn a_plan_that_needs_nothing_of_another_follows_it() {
     assert_eq!(swapped(&[(&sketch, 3), (&sketch, 3), (&sketch, 0), (&sketch, 1)]), NOTHING);
 }
 
-/// Omits the start of the history: the replay then has violations unless the history carries over.
+/// Returns the plan without the start of its history: it has violations unless the history carries over.
 fn without_start(name: &str, bytes: u64) -> Sketch {
     let mut sketch = with_history(name, bytes);
     sketch.plan.prologue.clear();
@@ -93,7 +93,8 @@ fn the_start_of_a_history_that_lives_on_is_left_out_and_the_barriers_of_others_s
     assert_eq!(swapped(&[(&old, 1), (&new, 1)]), NOTHING);
 }
 
-/// An image with a history: its start leaves it in `TransferTarget`, and frames use it in `General`.
+/// Returns a plan with an image history: its start leaves the image in `TransferTarget`, and frames use it in
+/// `General`.
 fn image_history() -> Sketch {
     let mut sketch = Sketch::new();
     let kept = sketch.image("kept");
