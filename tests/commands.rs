@@ -188,7 +188,8 @@ const SHADERS: [(&str, &str); 6] = [
     ),
 ];
 
-/// Checks a graph of these passes, over the buffers `words` and `past`, the ping-pong buffer `keys` and the image `image`.
+/// Runs `check` on a graph of these passes. It has the buffers `words` and `past`, the ping-pong buffer `keys` and the
+/// image `image`.
 fn checked(passes: &str, output: &str) -> (Place, Output) {
     let place = Place::empty();
     for (name, text) in SHADERS {

@@ -228,8 +228,8 @@ impl Library {
         let name = CString::new(shader.name.clone()).expect("a name");
         // SAFETY: the symbol is the function of machine.cpp with this type.
         let run = unsafe { std::mem::transmute::<*mut c_void, Run>(self.symbol("machine_run")) };
-        // SAFETY: each argument of the kernel has an entry in the tables, which the caller made from the same places; buffers are
-        // enclosed by memory that ends the process when it is touched.
+        // SAFETY: each argument of the kernel has an entry in the tables, which the caller made from the same places;
+        // buffers are enclosed by memory that ends the process when it is touched.
         let error = unsafe {
             run(
                 kernel,

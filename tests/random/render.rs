@@ -358,7 +358,7 @@ impl Writer<'_> {
     }
 }
 
-/// Collects the buffers that nodes access, with true if other halves than the front are used.
+/// Collects the buffers that nodes access, with true if they are swapped or if more than the front is used.
 fn touched(nodes: &[Node], sketch: &Sketch, buffers: &mut BTreeMap<usize, bool>) {
     for node in nodes {
         match node {
@@ -536,7 +536,8 @@ fn compute(sketch: &Sketch, pass: &Pass, slots: &[Slot], local: u32, all: bool) 
 fn store(sketch: &Sketch, slot: &Slot) -> String {
     let var = &slot.var;
     match slot.bind.what.of {
-        // Arguments are small: vertices, instances and the first vertex, or workgroups in x, y and z. The first instance is 0.
+        // Arguments are small: vertices, instances and the first vertex, or workgroups in x, y and z. The first
+        // instance is 0.
         Target::Buffer(at) if sketch.buffers[at].role == Role::Args => {
             format!("{var}[i] = i % 4u == 0u ? 3u + (h & 1u) : i % 4u == 3u ? 0u : 1u + (h & 1u);")
         }

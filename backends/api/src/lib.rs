@@ -371,8 +371,8 @@ pub trait Loader: Send + 'static {
 
 /// An opened device, and the plan that it executes.
 ///
-/// Several contexts can be open on one device ([`Device::new_context`]). Each has its own plan and frames. They share one
-/// queue, in the order of submission, and one copy of the scene's attributes.
+/// Several contexts can be open on one device ([`Device::new_context`]). Each has its own plan and frames. They share
+/// one queue, in the order of submission, and one copy of the scene's attributes.
 ///
 /// ```
 /// use splatgraph_api::{BackendError, Device, FrameInputs, NoScene, Pixels};
@@ -433,13 +433,15 @@ pub trait Device: Sized {
     /// present, until the window can accept it: see [`Windowed`].
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted then.
+    /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted
+    /// then.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Blocks until the frame has completed. Each frame's result can be taken once.
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. The frame stays in flight.
+    /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. The frame stays in
+    /// flight.
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
 
     /// Takes the frame's result if the frame has completed; never blocks.

@@ -180,7 +180,8 @@ pub(crate) fn set_output(descriptor: &CaptureDescriptorRef, path: &Path) -> Resu
 pub(crate) unsafe fn show_in_view(view: NonNull<c_void>, layer: &MetalLayerRef) {
     let view: *mut Object = view.as_ptr().cast();
     pool(|| {
-        // SAFETY: the caller promises a view, which retains the layer. A view without a window is of scale 1 until it has one.
+        // SAFETY: the caller promises a view, which retains the layer. A view without a window is of scale 1 until it
+        // has one.
         unsafe {
             let window: *mut Object = msg_send![view, window];
             if !window.is_null() {

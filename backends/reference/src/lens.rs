@@ -1,8 +1,8 @@
 //! Projects points and their neighbourhood to the image: the camera's projection and its derivative.
 //!
-//! EWA splatting replaces the projection by its derivative at the splat's centre, the Jacobian. For a pinhole, it is that
-//! of the rasteriser. The others follow from their definitions in [`Projection`]; gsplat defines the orthographic and the
-//! fisheye projection in the same way (`ortho_proj`, `fisheye_proj` in its projection kernels).
+//! EWA splatting replaces the projection by its derivative at the splat's centre, the Jacobian. For a pinhole, it is
+//! that of the rasteriser. The others follow from their definitions in [`Projection`]; gsplat defines the orthographic
+//! and the fisheye projection in the same way (`ortho_proj`, `fisheye_proj` in its projection kernels).
 
 use crate::rules::Rules;
 use splatgraph_assets::{Camera, Projection};
@@ -10,8 +10,8 @@ use std::f64::consts::FRAC_PI_2;
 
 /// Minimum of the sine of the angle from the axis in the Jacobian of a fisheye camera, beyond 90 degrees.
 ///
-/// Straight behind the camera, a splat covers a ring in the picture, which no ellipse approximates. Within 14.5 degrees of
-/// that direction it is drawn narrower than it is, rather than as a streak across the picture.
+/// Straight behind the camera, a splat covers a ring in the picture, which no ellipse approximates. Within 14.5 degrees
+/// of that direction it is drawn narrower than it is, rather than as a streak across the picture.
 const LEAST_SINE: f64 = 0.25;
 
 /// Minimum of the cosine of the latitude in the Jacobian of an equirectangular camera. A splat at a pole covers the

@@ -6,9 +6,9 @@
 //! with the shaders and executes no plan: [`render`] is a pure function of splats, camera, background and rules.
 //!
 //! Data flows one way through the modules. [`Splats`] returns each [`Gaussian`] in f64. `project` converts it to an
-//! ellipse on the image, through the camera's `lens`, with its colour from `harmonics`. `order` sorts ellipses by depth.
-//! `raster` blends them, a row of tiles at a time, down to the surface that `mesh` finds. `pixel` lists the splats of a
-//! single pixel.
+//! ellipse on the image, through the camera's `lens`, with its colour from `harmonics`. `order` sorts ellipses by
+//! depth. `raster` blends them, a row of tiles at a time, down to the surface that `mesh` finds. `pixel` lists the
+//! splats of a single pixel.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

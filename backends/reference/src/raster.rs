@@ -161,8 +161,8 @@ pub fn render(
 
 /// Finds the splat with the largest weight at each pixel of a rectangle, as [`Picture::index`] does for the image.
 ///
-/// `area` is left, top, right and bottom, in pixels inside the image, right and bottom exclusive. Rows of the result are
-/// as wide as the rectangle. `None` once `cancelled`, which several threads call, returns true.
+/// `area` is left, top, right and bottom, in pixels inside the image, right and bottom exclusive. Rows of the result
+/// are as wide as the rectangle. `None` once `cancelled`, which several threads call, returns true.
 pub fn largest(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,

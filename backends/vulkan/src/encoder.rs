@@ -216,8 +216,8 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
             rendering = rendering.depth_attachment(depth);
         }
         let device = &self.gpu.device;
-        // SAFETY: a graphics pipeline for targets of these formats is bound with its set; the views are alive and of one size; the
-        // indirect words lie within their buffer.
+        // SAFETY: a graphics pipeline for targets of these formats is bound with its set; the views are alive and of
+        // one size; the indirect words lie within their buffer.
         unsafe {
             device.cmd_begin_rendering(self.commands, &rendering);
             match draw {

@@ -68,8 +68,8 @@ impl Barriers {
 /// "Synchronization and Cache Control".)
 #[derive(Clone, Debug, PartialEq)]
 pub struct Barrier {
-    /// The image whose layout changes. The change is a write that happens between source and target, and is visible to the
-    /// target.
+    /// The image whose layout changes. The change is a write that happens between source and target, and is visible to
+    /// the target.
     pub image: Option<Transition>,
     /// Stages to wait for, writes to make available, stages that wait, and accesses that the writes become visible to.
     pub masks: Masks,

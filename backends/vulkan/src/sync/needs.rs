@@ -27,8 +27,8 @@ pub(super) struct Requirement {
     /// Source stage and write access. The access is empty if an earlier barrier already made the write available.
     pub from: Stages,
     pub flush: Accesses,
-    /// Stages to wait for instead of flushing, as a chain with earlier barriers; any one suffices. Includes later stages of
-    /// the pipeline.
+    /// Stages to wait for instead of flushing, as a chain with earlier barriers; any one suffices. Includes later
+    /// stages of the pipeline.
     pub via: Stages,
     /// Target stage, and the access to which the write must be visible; no access for an execution dependency.
     pub to: Stages,
