@@ -255,7 +255,8 @@ impl SceneError {
         advice: "only 3D Gaussians are drawn",
     };
 
-    /// Adds the name of a file, in the archive or beside the scene, to an error that gives a byte or a line of it.
+    /// Adds a file name to an error that has only a byte offset or a line number. The file is in the archive or beside
+    /// the scene.
     pub(crate) fn in_file(self, name: &str) -> Self {
         match self {
             Self::Field { .. } | Self::Row { .. } => {

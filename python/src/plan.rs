@@ -64,9 +64,10 @@ impl Plan {
 ///     params: names and values of parameters, as text.
 ///     scene: the scene whose facts the plan is for; without one, a million splats with harmonics of degree 3.
 ///     size: size of the pictures, in pixels.
-///     subgroup_size: invocations of a subgroup: 32 on most GPUs, 4 to 16 on CPUs.
+///     subgroup_size: invocations per subgroup: 4, 8, 16, 32 or 64. 32 on most GPUs, 64 on some, 4 to 16 on CPUs.
 ///
 /// Raises:
+///     ValueError: `subgroup_size` is not one of these.
 ///     GraphError: the graph or a shader has errors.
 #[pyfunction]
 #[pyo3(signature = (pipeline, params, scene = None, size = DEFAULT_SIZE, subgroup_size = USUAL_SUBGROUP_SIZE))]

@@ -449,7 +449,7 @@ mod tests {
 
     #[test]
     fn equalised_keys_go_where_the_splats_are() {
-        // 512 depths from 10 to 11 and an outlier at 2e7: 10 bits are enough, but linear keys need 33.
+        // 512 depths from 10 to 11, and an outlier at 2e7. Equalised keys need 10 bits; linear keys would need 34.
         let mut depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
         depths.push(2e7);
         let visible = reversed(&depths, |_| [0, 0, 1, 1]);

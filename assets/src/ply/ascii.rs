@@ -12,7 +12,7 @@ const PIECE: usize = 256 << 10;
 /// Maximum length of a line, in bytes. A splat's line has a few hundred.
 pub(crate) const LONGEST_LINE: usize = 16 << 20;
 
-/// A line's position in a file.
+/// A position between two lines of a file.
 #[derive(Clone, Copy)]
 pub(crate) struct Place {
     /// Offset of the next line, in bytes.

@@ -339,8 +339,8 @@ fn damaged_spz_files_of_version_4_are_read_or_refused() {
     run("SPZ version 4", &seeds, 4 << 20, parse);
 }
 
-/// Memory of SOG's reader beyond the file. A palette of 3 bands and 65,536 entries takes 4 MB, even if it is packed to
-/// a few bytes.
+/// Bytes that the SOG reader may allocate in addition to 64 times the file's length. A palette with 3 bands and 65,536
+/// entries decodes to 4 MB, even from a few compressed bytes.
 const SOG_MEMORY: usize = 16 << 20;
 
 /// Returns the files of an archive with their names.

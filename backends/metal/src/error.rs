@@ -5,7 +5,7 @@
 
 use splatgraph_api::BackendError;
 
-/// Returns the error for a call that should have created an object and returned `nil`.
+/// Returns the error for a call that returned `nil` instead of a new object.
 pub fn no_object(call: &'static str) -> BackendError {
     BackendError::Api { call, answer: "nil".to_string() }
 }

@@ -154,7 +154,7 @@ pub(crate) fn idle(gpu: &VulkanGpu, limit: Duration) -> Result<bool, BackendErro
     // SAFETY: a plain creation on a live device.
     let fence = unsafe { gpu.device.create_fence(&vk::FenceCreateInfo::default(), None) }
         .map_err(api("vkCreateFence"))?;
-    // Destroyed with the device, unless it is known to be unused earlier.
+    // If the wait times out, the queue may still use the fence, so it is kept until the device is destroyed.
     gpu.keep(fence);
     // SAFETY: the fence is not in use; the queue is locked.
     unsafe { gpu.device.queue_submit2(*gpu.queue(), &[], fence) }.map_err(api("vkQueueSubmit2"))?;

@@ -24,7 +24,7 @@ pub(super) use frames::prepare_plan;
 pub(super) use views::{COMMAND, Views};
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    // Report errors of the command line and of the device before loading a large scene.
+    // Check the command line before the device is opened and a large scene is loaded.
     let work = info_span!("check the command line").in_scope(|| prepare(args))?;
     if let Some(Destination::Folder(folder, _)) = &work.destination {
         Manifest::refuse(folder)?;

@@ -464,8 +464,9 @@ impl<D: Device> Session<D> {
     /// Wait for all frames before another size is prepared.
     ///
     /// # Errors
-    /// The device fails, or a frame needs more capacity than a parameter's range or the device allows. The plan then
-    /// stays unchanged.
+    /// - The device fails.
+    /// - The frame needs more capacity than a parameter's range or the device allows. The plan stays unchanged.
+    /// - The frame must be repeated, but the larger plan lacks an inspected resource or pass.
     pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
         let flight = self.flying.iter().find(|flight| flight.id == frame);
         let plan = flight.map(|flight| &flight.plan).or(self.loaded.as_ref().map(|(plan, _)| plan)).cloned();

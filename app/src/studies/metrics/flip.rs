@@ -153,12 +153,13 @@ fn hunt([lightness, a, b]: [f64; 3]) -> [f64; 3] {
     [lightness, 0.01 * lightness * a, 0.01 * lightness * b]
 }
 
-/// Computes the distance of two colours, for large and small differences alike (HyAB) [7], to the power of 0.7.
+/// Computes the HyAB distance between two colours, raised to the power 0.7 [7]. HyAB suits both large and small
+/// differences.
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
 }
 
-/// Maps a distance of two colours to a difference of 0 to 1 [8].
+/// Maps the distance between two colours to a difference from 0 to 1 [8].
 ///
 /// Distances below 0.4 of `most`, the largest possible, are spread over 0 to 0.95.
 fn difference(a: [f64; 3], b: [f64; 3], most: f64) -> f64 {

@@ -20,7 +20,7 @@ pub(super) enum TokenKind {
     Foreign,
 }
 
-/// A token other than comments and white space; `start..end` are bytes of the text.
+/// A token. Comments, and white space other than newlines, produce none. `start..end` is its byte range in the text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Token {
     pub kind: TokenKind,
