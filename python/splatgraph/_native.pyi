@@ -62,9 +62,9 @@ class Scene:
 
 @final
 class Camera:
-    """A pinhole camera with x to the right, y down and z forward."""
+    """A camera with x to the right, y down and z forward."""
 
-    def __new__(cls, viewmat: Any, K: Any, width: int, height: int, name: str = ...) -> Camera: ...
+    def __new__(cls, viewmat: Any, K: Any, width: int, height: int, name: str = ..., projection: str = ...) -> Camera: ...
     @staticmethod
     def look_at(
         eye: tuple[float, float, float],
@@ -89,6 +89,8 @@ class Camera:
     def width(self) -> int: ...
     @property
     def height(self) -> int: ...
+    @property
+    def projection(self) -> str: ...
     @property
     def name(self) -> str: ...
 

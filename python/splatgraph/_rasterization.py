@@ -2,7 +2,8 @@
 
 gsplat's rules differ from the published rasteriser's, which the graphs follow by default, in two numbers: the near plane is a
 parameter, and a fragment's alpha ends at 0.999. The second is a parameter of the graphs, too. For the first, the world is scaled so that
-`near_plane` lies at the graphs' own near plane; the picture is the same at any scale.
+`near_plane` lies at the graphs' own near plane; the picture is the same at any scale. Other camera models are the graphs' projections, with
+gsplat's order: by z, not by the distance from the camera.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ NEAR = 0.2
 SH_0 = 0.28209479177387814
 #: gsplat's rules, and 32-bit floats throughout.
 PARAMS = {"record": "f32", "sh_storage": "f32", "stop_after": "splat", "alpha_cap": 0.999}
+
+#: The graphs' projection for each of gsplat's camera models.
+PROJECTIONS = {"pinhole": "pinhole", "ortho": "orthographic", "fisheye": "fisheye"}
 
 RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
 _MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
@@ -66,7 +70,7 @@ def rasterization(
     rasterize_mode: Literal["classic", "antialiased"] = "classic",
     channel_chunk: int = 32,
     distributed: bool = False,
-    camera_model: Literal["pinhole"] = "pinhole",
+    camera_model: Literal["pinhole", "ortho", "fisheye"] = "pinhole",
     segmented: bool = False,
     covars: Any = None,
     with_ut: bool = False,
@@ -93,7 +97,8 @@ def rasterization(
         colors: colours of D channels, [..., N, D] or for each camera [..., C, N, D]; with `sh_degree`, spherical harmonics,
             [..., N, K, 3] or [..., C, N, K, 3].
         viewmats: world to camera, with x to the right, y down and z forward, [..., C, 4, 4].
-        Ks: intrinsics in pixels, [..., C, 3, 3]; the middle of the first pixel is at 0.5.
+        Ks: intrinsics in pixels, [..., C, 3, 3]; the middle of the first pixel is at 0.5, and the principal point in the middle of the
+            picture. Focal lengths are pixels per world unit for "ortho", and pixels per radian for "fisheye".
         width: width of the pictures, in pixels.
         height: height of the pictures, in pixels.
         near_plane: least depth of a centre that is drawn, in world units, above 0.
@@ -105,10 +110,11 @@ def rasterization(
         render_mode: "RGB" for colours, "D" for depths, each the sum of its Gaussians' by their share of the pixel, "ED" for depths
             divided by alpha, or "RGB+D" or "RGB+ED" for both, depth last. Depths are along z, in world units.
         rasterize_mode: "antialiased" takes back the opacity that `eps2d` adds.
+        camera_model: "pinhole"; "ortho", which draws (x, y, z) at (fx x + cx, fy y + cy); or "fisheye", equidistant, without distortion.
         covars: covariances in square world units instead of `quats` and `scales`, [..., N, 3, 3].
         device: a part of the device's name, or its index in `splatgraph devices`.
         packed, tile_size, channel_chunk, segmented: ignored, as they change no picture.
-        sparse_grad, absgrad, distributed, with_ut, with_eval3d, camera_model, radial_coeffs, tangential_coeffs, thin_prism_coeffs,
+        sparse_grad, absgrad, distributed, with_ut, with_eval3d, radial_coeffs, tangential_coeffs, thin_prism_coeffs,
             ftheta_coeffs, rolling_shutter, viewmats_rs: not supported; their defaults alone.
 
     Returns:
@@ -136,8 +142,8 @@ def rasterization(
             "rolling_shutter": None if getattr(rolling_shutter, "name", None) == "GLOBAL" else rolling_shutter,
         }
     )
-    if camera_model != "pinhole":
-        raise NotImplementedError(f"camera_model: expected 'pinhole', found {camera_model!r}")
+    if camera_model not in PROJECTIONS:
+        raise NotImplementedError(f"camera_model: expected one of {', '.join(PROJECTIONS)}, found {camera_model!r}")
     if radius_clip != 0.0:
         raise NotImplementedError(f"radius_clip: expected 0, found {radius_clip}")
     if eps2d not in (0.0, 0.3):
@@ -181,9 +187,11 @@ def rasterization(
     low_pass = "none" if eps2d == 0.0 else "compensated" if rasterize_mode == "antialiased" else "dilated"
     # The picture is the same in a world of any scale.
     scale = np.float32(NEAR / near_plane)
-    with _renderer(device, {**PARAMS, "low_pass": low_pass}, ["alpha", "depth"] if has_depth else ["alpha"]) as renderer:
+    projection = PROJECTIONS[camera_model]
+    params = {**PARAMS, "low_pass": low_pass, "projection": projection}
+    with _renderer(device, params, ["alpha", "depth"] if has_depth else ["alpha"]) as renderer:
         for b in range(shape[0]):
-            views = [_camera(viewmats[b, c], Ks[b, c], (width, height), float(scale), c) for c in range(cameras)]
+            views = [_camera(viewmats[b, c], Ks[b, c], (width, height), projection, float(scale), c) for c in range(cameras)]
             z = means[b].astype(np.float64) @ viewmats[b, :, 2, :3].T + viewmats[b, :, 2, 3]
             too_far = z > far_plane
             # Cameras share a scene unless what they see differs.
@@ -259,13 +267,18 @@ def _check_colors(colors: np.ndarray, sh_degree: int | None, batch: tuple[int, .
     return 3, of_camera
 
 
-def _camera(view: np.ndarray, K: np.ndarray, size: tuple[int, int], scale: float, index: int) -> Camera:
-    view = view.copy()
+def _camera(view: np.ndarray, K: np.ndarray, size: tuple[int, int], projection: str, scale: float, index: int) -> Camera:
+    """Returns the camera in the world scaled by `scale`. `index` is for messages."""
+    view, K = view.copy(), K.copy()
     view[:3, 3] *= scale
+    if projection == "orthographic":
+        # Pixels per world unit.
+        K[0, 0] /= scale
+        K[1, 1] /= scale
     try:
-        return Camera(view, K, *size)
-    except ValueError as error:
-        raise ValueError(f"viewmats, Ks: camera {index}: {error}") from None
+        return Camera(view, K, *size, projection=projection)
+    except (ValueError, NotImplementedError) as error:
+        raise type(error)(f"viewmats, Ks: camera {index}: {error}") from None
 
 
 def _harmonics(colors: np.ndarray, sh_degree: int | None, is_shown: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:

@@ -6,24 +6,27 @@ use crate::scene::Scene;
 use crate::wait;
 use pyo3::exceptions::{PyNotImplementedError, PyValueError};
 use pyo3::prelude::*;
-use splatgraph_assets as assets;
+use splatgraph_assets::{self as assets, Projection};
 use std::path::PathBuf;
 
-/// A pinhole camera with x to the right, y down and z forward.
+/// A camera with x to the right, y down and z forward.
 ///
 /// Args:
 ///     viewmat: world to camera, a rotation and a translation in world units, [4, 4].
-///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, which must be the middle of the picture.
+///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, which must be the middle of the picture. The focal lengths of an
+///         orthographic camera are pixels per world unit, and those of a fisheye camera are pixels per radian.
 ///     width: width of the picture, in pixels.
 ///     height: height of the picture, in pixels.
 ///     name: name for files and messages.
+///     projection: "pinhole", "orthographic", "fisheye" (equidistant) or "equirectangular". All but pinhole cameras need a
+///         graph with the same projection.
 #[pyclass(frozen, module = "splatgraph")]
 pub struct Camera(pub assets::Camera);
 
 #[pymethods]
 impl Camera {
     #[new]
-    #[pyo3(signature = (viewmat, K, width, height, name = String::new()))]
+    #[pyo3(signature = (viewmat, K, width, height, name = String::new(), projection = "pinhole"))]
     #[expect(non_snake_case, reason = "the field's name of the matrix")]
     fn new(
         viewmat: &Bound<'_, PyAny>,
@@ -31,7 +34,12 @@ impl Camera {
         width: u32,
         height: u32,
         name: String,
+        projection: &str,
     ) -> PyResult<Camera> {
+        let projection = projection.parse::<Projection>().map_err(|()| {
+            let names = Projection::ALL.map(Projection::name).join(", ");
+            PyValueError::new_err(format!("projection: expected one of {names}, found {projection:?}"))
+        })?;
         let view = matrix::<4>(viewmat, "viewmat")?;
         let k = matrix::<3>(K, "K")?;
         let axes: [[f64; 3]; 3] = std::array::from_fn(|row| [view[row][0], view[row][1], view[row][2]]);
@@ -45,7 +53,7 @@ impl Camera {
             rotation: std::array::from_fn(|row| std::array::from_fn(|axis| axes[axis][row])),
             fx: k[0][0],
             fy: k[1][1],
-            projection: assets::Projection::Pinhole,
+            projection,
         };
         if view[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(PyValueError::new_err(format!(
@@ -148,6 +156,12 @@ impl Camera {
     #[getter]
     fn height(&self) -> u32 {
         self.0.height
+    }
+
+    /// Name of the projection: "pinhole", "orthographic", "fisheye" or "equirectangular".
+    #[getter]
+    fn projection(&self) -> &'static str {
+        self.0.projection.name()
     }
 
     /// Name for files and messages.

@@ -46,8 +46,53 @@ def shaded(sh, degree, directions):
     return np.maximum(np.einsum("nk,nkc->nc", values, sh[:, : (degree + 1) ** 2]) + 0.5, 0.0)
 
 
+def pinhole(x, y, z, fx, fy, cx, cy, width, height):
+    """Returns places from the principal point [N, 2], and their derivatives [N, 2, 3]."""
+    # Slopes beside the picture are held where the derivative is taken.
+    margin = 0.3 * 0.5 * np.array([width / fx, height / fy])
+    sx = np.clip(x / z, -cx / fx - margin[0], (width - cx) / fx + margin[0])
+    sy = np.clip(y / z, -cy / fy - margin[1], (height - cy) / fy + margin[1])
+    zero = np.zeros_like(z)
+    jacobian = np.stack([np.stack([fx / z, zero, -fx * sx / z], -1), np.stack([zero, fy / z, -fy * sy / z], -1)], 1)
+    return np.stack([fx * x / z, fy * y / z], -1), jacobian
+
+
+def ortho(x, y, z, fx, fy, *_):
+    """Returns places from the principal point [N, 2], and their derivatives [N, 2, 3]."""
+    jacobian = np.broadcast_to([[fx, 0.0, 0.0], [0.0, fy, 0.0]], (len(z), 2, 3))
+    return np.stack([fx * x, fy * y], -1), jacobian
+
+
+def fisheye(x, y, z, fx, fy, *_):
+    """Returns places from the principal point [N, 2], and their derivatives [N, 2, 3]: equidistant, the angle from the axis times f."""
+    rho, square = np.hypot(x, y), x * x + y * y + z * z
+    theta = np.arctan2(rho, z)
+    # The place is f ratio (x, y), and the ratio is a function of rho and z.
+    ratio = theta / rho
+    by_rho, by_z = (z / square - ratio) / rho, -1 / square
+    of_x = x[:, None] * np.stack([by_rho * x / rho, by_rho * y / rho, by_z], -1)
+    of_y = y[:, None] * np.stack([by_rho * x / rho, by_rho * y / rho, by_z], -1)
+    of_x[:, 0] += ratio
+    of_y[:, 1] += ratio
+    return np.stack([fx * ratio * x, fy * ratio * y], -1), np.stack([fx * of_x, fy * of_y], 1)
+
+
 def picture(
-    means, quats, scales, opacities, colors, viewmat, K, width, height, near=0.01, far=1e10, eps2d=0.3, sh_degree=None, antialiased=False
+    means,
+    quats,
+    scales,
+    opacities,
+    colors,
+    viewmat,
+    K,
+    width,
+    height,
+    near=0.01,
+    far=1e10,
+    eps2d=0.3,
+    sh_degree=None,
+    antialiased=False,
+    projection=pinhole,
 ):
     """Returns colours [height, width, D], alphas [height, width] and sums of depths [height, width] of one camera."""
     means, quats, scales, opacities, colors, view, K = (
@@ -66,12 +111,7 @@ def picture(
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         colors = shaded(colors, sh_degree, directions)
     x, y, z = local[kept].T
-    # Slopes beside the picture are held where the derivative is taken.
-    margin = 0.3 * 0.5 * np.array([width / fx, height / fy])
-    sx = np.clip(x / z, -cx / fx - margin[0], (width - cx) / fx + margin[0])
-    sy = np.clip(y / z, -cy / fy - margin[1], (height - cy) / fy + margin[1])
-    zero = np.zeros_like(z)
-    jacobian = np.stack([np.stack([fx / z, zero, -fx * sx / z], -1), np.stack([zero, fy / z, -fy * sy / z], -1)], 1)
+    places, jacobian = projection(x, y, z, fx, fy, cx, cy, width, height)
     axes = rotations(quats[kept]) * scales[kept, None, :]
     projected = jacobian @ rotation @ axes
     covariance = projected @ projected.transpose(0, 2, 1)
@@ -82,7 +122,7 @@ def picture(
     if antialiased:
         alpha_of = alpha_of * np.sqrt(np.maximum(sharp / determinant, 0.0))
     inverse = np.linalg.inv(covariance)
-    px, py = fx * x / z + cx, fy * y / z + cy
+    px, py = (places + [cx, cy]).T
 
     channels = np.concatenate([colors[kept], z[:, None]], -1)
     sums = np.zeros((height, width, channels.shape[1]))

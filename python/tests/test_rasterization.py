@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 import splatgraph
 from conftest import captured, intrinsics, psnr, random_splats
-from definition import picture
+from definition import fisheye, ortho, picture, pinhole
 from splatgraph import rasterization
 
 #: Least agreement, in dB.
 LEAST = 75.0
+
+#: The definition of each camera model.
+MODELS = {"pinhole": pinhole, "ortho": ortho, "fisheye": fisheye}
 
 
 def looking(eye, angle):
@@ -34,7 +37,17 @@ def agreement(arguments, viewmats, Ks, width, height, **options):
     found = []
     for c in range(len(viewmats)):
         colors, alpha, depth = picture(
-            *arguments, viewmats[c], Ks[c], width, height, near, far, options.get("eps2d", 0.3), options.get("sh_degree"), antialiased
+            *arguments,
+            viewmats[c],
+            Ks[c],
+            width,
+            height,
+            near,
+            far,
+            options.get("eps2d", 0.3),
+            options.get("sh_degree"),
+            antialiased,
+            MODELS[options.get("camera_model", "pinhole")],
         )
         found.append(
             [
@@ -58,6 +71,28 @@ def test_colours_alphas_and_depths_of_random_splats_agree_with_the_definition(se
     assert (found >= LEAST).all(), found
 
 
+@pytest.mark.parametrize("model, focals", [("ortho", (20, 35)), ("fisheye", (30, 55))])
+@pytest.mark.parametrize("seed, degree", [(9, None), (10, 3)])
+def test_orthographic_and_fisheye_pictures_of_random_splats_agree_with_the_definition(model, focals, seed, degree):
+    arguments = random_splats(seed, degree=degree)
+    # A fisheye of 183 degrees, whose edges show splats that a pinhole never could; and pixels that are no squares.
+    viewmats = np.stack([np.eye(4), looking((0.5, -0.2, -1), 0.3)])
+    Ks = np.stack([intrinsics(96, 64, focal) for focal in focals])
+    Ks[1, 1, 1] *= 1.25
+    found = agreement(arguments, viewmats, Ks, 96, 64, sh_degree=degree, camera_model=model)
+    print(f"random scene {seed}, {model}: colours, alphas, D, ED {np.round(found, 1)} dB")
+    assert (found >= LEAST).all(), found
+
+
+def test_an_orthographic_focal_length_is_pixels_per_world_unit_whatever_the_near_plane_is():
+    splat = np.array([[0.5, -0.25, 3.0]]), np.array([[1.0, 0, 0, 0]]), np.full((1, 3), 0.02), np.ones(1), np.ones((1, 3))
+    for near in (0.01, 1.0):
+        drawn, _, _ = rasterization(*splat, np.eye(4)[None], intrinsics(64, 48, 20)[None], 64, 48, near_plane=near, camera_model="ortho")
+        row, column = np.unravel_index(drawn[0, ..., 0].argmax(), (48, 64))
+        # At (20 * 0.5 + 32, 20 * -0.25 + 24) = (42, 19), between four pixels.
+        assert column in (41, 42) and row in (18, 19), (near, row, column)
+
+
 @pytest.mark.parametrize("name, crop", [("biker", (96, 64)), ("playbot-31k", (120, 90))])
 def test_captured_scenes_agree_with_the_definition(name, crop):
     scene = splatgraph.Scene.load(captured(f"{name}.ply"))
@@ -71,9 +106,33 @@ def test_captured_scenes_agree_with_the_definition(name, crop):
     assert (found >= LEAST).all(), found
 
 
+@pytest.mark.parametrize("model", ["ortho", "fisheye"])
+@pytest.mark.parametrize("name, crop", [("biker", (96, 64)), ("playbot-31k", (120, 90))])
+def test_orthographic_and_fisheye_pictures_of_captured_scenes_agree_with_the_definition(name, crop, model):
+    scene = splatgraph.Scene.load(captured(f"{name}.ply"))
+    camera = splatgraph.Camera.load(captured(f"{name}.cameras.json"))[0]
+    width, height = crop
+    focal = camera.K[0, 0] / 6
+    if model == "ortho":
+        # As large as through the lens, for what is as far as the scene's middle.
+        focal /= np.median((scene.means @ camera.viewmat[2, :3]) + camera.viewmat[2, 3])
+    arguments = (scene.means, scene.quats, scene.scales, scene.opacities, scene.sh)
+    K = intrinsics(width, height, focal)
+    found = agreement(arguments, camera.viewmat[None], K[None], width, height, sh_degree=scene.sh_degree, camera_model=model)
+    print(f"{name}, {model}: colours, alphas, D, ED {np.round(found, 1)} dB")
+    assert (found >= LEAST).all(), found
+
+
 @pytest.mark.parametrize(
     "options",
-    [{"near_plane": 2.0}, {"far_plane": 4.0}, {"rasterize_mode": "antialiased"}, {"eps2d": 0.0}],
+    [
+        {"near_plane": 2.0},
+        {"far_plane": 4.0},
+        {"rasterize_mode": "antialiased"},
+        {"eps2d": 0.0},
+        {"near_plane": 2.0, "camera_model": "fisheye"},
+        {"far_plane": 4.0, "camera_model": "ortho"},
+    ],
     ids=lambda options: "-".join(options),
 )
 def test_planes_and_low_passes_agree_with_the_definition(options):
@@ -188,7 +247,17 @@ VALID |= {"viewmats": np.eye(4)[None], "Ks": intrinsics(8, 8, 8)[None], "width":
 @pytest.mark.parametrize(
     "changed, kind, message",
     [
-        ({"camera_model": "fisheye"}, NotImplementedError, "camera_model: expected 'pinhole', found 'fisheye'"),
+        (
+            {"camera_model": "ftheta"},
+            NotImplementedError,
+            "camera_model: expected one of pinhole, ortho, fisheye, found 'ftheta'",
+        ),
+        ({"camera_model": "conic"}, NotImplementedError, "camera_model: expected one of pinhole, ortho, fisheye, found 'conic'"),
+        (
+            {"camera_model": "fisheye", "Ks": [[[8.0, 0, 3], [0, 8, 4], [0, 0, 1]]]},
+            NotImplementedError,
+            "camera 0: K: expected the principal point in the middle of the picture, (4, 4), found (3, 4)",
+        ),
         ({"radius_clip": 1.0}, NotImplementedError, "radius_clip: expected 0"),
         ({"eps2d": 0.1}, NotImplementedError, "eps2d: expected 0.3 or 0, found 0.1"),
         ({"absgrad": True}, NotImplementedError, "absgrad: not supported"),

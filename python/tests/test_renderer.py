@@ -58,6 +58,20 @@ def test_a_camera_gives_back_its_matrices():
         Camera(view, intrinsics(60, 48, 60), 64, 48)
 
 
+def test_a_camera_has_a_projection_and_needs_a_renderer_with_the_same(scene):
+    camera = Camera(np.eye(4), intrinsics(64, 48, 30), 64, 48, projection="fisheye")
+    assert camera.projection == "fisheye" and camera.resized(32, 24).projection == "fisheye"
+    with Renderer(scene, "fisheye") as renderer:
+        picture = renderer.render(camera)
+        # A pinhole camera is converted, and keeps its focal length at the picture's centre.
+        np.testing.assert_array_equal(picture, renderer.render(Camera(np.eye(4), intrinsics(64, 48, 30), 64, 48)))
+        assert picture.max() > 0.1
+    with Renderer(scene) as renderer, pytest.raises(splatgraph.Error, match="expected a graph for fisheye cameras, found one for pinhole"):
+        renderer.render(camera)
+    with pytest.raises(ValueError, match='projection: expected one of pinhole, orthographic, fisheye, equirectangular, found "ortho"'):
+        Camera(np.eye(4), intrinsics(64, 48, 30), 64, 48, projection="ortho")
+
+
 def test_a_picture_is_the_command_lines(scene, camera, tmp_path):
     drawn = Renderer(scene).render(camera)
     assert drawn.shape == (48, 64, 3) and drawn.dtype == np.float32 and drawn.std() > 0.05
