@@ -151,13 +151,21 @@ impl Camera {
         if !self.projection.is_pinhole() || projection.is_pinhole() {
             return self.clone();
         }
+        self.with_projection(projection, scene.robust_bounds().center())
+    }
+
+    /// Converts the camera from any projection to another, as [`Camera::projected`] does. `center` is the centre of the
+    /// scene's [`robust_bounds`](Scene::robust_bounds).
+    pub fn with_projection(&self, projection: Projection, center: [f64; 3]) -> Camera {
         /// Minimum distance for the scale of an orthographic view, which would be infinite at the scene's centre.
         const LEAST: f64 = 0.2;
-        let scale = match projection {
-            Projection::Orthographic => {
-                let center = glam::DVec3::from(scene.robust_bounds().center());
-                1.0 / center.distance(self.position.into()).max(LEAST)
-            }
+        if projection == self.projection {
+            return self.clone();
+        }
+        let distance = || glam::DVec3::from(center).distance(self.position.into()).max(LEAST);
+        let scale = match (self.projection, projection) {
+            (_, Projection::Orthographic) => 1.0 / distance(),
+            (Projection::Orthographic, _) => distance(),
             _ => 1.0,
         };
         Camera { projection, fx: self.fx * scale, fy: self.fy * scale, ..self.clone() }
@@ -260,6 +268,8 @@ mod tests {
         assert!(text.ends_with("\"projection\":\"fisheye\"}"), "{text}");
         assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), fisheye);
         assert_eq!(camera.projected(Projection::Pinhole, &scene), camera);
+        let back = parallel.with_projection(Projection::Pinhole, scene.robust_bounds().center());
+        assert!((back.fx / camera.fx - 1.0).abs() < 1e-12 && back.projection.is_pinhole());
     }
 
     #[test]

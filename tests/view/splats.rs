@@ -16,12 +16,12 @@ const A: RendererId = RendererId::A;
 
 /// Opens a viewer of 2,000 splats without tools.
 fn viewer() -> TestShell {
-    let mut viewer = TestShell::new(
-        &common::options(Validation::Synchronization),
-        ("uniform", 2000),
-        "pipelines/splat.ron",
-        (480, 270),
-    );
+    viewer_of("pipelines/splat.ron")
+}
+
+fn viewer_of(graph: &str) -> TestShell {
+    let options = common::options(Validation::Synchronization);
+    let mut viewer = TestShell::new(&options, ("uniform", 2000), graph, (480, 270));
     viewer.shell.panels.open_tools(&[]);
     viewer.settle();
     viewer
@@ -170,6 +170,24 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     assert_eq!(viewer.shell.viewer.scene_path(), viewer.place.at("scene.ply"));
     assert_eq!(*marks(&viewer).hidden, found);
     assert_eq!(viewer.shell.viewer.scene().count(), all - some);
+    viewer.close();
+}
+
+#[test]
+fn hiding_splats_does_not_change_the_scale_of_an_orthographic_picture() {
+    let mut viewer = viewer_of("pipelines/orthographic.ron");
+    let camera = viewer.shell.viewer.picture_camera();
+    let whole = viewer.shell.viewer.loaded(A);
+    let middle = whole.robust_bounds().center()[0] as f32;
+    let (left, right): (Vec<u32>, Vec<u32>) =
+        (0..whole.count()).partition(|index| whole.positions()[*index as usize][0] < middle);
+    let rest = whole.picked(&right).expect("it fits in memory");
+    let hidden: SplatSet = left.into_iter().collect();
+    viewer.shell.viewer.set_marks(A, Marks { hidden: hidden.into(), ..Marks::default() });
+    let shown = picture(&mut viewer);
+    let graph = viewer.shell.viewer.a.renderer.graph().to_owned();
+    let drawn = images::draw_scene(rest, &[camera], &graph, [0.0; 3], &[]);
+    assert!(drawn[0].rgb == shown.rgb, "the camera is the one of the whole scene");
     viewer.close();
 }
 

@@ -93,6 +93,16 @@ pub fn convert(camera: &Camera, graph: Projection, scene: &Scene) -> Result<Came
     Ok(camera.projected(graph, scene))
 }
 
+/// Converts a camera of any projection to a graph's, for pictures that a window shows whatever the camera is.
+///
+/// `scene` is the scene as loaded, so that hiding splats does not change the scale of an orthographic view.
+pub fn shown(camera: &Camera, graph: Projection, scene: &Scene) -> Camera {
+    match camera.projection == graph {
+        true => camera.clone(),
+        false => camera.with_projection(graph, scene.robust_bounds().center()),
+    }
+}
+
 /// Converts a command's cameras to the projection of its graph. `set` are the graph's parameters.
 ///
 /// # Errors

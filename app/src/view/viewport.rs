@@ -69,7 +69,10 @@ enum Reading {
 
 /// Inputs of a viewport's picture, except its graph.
 pub(super) struct View<'a> {
+    /// The scene as drawn, without its hidden splats.
     pub scene: &'a Scene,
+    /// The scene as loaded. It scales orthographic views, so that hiding splats does not.
+    pub loaded: &'a Scene,
     pub camera: &'a Camera,
     /// Background colour, display-encoded.
     pub background: [f32; 3],
@@ -286,7 +289,7 @@ impl<D: Device> Viewport<D> {
         let can_draw = width > 0 && height > 0 && self.renderer.draws(view.scene);
         let Some(plan) = self.renderer.plan().cloned().filter(|_| can_draw) else { return };
         let graph = projection::of_params(&plan.params);
-        let camera = view.camera.resized(width, height).projected(graph, view.scene);
+        let camera = projection::shown(&view.camera.resized(width, height), graph, view.loaded);
         let uniforms =
             |number| camera::frame_uniforms(&camera, &view.scene.bounds(), view.background, number);
         let drawn = Drawn { live: self.renderer.live(&plan), plan, uniforms: uniforms(0) };

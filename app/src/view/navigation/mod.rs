@@ -140,6 +140,9 @@ struct Pose {
     stretch: f64,
     /// Distance to the pivot, in world units.
     distance: f64,
+    /// Projection of the camera. The other fields are those of the pinhole camera with the same view: see
+    /// [`Camera::with_projection`].
+    projection: Projection,
 }
 
 impl Pose {
@@ -193,8 +196,8 @@ impl Pose {
         self
     }
 
-    /// Interpolates from this pose at `t = 0` to another at `t = 1`. The pivot moves in a straight line, the distance
-    /// geometrically.
+    /// Interpolates from this pose at `t = 0` to another at `t = 1`, with the projection of the latter. The pivot moves
+    /// in a straight line, the distance geometrically.
     fn towards(&self, to: &Pose, t: f64) -> Pose {
         let geometric = |a: f64, b: f64| a * (b / a).powf(t);
         let pivot = self.pivot().lerp(to.pivot(), t);
@@ -206,6 +209,7 @@ impl Pose {
             tan_y: geometric(self.tan_y, to.tan_y),
             stretch: geometric(self.stretch, to.stretch),
             distance,
+            projection: to.projection,
         }
     }
 }
@@ -257,6 +261,7 @@ impl Navigation {
             tan_y: 30f64.to_radians().tan(),
             stretch: 1.0,
             distance: 1.0,
+            projection: Projection::Pinhole,
         };
         let mut navigation = Navigation {
             pose,
@@ -353,7 +358,8 @@ impl Navigation {
     /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
     ///
     /// Until input moves it, a camera from a file is only [resized](Camera::resized): at its own size, it is
-    /// bit-identical.
+    /// bit-identical. A moved camera keeps the projection of the file. An orthographic camera's scale follows its
+    /// distance from the scene, as the scale of a pinhole camera does that an orthographic graph draws.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let (width, height) = (width.max(1), height.max(1));
         if let Some(camera) = &self.unmoved {
@@ -361,7 +367,7 @@ impl Navigation {
         }
         let pose = &self.pose;
         let fy = 0.5 * f64::from(height) / pose.tan_y;
-        Camera {
+        let pinhole = Camera {
             id: 0,
             img_name: String::new(),
             width,
@@ -371,7 +377,8 @@ impl Navigation {
             fx: fy * pose.stretch,
             fy,
             projection: Projection::Pinhole,
-        }
+        };
+        pinhole.with_projection(pose.projection, self.bounds.center())
     }
 
     /// Flies to a camera; the vertical field of view stays, and a wider view shows more at the sides.
@@ -502,7 +509,8 @@ impl Navigation {
         let placed = position.is_finite() && position.abs().max_element() < 1e30;
         let position = if placed { position } else { DVec3::ZERO };
         let usable = |v: f64| (1e-6..1e6).contains(&v);
-        let tan_y = 0.5 * f64::from(camera.height) / camera.fy;
+        let pinhole = camera.with_projection(Projection::Pinhole, self.bounds.center());
+        let tan_y = 0.5 * f64::from(pinhole.height) / pinhole.fy;
         let stretch = camera.fx / camera.fy;
         let whole = sound && placed && usable(tan_y) && usable(stretch);
         let mut pose = Pose {
@@ -511,6 +519,7 @@ impl Navigation {
             tan_y: if usable(tan_y) { tan_y } else { 30f64.to_radians().tan() },
             stretch: if usable(stretch) { stretch } else { 1.0 },
             distance: self.scale,
+            projection: camera.projection,
         };
         let ahead = (DVec3::from(self.bounds.center()) - position).dot(pose.forward());
         if ahead > 1e-3 * self.scale {

@@ -38,6 +38,14 @@ fn keys(keys: Keys, seconds: f64) -> Input {
     Input { size: SIZE, keys, seconds, ..Input::default() }
 }
 
+/// Makes a navigation at rest at a camera with another projection.
+fn projected(projection: Projection) -> (Navigation, Camera) {
+    let camera = start().with_projection(projection, bounds().center());
+    let mut navigation = Navigation::new(&bounds(), &camera, DEFAULT_UP);
+    navigation.set_animated(false);
+    (navigation, camera)
+}
+
 /// Projects a point of the world to pixels, with pixel centres at halves.
 fn pixel(camera: &Camera, point: DVec3) -> [f64; 2] {
     let [x, y, z] = camera.to_view(point.into());
@@ -75,6 +83,50 @@ fn apart(a: &Camera, b: &Camera) -> f64 {
 
 fn close(a: DVec3, b: DVec3, within: f64) -> bool {
     (a - b).length() < within
+}
+
+#[test]
+fn a_moved_camera_keeps_its_projection_and_scale() {
+    for projection in Projection::ALL {
+        let (mut navigation, camera) = projected(projection);
+        assert_eq!(now(&navigation), camera);
+        let nudge = drag('l', 1e-6, 0.0);
+        assert!(navigation.update(&nudge));
+        let moved = now(&navigation);
+        assert_eq!(moved.projection, projection);
+        assert!((moved.fx / camera.fx - 1.0).abs() < 1e-6, "{projection}: {} after {}", moved.fx, camera.fx);
+        assert!((moved.fy / camera.fy - 1.0).abs() < 1e-6, "{projection}: {} after {}", moved.fy, camera.fy);
+    }
+}
+
+#[test]
+fn zooming_enlarges_an_orthographic_view_as_it_does_a_pinholes() {
+    let (mut navigation, camera) = projected(Projection::Orthographic);
+    let center = DVec3::from(bounds().center());
+    let distance = |camera: &Camera| center.distance(camera.position.into());
+    assert!(navigation.update(&Input { scroll: 3.0, size: SIZE, seconds: 0.01, ..Input::default() }));
+    let moved = now(&navigation);
+    assert!(distance(&moved) < 0.8 * distance(&camera));
+    let expected = distance(&camera) / distance(&moved);
+    assert!(
+        (moved.fy / camera.fy / expected - 1.0).abs() < 1e-9,
+        "{} times, {expected}",
+        moved.fy / camera.fy
+    );
+}
+
+#[test]
+fn a_flight_has_the_projection_of_its_destination() {
+    let (mut navigation, camera) = projected(Projection::Orthographic);
+    navigation.set_animated(true);
+    navigation.set_camera(&Camera { position: [5.0, -4.0, -9.0], ..start() });
+    navigation.update(&keys(Keys::default(), 0.0));
+    navigation.update(&keys(Keys::default(), 0.1));
+    assert!(navigation.is_moving() && now(&navigation).projection.is_pinhole());
+    navigation.set_camera(&camera);
+    navigation.update(&keys(Keys::default(), 0.0));
+    navigation.update(&keys(Keys::default(), 1.0));
+    assert_eq!(now(&navigation), camera);
 }
 
 #[test]

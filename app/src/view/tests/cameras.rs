@@ -2,12 +2,12 @@
 
 use super::script::{Script, arrange};
 use crate::draw::pick;
-use crate::draw::splat_set::Masked;
+use crate::draw::splat_set::{Masked, SplatSet};
 use crate::view::events::Event;
 use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input};
-use crate::view::viewer::Viewer;
-use splatgraph_assets::{Camera, synth};
+use crate::view::viewer::{Marks, Viewer};
+use splatgraph_assets::{Camera, Projection, synth};
 use splatgraph_null::{Config, Null};
 use std::path::Path;
 
@@ -70,6 +70,58 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
             assert!(script.viewer().picked.is_none());
         },
     );
+}
+
+/// Makes the graph of a folder orthographic.
+fn orthographic(folder: &Path) {
+    let path = folder.join("graph.ron");
+    let text = std::fs::read_to_string(&path).expect("the graph is read");
+    let parameter = "params: {\n    \"projection\": Const(Choice(default: \"orthographic\", of: [\"pinhole\", \"orthographic\"])),";
+    std::fs::write(&path, text.replace("params: {", parameter)).expect("the graph is written");
+}
+
+#[test]
+fn hiding_splats_does_not_change_the_scale_of_an_orthographic_view() {
+    visit(orthographic, |script| {
+        let viewer = script.viewer();
+        let camera = viewer.picture_camera();
+        assert_eq!(camera.projection, Projection::Orthographic);
+        // Half of the scene, on one side of its middle.
+        let scene = viewer.loaded(RendererId::A);
+        let middle = scene.robust_bounds().center()[0] as f32;
+        let left = |index: &u32| scene.positions()[*index as usize][0] < middle;
+        let hidden: SplatSet = (0..scene.count()).filter(left).collect();
+        let marks = Marks { hidden: hidden.into(), ..Marks::default() };
+        viewer.set_marks(RendererId::A, marks);
+        script.until("the rest", |script| script.viewer().scene().count() < 100);
+        let viewer = script.viewer();
+        let moved = viewer.scene().robust_bounds().center()[0] - f64::from(middle);
+        assert!(moved > 0.1, "the middle of what is left is elsewhere, by {moved}");
+        assert_eq!(viewer.picture_camera(), camera);
+    });
+}
+
+#[test]
+fn keys_recorded_before_and_after_a_move_have_the_projection_of_the_camera() {
+    for projection in [Projection::Fisheye, Projection::Orthographic] {
+        visit(orthographic, |script| {
+            let viewer = script.viewer();
+            let camera = Camera::framing(viewer.scene(), 320, 180);
+            let center = viewer.scene().robust_bounds().center();
+            viewer.set_cameras(vec![camera.with_projection(projection, center)]);
+            record(viewer);
+            let keys = viewer.path.keys().to_vec();
+            assert_eq!(keys.len(), 3);
+            assert!(keys.iter().all(|key| key.projection == projection), "{keys:#?}");
+            assert!(keys[0] != keys[1]);
+            // The picture of an orthographic graph is orthographic, whatever the camera is, and so is its command.
+            script.frame(false);
+            let viewer = script.viewer();
+            assert_eq!(viewer.picture_camera().projection, Projection::Orthographic);
+            let line = viewer.render_command(RendererId::A, Path::new("picture.png")).expect("A is there");
+            assert!(line.contains("\"projection\":\"orthographic\""), "{line}");
+        });
+    }
 }
 
 #[test]

@@ -35,7 +35,7 @@ impl<D: Device> Viewer<D> {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());
         let graph = plan.map_or(Projection::Pinhole, |plan| projection::of_params(&plan.params));
-        self.camera_of(id, self.asked).projected(graph, self.scene_of(id))
+        projection::shown(&self.camera_of(id, self.asked), graph, self.loaded(id))
     }
 
     /// Returns the camera for a viewport's pictures of this size.
@@ -167,7 +167,12 @@ impl<D: Device> Viewer<D> {
 
     /// Returns the command line that draws a viewport's picture to a file; `None` if there is no such viewport.
     pub fn render_command(&mut self, id: RendererId, output: &Path) -> Option<String> {
-        let camera = self.world_camera();
+        let mut camera = self.world_camera();
+        if !camera.projection.is_pinhole() {
+            // The command would refuse a camera with another projection than the graph's.
+            let Camera { fx, fy, projection, .. } = self.picture_camera_of(id);
+            camera = Camera { fx, fy, projection, ..camera };
+        }
         let (scene, background) = (self.scene_path_of(id).to_owned(), self.background);
         let renderer = &self.viewport(id)?.renderer;
         let set = renderer.set().iter().map(|(name, value)| (name.as_str(), value.as_str()));

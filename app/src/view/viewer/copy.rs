@@ -64,6 +64,7 @@ impl<D: Device> Viewer<D> {
         let (camera, scene) = (self.navigation.camera(SIZE.0, SIZE.1), &self.subject.scene);
         viewport.draw(&View {
             scene,
+            loaded: &self.subject.whole,
             camera: &camera,
             background: [0.0; 3],
             continuous: true,

@@ -417,6 +417,7 @@ impl<D: Device> Viewer<D> {
             viewport.renderer.poll(&inputs, now);
             viewport.draw(&View {
                 scene: &subject.scene,
+                loaded: &subject.whole,
                 camera,
                 background: self.background,
                 continuous: self.continuous,
