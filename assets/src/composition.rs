@@ -12,8 +12,10 @@
 //! a single sort orders them.
 
 use crate::error::SceneError;
+use crate::scene::{Scene, ScenePart, sh_floats};
 use crate::similarity::Similarity;
 use glam::{DQuat, DVec3};
+use rayon::prelude::*;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -114,9 +116,34 @@ fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError>
     Ok(Placed { file: folder.join(part.file), by: Similarity { rotation, scale: part.scale, translation } })
 }
 
+impl Scene {
+    /// Returns true if a part of this scene has the splats of a part of another, wherever each is placed.
+    ///
+    /// Compares their number, opacities and colours, which a placement does not change.
+    pub fn has_splats_of(&self, own: &ScenePart, other: &Self, part: &ScenePart) -> bool {
+        /// Tolerance of the coefficient of a colour: harmonics are turned with the scene, which rounds them.
+        const ROUNDING: f32 = 1e-4;
+        if own.splats.len() != part.splats.len() {
+            return false;
+        }
+        let of = |scene: &Self, part: &ScenePart, index: usize| {
+            let at = part.splats.start as usize + index;
+            let floats = sh_floats(scene.columns.degree);
+            let color: [f32; 3] = std::array::from_fn(|channel| scene.columns.sh[at * floats + channel]);
+            (scene.columns.opacity[at], color)
+        };
+        (0..own.splats.len()).into_par_iter().with_min_len(1 << 12).all(|index| {
+            let ((opacity, color), (its_opacity, its_color)) = (of(self, own, index), of(other, part, index));
+            opacity == its_opacity
+                && color.iter().zip(its_color).all(|(a, b)| (a - b).abs() <= ROUNDING * (1.0 + b.abs()))
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::splat;
 
     fn said(text: &str) -> String {
         parse(text, Path::new("/world")).unwrap_err().to_string()
@@ -157,5 +184,33 @@ mod tests {
         );
         assert!(said("Scenes([Scene(file: \"a\", translate: (1, 1e30, 0))])").contains("within 1e18"));
         assert!(said("Scenes([])").contains("expected at least one scene"));
+    }
+
+    #[test]
+    fn a_part_is_recognised_where_it_is_placed_and_another_is_not() {
+        let both = || [(5, 1), (7, 3)].map(|(count, degree)| Scene::generate(count, degree, splat));
+        let scene = Scene::joined(&both()).unwrap();
+        let scene = scene.with_parts(vec![("a.ply".into(), 5), ("b.ply".into(), 7)]);
+        assert_eq!(scene.parts()[1], ScenePart { file: "b.ply".into(), splats: 5..12 });
+
+        let rotation = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 1.1);
+        let by = Similarity { rotation, scale: 0.3, translation: DVec3::X };
+        let [first, second] = both();
+        let moved = second.transformed(&by).unwrap();
+        let other = Scene::joined(&[moved, first]).unwrap();
+        let other = other.with_parts(vec![("b.ply".into(), 7), ("a.ply".into(), 5)]);
+        let [a, b] = scene.parts() else { panic!("two parts") };
+        let [other_b, other_a] = other.parts() else { panic!("two parts") };
+        assert!(scene.has_splats_of(a, &other, other_a) && other.has_splats_of(other_b, &scene, b));
+        assert!(!scene.has_splats_of(a, &other, other_b));
+
+        let shifted = Scene::generate(7, 3, |index| splat(index + 1)).with_parts(vec![("b.ply".into(), 7)]);
+        assert!(!scene.has_splats_of(b, &shifted, &shifted.parts()[0]));
+    }
+
+    #[test]
+    fn a_scene_with_another_number_of_splats_than_its_parts_has_none() {
+        let scene = Scene::generate(5, 0, splat);
+        assert_eq!(scene.with_parts(vec![("a.ply".into(), 6)]).parts(), []);
     }
 }

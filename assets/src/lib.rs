@@ -68,7 +68,8 @@ pub use projection::Projection;
 pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{
-    ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, QuaternionNorms, Scene, SortKey, Splat, sh_floats,
+    ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, QuaternionNorms, Scene, ScenePart, SortKey, Splat,
+    sh_floats,
 };
 pub use similarity::Similarity;
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};

@@ -179,6 +179,12 @@ impl History {
         }
     }
 
+    /// Returns the number of steps to undo.
+    #[cfg(test)]
+    pub fn steps(&self) -> usize {
+        self.past.len()
+    }
+
     /// Returns true if there is a step to undo.
     pub fn can_undo(&self) -> bool {
         !self.past.is_empty()

@@ -246,6 +246,7 @@ impl Scene {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
+        let mut files = Vec::with_capacity(parts.len());
         for part in parts {
             let length = bytes(part);
             // Readers count decompressed or used bytes, so their share is scaled to the file's length.
@@ -263,6 +264,7 @@ impl Scene {
                 }
                 Found::Several(_) => return Err(nested(&part.file)),
             };
+            files.push((part.file.clone(), scene.count()));
             scenes.push(match part.by == Similarity::IDENTITY {
                 true => scene,
                 false => scene.transformed(&part.by).map_err(no_room)?,
@@ -275,6 +277,7 @@ impl Scene {
         }
         let joined =
             Self::joined(&scenes).map_err(|error| LoadError { path, problem: SceneError::Memory(error) })?;
+        let joined = joined.with_parts(files);
         Ok(meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)))
     }
 

@@ -8,12 +8,14 @@
 mod columns;
 mod gathered;
 mod notes;
+mod parts;
 mod splat;
 
 pub(crate) use columns::{Columns, Rows};
 pub(crate) use gathered::Gathered;
 pub use gathered::{Dropped, QuaternionNorms};
 pub use notes::{FileNotes, Filter, SortKey};
+pub use parts::ScenePart;
 pub(crate) use splat::CHUNK;
 pub use splat::{Splat, sh_floats};
 
@@ -25,6 +27,7 @@ use crate::mesh::Mesh;
 use crate::size_breakdown::SizeBreakdown;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use tracing::info_span;
 
@@ -55,6 +58,8 @@ pub struct Scene {
     bounds: Bounds,
     notes: FileNotes,
     mesh: Option<Arc<Mesh>>,
+    /// Parts of a joined list of scenes; see [`Scene::parts`].
+    parts: Vec<ScenePart>,
     /// Sizes of the file's parts; empty for a generated scene until requested.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
@@ -81,6 +86,7 @@ impl Scene {
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
             notes: FileNotes::default(),
             mesh: None,
+            parts: Vec::new(),
             size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
             robust: OnceLock::new(),
             colors: OnceLock::new(),
@@ -195,6 +201,18 @@ impl Scene {
     /// Sets the sizes of the file's parts.
     pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {
         Self { size_breakdown: OnceLock::from(breakdown), ..self }
+    }
+
+    /// Lists the parts of a scene that was loaded from a list of scenes, in the order of the list.
+    ///
+    /// Empty for other scenes. Scenes derived from this one have no parts.
+    pub fn parts(&self) -> &[ScenePart] {
+        &self.parts
+    }
+
+    /// Sets the parts, given as files with their numbers of splats. If splats were dropped in the join, there are no parts.
+    pub(crate) fn with_parts(self, files: Vec<(PathBuf, u32)>) -> Self {
+        Self { parts: ScenePart::of_files(files, self.count()), ..self }
     }
 
     /// Sets the mesh that is drawn beside the splats, in coordinates relative to [`Scene::offset`].

@@ -111,8 +111,9 @@ pub struct Panels {
     undo: undo::History,
     undo_now: bool,
     redo_now: bool,
-    /// True if the program dropped parameters since the last frame.
-    dropped: bool,
+    /// True if the program changed settings since the last frame: it dropped parameters, or loaded a changed list of
+    /// scenes, in which the selected and hidden splats have other indices.
+    by_program: bool,
     /// Recently opened scenes, the newest first.
     recent: Vec<PathBuf>,
     /// Search text for scenes.
@@ -163,7 +164,7 @@ impl Default for Panels {
             undo: undo::History::default(),
             undo_now: false,
             redo_now: false,
-            dropped: false,
+            by_program: false,
             recent: Vec::new(),
             scene_search: String::new(),
             camera_search: String::new(),
@@ -192,7 +193,7 @@ impl Panels {
         }
         self.toasts.tell(event);
         match event {
-            Event::Dropped { .. } => self.dropped = true,
+            Event::Dropped { .. } | Event::Scene { .. } => self.by_program = true,
             Event::Swapped { renderer, swap } if *renderer != RendererId::Window => {
                 self.changed = Some((*renderer, swap.parameters()));
             }
@@ -264,6 +265,12 @@ impl Panels {
     /// `corners` are left, top, right and bottom, as fractions of the picture's width and height.
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.select.select_first(corners);
+    }
+
+    /// Returns the number of steps to undo.
+    #[cfg(test)]
+    pub fn undo_steps(&self) -> usize {
+        self.undo.steps()
     }
 
     /// Returns the item that is selected in all tools.
@@ -382,7 +389,7 @@ impl Panels {
         }
         // Record a drag as one step, when it ends.
         if !ctx.input(|input| input.pointer.any_down()) {
-            self.undo.observe(Settings::of(viewer), std::mem::take(&mut self.dropped));
+            self.undo.observe(Settings::of(viewer), std::mem::take(&mut self.by_program));
         }
     }
 

@@ -1,8 +1,11 @@
 //! Tests editing a placement file while the viewer shows its scenes.
 
 use super::script::{Script, arrange};
-use crate::view::events::Event;
+use crate::draw::splat_set::SplatSet;
+use crate::view::events::{Event, RendererId};
 use crate::view::navigation::{Buttons, Input};
+use crate::view::viewer::Marks;
+use splatgraph_assets::synth;
 use splatgraph_null::Config;
 use std::fs;
 
@@ -42,4 +45,46 @@ fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keep
     let (_, events, _) = script.close(&[]);
     let scenes = events.iter().filter(|event| matches!(event, Event::Scene { .. })).count();
     assert_eq!(scenes, 3);
+}
+
+#[test]
+fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_changed_one_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    arrange(folder.path());
+    let file = folder.path().join("both.ron");
+    let write = |text: &str| fs::write(&file, text).expect("written");
+    write("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");
+    let mut script = Script::open(folder.path(), &Config::default());
+    script.settle();
+    script.viewer().open(&file);
+    script.until("both scenes", |script| script.viewer().scene().count() == 300);
+    let set = |indices: &[u32]| SplatSet::from_iter(indices.iter().copied()).into();
+    let marks = Marks { hidden: set(&[0, 7, 100, 299]), selected: set(&[8, 101]) };
+    script.viewer().set_marks(RendererId::A, marks);
+    script.until("the rest", |script| script.viewer().scene().count() == 296);
+    script.settle();
+    let steps = script.panels().undo_steps();
+
+    // The list has another order, a further scene, and one of the scenes has moved.
+    write(
+        "Scenes([Scene(file: \"second.ply\", scale: 0.5, translate: (0, 1, 0), rotate: (axis: (1, 2, 3), degrees: 40)), \
+         Scene(file: \"first.ply\"), Scene(file: \"first.ply\", translate: (3, 0, 0))])",
+    );
+    script.until("three scenes", |script| script.viewer().scene().count() == 396);
+    let marks = script.viewer().marks(RendererId::A).clone();
+    assert_eq!(marks, Marks { hidden: set(&[200, 207, 0, 199]), selected: set(&[208, 1]) });
+    assert!(!script.has_event(|event| matches!(event, Event::Problem { .. })), "{:#?}", script.events);
+    script.settle();
+    assert_eq!(script.panels().undo_steps(), steps, "the program's own change is no step");
+
+    // A file has other splats, as many as before.
+    let other = synth::generate("uniform", 200, 1).expect("the scene is generated");
+    other.write_ply(folder.path().join("second.ply")).expect("the scene is written");
+    write("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");
+    script.until("the changed scene", |script| script.viewer().scene().count() == 298);
+    let marks = script.viewer().marks(RendererId::A).clone();
+    assert_eq!(marks, Marks { hidden: set(&[0, 7]), selected: set(&[8]) });
+    let is_told = |event: &Event| matches!(event, Event::Problem { text } if text.contains("second.ply changed: its hidden splats are shown again"));
+    assert!(script.has_event(is_told), "{:#?}", script.events);
+    script.close(&[]);
 }

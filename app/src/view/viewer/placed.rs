@@ -39,6 +39,11 @@ impl PlacedFiles {
         Ok(())
     }
 
+    /// Returns true if the placement file at `path` is watched for a viewport.
+    pub fn follows(&self, id: RendererId, path: &Path) -> bool {
+        self.wanted[opening::index(id)].as_ref().is_some_and(|wanted| wanted.path == path)
+    }
+
     /// Exchanges the watched files of A and B.
     pub fn exchange(&mut self) {
         self.wanted.swap(0, 1);

@@ -4,9 +4,10 @@
 
 use super::Viewer;
 use super::parts::at_start;
-use super::subject::Subject;
+use super::subject::{Marks, Subject};
 use crate::draw::camera_path;
 use crate::io::load::LoadOptions;
+use crate::io::output;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Navigation;
 use crate::view::opening::{self, CameraRole, Content, Opened};
@@ -87,8 +88,7 @@ impl<D: Device> Viewer<D> {
     pub(super) fn reload_scenes(&mut self) {
         for path in self.placed.take() {
             for id in [RendererId::A, RendererId::B] {
-                let is_its_own = id == RendererId::A || self.has_two_scenes();
-                if is_its_own && self.scene_path_of(id) == path {
+                if self.reloads(id, &path) {
                     self.open_scene_in(id, &path);
                 }
             }
@@ -148,7 +148,7 @@ impl<D: Device> Viewer<D> {
                 let splats = scene.count();
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
                 let mut subject = Subject::new(*scene, path, self.wake.clone());
-                if let Some(marks) = self.restored[opening::index(id)].take()
+                if let Some(marks) = self.marks_for(id, &subject)
                     && let Err(text) = subject.set_marks(marks)
                 {
                     self.events.push(Event::Problem { text });
@@ -176,6 +176,28 @@ impl<D: Device> Viewer<D> {
                 self.take_cameras(role, path, cameras);
             }
         }
+    }
+
+    /// Takes the marks for a scene that was loaded for a viewport. Reports marks of scenes that changed.
+    fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
+        let restored = self.restored[opening::index(id)].take();
+        if restored.is_some() || !self.reloads(id, &subject.path) {
+            return restored;
+        }
+        let former = self.subject_of(id);
+        let (marks, dropped) = former.marks().carried(&former.whole, &subject.whole);
+        for file in dropped {
+            let name = output::one_line(&file.display().to_string()).into_owned();
+            let text = format!("{name} changed: its hidden splats are shown again, and none is selected");
+            self.events.push(Event::Problem { text });
+        }
+        Some(marks)
+    }
+
+    /// Returns true if a viewport shows the list of scenes at `path`: loading it again keeps its marks.
+    pub(super) fn reloads(&self, id: RendererId, path: &Path) -> bool {
+        let is_its_own = id == RendererId::A || self.has_two_scenes();
+        is_its_own && self.scene_path_of(id) == path && self.placed.follows(id, path)
     }
 
     /// Replaces A's scene and the selectable cameras.

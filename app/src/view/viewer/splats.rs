@@ -149,9 +149,13 @@ impl<D: Device> Viewer<D> {
         self.restored[opening::index(id)] = Some(marks);
     }
 
-    /// Returns the marks that a viewport's scene will have once it is loaded.
+    /// Returns the marks that a viewport's scene will have once it is loaded, unless the file changed.
     pub(in crate::view) fn restored(&self, id: RendererId) -> Marks {
-        self.restored[opening::index(id)].clone().unwrap_or_default()
+        match &self.restored[opening::index(id)] {
+            Some(marks) => marks.clone(),
+            None if self.loading(id).is_some_and(|path| self.reloads(id, path)) => self.marks(id).clone(),
+            None => Marks::default(),
+        }
     }
 
     /// Takes the results of searches, marked scenes, and written files.

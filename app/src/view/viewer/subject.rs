@@ -8,7 +8,7 @@ use crate::draw::select::{Reach, Region};
 use crate::draw::splat_set::SplatSet;
 use crate::view::latest::Latest;
 use crate::view::renderer::Wake;
-use splatgraph_assets::{Camera, Scene, SceneMemoryError, Splat};
+use splatgraph_assets::{Camera, Scene, SceneMemoryError, ScenePart, Splat};
 use splatgraph_framework::ir::Catalog;
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -46,6 +46,31 @@ impl Marks {
     /// Returns the splats that are neither selected nor hidden, in a scene of `count` splats.
     pub fn rest(&self, count: u32) -> SplatSet {
         self.visible(count).without(&self.selected)
+    }
+
+    /// Converts marks of a list of scenes, loaded as `former`, to the list as loaded again.
+    ///
+    /// A scene's marks follow it to its new place in the list if its file has the same splats. Also returns the files of
+    /// the scenes whose marks were dropped. A file that the list names several times is matched in order.
+    pub(super) fn carried(&self, former: &Scene, scene: &Scene) -> (Marks, Vec<PathBuf>) {
+        let (mut carried, mut dropped) = ([Vec::new(), Vec::new()], Vec::new());
+        let mut left: Vec<&ScenePart> = scene.parts().iter().collect();
+        for part in former.parts() {
+            let its_own = left.iter().position(|new| new.file == part.file).map(|at| left.remove(at));
+            let marked = [&self.selected, &self.hidden]
+                .map(|set| part.splats.clone().filter(|index| set.contains(*index)).collect::<Vec<u32>>());
+            match its_own.filter(|new| scene.has_splats_of(new, former, part)) {
+                _ if marked.iter().all(Vec::is_empty) => {}
+                Some(new) => {
+                    for (indices, marked) in carried.iter_mut().zip(&marked) {
+                        indices.extend(marked.iter().map(|at| at - part.splats.start + new.splats.start));
+                    }
+                }
+                None => dropped.push(part.file.clone()),
+            }
+        }
+        let [selected, hidden] = carried.map(|indices| Arc::new(indices.into_iter().collect()));
+        (Marks { selected, hidden }, dropped)
     }
 }
 
