@@ -33,16 +33,39 @@ pub fn write(
     path: &Path,
 ) -> Result<u64, OutputError> {
     let mut bytes = 0;
-    output::write(path, |out| {
-        let mut counted = Counted { out, bytes: 0 };
-        match version {
-            Some(version) if format == SceneFormat::Spz => scene.write_spz(version, &mut counted)?,
-            _ => scene.write(format, progress, &mut counted)?,
-        }
-        bytes = counted.bytes;
-        Ok(())
-    })?;
+    output::write(path, |out| fill(scene, format, version, progress, out).map(|count| bytes = count))?;
     Ok(bytes)
+}
+
+/// Writes a scene to a new file in a format, and returns the number of bytes.
+///
+/// # Errors
+/// The file exists, even if it was created meanwhile, or it cannot be written.
+pub fn write_new(
+    scene: &Scene,
+    format: SceneFormat,
+    progress: Progress,
+    path: &Path,
+) -> Result<u64, OutputError> {
+    let mut bytes = 0;
+    output::write_new(path, |out| fill(scene, format, None, progress, out).map(|count| bytes = count))?;
+    Ok(bytes)
+}
+
+/// Writes a scene, and returns the number of bytes.
+fn fill(
+    scene: &Scene,
+    format: SceneFormat,
+    version: Option<SpzVersion>,
+    progress: Progress,
+    out: &mut dyn Write,
+) -> Result<u64, output::file::Cause> {
+    let mut counted = Counted { out, bytes: 0 };
+    match version {
+        Some(version) if format == SceneFormat::Spz => scene.write_spz(version, &mut counted)?,
+        _ => scene.write(format, progress, &mut counted)?,
+    }
+    Ok(counted.bytes)
 }
 
 /// A writer that counts its bytes.

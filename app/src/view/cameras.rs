@@ -99,8 +99,8 @@ impl CameraFiles {
         }
         let failed = |cause: std::io::Error| OutputError { path: path.to_owned(), cause: cause.into() };
         let target = std::path::absolute(path).map_err(failed)?;
-        match fs::symlink_metadata(&target) {
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
+        let is_own = match fs::symlink_metadata(&target) {
+            Err(error) if error.kind() == ErrorKind::NotFound => false,
             Err(error) => return Err(failed(error).into()),
             Ok(found) => {
                 // Another program may have replaced the file since this window wrote it.
@@ -112,11 +112,24 @@ impl CameraFiles {
                 if !self.written.get(&target).is_some_and(own) {
                     return Err(SaveError::Exists(path.to_owned()));
                 }
+                true
             }
-        }
+        };
         let json = serde_json::to_string_pretty(cameras).map_err(|error| failed(error.into()))?;
         let text = harmless(&json).into_owned() + "\n";
-        output::write_bytes(&target, text.as_bytes())?;
+        let written = match is_own {
+            true => output::write_bytes(&target, text.as_bytes()),
+            false => output::write_new_bytes(&target, text.as_bytes()),
+        };
+        // Another window may have written the file meanwhile.
+        let exists = |error: &OutputError| {
+            error.cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind)
+                == Some(ErrorKind::AlreadyExists)
+        };
+        written.map_err(|error| match exists(&error) {
+            true => SaveError::Exists(path.to_owned()),
+            false => error.into(),
+        })?;
         self.written.insert(target, text);
         Ok(())
     }
@@ -195,6 +208,26 @@ mod tests {
         // A removed file can be written again.
         fs::remove_file(at("own.json")).unwrap();
         files.save(&[camera(4.0)], &at("own.json")).unwrap();
+    }
+
+    #[test]
+    fn of_two_windows_that_save_one_new_file_one_is_told_that_it_exists() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("views.json");
+        for _ in 0..20 {
+            let save = |x: f64| CameraFiles::default().save(&[camera(x)], &path);
+            let (first, second) = std::thread::scope(|scope| {
+                let other = scope.spawn(|| save(2.0));
+                (save(1.0), other.join().unwrap())
+            });
+            let saved = match (first, second) {
+                (Ok(()), Err(SaveError::Exists(_))) => 1.0,
+                (Err(SaveError::Exists(_)), Ok(())) => 2.0,
+                both => panic!("{both:?}"),
+            };
+            assert_eq!(Camera::load(&path).unwrap(), [camera(saved)]);
+            fs::remove_file(&path).unwrap();
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Writes splats to a new file on another thread: as a scene, in the format of the file's extension, or as a list of
 //! their indices.
-//! Only one file is written at a time. Its name must not exist when writing starts. Dropping the exporter waits for the
-//! file.
+//! Only one file is written at a time. Its name must not exist, neither when writing starts nor when it ends. Dropping
+//! the exporter waits for the file.
 
 use super::latest::Latest;
 use super::renderer::Wake;
@@ -63,7 +63,7 @@ impl Exporter {
             let written = || -> Result<(u64, Vec<String>), String> {
                 let Some(format) = format else {
                     let text = splats.to_json(scene.count()).map_err(|error| error.to_string())? + "\n";
-                    output::write_bytes(&path, text.as_bytes()).map_err(|error| error.to_string())?;
+                    output::write_new_bytes(&path, text.as_bytes()).map_err(|error| error.to_string())?;
                     return Ok((text.len() as u64, Vec::new()));
                 };
                 let part = scene.picked(&splats.indices()).map_err(|error| error.to_string())?;
@@ -71,7 +71,7 @@ impl Exporter {
                     percent.store(100 * done / of.max(1), Ordering::Relaxed);
                     ControlFlow::Continue(())
                 };
-                let bytes = scene_file::write(&part, format, None, &progress, &path);
+                let bytes = scene_file::write_new(&part, format, &progress, &path);
                 let bytes = bytes.map_err(|error| error.to_string())?;
                 Ok((bytes, Original::of(&scene).losses(&part, format)))
             };

@@ -62,6 +62,30 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     write(path, |out| Ok(out.write_all(bytes)?))
 }
 
+/// Writes a new file, as [`write()`] does, and replaces nothing: of two programs that write one file, one fails.
+///
+/// # Errors
+/// Those of [`write()`]. If anything has the name, even a link that leads nowhere, the cause is an [`io::Error`] of the
+/// kind [`ErrorKind::AlreadyExists`].
+pub fn write_new(
+    path: &Path,
+    body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>,
+) -> Result<(), OutputError> {
+    let write = || match fs::symlink_metadata(path) {
+        Ok(_) => Err(io::Error::from(ErrorKind::AlreadyExists).into()),
+        Err(_) => fill_file(path.to_owned(), Existing::Kept, body),
+    };
+    write().map_err(|cause| OutputError { path: path.to_owned(), cause })
+}
+
+/// Writes a new file with these bytes, as [`write_new()`] does.
+///
+/// # Errors
+/// See [`write_new()`].
+pub fn write_new_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    write_new(path, |out| Ok(out.write_all(bytes)?))
+}
+
 /// Checks that [`write()`] could create a file at this path. Creates its folder, and changes nothing else.
 ///
 /// # Errors
@@ -92,15 +116,31 @@ fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>)
             let file = OpenOptions::new().append(true).open(path)?;
             fill(&mut Faulty(&file), body)
         }
-        Target::File(target) => {
-            let folder = folder_of(&target);
-            fs::create_dir_all(folder)
-                .map_err(|e| format!("the folder {} cannot be created: {e}", folder.display()))?;
-            let unfinished = Unfinished::create(target)?;
-            fill(&mut Faulty(&unfinished.file), body)?;
-            Ok(unfinished.finish()?)
-        }
+        Target::File(target) => fill_file(target, Existing::Replaced, body),
     }
+}
+
+/// What happens to a file that has the name of a new one.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Existing {
+    /// The new file takes its place.
+    Replaced,
+    /// It stays, and the new file is an error.
+    Kept,
+}
+
+/// Runs `body` on a file, and names it `target` once it is complete.
+fn fill_file(
+    target: PathBuf,
+    existing: Existing,
+    body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>,
+) -> Result<(), Cause> {
+    let folder = folder_of(&target);
+    fs::create_dir_all(folder)
+        .map_err(|e| format!("the folder {} cannot be created: {e}", folder.display()))?;
+    let unfinished = Unfinished::create(target)?;
+    fill(&mut Faulty(&unfinished.file), body)?;
+    Ok(unfinished.finish(existing)?)
 }
 
 /// Runs `body` on a buffered writer, then flushes it.
@@ -273,13 +313,13 @@ impl Unfinished {
     }
 
     /// Syncs the contents to the disk, then names the file.
-    fn finish(mut self) -> io::Result<()> {
+    fn finish(mut self, existing: Existing) -> io::Result<()> {
         if let Ok(old) = fs::metadata(&self.target) {
             hand_on_permissions(&old, &self.file);
         }
         faults::step()?;
         info_span!("put on the disk").in_scope(|| synced(self.file.sync_all()))?;
-        self.name()?;
+        self.name(existing)?;
         // The name survives a crash only once the folder is synced.
         match File::open(folder_of(&self.target)) {
             Ok(folder) => info_span!("put on the disk").in_scope(|| synced(folder.sync_all())),
@@ -288,12 +328,12 @@ impl Unfinished {
         }
     }
 
-    fn name(&mut self) -> io::Result<()> {
+    fn name(&mut self, existing: Existing) -> io::Result<()> {
         let mut names = hidden_names();
         faults::step()?;
         if self.hidden.is_none() {
             match nameless::link(&self.file, &self.target) {
-                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) if error.kind() == ErrorKind::AlreadyExists && existing == Existing::Replaced => {}
                 linked => return linked,
             }
             // Each name is tried once, so the loop ends.
@@ -312,7 +352,10 @@ impl Unfinished {
         }
         if let Some(name) = &self.hidden {
             faults::step()?;
-            fs::rename(name, &self.target)?;
+            match existing {
+                Existing::Replaced => fs::rename(name, &self.target)?,
+                Existing::Kept => rename_to_new(name, &self.target)?,
+            }
             names.remove(name);
             self.hidden = None;
         }
@@ -326,6 +369,25 @@ impl Drop for Unfinished {
             let mut names = hidden_names();
             let _ = fs::remove_file(&name);
             names.remove(&name);
+        }
+    }
+}
+
+/// Renames a file, unless anything has the new name.
+fn rename_to_new(from: &Path, to: &Path) -> io::Result<()> {
+    match fs::hard_link(from, to) {
+        // The file is complete, even if its hidden name stays.
+        Ok(()) => {
+            let _ = fs::remove_file(from);
+            Ok(())
+        }
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => Err(error),
+        // On a file system without links, an empty file takes the name first.
+        Err(_) => {
+            OpenOptions::new().write(true).create_new(true).open(to)?;
+            fs::rename(from, to).inspect_err(|_| {
+                let _ = fs::remove_file(to);
+            })
         }
     }
 }
@@ -535,6 +597,31 @@ mod tests {
         assert!(faults::at_every_step(&path, |path| write(path, long)) >= 7);
         assert!(faults::with_hidden_files(|| faults::at_every_step(&path, |path| write(path, long))) >= 7);
         assert_eq!(fs::read(&path).unwrap().len(), 5 * BUFFER_BYTES);
+    }
+
+    #[test]
+    fn of_several_that_write_one_new_file_one_succeeds() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/a.txt");
+        for hidden in [false, true] {
+            let attempt = |own: usize| {
+                let attempt = || write_new_bytes(&path, own.to_string().as_bytes());
+                let result = if hidden { faults::with_hidden_files(attempt) } else { attempt() };
+                result
+                    .map(|()| own)
+                    .map_err(|error| error.cause.downcast::<io::Error>().map(|error| error.kind()).ok())
+            };
+            let results: Vec<_> = std::thread::scope(|scope| {
+                let threads: Vec<_> = (0..8).map(|own| scope.spawn(move || attempt(own))).collect();
+                threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+            });
+            let (written, refused): (Vec<_>, Vec<_>) = results.into_iter().partition(Result::is_ok);
+            assert_eq!(written.len(), 1, "{refused:?}");
+            assert_eq!(fs::read_to_string(&path).unwrap(), written[0].unwrap().to_string());
+            assert!(refused.iter().all(|error| *error == Err(Some(ErrorKind::AlreadyExists))), "{refused:?}");
+            assert_eq!(names(path.parent().unwrap()), ["a.txt"]);
+            fs::remove_file(&path).unwrap();
+        }
     }
 
     #[test]
