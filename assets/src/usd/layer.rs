@@ -227,6 +227,18 @@ impl Layer {
         SceneError::Part { part: format!("{}{dot}{attribute}", self.path(prim)), message }
     }
 
+    /// Returns the bytes of the arrays that are in memory. Others stay in the file.
+    pub(super) fn held_bytes(&self) -> u64 {
+        let attributes = self.prims.iter().flat_map(|prim| prim.attributes.values());
+        let held = |attribute: &Attribute| match &attribute.value {
+            Some(Value::Array(Array { numbers: Numbers::Memory(values), .. })) => {
+                size_of_val(values.as_slice()) as u64
+            }
+            _ => 0,
+        };
+        attributes.map(held).sum()
+    }
+
     /// Returns the value of an attribute; `None` if it has none.
     ///
     /// # Errors

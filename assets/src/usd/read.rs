@@ -7,7 +7,7 @@ use crate::error::SceneError;
 use crate::input::{self, Buffers, Done, Input, SceneHeader, Source};
 use crate::memory::{self, SceneMemoryError};
 use crate::node_transform::NodeTransform;
-use crate::scene::{Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
+use crate::scene::{Columns, Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use glam::{DMat4, DQuat};
@@ -197,10 +197,15 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     if u32::try_from(total).is_err() {
         return Err(SceneError::TooMany { count: total });
     }
+    let held = layer.held_bytes();
     if all.len() > 1 {
         // During the join, every splat is in memory twice.
-        let needed = Scene::host_bytes(total, 3).saturating_mul(2);
-        SceneMemoryError::check_against(total, 3, needed, input.memory)?;
+        let degree = all.iter().map(Splats::stored_degree).max().unwrap_or(0);
+        let alone = all.iter().map(|splats| Scene::host_bytes(splats.count, splats.stored_degree()));
+        let joined =
+            Scene::host_bytes(total, degree).saturating_add(total.saturating_mul(Columns::LOW_BYTES));
+        let needed = alone.chain([joined, held]).fold(0, u64::saturating_add);
+        SceneMemoryError::check_against(total, degree, needed, input.memory)?;
     }
     let stride = |splats: &Splats| -> u64 {
         splats.arrays.iter().map(|(array, _)| array.stride() as u64 * array.count).sum()
@@ -208,7 +213,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let done = Done::new(all.iter().map(stride).sum(), input.progress)?;
     let (mut scenes, mut dropped) = (Vec::new(), Dropped::default());
     for splats in &all {
-        let scene = prim_scene(input, &bytes, splats, &done)?;
+        let scene = prim_scene(input, &bytes, splats, held, &done)?;
         dropped.join(scene.dropped());
         scenes.push(scene);
     }
@@ -219,7 +224,14 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     Ok(scene.with_breakdown(breakdown(input.source.length(), &layer, &all)))
 }
 
-fn prim_scene(input: &Input, bytes: &Bytes, splats: &Splats, done: &Done) -> Result<Scene, SceneError> {
+/// Reads the splats of a prim. `held` are the bytes of the layer's arrays in memory.
+fn prim_scene(
+    input: &Input,
+    bytes: &Bytes,
+    splats: &Splats,
+    held: u64,
+    done: &Done,
+) -> Result<Scene, SceneError> {
     let Splats { place, arrays, count, degree: file_degree, key_of } = splats;
     let degree = splats.stored_degree();
     let transform = NodeTransform::new(*place, degree);
@@ -230,8 +242,7 @@ fn prim_scene(input: &Input, bytes: &Bytes, splats: &Splats, done: &Done) -> Res
     let most = ROWS.min(*count as usize);
     let scratch = widths.iter().zip(arrays).map(|(width, (array, _))| width * array.component.bytes()).max();
     let scratch = most * scratch.unwrap_or(0);
-    let unpacked = arrays.iter().map(|(array, _)| 4 * array.width as u64 * array.count).sum();
-    let mut columns = input.allocate(*count, degree, false, (scratch + 4 * most * row, unpacked))?;
+    let mut columns = input.allocate(*count, degree, false, (scratch + 4 * most * row, held))?;
     let buffers = Buffers::default();
     let gathered = columns.fill(|out| {
         buffers.with(scratch, |buffer| {

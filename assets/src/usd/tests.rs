@@ -200,6 +200,31 @@ fn a_scene_larger_than_the_memory_is_refused_and_a_load_can_be_cancelled() {
 }
 
 #[test]
+fn numbers_that_stay_in_the_file_need_no_memory() {
+    // Finds the least memory with which a file is read.
+    let least = |end: &str| {
+        let bytes = file(end);
+        let source = Source::Bytes(&bytes);
+        let fits = |memory: u64| {
+            super::parse(&Input { source: &source, memory: Some(memory), progress: QUIET }).is_ok()
+        };
+        let (mut refused, mut accepted) = (0, 1 << 40);
+        while accepted - refused > 1 {
+            let middle = refused + (accepted - refused) / 2;
+            *(if fits(middle) { &mut accepted } else { &mut refused }) = middle;
+        }
+        accepted
+    };
+    // Both files have 23 splats of degree 1, of which one is hidden. The numbers of a text are in memory.
+    let numbers = 23 * (3 + 4 + 3 + 1 + 12) * 4;
+    let (text, binary) = (least("usda"), least("usdc"));
+    assert_eq!(text - binary, numbers, "{text} bytes, {binary} bytes");
+    let buffers = (rayon::current_num_threads() as u64) << 20;
+    let scene = Scene::host_bytes(20, 1);
+    assert!(binary < buffers + 2 * scene, "{binary} bytes, for buffers of {buffers} and a scene of {scene}");
+}
+
+#[test]
 fn a_name_of_any_extension_is_the_format() {
     use crate::SceneFormat;
     for name in ["a.usd", "a.usda", "a.USDC", "a.usdz"] {
