@@ -1,7 +1,7 @@
 //! Provides readers with access to the bytes, memory limits, parallel conversion, and the final checks of a load.
 //!
 //! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] checks a scene against
-//! the available memory; [`fill`] converts tables of rows; [`finish`] creates the scene.
+//! the available memory; [`fill`] converts tables of rows, in pieces; [`finish`] creates the scene.
 //!
 //! The file is not mapped into memory: when a process truncates a mapped file, its readers are killed by a signal.
 //! Every byte is read into a buffer instead, so that truncation is a read error. Buffers are a few mebibytes and
@@ -124,10 +124,7 @@ pub(crate) fn fill<const N: usize>(
     let buffers = Buffers::default();
     columns.fill(|out: &mut Rows| {
         buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
-            for first in (0..out.len()).step_by(rows_at_once) {
-                done.check()?;
-                let count = rows_at_once.min(out.len() - first);
-                let first = out.first() + first;
+            in_pieces(out, rows_at_once, done, |first, count, out| {
                 let mut left = &mut buffer[..count * stride];
                 let mut pieces: [&[u8]; N] = [&[]; N];
                 for (table, piece) in tables.iter().zip(&mut pieces) {
@@ -142,11 +139,26 @@ pub(crate) fn fill<const N: usize>(
                         |table: usize| &pieces[table][row * tables[table].stride..][..tables[table].stride];
                     convert(std::array::from_fn(at), first + row, out);
                 }
-                done.add((count * stride) as u64)?;
-            }
-            Ok(())
+                Ok(count * stride)
+            })
         })
     })
+}
+
+/// Calls `work` for at most `most` rows of a chunk at a time: with the first row's index in the scene and their number.
+/// It pushes the rows' splats, and returns the number of bytes that it read.
+pub(crate) fn in_pieces(
+    out: &mut Rows,
+    most: usize,
+    done: &Done,
+    mut work: impl FnMut(usize, usize, &mut Rows) -> Result<usize, SceneError>,
+) -> Result<(), SceneError> {
+    for first in (0..out.len()).step_by(most) {
+        done.check()?;
+        let bytes = work(out.first() + first, most.min(out.len() - first), out)?;
+        done.add(bytes as u64)?;
+    }
+    Ok(())
 }
 
 /// The summed progress of parallel chunks. If the load is cancelled, all of them stop.

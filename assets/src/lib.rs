@@ -30,6 +30,7 @@ mod dataset;
 mod edit;
 mod error;
 pub mod file;
+mod floats;
 mod formats;
 mod gltf;
 pub mod harmonics;

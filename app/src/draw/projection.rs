@@ -9,6 +9,7 @@ use crate::draw::planner::Planner;
 use crate::io::output::one_line;
 use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_framework::ir::{Param, Value};
+use splatgraph_framework::lower::Control;
 
 /// Name of the projection parameter in graphs.
 const PARAMETER: &str = "projection";
@@ -45,6 +46,11 @@ pub fn of_params<'a>(params: impl IntoIterator<Item = &'a Param>) -> Projection 
     }
 }
 
+/// Returns the projection among a graph's controls; pinhole if there is no such parameter.
+pub fn of_controls(controls: &[Control]) -> Projection {
+    of_params(controls.iter().map(|control| &control.param))
+}
+
 /// Returns the projection of a graph with the parameters in `set`, before a scene is loaded.
 ///
 /// `pipeline` is a preset's name or a path. Returns pinhole for a graph with errors; building its plan reports them.
@@ -53,7 +59,7 @@ pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
     let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
     let controls = Planner::default().controls(pipeline, set, &facts, &facts::nominal_catalog());
-    controls.map_or(Projection::Pinhole, |controls| of_params(controls.iter().map(|control| &control.param)))
+    controls.map_or(Projection::Pinhole, |controls| of_controls(&controls))
 }
 
 /// Returns the projection that all cameras have; pinhole without cameras.

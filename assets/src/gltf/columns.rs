@@ -3,6 +3,7 @@
 use super::container::Container;
 use super::document::{Accessor, item, wrong};
 use crate::error::SceneError;
+use crate::floats::Floats;
 use crate::input::Source;
 
 /// The elements of an accessor, with their location and type.
@@ -13,7 +14,7 @@ pub(super) struct Column<'a> {
     component: Component,
     normalized: bool,
     /// Number of components of an element.
-    pub width: usize,
+    width: usize,
     pub count: u64,
 }
 
@@ -85,13 +86,8 @@ impl<'a> Column<'a> {
     }
 
     /// Returns the number of bytes of all values, without padding between elements.
-    pub(super) fn bytes(&self) -> u64 {
-        self.count * (self.width * self.component.bytes()) as u64
-    }
-
-    /// Returns the distance in bytes from one element to the next.
-    pub(super) fn stride(&self) -> usize {
-        self.stride
+    pub(super) fn total_bytes(&self) -> u64 {
+        self.count * self.bytes() as u64
     }
 
     /// Returns the name of the component type.
@@ -103,19 +99,6 @@ impl<'a> Column<'a> {
             Component::U16 => "ushort",
             Component::F32 => "float",
         }
-    }
-
-    /// Fills `out` with elements, from index `first` on. `buffer` is scratch memory for their bytes.
-    pub(super) fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError> {
-        let (rows, size) = (out.len() / self.width, self.component.bytes());
-        let bytes = &mut buffer[..(rows - 1) * self.stride + self.width * size];
-        self.source.read(self.start + (first * self.stride) as u64, bytes)?;
-        for (row, out) in bytes.chunks(self.stride).zip(out.chunks_exact_mut(self.width)) {
-            for (bytes, out) in row.chunks_exact(size).zip(out) {
-                *out = self.number(bytes);
-            }
-        }
-        Ok(())
     }
 
     fn number(&self, bytes: &[u8]) -> f32 {
@@ -133,5 +116,31 @@ impl<'a> Column<'a> {
             (Component::F32, [a, b, c, d]) => f32::from_le_bytes([*a, *b, *c, *d]),
             _ => unreachable!("a component has as many bytes as its type"),
         }
+    }
+}
+
+impl Floats for Column<'_> {
+    fn width(&self) -> usize {
+        self.width
+    }
+
+    fn bytes(&self) -> usize {
+        self.width * self.component.bytes()
+    }
+
+    fn stride(&self) -> usize {
+        self.stride
+    }
+
+    fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError> {
+        let (rows, size) = (out.len() / self.width, self.component.bytes());
+        let bytes = &mut buffer[..(rows - 1) * self.stride + self.width * size];
+        self.source.read(self.start + (first * self.stride) as u64, bytes)?;
+        for (row, out) in bytes.chunks(self.stride).zip(out.chunks_exact_mut(self.width)) {
+            for (bytes, out) in row.chunks_exact(size).zip(out) {
+                *out = self.number(bytes);
+            }
+        }
+        Ok(())
     }
 }

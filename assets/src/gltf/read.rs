@@ -5,7 +5,8 @@ use super::container::{self, Container};
 use super::document::{Primitive, SPLATTING, Splats, wrong};
 use crate::activation;
 use crate::error::SceneError;
-use crate::input::{self, Buffers, Done, Input, SceneHeader, Source};
+use crate::floats::{self, Floats, Piece, ROWS};
+use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::memory::SceneMemoryError;
 use crate::node_transform::NodeTransform;
 use crate::scene::{Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
@@ -15,9 +16,6 @@ use crate::spz;
 use glam::DQuat;
 use std::f64::consts::PI;
 use std::path::Path;
-
-/// Number of rows that a thread reads at a time.
-const ROWS: usize = 4096;
 
 /// Returns the name of a coefficient's attribute.
 pub(super) fn coefficient(band: u32, index: u32) -> String {
@@ -63,59 +61,34 @@ fn primitive(
         return packed(input, container, view, splats.place);
     }
     let degree = degree(splats.primitive);
-    let mut columns = Vec::new();
+    let (mut columns, mut names) = (Vec::new(), Vec::new());
     for (name, width) in attributes(degree) {
         let index = splats.primitive.attributes.get(&name).copied();
         let index = index.ok_or_else(|| wrong("attributes", format!("expected {name}, found none")))?;
-        columns.push((Column::open(container, &name, index, width)?, name));
+        columns.push(Column::open(container, &name, index, width)?);
+        names.push(name);
     }
-    let count = columns[0].0.count;
-    if let Some((column, name)) = columns.iter().find(|(column, _)| column.count != count) {
+    let count = columns[0].count;
+    if let Some((column, name)) = columns.iter().zip(&names).find(|(column, _)| column.count != count) {
         let text = format!("expected {count} elements, as of POSITION, found {}", column.count);
         return Err(wrong(name.as_str(), text));
     }
     if u32::try_from(count).is_err() {
         return Err(SceneError::TooMany { count });
     }
-    let row: usize = columns.iter().map(|(column, _)| column.width).sum();
-    let stride = columns.iter().map(|(column, _)| column.stride()).max().unwrap_or(0);
-    let logarithmic = is_logarithmic(&columns[2].0)?;
+    let logarithmic = is_logarithmic(&columns[2])?;
     let transform = NodeTransform::new(splats.place, degree);
-    let bytes: u64 = columns.iter().map(|(column, _)| column.bytes()).sum();
-    let done = Done::new(bytes, input.progress)?;
-    let mut arrays =
-        input.allocate(count, degree, false, (ROWS.min(count as usize) * (4 * row + stride), 0))?;
-    let buffers = Buffers::default();
-    let gathered = arrays.fill(|out| {
-        let most = ROWS.min(out.len());
-        buffers.with(most * stride, |buffer| {
-            let mut values = vec![0f32; most * row];
-            for first in (0..out.len()).step_by(most.max(1)) {
-                done.check()?;
-                let rows = most.min(out.len() - first);
-                let (start, mut left) = (out.first() + first, &mut values[..rows * row]);
-                let mut pieces: Vec<(&[f32], usize)> = Vec::with_capacity(columns.len());
-                for (column, _) in &columns {
-                    let (piece, others) = left.split_at_mut(rows * column.width);
-                    column.read(start, buffer, piece)?;
-                    pieces.push((piece, column.width));
-                    left = others;
-                }
-                for at in 0..rows {
-                    let (mut splat, norm) = splat(&pieces, at, logarithmic);
-                    transform.apply(&mut splat);
-                    out.push(&splat, norm);
-                }
-                done.add(bytes / count * rows as u64)?;
-            }
-            Ok(())
-        })
+    let done = Done::new(columns.iter().map(Column::total_bytes).sum(), input.progress)?;
+    let filled = floats::fill(input, (count, degree), &columns, 0, &done, |pieces, at, out| {
+        let (mut splat, norm) = splat(pieces, at, logarithmic);
+        transform.apply(&mut splat);
+        out.push(&splat, norm);
     })?;
-    let fields = columns.iter().map(|(column, name)| FieldSize {
+    let fields = columns.iter().zip(&names).map(|(column, name)| FieldSize {
         name: name.trim_start_matches(SPLATTING).trim_start_matches(':').to_owned(),
         kind: column.kind().into(),
-        bytes_per_row: Some(column.bytes() / count),
-        bytes: column.bytes(),
+        bytes_per_row: Some(column.bytes() as u64),
+        bytes: column.total_bytes(),
         used: true,
     });
     let breakdown = SizeBreakdown {
@@ -125,16 +98,13 @@ fn primitive(
         elements: vec![],
         trailing_bytes: 0,
     };
-    let scene = input::finish((arrays, gathered), count, breakdown, FileNotes::default())?;
+    let scene = input::finish(filled, count, breakdown, FileNotes::default())?;
     Ok((scene.with_offset(transform.offset()), fields.collect()))
 }
 
 /// Converts row `at` of the attributes; also returns the length of its quaternion.
-fn splat(pieces: &[(&[f32], usize)], at: usize, logarithmic: bool) -> (Splat, f64) {
-    let of = |piece: usize, number: usize| {
-        let (values, width) = pieces[piece];
-        values[at * width + number]
-    };
+fn splat(pieces: &[Piece], at: usize, logarithmic: bool) -> (Splat, f64) {
+    let of = |piece: usize, number: usize| pieces[piece].row(at)[number];
     let [x, y, z, w] = [0, 1, 2, 3].map(|number| f64::from(of(1, number)));
     let (rotation, norm) = activation::unit([w, x, y, z]);
     let mut splat = Splat {
@@ -156,9 +126,9 @@ fn splat(pieces: &[(&[f32], usize)], at: usize, logarithmic: bool) -> (Splat, f6
 /// Returns true if the scales are logarithms: one of them is negative.
 fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
     let (count, most) = (scales.count as usize, ROWS.min(scales.count as usize));
-    let (mut buffer, mut values) = (vec![0; most * scales.stride()], vec![0f32; most * scales.width]);
+    let (mut buffer, mut values) = (vec![0; most * scales.stride()], vec![0f32; most * scales.width()]);
     for first in (0..count).step_by(most) {
-        let values = &mut values[..most.min(count - first) * scales.width];
+        let values = &mut values[..most.min(count - first) * scales.width()];
         scales.read(first, &mut buffer, values)?;
         if values.iter().any(|value| *value < 0.0) {
             return Ok(true);

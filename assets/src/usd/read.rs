@@ -4,7 +4,8 @@ use super::layer::{Array, Bytes, Layer, SPLATS, Value};
 use super::{binary, package, text, xform};
 use crate::activation;
 use crate::error::SceneError;
-use crate::input::{self, Buffers, Done, Input, SceneHeader, Source};
+use crate::floats::{self, Floats};
+use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::memory::{self, SceneMemoryError};
 use crate::node_transform::NodeTransform;
 use crate::scene::{Columns, Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
@@ -13,9 +14,6 @@ use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use glam::{DMat4, DQuat};
 use std::collections::BTreeSet;
 use std::f64::consts::FRAC_PI_2;
-
-/// Number of splats that a thread reads at a time.
-const ROWS: usize = 4096;
 
 /// Degree of the harmonics if the attribute is missing.
 const DEFAULT_DEGREE: f64 = 3.0;
@@ -238,38 +236,13 @@ fn prim_scene(
     // Components of a splat in each array.
     let coefficients = ((file_degree + 1) * (file_degree + 1)) as usize;
     let widths = [3, 4, 3, 1, 3 * coefficients];
-    let row: usize = widths.iter().sum();
-    let most = ROWS.min(*count as usize);
-    let scratch = widths.iter().zip(arrays).map(|(width, (array, _))| width * array.component.bytes()).max();
-    let scratch = most * scratch.unwrap_or(0);
-    let mut columns = input.allocate(*count, degree, false, (scratch + 4 * most * row, held))?;
-    let buffers = Buffers::default();
-    let gathered = columns.fill(|out| {
-        buffers.with(scratch, |buffer| {
-            let mut values = vec![0f32; most.min(out.len()) * row];
-            for first in (0..out.len()).step_by(most) {
-                done.check()?;
-                let rows = most.min(out.len() - first);
-                let start = out.first() + first;
-                let (mut left, mut read) = (&mut values[..rows * row], 0);
-                let mut pieces: [&[f32]; 5] = [&[]; 5];
-                for (((array, _), width), piece) in arrays.iter().zip(widths).zip(&mut pieces) {
-                    let (values, others) = left.split_at_mut(rows * width);
-                    array.read(bytes, start * width, buffer, values)?;
-                    read += values.len() * array.component.bytes();
-                    (*piece, left) = (values, others);
-                }
-                for at in 0..rows {
-                    let rows =
-                        std::array::from_fn(|piece| &pieces[piece][at * widths[piece]..][..widths[piece]]);
-                    let (mut splat, norm) = splat(rows, arrays[1].0.real_last, degree);
-                    transform.apply(&mut splat);
-                    out.push(&splat, norm);
-                }
-                done.add(read as u64)?;
-            }
-            Ok(())
-        })
+    let tables: [Table; 5] =
+        std::array::from_fn(|at| Table { array: &arrays[at].0, bytes, width: widths[at] });
+    let filled = floats::fill(input, (*count, degree), &tables, held, done, |pieces, at, out| {
+        let rows = std::array::from_fn(|piece| pieces[piece].row(at));
+        let (mut splat, norm) = splat(rows, arrays[1].0.real_last, degree);
+        transform.apply(&mut splat);
+        out.push(&splat, norm);
     })?;
     let cut_degree = (*file_degree > 3).then_some(*file_degree);
     let notes = FileNotes { key_of: *key_of, cut_degree, ..FileNotes::default() };
@@ -280,7 +253,32 @@ fn prim_scene(
         elements: vec![],
         trailing_bytes: 0,
     };
-    Ok(input::finish((columns, gathered), *count, size_breakdown, notes)?.with_offset(transform.offset()))
+    Ok(input::finish(filled, *count, size_breakdown, notes)?.with_offset(transform.offset()))
+}
+
+/// An array with a row of `width` numbers for each splat.
+struct Table<'a> {
+    array: &'a Array,
+    bytes: &'a Bytes<'a>,
+    width: usize,
+}
+
+impl Floats for Table<'_> {
+    fn width(&self) -> usize {
+        self.width
+    }
+
+    fn bytes(&self) -> usize {
+        self.width * self.array.component.bytes()
+    }
+
+    fn stride(&self) -> usize {
+        self.bytes()
+    }
+
+    fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError> {
+        self.array.read(self.bytes, first * self.width, buffer, out)
+    }
 }
 
 /// Converts the rows of a splat; also returns the length of its quaternion.

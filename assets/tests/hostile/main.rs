@@ -2,6 +2,7 @@
 
 mod allocation;
 mod changing;
+mod damage;
 mod fuzz;
 #[path = "../../../tests/glb_file.rs"]
 mod glb_file;

@@ -18,18 +18,14 @@ pub const DEFAULTS: &str = "defaults";
 /// Lists the built-in graphs to measure for a projection. `auto`, which chooses among the others, is left out.
 pub fn measured_names(projection: Projection) -> Vec<&'static str> {
     let is_measured = |preset: &Preset| {
-        projection_of(&preset.params) == projection && preset.name != builtin::DEFAULT_PIPELINE
+        projection::of_controls(&preset.params) == projection && preset.name != builtin::DEFAULT_PIPELINE
     };
     builtin::presets().iter().filter(|preset| is_measured(preset)).map(|preset| preset.name).collect()
 }
 
-fn projection_of(controls: &[Control]) -> Projection {
-    projection::of_params(controls.iter().map(|control| &control.param))
-}
-
 /// Lists the settings to measure of a graph, with the parameters of `set` at fixed values.
 pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
-    let all = list(pipeline, controls, &measured_names(projection_of(controls)));
+    let all = list(pipeline, controls, &measured_names(projection::of_controls(controls)));
     if set.is_empty() {
         return all;
     }

@@ -112,7 +112,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
             let text = format!("expected a model of 0 to {}, found {number}", MODELS.len() - 1);
             return Err(fields.fault(at + 4, ("MODEL", text)));
         };
-        model.projection().map_err(|fault| fields.fault(at + 4, fault))?;
+        let projection = model.projection().map_err(|fault| fields.fault(at + 4, fault))?;
         let [width, height] = [fields.long("WIDTH")?, fields.long("HEIGHT")?];
         let (Ok(width), Ok(height)) = (width.try_into(), height.try_into()) else {
             let text = format!("expected a size of 32 bits, found {width} x {height}");
@@ -122,7 +122,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
         for (value, name) in values.iter_mut().zip(model.parameters) {
             *value = fields.double(name)?;
         }
-        let lens = model.lens(width, height, &values).map_err(|fault| {
+        let lens = model.lens(projection, (width, height), &values).map_err(|fault| {
             let index = model.parameters.iter().position(|name| *name == fault.0).unwrap_or(0);
             fields.fault(at + 24 + 8 * index as u64, fault)
         })?;

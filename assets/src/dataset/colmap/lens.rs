@@ -95,9 +95,14 @@ impl Model {
         self.projection.ok_or_else(|| ("MODEL", fault()))
     }
 
-    /// Creates a lens of this model. `values` has one entry for each of the model's parameters.
-    pub(super) fn lens(&self, width: u32, height: u32, values: &[f64]) -> Result<Lens, Fault> {
-        let projection = self.projection()?;
+    /// Creates a lens of this model, with its [projection](Model::projection). `values` has one entry for each of the
+    /// model's parameters.
+    pub(super) fn lens(
+        &self,
+        projection: Projection,
+        (width, height): (u32, u32),
+        values: &[f64],
+    ) -> Result<Lens, Fault> {
         let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, projection, off_center: 0.0 };
         for (name, value) in self.parameters.iter().zip(values) {
             match *name {

@@ -104,13 +104,13 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
                 let help = help.map(|help| format!("; did you mean {help}?")).unwrap_or_default();
                 ("MODEL", format!("expected a model of a camera, for instance PINHOLE, found `{name}`{help}"))
             })?;
-            model.projection()?;
+            let projection = model.projection()?;
             let [width, height] = [value(&mut rest, "WIDTH")?, value(&mut rest, "HEIGHT")?];
             let mut values = [0.0; 12];
             for (number, name) in values.iter_mut().zip(model.parameters) {
                 *number = value(&mut rest, name)?;
             }
-            Ok((id, model.lens(width, height, &values)?))
+            Ok((id, model.lens(projection, (width, height), &values)?))
         };
         let (id, lens) = entry().map_err(|fault| lines.fault(fault))?;
         lenses.insert(id, lens);
