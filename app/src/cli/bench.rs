@@ -64,7 +64,7 @@ pub struct Args {
     /// Numbers of splats: the scene is enlarged by copies inside its splats (see `synth --enlarge`), or cut [default: unchanged]
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
     splats: Vec<u32>,
-    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one. With several scenes, give one
+    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one. With several scenes, give one
     /// for all, or one for each in the same order
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Vec<String>,

@@ -52,7 +52,7 @@ enum Kind {
 struct Common {
     /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf [default: the demo scene, which the first use generates]
     scene: Option<PathBuf>,
-    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
+    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras', at most 640 pixels wide]

@@ -364,7 +364,7 @@ pub struct Drawing {
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
-    /// Cameras: a COLMAP folder, a transforms.json, or the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
+    /// Cameras: a COLMAP folder, a transforms.json, the reference implementation's cameras.json, or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
     ///
     /// The format is recognised by the contents. Lenses with distortion are refused. The text of a cameras.json works in place of
     /// a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.

@@ -49,7 +49,7 @@ pub struct Args {
     /// Also measure `auto` with these parameters; may be repeated for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
     with: Vec<Setting>,
-    /// The path, as cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
+    /// The path, as cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Number of frames of the orbit, or of the start of the path [default: 12, or the whole path]

@@ -1,5 +1,6 @@
 //! Defines the errors that reading and writing cameras can have.
 
+use crate::error::SceneError;
 use std::path::PathBuf;
 
 /// Maximum size of a `cameras.json` or `transforms.json`, in bytes: enough for half a million cameras.
@@ -56,6 +57,14 @@ pub enum CameraError {
         field: &'static str,
         /// Expected and found values, as a sentence.
         message: String,
+    },
+    /// The cameras of a glTF file cannot be read.
+    #[error("{}: {problem}", path.display())]
+    Gltf {
+        /// Path of the file.
+        path: PathBuf,
+        /// Cause of the failure.
+        problem: Box<SceneError>,
     },
     /// The folder contains no camera file.
     #[error(

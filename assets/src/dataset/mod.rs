@@ -5,6 +5,7 @@
 //! | COLMAP, text or binary | a folder with `cameras` and `images` in it, in `sparse/0` or in `sparse` |
 //! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
+//! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |
 //!
 //! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
 //! distortion is refused. The principal point is at the centre; any other one is moved there, as the reference does,
@@ -21,6 +22,9 @@ pub use view::{Dataset, View};
 
 use crate::camera::Camera;
 use crate::file;
+use crate::gltf;
+use crate::input::{OpenFile, Source};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Sampling stride of test views if the dataset does not specify any, as in the reference implementation (`llffhold`).
@@ -44,6 +48,9 @@ impl Dataset {
         {
             let here = Path::new(".");
             return Self::load_colmap(if folder.as_os_str().is_empty() { here } else { folder });
+        }
+        if let Some(dataset) = Self::load_gltf(path)? {
+            return Ok(dataset);
         }
         let text = file::read_text(path, MAX_CAMERA_BYTES)
             .map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
@@ -81,6 +88,26 @@ impl Dataset {
             .into_iter();
         let file = files.find(|file| file.exists());
         file.map_or_else(|| Err(CameraError::NoCameras { path: folder.to_owned() }), Self::load)
+    }
+
+    /// Reads the cameras of a glTF file; `None` for another file, or one that cannot be opened.
+    fn load_gltf(path: &Path) -> Result<Option<Self>, CameraError> {
+        let is_text = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
+        let mut head = [0; gltf::MAGIC.len()];
+        let mut read = || file::open(path).and_then(|mut file| file.read_exact(&mut head));
+        if !is_text && !(read().is_ok() && head == *gltf::MAGIC) {
+            return Ok(None);
+        }
+        let file =
+            OpenFile::open(path).map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
+        let cameras = gltf::cameras(&Source::File(&file))
+            .map_err(|problem| CameraError::Gltf { path: path.to_owned(), problem: problem.into() })?;
+        if cameras.is_empty() {
+            return Err(CameraError::Empty { path: path.to_owned() });
+        }
+        let view = |camera: Camera| View { photograph: camera.img_name.clone(), camera, test: None };
+        let views = cameras.into_iter().map(view).collect();
+        Ok(Some(Self { views, photographs: None, off_center: 0.0 }))
     }
 
     fn load_colmap(folder: &Path) -> Result<Self, CameraError> {

@@ -446,3 +446,56 @@ fn a_folder_without_cameras_says_what_was_looked_for() {
         "{said}"
     );
 }
+
+/// Writes a glTF file with two cameras, and reads it.
+fn gltf(change: impl Fn(String) -> String) -> Result<Vec<Camera>, String> {
+    let text = r#"{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_unknown"], "scene": 0, "scenes": [{"nodes": [2, 0]}],
+        "nodes": [{"children": [1], "translation": [0, 0, 2]},
+                  {"name": "front", "camera": 1, "translation": [0, 0, 3], "scale": [2, 3, 4]},
+                  {"camera": 0, "rotation": [0, 0.7071067811865476, 0, 0.7071067811865476]},
+                  {"name": "not in the scene", "camera": 0}],
+        "cameras": [{"name": "wide", "type": "perspective", "perspective": {"yfov": 1.5707963267948966, "aspectRatio": 2, "znear": 0.1}},
+                    {"type": "orthographic", "orthographic": {"xmag": 4, "ymag": 3, "znear": 0.1, "zfar": 9}}]}"#;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cameras.gltf");
+    std::fs::write(&path, change(text.into())).unwrap();
+    Camera::load(&path).map_err(|error| error.to_string().replace(&path.display().to_string(), "FILE"))
+}
+
+#[test]
+fn cameras_of_gltf_are_pinholes_or_orthographic() {
+    let cameras = gltf(|text| text).unwrap();
+    let [front, wide] = cameras.as_slice() else { panic!("{cameras:#?}") };
+    assert_eq!((front.img_name.as_str(), front.projection), ("front", Projection::Orthographic));
+    // The view is 8 units wide and 6 high.
+    assert_eq!((front.width, front.height, front.fx, front.fy), (960, 720, 120.0, 120.0));
+    // A point that is at (1, 2, 0) in glTF: 1 to the right, 2 above the axis and 5 before the camera.
+    let view = front.to_view([-1.0, -2.0, 0.0]);
+    assert!((0..3).all(|axis| (view[axis] - [1.0, -2.0, 5.0][axis]).abs() < 1e-9), "{view:?}");
+
+    assert_eq!((wide.img_name.as_str(), wide.projection), ("wide", Projection::Pinhole));
+    assert_eq!((wide.width, wide.height), (1440, 720));
+    // 90 degrees from top to bottom.
+    assert!((wide.fx - 360.0).abs() < 1e-9 && (wide.fy - 360.0).abs() < 1e-9, "{wide:?}");
+    // Turned to the left, it looks along -x.
+    let view = wide.to_view([3.0, 0.0, 0.0]);
+    assert!((0..3).all(|axis| (view[axis] - [0.0, 0.0, 3.0][axis]).abs() < 1e-9), "{view:?}");
+}
+
+#[test]
+fn a_camera_of_gltf_that_cannot_be_drawn_is_told_by_its_node() {
+    let said = |from: &str, to: &str| gltf(|text| text.replace(from, to)).unwrap_err();
+    let found = said("\"ymag\": 3", "\"ymag\": 0");
+    assert!(found.contains("FILE: `nodes[1].camera`: expected a positive ymag, found 0"), "{found}");
+    let found = said("\"yfov\": 1.5", "\"yfov\": 4.5");
+    assert!(found.contains("`nodes[2].camera`: expected a yfov below pi"), "{found}");
+    let found = said("\"orthographic\": {", "\"other\": {");
+    assert!(found.contains("expected either perspective or orthographic"), "{found}");
+    let found = said("\"camera\": 1", "\"camera\": 7");
+    assert!(found.contains("`nodes.camera`: expected an index below 2, found 7"), "{found}");
+    let found = said("\"camera\"", "\"extras\"");
+    assert_eq!(found, "FILE has no cameras");
+    let found = said("[2, 3, 4]", "[-2, 3, 4]");
+    assert!(found.contains("`nodes[1].camera`: the rotation mirrors"), "{found}");
+    assert!(said("{\"asset\"", "[").contains("the JSON of glTF"));
+}

@@ -87,13 +87,18 @@ fn chunks(source: &Source) -> Result<(Chunk, Option<Chunk>), SceneError> {
 
 /// Reads and parses the JSON of a file.
 pub(super) fn document(source: &Source) -> Result<Document, SceneError> {
+    Document::parse(&json(source)?)
+}
+
+/// Reads the JSON of a file.
+pub(super) fn json(source: &Source) -> Result<Vec<u8>, SceneError> {
     let ((at, length), _) = chunks(source)?;
     if length > MOST_JSON {
         return Err(field(at, "JSON", format!("expected at most {MOST_JSON} bytes, found {length}")));
     }
     let mut text = vec![0; length as usize];
     source.read(at, &mut text)?;
-    Document::parse(&text)
+    Ok(text)
 }
 
 impl<'a> Container<'a> {

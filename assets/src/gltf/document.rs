@@ -26,8 +26,9 @@ pub(super) struct Document {
     extensions_required: Vec<String>,
     scene: Option<usize>,
     scenes: Vec<Roots>,
-    nodes: Vec<Node>,
+    pub nodes: Vec<Node>,
     meshes: Vec<Mesh>,
+    pub cameras: Vec<Lens>,
     pub accessors: Vec<Accessor>,
     pub buffer_views: Vec<BufferView>,
     pub buffers: Vec<Buffer>,
@@ -41,13 +42,41 @@ struct Roots {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Node {
+pub(super) struct Node {
+    pub name: String,
     children: Vec<usize>,
     mesh: Option<usize>,
+    pub camera: Option<usize>,
     matrix: Option<[f64; 16]>,
     translation: Option<[f64; 3]>,
     rotation: Option<[f64; 4]>,
     scale: Option<[f64; 3]>,
+}
+
+/// A camera without a place.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Lens {
+    pub name: String,
+    pub perspective: Option<Perspective>,
+    pub orthographic: Option<Orthographic>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Perspective {
+    /// Vertical field of view, in radians.
+    pub yfov: f64,
+    /// Width of the view, divided by its height.
+    pub aspect_ratio: Option<f64>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Orthographic {
+    /// Half of the view's width, in world units.
+    pub xmag: f64,
+    /// Half of the view's height.
+    pub ymag: f64,
 }
 
 #[derive(Debug, Deserialize)]
@@ -125,10 +154,7 @@ pub(super) struct Splats<'a> {
 impl Document {
     /// Parses the JSON. Fails if it requires extensions that this reader does not know.
     pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
-        let document: Self = serde_json::from_slice(text).map_err(|error| SceneError::Row {
-            line: error.line() as u64,
-            message: format!("the JSON of glTF: {error}"),
-        })?;
+        let document = Self::read(text)?;
         let known = |name: &&String| !name.starts_with(SPLATTING) && *name != "KHR_mesh_quantization";
         match document.extensions_required.iter().find(known) {
             Some(name) => {
@@ -138,8 +164,16 @@ impl Document {
         }
     }
 
-    /// Lists the primitives of splats in the scene, once per node that places them.
-    pub(super) fn splats(&self) -> Result<Vec<Splats<'_>>, SceneError> {
+    /// Parses the JSON, whatever extensions it requires.
+    pub(super) fn read(text: &[u8]) -> Result<Self, SceneError> {
+        serde_json::from_slice(text).map_err(|error| SceneError::Row {
+            line: error.line() as u64,
+            message: format!("the JSON of glTF: {error}"),
+        })
+    }
+
+    /// Lists the nodes of the scene by index, each with its transform into the document's world.
+    pub(super) fn placed(&self) -> Result<Vec<(usize, DMat4)>, SceneError> {
         let roots = match self.scene.or((!self.scenes.is_empty()).then_some(0)) {
             Some(scene) => item(&self.scenes, scene, "scene")?.nodes.clone(),
             None => {
@@ -164,7 +198,16 @@ impl Document {
             }
             let place = parent * node.matrix();
             open.extend(node.children.iter().map(|child| (*child, place)));
-            let Some(mesh) = node.mesh else { continue };
+            found.push((index, place));
+        }
+        Ok(found)
+    }
+
+    /// Lists the primitives of splats in the scene, once per node that places them.
+    pub(super) fn splats(&self) -> Result<Vec<Splats<'_>>, SceneError> {
+        let mut found = Vec::new();
+        for (index, place) in self.placed()? {
+            let Some(mesh) = self.nodes[index].mesh else { continue };
             for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
                 if let Some(splatting) = &primitive.extensions.splatting {
                     let spz = splatting.check(primitive)?;

@@ -16,9 +16,10 @@
 //! front in glTF, so x and y change their signs. Format: <https://github.com/KhronosGroup/glTF>,
 //! extensions/2.0/Khronos.
 //!
-//! [`document`] parses the JSON, [`container`] finds the bytes, and [`columns`] reads the values of accessors. The
+//! [`document`] parses the JSON, [`container`] finds the bytes, [`columns`] reads the values of accessors, and [`mod@cameras`] the cameras. The
 //! crate `gltf` is not used: it drops the names of attributes that it does not know.
 
+mod cameras;
 mod columns;
 mod container;
 mod document;
@@ -27,6 +28,7 @@ mod read;
 mod tests;
 mod write;
 
+pub(crate) use cameras::cameras;
 pub(crate) use container::{MAGIC, begins_as_json};
 pub(crate) use read::{header, parse};
 pub(crate) use write::write;

@@ -1,0 +1,86 @@
+//! Reads the cameras of glTF. A node places a camera, which looks along its -z axis, with x to the right and y up.
+//!
+//! glTF has no picture sizes, only the ratio of the sides: pictures have [`HEIGHT`].
+
+use super::container;
+use super::document::{Document, Lens, item, wrong};
+use crate::camera::Camera;
+use crate::error::SceneError;
+use crate::input::Source;
+use crate::projection::Projection;
+use glam::{DMat3, DVec3};
+
+/// Height of the pictures, in pixels.
+const HEIGHT: u32 = 720;
+
+/// Ratio of the sides of a perspective camera that names none: that of its display, in a viewer.
+const ASPECT: f64 = 16.0 / 9.0;
+
+/// Greatest width of the pictures, in pixels. The pixels of a wider picture are not square.
+const WIDEST: f64 = 16384.0;
+
+/// Lists the cameras of the default scene, in the order of the file's nodes.
+pub(crate) fn cameras(source: &Source) -> Result<Vec<Camera>, SceneError> {
+    let document = Document::read(&container::json(source)?)?;
+    let mut placed = document.placed()?;
+    placed.sort_unstable_by_key(|(node, _)| *node);
+    let mut found = Vec::new();
+    for (index, place) in placed {
+        let node = &document.nodes[index];
+        let Some(camera) = node.camera else { continue };
+        let camera = item(&document.cameras, camera, "nodes.camera")?;
+        let name = if node.name.is_empty() { &camera.name } else { &node.name };
+        let fault = |message: String| wrong(format!("nodes[{index}].camera"), message);
+        // The node's scale does not count.
+        let axes = DMat3::from_mat4(place);
+        let axes = DMat3::from_cols(
+            axes.x_axis.normalize_or_zero(),
+            axes.y_axis.normalize_or_zero(),
+            axes.z_axis.normalize_or_zero(),
+        );
+        // Half a turn about z, as for splats.
+        let world = |v: DVec3| DVec3::new(-v.x, -v.y, v.z);
+        let [right, down, forward] = [axes.x_axis, -axes.y_axis, -axes.z_axis].map(world);
+        let (projection, aspect, half_height) = lens(camera).map_err(fault)?;
+        let width = (f64::from(HEIGHT) * aspect).round().clamp(1.0, WIDEST);
+        let camera = Camera {
+            id: index as i64,
+            img_name: name.clone(),
+            width: width as u32,
+            height: HEIGHT,
+            position: world(place.w_axis.truncate()).into(),
+            rotation: DMat3::from_cols(right, down, forward).transpose().to_cols_array_2d(),
+            fx: 0.5 * width / (aspect * half_height),
+            fy: 0.5 * f64::from(HEIGHT) / half_height,
+            projection,
+        };
+        if let Some(text) = camera.fault() {
+            return Err(fault(text));
+        }
+        found.push(camera);
+    }
+    Ok(found)
+}
+
+/// Returns the projection, the ratio of the sides, and half the height of the view: at distance 1, or everywhere.
+fn lens(camera: &Lens) -> Result<(Projection, f64, f64), String> {
+    let positive = |name: &str, value: f64| match value > 0.0 && value.is_finite() {
+        true => Ok(value),
+        false => Err(format!("expected a positive {name}, found {value}")),
+    };
+    match (&camera.perspective, &camera.orthographic) {
+        (Some(perspective), None) => {
+            let angle = positive("yfov", perspective.yfov)?;
+            if angle >= std::f64::consts::PI {
+                return Err(format!("expected a yfov below pi, found {angle}"));
+            }
+            let aspect = positive("aspectRatio", perspective.aspect_ratio.unwrap_or(ASPECT))?;
+            Ok((Projection::Pinhole, aspect, (0.5 * angle).tan()))
+        }
+        (None, Some(orthographic)) => {
+            let (x, y) = (positive("xmag", orthographic.xmag)?, positive("ymag", orthographic.ymag)?);
+            Ok((Projection::Orthographic, x / y, y))
+        }
+        _ => Err("expected either perspective or orthographic".into()),
+    }
+}
