@@ -1,4 +1,5 @@
-//! Detects plans whose frames may differ for equal inputs: plans with a history, or that read the frame number.
+//! Detects plans whose frames may differ for equal inputs: plans with a history, or with a shader that reads the frame
+//! number.
 
 use crate::draw::camera::{CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source, Work};
@@ -50,7 +51,8 @@ mod tests {
         plan.unwrap_or_else(|errors| panic!("{}", errors.text(false)))
     }
 
-    /// Returns [`is_animated`] for a graph with a shader that computes `expression`, which may read `Camera`.
+    /// Builds a graph with a shader that computes `expression`, which may read `Camera`; returns true if its frame
+    /// reads the frame number.
     fn of(expression: &str) -> bool {
         let folder = tempfile::tempdir().expect("a folder");
         let shader = format!(

@@ -125,7 +125,7 @@ pub enum Event {
     DeviceOpened {
         /// Name of the device.
         name: String,
-        /// Number of attempts until the device was opened.
+        /// Number of attempts to open it, including the successful one.
         attempts: u32,
     },
     /// A request could not be fulfilled; the viewer continues unchanged.
@@ -224,7 +224,7 @@ impl fmt::Display for Event {
                 write!(f, "{}: {splats} splats in {load_ms:.0} ms", path.display())
             }
             Event::SceneFailed { path, error } | Event::FileFailed { path, error } => {
-                // Most error messages already begin with the file's name.
+                // Most error messages already contain the file's name.
                 let name = path.display().to_string();
                 if error.contains(&name) { f.write_str(error) } else { write!(f, "{name}: {error}") }
             }

@@ -24,7 +24,7 @@ struct Sample {
     prologue: bool,
     total_ms: Option<f64>,
     record_ms: f64,
-    /// Milliseconds per phase, in order of execution, excluding passes of the prologue.
+    /// Milliseconds per phase, in order of execution, excluding passes of the prologue. `None` if a pass has no time.
     phases: Vec<(String, Option<f64>)>,
     passes: Vec<(PassId, Option<f64>)>,
 }
@@ -52,7 +52,7 @@ pub struct Row {
     pub name: String,
     /// Phase that a pass belongs to; `None` if the row is a phase.
     pub phase: Option<String>,
-    /// Times over the covered frames; `None` if the device has no timestamps.
+    /// Times over the covered frames; `None` if no frame has a time for the row.
     pub ms: Option<Quantiles>,
 }
 
@@ -123,7 +123,9 @@ impl History {
         self.steady().count()
     }
 
-    /// Computes the quantiles of GPU time from a frame's first command to its last; `None` without timestamps.
+    /// Computes the quantiles of GPU time from a frame's first command to its last.
+    ///
+    /// `None` without timestamps, and before the first frame that the table covers.
     pub fn total(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
     }
@@ -136,10 +138,10 @@ impl History {
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
     }
 
-    /// Computes the median GPU time of a frame outside its passes, in milliseconds; `None` without timestamps.
+    /// Computes the median GPU time of a frame outside its passes, in milliseconds.
     ///
-    /// CPU drivers write the timestamps of compute passes only when the whole submission ends; then nearly the whole
-    /// frame is unattributed.
+    /// `None` without timestamps, and before the first frame that the table covers. CPU drivers write the timestamps of
+    /// compute passes only when the whole submission ends; then nearly the whole frame is unattributed.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
@@ -158,7 +160,7 @@ impl History {
         }
     }
 
-    /// Computes the quantiles of host time to record and submit a frame; `None` without frames.
+    /// Computes the quantiles of host time to record and submit a frame; `None` before the first frame of the table.
     pub fn record(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().map(|s| s.record_ms).collect::<Vec<_>>())
     }
@@ -202,7 +204,7 @@ impl History {
         collect(self.steady(), passes)
     }
 
-    /// Lists the number of each recorded frame that was the first of a new plan.
+    /// Lists the numbers of the recorded frames whose plan differs from that of the frame before.
     pub fn changes(&self) -> Vec<f64> {
         let pairs = self.samples.iter().zip(self.samples.iter().skip(1));
         pairs.filter(|(a, b)| !Arc::ptr_eq(&a.plan, &b.plan)).map(|(_, b)| b.number as f64).collect()

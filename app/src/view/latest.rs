@@ -20,7 +20,7 @@ impl<T> Drop for Request<T> {
     }
 }
 
-/// Work on another thread: the current request, until its result is taken.
+/// A worker that runs one request at a time on another thread, and holds the newest request's result until it is taken.
 pub struct Latest<T> {
     /// Name of the thread.
     name: &'static str,
@@ -36,11 +36,12 @@ impl<T: Send + 'static> Latest<T> {
         Latest { name, request: None, turn: Arc::default(), wake }
     }
 
-    /// Starts `work`, and cancels the previous request. Its argument returns true once the request is cancelled. `work`
-    /// returns `None` if it has no result.
+    /// Starts `work`, and cancels the previous request.
+    ///
+    /// `work` gets a function that returns true once the request is cancelled. It returns `None` if it has no result.
     ///
     /// # Errors
-    /// The system cannot start a thread.
+    /// The system cannot start a thread. The previous request is cancelled nevertheless.
     pub fn start(
         &mut self,
         work: impl FnOnce(&(dyn Fn() -> bool + Sync)) -> Option<T> + Send + 'static,
@@ -75,7 +76,7 @@ impl<T: Send + 'static> Latest<T> {
         self.request.is_some()
     }
 
-    /// Takes the result of the newest request; `None` while it runs, or if it has none.
+    /// Takes the result of the newest request; `None` without a request, while it runs, or if it has no result.
     pub fn take(&mut self) -> Option<T> {
         let result = self.request.as_ref()?.result.try_recv();
         if !matches!(result, Err(TryRecvError::Empty)) {
@@ -84,7 +85,7 @@ impl<T: Send + 'static> Latest<T> {
         result.ok()
     }
 
-    /// Waits for the result of the newest request; `None` if it has none.
+    /// Waits for the result of the newest request; `None` without a request, or if it has no result.
     pub fn wait(&mut self) -> Option<T> {
         self.request.take()?.result.recv().ok()
     }

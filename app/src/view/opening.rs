@@ -1,7 +1,7 @@
 //! Reads scenes and cameras on other threads. The last request of each kind wins.
 //!
-//! A request cancels the previous one of its kind, so that a slow file never replaces one that was opened later. A
-//! cancelled load ends at its next report of progress, and its result is dropped.
+//! A request cancels the previous one of its kind, so that a slow file never replaces one that was opened later. The
+//! result of a cancelled request is dropped. A cancelled load of a scene ends at its next report of progress.
 
 use super::events::RendererId;
 use super::renderer::Wake;
@@ -31,7 +31,8 @@ pub struct Opened {
 
 /// The content of a file.
 pub enum Content {
-    /// A scene for a viewport; and the cameras found beside it, with the path of their file.
+    /// A scene for a viewport; and the cameras beside it, with the path of their file. There are no cameras if none
+    /// were found, or if the scene could not be read.
     Scene(RendererId, Result<Box<Scene>, String>, Option<(PathBuf, Result<Vec<Camera>, String>)>),
     /// Cameras, in the world's coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),

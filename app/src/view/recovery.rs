@@ -6,7 +6,7 @@
 //! histories are lost.
 //!
 //! If the new device is lost soon after, the graph is the likely cause. It is not built again until something changes,
-//! which prevents a third loss.
+//! to prevent a third loss.
 
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};
@@ -23,7 +23,7 @@ const ATTEMPTS: u32 = 20;
 /// Maximum wait for a build that still holds the lost device.
 const BUILDS: Duration = Duration::from_secs(5);
 
-/// Maximum time between two losses that are assumed to have the same cause.
+/// A loss within this time after a device was reopened is assumed to have the same cause as the loss before.
 const SOON: Duration = Duration::from_secs(30);
 
 /// A function that opens two devices for a window of this size: the window's and the scene's. The flag turns vsync on.
@@ -45,7 +45,7 @@ struct Loss {
     since: Instant,
     attempts: u32,
     next: Instant,
-    /// True if the previous device was lost less than [`SOON`] before.
+    /// True if the device was lost within [`SOON`] after it had replaced a lost one. False for a lost surface.
     again: bool,
 }
 

@@ -62,7 +62,7 @@ pub struct Frame {
     pub platform: egui::PlatformOutput,
     /// Requests to the window, in the order of the user's input.
     pub commands: Vec<Command>,
-    /// True if the window was drawn; false if nothing changed, or its own graph is not built yet.
+    /// True if the window was drawn; false if nothing changed, or if the frame could not be submitted yet.
     pub drawn: bool,
     /// Time of the next frame; `None` to wait for an event. Completion of frames in flight is not included: see
     /// [`Shell::in_flight`].
@@ -96,7 +96,7 @@ pub struct Shell<D: Device> {
     presented: (u32, u32),
     /// Number of events reported so far.
     reported: u64,
-    /// [`Shell::changes`] at the end of the last frame.
+    /// [`Shell::changes`] before the panels of the last frame were drawn.
     seen: u64,
 }
 
@@ -109,12 +109,18 @@ struct Content {
 
 impl<D: Device> Shell<D> {
     /// Creates a shell. `canvas` draws the window; it must be the device of the window, if there is one.
+    ///
+    /// # Errors
+    /// See [`Renderer::new`].
     pub fn new(viewer: Viewer<D>, canvas: D, wake: Wake) -> Result<Shell<D>, ViewerError> {
         Shell::with_graph(viewer, canvas, paint::GRAPH, wake)
     }
 
     /// Creates a shell with another window graph (a built-in name or a path), which gets the imports of
     /// [`paint::offer`].
+    ///
+    /// # Errors
+    /// See [`Renderer::new`].
     pub fn with_graph(
         mut viewer: Viewer<D>,
         canvas: D,
@@ -164,7 +170,7 @@ impl<D: Device> Shell<D> {
         &mut self.canvas
     }
 
-    /// Returns the device of the window; `None` while it is lost.
+    /// Returns the device of the window; `None` between [`Shell::release`] and [`Shell::give`].
     pub fn canvas_mut(&mut self) -> Option<&mut D> {
         self.canvas.device_mut()
     }
@@ -176,7 +182,8 @@ impl<D: Device> Shell<D> {
 
     /// Describes the errors that prevent showing the requested state, without colours; `None` if there are none.
     ///
-    /// Covers problems of A, of B if it is shown, of A's inspection, and of the window itself.
+    /// Covers problems of A, of B if it is shown, of A's inspection, and of the window itself, and pictures that stay
+    /// incomplete.
     pub fn problem(&self) -> Option<String> {
         let Viewer { a, b, compare, .. } = &self.viewer;
         let b = b.as_ref().filter(|_| *compare != Mode::A);
@@ -304,7 +311,9 @@ impl<D: Device> Shell<D> {
         self.collect_window(self.canvas.patience) && (apart || !self.viewer.newest().is_some_and(behind))
     }
 
-    /// Draws the window, if its content changed.
+    /// Draws the window if its content changed or `request` demands it.
+    ///
+    /// Returns whether it was drawn, and the pixels of a frame that was read back.
     fn paint(
         &mut self,
         request: FrameRequest,
@@ -451,7 +460,7 @@ impl<D: Device> Shell<D> {
         self.viewer.give(device)
     }
 
-    /// Closes the shell, and returns the devices of the scene and of the window, except lost ones.
+    /// Closes the shell, and returns the devices of the scene and of the window, except released ones.
     pub fn into_devices(self) -> Vec<D> {
         let Shell { viewer, canvas, .. } = self;
         [viewer.into_device(), canvas.into_device()].into_iter().flatten().collect()

@@ -30,8 +30,8 @@ const BINDING: usize = 128 << 20;
 /// A picture to show, drawn by a plan or packed by the host (as [`BufferContents::Bytes`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shown {
-    /// Format of the pixels. [`Format::R32Float`] is shown as grey; [`Format::R32Uint`] has no colours and is not
-    /// shown.
+    /// Format of the pixels. [`Format::R32Float`] is shown as grey. [`Format::R32Uint`] and [`Format::Depth32Float`]
+    /// are not shown.
     pub format: Format,
     /// Width, in pixels.
     pub width: u32,
@@ -62,8 +62,9 @@ pub enum Mode {
 
 /// The scene's part of the window.
 ///
-/// A picture of the view's size is shown pixel by pixel. One of another size was drawn before the view was resized; it is scaled
-/// to the view's height about the view's centre, as [`splatgraph_assets::Camera::resized`] scales the next one.
+/// A picture of the view's size is shown pixel by pixel. A picture of another size was drawn before the view was
+/// resized. It is scaled to the view's height about the view's centre, as [`splatgraph_assets::Camera::resized`] scales
+/// the next one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Composition {
     /// Width and height of the window, in pixels.
@@ -186,7 +187,7 @@ impl Shown {
     }
 }
 
-/// Packs width, height, format and rows of a part for the shader. The format is 0 without a picture.
+/// Packs a picture's width, height, format, and rows per part for the shader. The format is 0 if nothing can be shown.
 fn shape(picture: &Option<Shown>) -> [u32; 4] {
     let Some(shown @ Shown { format, width, height, .. }) = picture else { return [0; 4] };
     let format = match format {

@@ -23,7 +23,7 @@ impl Area {
     /// The empty area.
     const NONE: Area = Area { first: [f32::INFINITY; 2], beyond: [f32::NEG_INFINITY; 2] };
 
-    /// Returns the whole pixels around some points.
+    /// Returns the smallest area of whole pixels that contains these points.
     pub fn around(points: impl Iterator<Item = [f32; 2]>) -> Area {
         let mut area = Area::NONE;
         for point in points {
@@ -110,8 +110,8 @@ impl Interface {
             && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
-    /// Lists the areas to redraw in a window that shows `former`. The flag is true if the area's background must be
-    /// redrawn as well.
+    /// Lists the areas to redraw in a window that shows `former`; `None` redraws all areas. The flag is true if the
+    /// area's background must be redrawn as well.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);

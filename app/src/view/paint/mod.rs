@@ -101,7 +101,8 @@ pub struct Painted {
     clips: Arc<Vec<u8>>,
     texels: Arc<Vec<u8>>,
     draw: Arc<Vec<u8>>,
-    /// Number of skipped primitives: paint callbacks for other painters, malformed meshes, and meshes with an unknown texture.
+    /// Number of skipped primitives: paint callbacks for other painters, malformed meshes, and meshes with an unknown
+    /// texture.
     pub left_out: usize,
 }
 
@@ -187,7 +188,7 @@ impl Painter {
         self.shown = self.packed.take();
     }
 
-    /// Returns true if the last packed interface differs from the one in the window.
+    /// Returns true if the last packed interface differs from the one in the window, or if either is unknown.
     pub fn differs(&self) -> bool {
         match (&self.packed, &self.shown) {
             (Some(packed), Some(shown)) => !packed.is(shown),

@@ -57,7 +57,7 @@ impl Default for Textures {
 }
 
 impl Textures {
-    /// Returns the location of a texture; `None` if it has no texels.
+    /// Returns the location of a texture; `None` if it is unknown or has no texels.
     pub fn get(&self, id: TextureId) -> Option<Texture> {
         self.known.get(&id).copied().filter(|texture| texture.count() > 0)
     }

@@ -198,7 +198,7 @@ pub fn record<D: Device>(viewer: &mut Viewer<D>) {
     }
 }
 
-/// Plays the path, or pauses it.
+/// Plays the path, or pauses it. A path with fewer than two keys cannot be played.
 pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
     if viewer.play.is_playing() {
         viewer.play.pause();

@@ -12,7 +12,7 @@ use splatgraph_api::Device;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 
-/// State that the inspector may change while it draws.
+/// Shared state that the inspector reads and changes while it draws.
 pub struct Target<'a> {
     /// Item that is selected in all tools.
     pub selection: &'a mut Option<Selection>,

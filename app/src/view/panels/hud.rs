@@ -141,6 +141,8 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
 }
 
 /// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner.
+///
+/// Draws nothing before the first measured frame, or if the picture is too small.
 pub fn show<D: Device>(
     ui: &Ui,
     viewer: &Viewer<D>,
@@ -193,7 +195,7 @@ pub fn rate(interval_ms: f64) -> String {
     format!("{} fps", widgets::three_digits(1e3 / interval_ms))
 }
 
-/// Draws the progress of the build in the middle of the view while there is no picture.
+/// Draws the progress of A's build in the middle of the view, until there is a picture or a failure.
 pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     let renderer = &viewer.a.renderer;
     if viewer.pictures()[0].is_some() || renderer.failure().is_some() {
@@ -223,7 +225,7 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
 
 /// Draws a comparison's result at the bottom of the split line, with a button that marks the worst pixel.
 ///
-/// Draws nothing before the first result.
+/// Draws nothing if there is no result and no comparison is running.
 pub fn comparison<D: Device>(
     ctx: &Context,
     viewer: &mut Viewer<D>,

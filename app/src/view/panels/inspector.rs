@@ -171,7 +171,9 @@ fn show_pass<D: Device>(
     }
 }
 
-/// Draws the time of copying as many bytes as the pass touches, as a share of the pass's time.
+/// Draws the time of copying as many bytes as the pass binds, as a share of the pass's time.
+///
+/// Draws a button that starts the measurement while the device's copy limit is unknown.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     match target.copy {
         Copy::Known(rate) => {

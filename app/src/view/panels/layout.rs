@@ -1,8 +1,8 @@
 //! Arranges the picture and the tools around it: docked side by side or in tabs, floating, or closed.
 //!
 //! `egui_tiles` holds the arrangement; the user drags its tabs and borders. Tools keep their size in points when the
-//! window is resized, and the picture takes the rest. The picture is never smaller than [`PICTURE`]: if a window is too
-//! small, the most recently opened tools stay docked and the others float.
+//! window is resized, and the picture takes the rest. Docked tools never shrink the picture below [`PICTURE`]: if a
+//! window is too small, the most recently opened tools stay docked and the others float.
 
 use egui::{Id, Rect, Ui, Vec2, vec2};
 use egui_tiles::{Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree};
@@ -11,13 +11,13 @@ use serde::{Deserialize, Serialize};
 /// Minimum size of the picture beside docked tools, in points.
 pub const PICTURE: Vec2 = vec2(320.0, 200.0);
 
-/// Minimum width and initial width of the tools at the sides, in points.
+/// Widths of the tools at a side, in points: the width that must be free to dock them, and the initial width.
 const SIDE: (f32, f32) = (240.0, 320.0);
 
-/// Minimum height of the tool below the picture, in points.
+/// Height that must be free to dock the tool below the picture, in points.
 const BELOW: f32 = 140.0;
 
-/// Maximum number of tiles in a saved arrangement; more are rejected.
+/// Maximum number of panes and unvisited tiles during the check of a saved arrangement; more are rejected.
 const MOST: usize = 100;
 
 /// Width of the line between tiles, in points.
@@ -100,11 +100,12 @@ impl Default for Layout {
 }
 
 impl Layout {
-    /// Returns true if the tree contains each tool exactly once and can be drawn.
+    /// Returns true if the tree contains the picture and each tool exactly once, and all lengths are finite and not
+    /// negative.
     pub fn is_sound(&self) -> bool {
         let mut panes: Vec<Tool> = Vec::new();
         let mut next: Vec<TileId> = self.tree.root().into_iter().collect();
-        // A file may list a tile twice, or in itself, which would loop forever.
+        // A file may list a tile twice, or inside itself. The limit ends a walk on which tiles accumulate.
         while let Some(tile) = next.pop() {
             match self.tree.tiles.get(tile) {
                 Some(Tile::Pane(tool)) => panes.push(*tool),
@@ -126,7 +127,7 @@ impl Layout {
         self.open.contains(&tool)
     }
 
-    /// Opens or closes a tool.
+    /// Opens or closes a tool. A closed tool is docked when it is opened again.
     pub fn set_open(&mut self, tool: Tool, open: bool) {
         self.open.retain(|other| *other != tool);
         if open {
@@ -307,7 +308,7 @@ pub const RULES: SimplificationOptions = SimplificationOptions {
     flatten_tabs_in_tabs: true,
 };
 
-/// Draws the floating window of a tool.
+/// Draws the floating window of a tool. Sets `close` to true if the user closes it.
 pub fn float(
     ui: &Ui,
     tool: Tool,

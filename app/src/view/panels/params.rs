@@ -13,7 +13,7 @@ use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 
-/// Powers of ten that a range must span for its slider to be logarithmic.
+/// A slider is logarithmic if its range spans more than this many powers of ten.
 const DECADES: f64 = 2.0;
 
 /// Width of a number field, in points.
@@ -428,6 +428,8 @@ impl Scale {
     }
 
     /// Returns the next multiple of the step above the value, or below it if `towards` is negative.
+    ///
+    /// In a continuous range, the step is a hundredth of the range.
     fn stepped(self, value: f64, towards: f64) -> f64 {
         let step = if self.step > 0.0 { self.step } else { (self.max - self.min) / 100.0 };
         // A value between two multiples moves to the adjacent one.
@@ -448,7 +450,7 @@ impl Scale {
         rounded.clamp(self.min, self.max)
     }
 
-    /// Formats a value with up to four significant digits; integers have no decimals.
+    /// Formats a value with four significant digits and without trailing zeros. Integer digits are never rounded off.
     fn text(self, value: f64) -> String {
         if self.step >= 1.0 && value.fract() == 0.0 {
             return format!("{value:.0}");

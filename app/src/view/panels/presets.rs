@@ -31,7 +31,9 @@ impl Presets {
         Presets { entries: builtin::presets().into_iter().map(entry).collect(), search: String::new() }
     }
 
-    /// Draws the list, and selects the clicked graph; returns true if one was chosen. Enter chooses the first match.
+    /// Draws the list, and selects a chosen graph; returns true if one was chosen.
+    ///
+    /// With a search text, Enter chooses the first match other than the current graph.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -57,7 +59,7 @@ impl Presets {
         egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
             for Entry { graph, summary } in self.entries.iter().filter(fits) {
                 let selected = graph == renderer.graph();
-                // Show only the last component: the tooltip has a file's folders.
+                // Show only the last component: the tooltip has the whole path.
                 let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
                 let response = ui
                     .horizontal(|ui| {
@@ -85,7 +87,7 @@ impl Presets {
         true
     }
 
-    /// Adds the current graph to the list, so that it can be selected again.
+    /// Adds the current graph to the list, so that it can be selected again, and updates its summary.
     fn remember<D: Device>(&mut self, renderer: &Renderer<D>) {
         let graph = renderer.graph();
         // While another graph is being built, the plan is still the previous graph's.
@@ -104,7 +106,7 @@ impl Presets {
     }
 }
 
-/// Returns the last component of a path, without `.ron`.
+/// Returns the last component of a path, without its extension.
 pub fn file_name(graph: &str) -> String {
     Path::new(graph).file_stem().map_or_else(|| graph.to_owned(), |stem| stem.to_string_lossy().into_owned())
 }

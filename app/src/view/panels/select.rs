@@ -19,7 +19,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use std::path::{Path, PathBuf};
 
-/// Radii of the brush, in points.
+/// Range of the brush's radius, in points.
 const RADII: std::ops::RangeInclusive<f32> = 2.0..=400.0;
 
 /// Factor by which one key press changes the brush's radius.
@@ -73,7 +73,9 @@ impl Default for State {
 }
 
 impl State {
-    /// Selects the splats in a box once there is a picture. `corners` are fractions of its width and height.
+    /// Selects the splats in a box once there is a picture.
+    ///
+    /// `corners` are left, top, right and bottom, as fractions of the picture's width and height.
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.first = Some(corners);
     }
@@ -104,7 +106,7 @@ impl State {
         self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start(), *RADII.end());
     }
 
-    /// Begins a drag at a point in window points, in a viewport's picture.
+    /// Begins a drag in a viewport's picture, at a position in points of the window.
     pub fn begin(&mut self, viewport: RendererId, at: Pos2, modifiers: Modifiers) {
         let combine = match modifiers {
             Modifiers { shift: true, .. } => Combine::Add,
@@ -280,7 +282,8 @@ impl State {
         });
     }
 
-    /// Draws the path field and the buttons that write a file.
+    /// Draws the path field and the buttons that write a file; while a file is being written, draws its progress
+    /// instead.
     fn files<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -369,7 +372,7 @@ fn marks<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, id: RendererId, control
     });
 }
 
-/// Returns the first name of `SCENE-part-1.ply`, `SCENE-part-2.ply`, ... in a folder that does not exist yet.
+/// Returns the first path of `SCENE-part-1.ply`, `SCENE-part-2.ply`, ... in `folder` at which no file exists.
 fn fresh(folder: &Path, scene: &Path) -> PathBuf {
     let name = scene.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("scene");

@@ -52,7 +52,7 @@ impl Dumped {
 }
 
 impl Selection {
-    /// Returns true if the plan contains the selected item.
+    /// Returns true if the plan contains the selected item. Always true for a splat.
     pub fn is_in(&self, dump: &Dump) -> bool {
         match self {
             Selection::Pass(name) => dump.pass(name).is_some(),

@@ -1,8 +1,8 @@
 //! Defines the look of the window: colours, fonts and spacing, in a dark and a light theme.
 //!
-//! Every colour of the user interface is a field of [`Palette`], shared with the dump page (`framework/src/dump/page/page.css`), so
-//! that both read alike. Text has at least 13 points and a contrast of 4.5 : 1 (WCAG 2.1, 1.4.3), which a test computes. Sizes are
-//! multiples of 4 points.
+//! The colours of a theme are a [`Palette`], shared with the dump page (`framework/src/dump/page/page.css`), so that
+//! both look alike. Text has at least 13 points and a contrast of 4.5 : 1 (WCAG 2.1, 1.4.3), which a test computes.
+//! Sizes are multiples of 4 points.
 
 use egui::{
     Color32, Context, CornerRadius, FontData, FontDefinitions, FontFamily, FontId, Margin, Shadow, Stroke,
@@ -109,7 +109,7 @@ pub fn phase(index: usize) -> Color32 {
     PHASES[index % PHASES.len()]
 }
 
-/// Returns black or white, whichever has more contrast with this colour.
+/// Returns near-black or white, whichever has more contrast with this colour.
 pub fn ink_on(background: Color32) -> Color32 {
     if luminance(background) > 0.18 { rgb(0x111111) } else { Color32::WHITE }
 }

@@ -36,7 +36,8 @@ const CLOSEST: f32 = 200.0;
 pub struct Times {
     /// Pairs of pass name and median milliseconds; empty before the plan's first frame.
     pub passes: Vec<(String, f64)>,
-    /// Median GPU time of a frame outside its passes, in milliseconds; `None` without timestamps.
+    /// Median GPU time of a frame outside its passes, in milliseconds; `None` without timestamps, or before the plan's
+    /// first frame.
     pub unattributed: Option<f64>,
     /// True if `unattributed` is most of the frame, so that the passes' times are unreliable.
     pub unreliable: bool,

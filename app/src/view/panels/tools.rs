@@ -63,7 +63,8 @@ impl Panels {
             if close {
                 self.layout.set_open(tool, false);
             } else if dock {
-                // The most recently opened tool is the last to float when space is short.
+                // Closing removes the tool from the floating tools. Reopening makes it the most recently opened tool,
+                // which is the last to float when space is short.
                 self.layout.set_open(tool, false);
                 self.layout.reveal(tool);
             }

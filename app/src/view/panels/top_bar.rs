@@ -311,7 +311,8 @@ fn contains(text: &str, wanted: &str) -> bool {
     text.to_lowercase().contains(wanted)
 }
 
-/// Returns a scene's folder and file name; the folder tells apart the `point_cloud.ply` of several captures.
+/// Returns a scene's file name without extension, and its folder, which distinguishes the `point_cloud.ply` of several
+/// captures.
 fn named(scene: &Path) -> String {
     let folder = scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy());
     let name = file_name(&scene.to_string_lossy());

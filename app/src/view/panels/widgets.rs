@@ -77,7 +77,7 @@ pub fn time(ms: f64) -> String {
     format!("{} {unit}", three_digits(value))
 }
 
-/// Formats a number with three significant digits, and at most three decimals.
+/// Formats a number with three significant digits, but at most three decimals. Integer digits are never dropped.
 pub fn three_digits(value: f64) -> String {
     match value.abs() {
         v if v >= 99.95 => format!("{value:.0}"),

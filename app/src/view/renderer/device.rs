@@ -8,12 +8,13 @@ use splatgraph_framework::reload::LastGood;
 use std::time::Instant;
 
 impl<D: Device> Renderer<D> {
-    /// Returns the device; `None` while it is lost.
+    /// Returns the device, even if it is lost; `None` between [`Renderer::release`] and [`Renderer::give`].
     pub fn device(&self) -> Option<&D> {
         self.device.device()
     }
 
-    /// Returns the device, for changes that do not affect a plan; `None` while it is lost.
+    /// Returns the device, for changes that do not affect a plan; `None` between [`Renderer::release`] and
+    /// [`Renderer::give`].
     pub fn device_mut(&mut self) -> Option<&mut D> {
         self.device.device_mut()
     }
@@ -30,7 +31,9 @@ impl<D: Device> Renderer<D> {
         self.info.kind == "cpu"
     }
 
-    /// Returns the error that lost the device or its window surface; `None` while the device works.
+    /// Returns the error that lost the device or its window surface.
+    ///
+    /// `None` while the device works, and after [`Renderer::release`].
     pub fn lost(&self) -> Option<&BackendError> {
         match &self.device {
             DeviceState::Lost { error, .. } => Some(error),
@@ -74,7 +77,7 @@ impl<D: Device> Renderer<D> {
         self.state.failed(attempt, Failure::Held(loss.to_owned()));
     }
 
-    /// Returns the device, unless it is lost.
+    /// Returns the device, even if it is lost; `None` if it was released.
     pub fn into_device(self) -> Option<D> {
         self.device.into_device()
     }

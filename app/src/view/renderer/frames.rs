@@ -15,8 +15,8 @@ const LONGEST_PAUSE: Duration = Duration::from_micros(400);
 impl<D: Device> Renderer<D> {
     /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced.
     ///
-    /// Returns false without a plan, before the next attempt after a [`Renderer::trouble`], or if the device does not
-    /// finish an older frame within [`Renderer::patience`].
+    /// Returns false without a plan, while the renderer is paused or its device is lost, before the next attempt after
+    /// a [`Renderer::trouble`], or if the device does not finish an older frame within [`Renderer::patience`].
     ///
     /// # Errors
     /// The device fails. The caller passes the error to [`Renderer::report`], unless it retries with other inputs.

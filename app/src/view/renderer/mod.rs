@@ -91,7 +91,7 @@ pub struct Renderer<D: Device> {
     pub(super) paused: bool,
     device: DeviceState<D>,
     info: DeviceInfo,
-    /// Number of devices so far; identifies the current device.
+    /// Number of devices released so far; identifies the current device.
     epoch: u64,
     graph: String,
     set: IndexMap<String, String>,
@@ -140,6 +140,9 @@ pub struct Renderer<D: Device> {
 
 impl<D: Device> Renderer<D> {
     /// Creates a renderer that draws `graph`, a built-in graph's name or a path, with the parameters in `set`.
+    ///
+    /// # Errors
+    /// The file watcher or the build thread cannot be started.
     pub fn new(
         device: D,
         graph: &str,
@@ -198,7 +201,7 @@ impl<D: Device> Renderer<D> {
         self.stalled.as_ref()
     }
 
-    /// Returns the error of the last attempt to draw a frame; `None` if it succeeded.
+    /// Returns the error of the last attempt to draw a frame; `None` if it succeeded, or if the device is lost.
     pub fn trouble(&self) -> Option<&BackendError> {
         match &self.device {
             DeviceState::Failing { error, .. } => Some(error),
@@ -219,7 +222,7 @@ impl<D: Device> Renderer<D> {
         &self.graph
     }
 
-    /// Returns the current plan; `None` before the first build succeeds.
+    /// Returns the current plan; `None` until a build has succeeded on the current device.
     pub fn plan(&self) -> Option<&Arc<Plan>> {
         self.state.good()
     }
@@ -244,12 +247,14 @@ impl<D: Device> Renderer<D> {
         &self.set
     }
 
-    /// Returns the failure of the newest build, or `None` if the newest files and parameters have a plan.
+    /// Returns the failure of the newest build; `None` if it succeeded.
+    ///
+    /// After a change of a file, the previous result stays for a short time, because the file may be half written.
     pub fn failure(&self) -> Option<&Failure> {
         self.state.error(self.now)
     }
 
-    /// Returns true while a build is running or requested.
+    /// Returns true while a build is running or requested, or while the report of its failure is delayed.
     pub fn busy(&self) -> bool {
         self.build.is_busy() || self.state.due(self.now).is_some()
     }
@@ -313,7 +318,7 @@ impl<D: Device> Renderer<D> {
         self.watcher.kind()
     }
 
-    /// Selects another graph, and replaces all changed parameters by `set`.
+    /// Selects another graph, and replaces all changed parameters with `set`.
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.graph = graph.to_owned();
         self.set = set;
@@ -321,7 +326,9 @@ impl<D: Device> Renderer<D> {
         self.want(Cause::Graph, Instant::now());
     }
 
-    /// Sets a parameter; `None` restores its default. An unknown name or a value of the wrong type changes nothing.
+    /// Sets a parameter; `None` restores its default. An unknown name changes nothing.
+    ///
+    /// The value's type and range are not checked here: they must fit the parameter's domain.
     pub fn set_param(&mut self, name: &str, value: Option<Value>) {
         let Some(param) = self.controls.iter_mut().map(|c| &mut c.param).find(|p| p.name == name) else {
             return;
@@ -350,7 +357,9 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Replaces the changed parameters by `set`; all others return to their defaults. Invalid values are ignored.
+    /// Replaces the changed parameters with `set`; all others return to their defaults.
+    ///
+    /// A parameter keeps its value if the text in `set` is invalid.
     pub fn replace_set(&mut self, set: &IndexMap<String, String>) {
         let of = |Control { param, .. }: &Control| {
             let value = set.get(&param.name).map(|text| parse_value(text, &param.domain)).transpose();
@@ -513,7 +522,7 @@ impl<D: Device> Renderer<D> {
         self.apply_set();
     }
 
-    /// Applies settings that changed after the plan was requested to its parameters.
+    /// Sets the new plan's parameters to the settings that changed after the build was requested.
     fn apply_set(&mut self) {
         for Control { param, .. } in &mut self.controls {
             let text = self.set.get(&param.name);

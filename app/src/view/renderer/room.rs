@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl<D: Device> Renderer<D> {
-    /// Returns the reason why the device rejected more capacity; `None` unless it did since the last change.
+    /// Returns the reason why more capacity was rejected; `None` if it was not, or after a change or the retry time.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
@@ -32,12 +32,18 @@ impl<D: Device> Renderer<D> {
         self.plan().is_some_and(|plan| plan.params.iter().any(|param| param.grows.is_some()))
     }
 
-    /// Returns true if no plan with more capacity is needed, or none is being built.
+    /// Returns true if waiting cannot make frames more complete.
+    ///
+    /// That is the case if no list can grow, or if a frame of the plan has finished and either was complete or no build
+    /// is running.
     pub fn is_at_best(&self) -> bool {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
-    /// Records the capacities that an overflowed frame needed, requests a plan with them, and returns the overflows.
+    /// Returns the lists that overflowed in a frame.
+    ///
+    /// If the frame is of the current plan, and neither a build nor [`Renderer::crowded`] prevents it, requests a plan
+    /// with the capacities that the frame needed.
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
         // Ignore frames of previous plans: they may show another scene, and frames of the current plan report their own

@@ -146,7 +146,7 @@ impl BuildState {
         };
     }
 
-    /// Begins the requested build, unless one is running.
+    /// Begins the requested build, and returns it; `None` if none is requested, or while one is running.
     pub fn begin(&mut self) -> Option<PendingBuild> {
         match std::mem::take(self) {
             BuildState::Asked(build) => {

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake as TaskWake, Waker};
 use std::thread::Thread;
 
-/// The chosen file; the role is set if the dialog asked for cameras.
+/// The chosen file, `None` if the user cancelled. The role is set if the dialog asked for cameras.
 type Answer = Option<(PathBuf, Option<CameraRole>)>;
 
 /// File dialog of a window; at most one is open.
@@ -28,6 +28,8 @@ impl Dialog {
     }
 
     /// Opens the dialog in the folder of `near`, for any file or, with `cameras`, for cameras of this role.
+    ///
+    /// Does nothing while the dialog is open.
     pub fn ask(&mut self, window: &winit::window::Window, near: &Path, cameras: Option<CameraRole>) {
         if std::mem::replace(&mut self.is_open, true) {
             return;

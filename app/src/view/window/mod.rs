@@ -6,7 +6,7 @@
 //! [`Frame::next`]: super::shell::Frame::next
 //!
 //! While nothing can be drawn, the window's title gives the reason: the device was lost, is busy with one pass, or
-//! cannot draw the window itself. Closing waits at most `CLOSING`.
+//! cannot draw the window itself. Closing waits at most `CLOSING` for each device.
 
 mod dialog;
 mod display;
@@ -53,8 +53,8 @@ const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_mi
 /// most this fraction to a frame's time.
 const LOOK: u32 = 16;
 
-/// Maximum wait for the device and for a build when the window closes. Anything that takes longer is abandoned when the
-/// process exits.
+/// Maximum wait for each device's frames, and for a build, when the window closes. Anything that takes longer is
+/// abandoned when the process exits.
 const CLOSING: Duration = Duration::from_secs(3);
 
 /// Time after which the program gives up if the window's own graph never had enough memory.
@@ -106,7 +106,8 @@ pub struct WindowOptions {
 /// Opens the window and runs until it is closed. Returns the validation messages.
 ///
 /// # Errors
-/// No display is available, no device can present on it, or the device fails.
+/// No display is available, or it is gone; no device can present on it, or none can replace a lost one; the
+/// initial state cannot be set, or cannot be shown in the requested screenshot or frames; or the program has a bug.
 pub fn run(options: WindowOptions) -> Result<Vec<String>> {
     super::profile::start();
     let events = display::event_loop()?;
