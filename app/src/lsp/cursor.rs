@@ -1,6 +1,6 @@
 //! Finds the meaning of a string in a graph file.
 //!
-//! Only the text before the string is used, because the file may be incomplete while it is edited.
+//! [`at`] uses only the text before the string, because the file may be incomplete while it is edited.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use std::ops::Range;
 pub enum Meaning {
     /// A block or an image variable of the pass's shaders, as a key of `bind`.
     Block {
-        /// Shaders of the pass that are named before the string.
+        /// Shaders that the pass names in the scanned text.
         shaders: Vec<String>,
     },
     /// A resource, or an expression that selects one.
@@ -96,7 +96,7 @@ pub fn at(text: &str, offset: usize) -> Option<Cursor> {
     Some(Cursor { meaning: scan.meaning(last), inside: last.inside.clone() })
 }
 
-/// Scans a file up to the string that contains byte `stop`, or all of it.
+/// Scans a file up to byte `stop` or to the end of the string that contains it. Without `stop`, scans the whole file.
 fn scan(text: &str, stop: Option<usize>) -> Scan {
     let bytes = text.as_bytes();
     let mut scan = Scan { groups: vec![Group::default()], texts: Vec::new() };
@@ -160,7 +160,7 @@ fn scan(text: &str, stop: Option<usize>) -> Scan {
     scan
 }
 
-/// Returns the byte offset of the quote that ends a string.
+/// Returns the byte offset of the quote that ends a string, or of the string's end if the quote is missing.
 ///
 /// A string may span several lines. A string that begins in the line of byte `offset` may be unfinished, though, and
 /// would swallow the rest of the file, so it ends with that line.

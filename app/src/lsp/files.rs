@@ -5,10 +5,10 @@ use splatgraph_framework::ir::{Catalog, Facts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Maximum number of files to search, because the editor's folder may be a whole disk.
+/// Maximum number of directory entries that a search visits, because the editor's folder may be a whole disk.
 const MAX_ENTRIES: usize = 20_000;
 
-/// Maximum depth of the search below the editor's folders.
+/// Maximum depth of the search below each searched folder.
 const MAX_DEPTH: usize = 6;
 
 /// Subgroup sizes for which graphs are built: that of most GPUs, and that of a CPU.
@@ -30,7 +30,7 @@ pub fn canonical(path: &Path) -> PathBuf {
     if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
 }
 
-/// Lists the open graphs, and all graphs in the editor's `folders` that contain the file.
+/// Lists the open graphs, and the graphs below those of the editor's `folders` that contain the file `path`.
 ///
 /// If no such folder contains it, searches the file's own folder instead, and `pipelines` in that folder and in the
 /// two folders above it.

@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
 
-/// The planner, and the last declarations and plan of each open graph.
+/// The planner, and the declarations and plan of every graph that the editor has opened.
 #[derive(Default)]
 pub struct Workspace {
     planner: Planner,
@@ -38,7 +38,7 @@ struct Known {
     resources: BTreeMap<String, String>,
     names: ExpressionNames,
     controls: Vec<Control>,
-    /// The plan for a GPU, as a dump; `None` while the graph has errors.
+    /// Dump of the first plan that could be built for one of [`LANES`]; `None` if none could.
     dump: Option<Dump>,
 }
 
@@ -233,7 +233,7 @@ impl Workspace {
 
     /// Lists the hints of a graph: the barriers before its passes, and the values of its `let`s.
     ///
-    /// A part has no plan of its own: its passes are looked up in the plans of open graphs.
+    /// A part has no plan of its own: its passes are looked up in the plans of the other graphs that were opened.
     pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
         let own = self.known.get(path);
         let others = self.known.iter().filter(|(other, _)| *other != path).map(|(_, known)| known);
@@ -270,7 +270,7 @@ impl Workspace {
         places.iter().filter_map(|(place, _)| location(&index, place, open)).collect()
     }
 
-    /// Returns the range and the text of the name at a byte offset; `None` if it cannot be renamed.
+    /// Returns the range and the text of the name at a byte offset; `None` if no graph declares a name there.
     pub fn renamed_name(
         &mut self,
         at: (&Path, usize),

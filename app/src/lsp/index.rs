@@ -52,7 +52,7 @@ struct Declaration {
     name: String,
     /// Index of the bracket that contains the declaration.
     group: usize,
-    /// True if shaders spell the name as declared, rather than in capitals.
+    /// True for a `Live` parameter: shaders read its value under the declared name, not in capitals.
     is_live: bool,
     /// The options of a parameter that is a choice, otherwise empty.
     choices: Vec<String>,
@@ -278,7 +278,7 @@ impl Index {
         if lets.is_empty() { self.parameter(file, name, 0) } else { lets }
     }
 
-    /// Finds a resource by its name, or a `let` or parameter whose value is the name of a resource.
+    /// Finds a resource by its name; without one, a `let` or a parameter, whose value may name a resource.
     fn resource(&self, file: FileId, name: &str) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Resource && d.name == name);
         if own.is_empty() { self.value(file, name) } else { own }
@@ -406,7 +406,8 @@ impl Index {
         }
     }
 
-    /// Finds the first occurrence of a name in a shader or its includes. In GLSL, this is the declaration.
+    /// Finds the first occurrence of a name in a shader, or else in its includes. In GLSL, it is usually the
+    /// declaration.
     fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
         let mut seen = BTreeSet::new();
         let mut waiting = vec![shader];

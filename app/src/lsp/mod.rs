@@ -42,7 +42,7 @@ use std::path::PathBuf;
 /// Answers an editor until it ends the connection.
 ///
 /// # Errors
-/// The editor violates the protocol, or disconnects without shutting the server down.
+/// The editor violates the protocol, or a message cannot be sent because the editor has disconnected.
 pub fn serve(connection: &Connection) -> Result<()> {
     let capabilities = ServerCapabilities {
         text_document_sync: Some(TextDocumentSyncCapability::Kind(TextDocumentSyncKind::FULL)),

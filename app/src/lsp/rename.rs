@@ -15,7 +15,8 @@ pub type Edit = (std::ops::Range<usize>, String);
 /// `open` holds the editor's texts. They are restored in the planner after the check.
 ///
 /// # Errors
-/// The byte has no name, the new name is not valid, a file cannot be changed, or the new name would break a graph.
+/// The byte has no name that a graph declares, the new name is not valid, the name occurs in a built-in file, or the
+/// new name would break a graph or change its plan.
 pub fn rename(
     planner: &mut Planner,
     index: &Index,

@@ -18,7 +18,7 @@ layout(set = 0, binding = 1, rgba8) writeonly uniform image2D picture;
 void main() { table[0] = 1; imageStore(picture, ivec2(0), vec4(table[0])); }
 ";
 
-/// A graph that includes [`GRAPH`], and a preset of it.
+/// A graph that includes [`GRAPH`], sets its parameter `width`, and uses the parameter in a `let`.
 const OUTER: &str = r#"Graph(version: 1, summary: "", output: "copy",
   let: { "half": "width / 2" },
   resources: { "copy": Image(format: "rgba8", size: ("half * 4", 8)) },

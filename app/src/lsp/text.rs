@@ -9,7 +9,7 @@ use std::str::FromStr;
 const RESERVED: &AsciiSet =
     &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
 
-/// Returns the path of a `file:` URI; `None` for a URI with another scheme.
+/// Returns the path of a `file:` URI; `None` for a URI with another scheme, and for a path that is not UTF-8.
 pub fn path_of(uri: &Uri) -> Option<PathBuf> {
     let rest = uri.as_str().strip_prefix("file://")?;
     // An authority, which is usually empty, ends at the first slash.
@@ -23,7 +23,8 @@ pub fn uri_of(path: &Path) -> Option<Uri> {
     Uri::from_str(&format!("file://{}", utf8_percent_encode(path.to_str()?, RESERVED))).ok()
 }
 
-/// Converts a position, in UTF-16 units, to a byte offset. A position after the end of its line gives the line's end.
+/// Converts a position, in UTF-16 units, to a byte offset. A position after the end of its line gives the line's end,
+/// and a line after the last one gives the end of the text.
 pub fn offset_of(text: &str, position: Position) -> usize {
     let start = match position.line {
         0 => 0,

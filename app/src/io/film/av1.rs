@@ -109,7 +109,7 @@ impl<'a> Film<'a> {
         })?)
     }
 
-    /// Describes the stream from its first frame's header: main profile, 8 bits, 4:2:0, any level.
+    /// Describes the stream, for the first sample: main profile, 8 bits, 4:2:0, maximum level.
     fn entry(&self) -> SampleEntry {
         let (width, height) = (self.size.0 as u16, self.size.1 as u16);
         SampleEntry::Av01(Av01Box {

@@ -17,13 +17,13 @@ pub trait Writer {
     /// Writes the next frame.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// The frame was encoded for another format, or it cannot be compressed or written.
     fn add(&mut self, frame: Frame) -> Result<(), Cause>;
 
     /// Writes the end of the film.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// The remaining frames cannot be compressed or written.
     fn finish(self: Box<Self>) -> Result<(), Cause>;
 }
 

@@ -3,8 +3,9 @@
 //! Writing a frame has two steps. [`Format::encode`] does the work that depends on this frame alone, on any thread. A
 //! [`Writer`] then takes the results in order. Values are clamped to 0..1, as in 8-bit pictures.
 //!
-//! - `.gif` plays everywhere: 256 colours in each frame, chosen by NeuQuant, without dithering, which compresses badly;
-//! - `.apng` and `.png` are animated PNGs, and keep every pixel's 8 bits;
+//! - `.gif` plays everywhere. NeuQuant chooses 256 colours for each frame. Nothing is dithered, because dithered
+//!   pictures compress badly;
+//! - `.apng` and `.png` are animated PNGs, and keep all 8 bits of each channel;
 //! - `.y4m` is uncompressed video, for a pipe into an encoder;
 //! - `.mp4` is AV1, in programs that were built with the feature `av1`.
 

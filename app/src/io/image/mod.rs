@@ -31,7 +31,7 @@ impl Image {
     /// Reads the width and height of a picture in pixels, from its header alone.
     ///
     /// # Errors
-    /// See [`Image::load`]; only the header is read.
+    /// See [`Image::load`]; damage after the header is not detected.
     pub fn size_of(path: &Path) -> Result<(usize, usize), ImageError> {
         if let Some((archive, array)) = split_member(path) {
             return npy::member_size(&archive, &array);
@@ -45,6 +45,9 @@ impl Image {
     }
 
     /// Loads a picture from `.png`, `.exr`, `.npy`, or `archive.npz#array`.
+    ///
+    /// # Errors
+    /// The path has another extension, or the file cannot be read, is damaged or is too large.
     pub fn load(path: &Path) -> Result<Image, ImageError> {
         if let Some((archive, array)) = split_member(path) {
             return npy::load_member(&archive, &array).map(|(image, _)| image);

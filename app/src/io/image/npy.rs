@@ -16,7 +16,10 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     write_array(out, &shape, image.rgb.as_flattened().iter().copied())
 }
 
-/// Writes 32-bit words of a resource as an array of the given shape, with the type uint32 or float32.
+/// Writes the values of a resource as an array of the given shape. `T` determines the array's type.
+///
+/// # Errors
+/// The extension is not `.npy`, or the file cannot be written.
 pub fn save_words<T: npyz::AutoSerialize + Copy>(
     path: &Path,
     shape: &[u64],
@@ -191,7 +194,7 @@ fn read<C: Value, R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<C>, De
     }
 }
 
-/// Reads the values of an array, one by one.
+/// Reads the pixels of an array, value by value. A fourth channel is dropped.
 fn pixels<R: Read, T: npyz::Deserialize, C: Value>(
     path: &Path,
     npy: NpyFile<R>,

@@ -34,12 +34,12 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     header(path).map(|(_, size)| size)
 }
 
-/// Loads a file and ignores its alpha, since pictures here are opaque. Also returns the file's maximum level.
+/// Loads a file and ignores its alpha, since pictures here are opaque. Also returns the level of white: 255 or 65535.
 pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     load_over(path, None)
 }
 
-/// Loads a file, and blends it over the background if it has alpha. Also returns the file's maximum level.
+/// Loads a file, and blends it over the background if it has alpha. Also returns the level of white: 255 or 65535.
 ///
 /// Without a background, alpha is ignored.
 pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {

@@ -56,7 +56,7 @@ fn existing(path: &Path, _: &Metadata) -> std::io::Result<Existing> {
 }
 
 impl OutputGuard {
-    /// Adds a file that the command reads. A path without a file is ignored.
+    /// Adds a file that the command reads. A path that does not lead to a regular file is ignored.
     ///
     /// # Errors
     /// A previously added output is the same file.

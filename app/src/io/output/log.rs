@@ -47,7 +47,7 @@ impl Log {
         self.pending.push(b'\n');
     }
 
-    /// Writes the queued lines. The first failure is reported and ends the log.
+    /// Writes the queued lines. The first failure ends the log, and is reported unless the reader closed the pipe.
     pub fn flush(&mut self) {
         if let Some(out) = &mut self.out {
             // A signal's cleanup waits for this lock, so the program does not end in the middle of a line.

@@ -21,7 +21,7 @@ pub fn is_harmful(c: char) -> bool {
     }
 }
 
-/// Escapes the harmful characters of a text as `\u001b`, which is also valid in JSON.
+/// Escapes the harmful characters of a text, for example as `\u001b`. The escapes are also valid in JSON.
 pub fn harmless(text: &str) -> Cow<'_, str> {
     if !text.contains(is_harmful) {
         return Cow::Borrowed(text);
