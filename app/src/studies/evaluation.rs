@@ -1,4 +1,4 @@
-//! Scores pictures of a scene against the photographs that it was trained on.
+//! Scores pictures of a scene against photographs of the same views.
 //!
 //! The scores are the mean PSNR and SSIM over the test views, as in papers, and the mean FLIP.
 

@@ -1,4 +1,4 @@
-//! Measures graphs and settings over many frames. Each study is a function `study` that returns numbers or a page.
+//! Measures graphs and settings over many frames. Most studies are a function `study` that returns numbers or a page.
 //!
 //! - [`mod@study`]: the subject of all studies, the listener that follows them, and their error;
 //! - [`measurement`]: settings, and the time and the error of their pictures;

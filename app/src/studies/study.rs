@@ -1,7 +1,7 @@
 //! Defines the subject of studies, the listener that follows them, and their error.
 //!
 //! A study is a function `study`: it takes a [`Subject`], a request, and a [`Listener`], and returns its numbers. It
-//! writes no file of results and prints nothing; the command line does both.
+//! prints nothing, and writes no file of results except for the ledger of `trade`; the command line does both.
 
 use crate::draw::capture::CaptureError;
 use crate::draw::session::{Session, SessionError};
@@ -106,7 +106,7 @@ impl<D: Device> Subject<'_, D> {
     /// Creates a session that draws the scene with a graph.
     ///
     /// # Errors
-    /// The device has no room for another context.
+    /// The device cannot create another context.
     pub fn session(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, StudyError> {
         Ok(Session::new(self.device.new_context()?, self.scene.clone(), pipeline, set))
     }
@@ -120,7 +120,7 @@ impl<D: Device> Subject<'_, D> {
     /// Reads the graphs, to report mistakes before anything is measured. Returns the files that they depend on.
     ///
     /// # Errors
-    /// A graph has errors.
+    /// The subject has no camera, the device cannot create another context, or a graph has errors.
     pub fn check(&self, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
         let first = self.first()?;
         let mut session = self.session("", &[])?;

@@ -34,7 +34,7 @@ pub struct Tried {
 }
 
 impl Tried {
-    /// Summarises the rows of a setting; `None` if one of them failed.
+    /// Summarises the rows of a setting; `None` if one of them failed, or if there are none.
     ///
     /// The ranges of the shares are at least as wide as `floor`, the noise floor. The exact settings' share is 1, by
     /// definition.
@@ -212,11 +212,12 @@ pub struct Best<'a> {
     pub hidden: Vec<&'a Tried>,
 }
 
-/// Chooses the best setting within the budget: the fastest if an error is allowed, otherwise the most accurate.
+/// Chooses the best setting within the budget: the fastest if the budget has a minimum PSNR, otherwise the most
+/// accurate.
 ///
 /// Among settings that noise does not distinguish from the fastest, the most accurate is chosen. If the defaults are
-/// within the budget, they are chosen unless another setting is faster (or, with a time limit, more accurate) beyond
-/// the noise.
+/// within the budget, they are chosen unless another setting is better: with a minimum PSNR, faster beyond the noise;
+/// without one, more accurate by more than `LEAST_GAIN_DB`.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
     let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };

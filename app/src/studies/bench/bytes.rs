@@ -1,4 +1,4 @@
-//! Computes a lower bound of the bytes that a pass moves.
+//! Estimates the bytes that a pass moves, from the declared sizes of its buffers and images.
 
 use splatgraph_framework::ir::{Pass, ResourceId, Work};
 use splatgraph_framework::plan::Plan;

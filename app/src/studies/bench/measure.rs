@@ -24,7 +24,7 @@ pub struct Part {
     pub phase: Option<String>,
     /// Milliseconds on the GPU; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Lower bound of the bytes that the pass or phase moves; see [`bytes::of_pass`].
+    /// Estimate of the bytes that the pass or phase moves; see [`bytes::of_pass`].
     pub bytes: u64,
     /// Bandwidth: `bytes` per GPU time, in 10^9 bytes per second.
     pub gb_per_s: Option<f64>,

@@ -105,7 +105,8 @@ pub fn size_text(size: Option<(u32, u32)>) -> String {
 impl Report {
     /// Writes every figure as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     ///
-    /// A line without a camera is the mean of the cameras' medians.
+    /// Times without a camera are means of the cameras' medians. Lines for memory, passes that run once, and failures
+    /// have no camera.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy\n",

@@ -33,7 +33,7 @@ pub fn usual_pairs() -> Vec<u32> {
 /// The measurements of a sort.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sorted {
-    /// The sum of the sort's passes: their GPU time, and a lower bound of the bytes that they move.
+    /// The sum of the sort's passes: their GPU time, and an estimate of the bytes that they move.
     pub phase: Part,
     /// Upper bound of the sort's GPU time in milliseconds, which includes the time between passes, such as barriers.
     /// `None` if the device has no timestamps.

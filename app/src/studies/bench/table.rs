@@ -8,7 +8,9 @@ use crate::io::report::text::table;
 use splatgraph_assets::grouped;
 use std::path::Path;
 
-/// Describes the device, its copy limit, and its clock. `timed` is false if the device measured no times.
+/// Describes the device and its copy limit, explains the column `MB`, and warns of unreliable or missing times.
+///
+/// `timed` is false if the device measured no times.
 pub fn head(origin: &Origin, timed: bool) -> String {
     let mut text = format!("{} ({})\n", origin.device, origin.driver);
     if let Some(copy) = &origin.copy {
@@ -31,8 +33,8 @@ pub fn head(origin: &Origin, timed: bool) -> String {
 
 /// Formats all tables of a report.
 ///
-/// For each scene, number of splats and size, these are the passes, the cameras and the candidates. An overview of the
-/// candidates over all numbers of splats and sizes follows.
+/// For each scene, number of splats and size, these are the passes, the cameras and the candidates. If there are
+/// several of these combinations, an overview of the candidates over all of them follows.
 pub fn tables(report: &Report) -> String {
     let timed = report.drawn().all(|found| found.mean.gpu_ms.is_some());
     let mut text = head(&report.origin, timed);
@@ -174,7 +176,7 @@ fn line_of(row: &Row) -> Line<'_> {
     (&row.scene, row.size, &row.pipeline)
 }
 
-/// Formats the overview, with a row per candidate and a column per number of splats.
+/// Formats the overview, with a row per scene, size and candidate, and a column per number of splats.
 fn overview(report: &Report) -> String {
     let mut columns: Vec<u32> = report.rows.iter().map(|row| row.splats).collect();
     columns.sort_unstable();

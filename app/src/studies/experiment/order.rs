@@ -1,4 +1,4 @@
-//! Blends a scene's splats in four ways, and with ever narrower depth keys.
+//! Blends a scene's splats in four ways, and with depth keys of several widths.
 //!
 //! The colour of a pixel is a sum in which each splat is dimmed by the splats in front of it. That product runs over an
 //! index set, and each wrong way of blending changes the set differently. [`measure`] draws all ways, and measures the
@@ -33,9 +33,9 @@ pub struct Drawn {
     pub error: Comparison,
     /// Number of pairs of splats in the wrong order in the order buffer; `None` if it cannot be read.
     pub inversions: Option<u64>,
-    /// Number of pairs of splats that are blended in the wrong order.
+    /// Number of pairs of splats that are blended in the wrong order; `None` like `inversions`.
     pub wrong: Option<u64>,
-    /// Total number of pairs of splats.
+    /// Total number of pairs of splats in the order buffer; 0 if it cannot be read.
     pub pairs: u64,
 }
 
@@ -47,7 +47,7 @@ pub struct Order {
     pub truth: Image,
     /// The pictures of all [`WAYS`] of blending.
     pub ways: Vec<Drawn>,
-    /// The pictures with narrower keys, each with the width in bits.
+    /// The picture for each width of the depth keys, with the width in bits.
     pub keys: Vec<(u32, Drawn)>,
     /// Worked example of two splats.
     pub two: Two,
@@ -58,7 +58,7 @@ pub struct Order {
 /// The listener gets the number of steps done and the name of the next one.
 ///
 /// # Errors
-/// The graph has errors, or the device fails.
+/// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
 pub fn measure<D: Device>(
     session: &mut Session<D>,
     camera: &Camera,

@@ -68,13 +68,13 @@ pub struct Sh {
     pub glossy: Option<Glossy>,
 }
 
-/// Draws the glossiest part with fewer and fewer bands, and measures the errors.
+/// Draws the glossiest part with bands up to each degree, and measures the errors.
 ///
 /// Several cameras serve as the directions; a single one is moved around the part by [`DEGREES`]. The listener gets
 /// the number of steps done and the name of the next one.
 ///
 /// # Errors
-/// The graph has errors, or the device fails.
+/// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
 pub fn measure<D: Device>(
     session: &mut Session<D>,
     cameras: &[Camera],

@@ -109,7 +109,7 @@ fn linear(value: f64) -> f64 {
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Matrix from linear RGB to XYZ (IEC 61966-2-1; each row sums to the white of D65).
+/// Matrix from linear RGB to XYZ (IEC 61966-2-1). The sums of its rows are the white point D65.
 const TO_XYZ: [[f64; 3]; 3] = [
     [0.412_390_8, 0.357_584_3, 0.180_480_8],
     [0.212_639_0, 0.715_168_7, 0.072_192_3],

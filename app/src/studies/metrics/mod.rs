@@ -137,7 +137,7 @@ fn shown<C: Channel>(value: C) -> f64 {
 
 /// Computes PSNR in decibels over the pixels that `wanted` accepts by index, for pictures of one size.
 ///
-/// `None` if these pixels are equal, or if there are none.
+/// `None` if these pixels are equal after clamping to 0..1, or if there are none.
 pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut channels) = (0.0, 0usize);
     for (_, (a, b)) in a.rgb.iter().zip(&b.rgb).enumerate().filter(|(index, _)| wanted(*index)) {
@@ -230,7 +230,7 @@ fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2
     sum
 }
 
-/// Makes a picture of the absolute differences, multiplied by `gain`.
+/// Makes a picture of the absolute differences, multiplied by `gain`. Panics if the sizes differ.
 pub fn difference<C: Channel>(a: &Image<C>, b: &Image<C>, gain: f32) -> Image {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let rgb =

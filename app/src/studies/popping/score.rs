@@ -1,7 +1,7 @@
 //! Scores the step from one frame to the next.
 //!
 //! Let `P` be a renderer's picture, `R` the true one, both with channels clamped to 0..1 as on a display, and `E = P -
-//! R` the error. A prime marks frame `t + 1`, and `|.|` is the mean over the channels of a pixel.
+//! R` the error. A prime marks frame `t + 1`, and `|.|` is the mean absolute value of a pixel's channels.
 //!
 //! - The **pop** of a pixel is `|E' - E| = |(P' - P) - (R' - R)|`: its change relative to the true change. It is 0 for
 //!   a renderer whose error is constant in time, for any error and any camera.

@@ -16,7 +16,7 @@ use splatgraph_reference::{Rules, render};
 /// The measurements of one step of the approach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Closer {
-    /// Distance from the scene's middle, as a share of the first camera's distance.
+    /// Distance from the middle of the first view, as a share of the first camera's distance.
     pub distance: f64,
     /// Width and height of the picture, in pixels.
     pub size: (u32, u32),
@@ -26,7 +26,7 @@ pub struct Closer {
     pub overlap: f64,
     /// Covered pixels times overlap: the number of blended fragments.
     pub fragments: u64,
-    /// The time of a frame.
+    /// The time of a frame; `None` without timestamps.
     pub time: Option<Time>,
 }
 
@@ -103,7 +103,7 @@ pub fn blending(time: &Time) -> Option<f64> {
 
 /// Fits a line to the times of the phase that blends, by least squares.
 ///
-/// `None` with fewer than three different steps.
+/// `None` with fewer than three timed steps, or if their fragments or their times are all equal.
 pub fn fit(steps: &[Closer]) -> Option<Fit> {
     let points: Vec<(f64, f64)> = steps
         .iter()

@@ -86,13 +86,15 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
     Some(all.into_iter().map(|(_, index)| index).collect())
 }
 
-/// Computes the product of a splat's two longest semi-axes: its largest projected area, in square world units over pi.
+/// Computes the product of a splat's two longest semi-axes, in square world units. Times pi, it is the largest
+/// projected area.
 pub fn world_area(scene: &Scene, index: usize) -> f64 {
     let [a, b, c] = scene.scales()[index].map(f64::from);
     (a * b).max(b * c).max(a * c)
 }
 
-/// Computes a splat's area on the screen as if it faced the camera, in square pixels over pi; 0 if it is not visible.
+/// Computes a splat's area on the screen as if it faced the camera, divided by pi, in square pixels; 0 if it is not
+/// visible.
 fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
     if z <= NEAR {

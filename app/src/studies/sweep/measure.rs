@@ -24,7 +24,7 @@ pub struct Step {
     pub visible: Option<u32>,
     /// Number of drawn splats; `None` if the graph does not count them.
     pub drawn: Option<u32>,
-    /// The time of a frame, and its share of the time with all splats.
+    /// The time of a frame, and its share of the time with all splats; `None` without timestamps.
     pub time: Option<Time>,
     /// The error against the true picture of the whole scene.
     pub error: Error,

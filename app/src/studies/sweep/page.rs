@@ -99,7 +99,7 @@ impl Swept {
 
     /// Plots PSNR against the number of splats.
     ///
-    /// The step that draws all splats is left out: its picture differs from the truth only by rounding.
+    /// The step that draws all splats is left out: its error comes from the graph's parameters, not from the budget.
     pub fn quality(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)
@@ -164,7 +164,7 @@ impl Swept {
         }
     }
 
-    /// Lists the plots with their file names. Plots of time are left out without timestamps.
+    /// Lists the plots with their file names and captions. Plots of time are left out without timestamps.
     pub fn plots(&self) -> Vec<(&'static str, Plot, &'static str)> {
         let all = [
             (
@@ -346,7 +346,7 @@ impl Swept {
         Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
     }
 
-    /// Describes the findings: the best choice at a quarter of the splats, and the loss of the naive choice.
+    /// Describes the findings: the best choice at a quarter of the splats, and the PSNR of every choice.
     fn findings(&self) -> Vec<String> {
         let quarter = self.splats / 4;
         let at = |choice: Choice| {

@@ -61,7 +61,7 @@ impl<D: Device> Study<D> {
     /// Reads the graph, and determines what it supports.
     ///
     /// # Errors
-    /// The graph has errors, or the device has no room for another context.
+    /// The subject has no camera, the graph has errors, or the device fails.
     pub fn new(
         subject: &Subject<D>,
         wanted: &Wanted,

@@ -62,7 +62,7 @@ fn note(mark: Mark) -> &'static str {
     }
 }
 
-/// Returns the symbol that marks a setting before its name.
+/// Returns the symbol of a mark: `*` on the Pareto front, `?` possibly on it, otherwise a space.
 pub(super) fn sign(mark: Mark) -> &'static str {
     match mark {
         Mark::Best => "*",
@@ -71,7 +71,9 @@ pub(super) fn sign(mark: Mark) -> &'static str {
     }
 }
 
-/// Explains the marks of a table except for `*`, and states the size of the noise, in sentences.
+/// Explains the marks of a table except for `*`, in sentences.
+///
+/// Also states the size of the noise, and warns if the device was idle for much of the time.
 pub fn notes(lines: &[Line]) -> Vec<String> {
     let names = |mark: Mark| -> Vec<&str> {
         lines.iter().filter(|line| line.mark == mark).map(|line| line.setting.as_str()).collect()
