@@ -82,7 +82,7 @@ impl Api {
     /// Finds an API that can draw pictures by its name. [`Api::Null`] is rejected.
     ///
     /// # Errors
-    /// The name is unknown. The error lists the APIs that draw.
+    /// The name is unknown, or that of [`Api::Null`]. The error lists the APIs that draw.
     pub fn parse_drawing(name: &str) -> Result<Api, String> {
         let draws = |api: &Api| *api != Api::Null;
         Api::find(name).filter(draws).ok_or_else(|| {

@@ -72,7 +72,8 @@ pub struct Fit {
     pub too_large: Vec<(String, u64)>,
     /// A number of splats that fits, if the scene's number does not; slightly more may fit.
     ///
-    /// `None` if the scene fits, or if the graph's buffers do not grow with the number of splats.
+    /// `None` if the scene fits, or if no smaller number was found that fits, for example because the graph's buffers
+    /// do not grow with the number of splats.
     pub most_splats: Option<u64>,
 }
 

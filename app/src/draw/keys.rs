@@ -203,7 +203,7 @@ impl Seen<'_> {
         Seen { scene, cameras, visible }
     }
 
-    /// Projects the splats that are visible under the published rules, and ignores the others.
+    /// Projects the splats that reach the published alpha floor, and ignores the others.
     ///
     /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be below the published floor.
     pub fn shown<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {

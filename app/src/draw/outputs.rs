@@ -132,10 +132,12 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 impl Output {
     /// Writes the values as an array or a float image, or normals and fractions as a picture.
     ///
-    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2.
+    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2. Call [`check_format`] first: this
+    /// function clamps depths to 1 in a PNG.
     ///
     /// # Errors
-    /// [`check_format`] rejects the format, or the file cannot be written.
+    /// The extension is not one of `.npy`, `.exr` and `.png`, the values are integers and the extension is not `.npy`,
+    /// or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         let (format, values) = match (Format::of(path), &self.words) {
             (Some(format @ (Format::Png | Format::Exr)), Words::Float(values)) => (format, values),

@@ -49,7 +49,7 @@ impl<T: Send + 'static> Pictures<T> {
         let (sender, receiver) = channel();
         // After an error, nobody receives the result.
         let work = move || _ = sender.send(work());
-        // If this thread is the pool's only one, the pool runs nothing while this thread draws.
+        // A thread of the pool does the work itself: it may be the only one, and the pool runs nothing while it draws.
         if rayon::current_thread_index().is_some() {
             work();
         } else {

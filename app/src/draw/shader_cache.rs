@@ -16,7 +16,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Environment variable that disables the cache if set to `off`.
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
-/// Maximum total size of the cache, in bytes. The oldest files are deleted to stay below it.
+/// Total size of the cache, in bytes, above which the oldest files are deleted before another file is written.
 const MOST_BYTES: u64 = 64 << 20;
 /// Maximum size of a file to read, in bytes. The shader of the longest allowed text is smaller.
 const MOST_FILE_BYTES: u64 = 16 << 20;
@@ -79,7 +79,7 @@ impl ShaderCache {
         Ok(())
     }
 
-    /// Removes the oldest files until the total size is at most [`MOST_BYTES`].
+    /// If the total size exceeds [`MOST_BYTES`], removes the oldest files until it is at most half of that.
     fn prune(&self) {
         let mut files: Vec<(SystemTime, u64, PathBuf)> = found(&self.folder);
         let mut bytes: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();

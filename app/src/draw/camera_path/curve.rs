@@ -13,14 +13,14 @@
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Camera, Projection};
 
-/// Change below which a component counts as constant: world units, radians, or logarithm of the focal length.
+/// Change below which a component counts as constant, in the unit of [`View::distance`].
 const STILL: f64 = 1e-9;
 /// Maximum slope: a multiple of the straight line's slope, plus a constant.
 ///
 /// Within the multiple, a cubic does not overshoot (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980).
 /// The constant causes an overshoot of 4/27 of itself.
 const STEEPEST: (f64, f64) = (3.0, 1.0);
-/// Maximum relative difference in length between the two halves of an interval of the table.
+/// Maximum relative difference between the halves of an interval of the table, and between its length and its chord.
 const UNEVEN: f64 = 1e-3;
 /// Minimum and maximum number of bisections of a segment. The maximum is reached near a point where the curve stops.
 const BISECTIONS: (u32, u32) = (4, 24);

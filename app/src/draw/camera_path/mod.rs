@@ -6,7 +6,8 @@
 //!
 //! Keys are in the world's coordinates, and a path is saved as a `cameras.json` of its keys. Consecutive equal keys
 //! count as one. The path has the projection that all keys share; between keys with several projections, which a
-//! viewer may record, the cameras are pinholes. Between opposite rotations, the path takes one of the two shortest ways, the same in every run.
+//! viewer may record, the cameras are pinholes. Between opposite rotations, the path takes one of the two shortest
+//! ways, the same in every run.
 
 mod curve;
 #[cfg(test)]

@@ -28,7 +28,7 @@ pub enum ReadAs {
 /// A histogram of values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// Smallest and largest finite value.
+    /// Smallest and largest finite value; zeros if there is none.
     pub range: [f64; 2],
     /// Number of values in each bin. The bins divide the range equally.
     pub counts: Vec<u64>,
@@ -87,9 +87,11 @@ impl Words {
         Histogram { range, counts, not_finite: numbers().count() as u64 - found }
     }
 
-    /// Converts an image of shape `[height, width, channels]` to a picture in colour, or in grey for one channel.
+    /// Converts an image to a picture: in colour for the shape `[height, width, channels]`, in grey for
+    /// `[height, width]`.
     ///
-    /// Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. `None` for other shapes.
+    /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. `None` for
+    /// other shapes, and for a shape that does not match the number of words.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {
         let (height, width, channels) = match *shape {
             [height, width] => (height as usize, width as usize, 1),

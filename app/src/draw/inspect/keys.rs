@@ -109,7 +109,7 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
 
 /// Returns the lowest key bit that a sort reads.
 ///
-/// This is the smallest push constant `shift` among the iterations of the pass.
+/// This is the smallest push constant `shift` among the iterations of the pass; 0 if the pass has none.
 pub(super) fn lowest_bit(plan: &Plan, pass: &Pass) -> u32 {
     let iterations =
         plan.passes.iter().filter(|other| without_index(&other.name) == without_index(&pass.name));

@@ -3,7 +3,7 @@
 //! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
 //! of the ping-pong pair `keys#0`, `keys#1` that the pass writes. `sort.scatter`, or just `scatter`, is the last of
 //! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. If the resource holds depth keys,
-//! the finding reports whether they ascend over the visible splats.
+//! the finding reports whether the keys in use ascend.
 
 mod contents;
 mod keys;
@@ -128,7 +128,7 @@ pub struct Finding {
     /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
-    /// Number of keys that the frame sorted; `None` if unknown.
+    /// Number of compared keys, as in [`KeyOrder::keys`]; `None` like `order`.
     #[serde(skip)]
     pub counted: Option<u64>,
     /// True for an image, false for a buffer.
@@ -160,7 +160,7 @@ impl Finding {
     /// Saves the words as a NumPy array: uint32 for buffers and integer images, float32 for float images.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// The extension is not `.npy`, or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         match &self.words {
             Words::Uint(words) => save_words(path, &self.shape, words),
