@@ -16,7 +16,7 @@ pub(crate) fn exponential(logarithm: f32) -> f32 {
     if logarithm.is_finite() { f64::from(logarithm).exp() as f32 } else { f32::NAN }
 }
 
-/// Computes the natural logarithm, clamped from below to -104, where its exponential rounds to 0 in f32.
+/// Computes the natural logarithm, clamped from below to -104, whose exponential rounds to 0 in f32.
 pub(crate) fn logarithm(scale: f32) -> f32 {
     f64::from(scale).ln().max(-104.0) as f32
 }
@@ -28,7 +28,7 @@ pub(crate) fn sigmoid(logit: f32) -> f32 {
     if logit.is_finite() { (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32 } else { f32::NAN }
 }
 
-/// Computes the inverse of the sigmoid, clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
+/// Computes the inverse of the sigmoid, clamped to -104 and 18, whose sigmoids round to 0 and 1 in f32.
 pub(crate) fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity);
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32

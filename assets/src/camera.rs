@@ -183,14 +183,16 @@ impl Camera {
 
     /// Describes the first reason why the camera is unusable; `None` for a usable camera.
     ///
-    /// A camera is unusable if its numbers are inconsistent, or leave the range of f32, in which renderers compute.
+    /// Checks the image size, the focal lengths, the position and the rotation. Renderers compute in f32, so the
+    /// numbers must also be within limits that keep intermediate results in its range.
     pub fn fault(&self) -> Option<String> {
         /// Maximum deviation of the rotation from orthonormal. Some files have only three decimals.
         const TOLERANCE: f64 = 0.01;
-        /// Minimum focal length, in pixels. The focal length and its inverse, times 2^32 pixels, are within the range
+        /// Minimum focal length, in pixels; its inverse is the maximum. Both, times 2^32 pixels, are within the range
         /// of f32.
         const LEAST: f64 = 1e-20;
-        /// Maximum coordinate, in world units. The squared distance between two such positions is within f32.
+        /// Maximum coordinate, in world units. The squared distance between two such positions is within the range of
+        /// f32.
         const FARTHEST: f64 = 1e18;
         if self.width == 0 || self.height == 0 {
             return Some(format!("the image is {} x {} pixels", self.width, self.height));

@@ -9,7 +9,7 @@ use crate::similarity::Similarity;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Spreads the lowest 21 bits of a number, two zeros between each.
+/// Spreads the lowest 21 bits of a number, with two zero bits between neighbours.
 fn spread(value: u32) -> u64 {
     (0..21).fold(0u64, |code, bit| code | (u64::from(value) >> bit & 1) << (3 * bit))
 }
@@ -28,7 +28,7 @@ impl Scene {
 
     /// Copies splats like [`Scene::picked`], and changes each with `change`.
     ///
-    /// `change` gets each splat with its index in this scene, and must keep its position.
+    /// `change` gets each splat with its index in this scene. It must not change the position.
     ///
     /// # Errors
     /// The copy does not fit in memory.
@@ -67,7 +67,7 @@ impl Scene {
         order.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// Transforms the scene in the world, its mesh included. Harmonics rotate with it.
+    /// Transforms the scene in world coordinates: splats with their harmonics, mesh, light and up direction.
     ///
     /// # Errors
     /// The copy does not fit in memory.
@@ -93,9 +93,9 @@ impl Scene {
         Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh))
     }
 
-    /// Joins scenes, one after the other, and their meshes.
+    /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped.
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is that of the first mesh.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are 2^32 splats or more.

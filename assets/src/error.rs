@@ -13,7 +13,7 @@ pub struct LoadError {
     pub problem: SceneError,
 }
 
-/// A problem with the bytes of a scene. Lines are counted from 1, over the whole file.
+/// The reason why a scene cannot be loaded. Line numbers are counted from 1, over the whole file.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The system refused to open or read the file, or it is not a regular file.
@@ -65,10 +65,10 @@ pub enum SceneError {
         message: String,
     },
 
-    /// A file of an archive is missing or damaged, or has an invalid value.
+    /// A named part of the scene is missing or damaged, or has an invalid value.
     #[error("`{part}`: {message}")]
     Part {
-        /// Name of the file in the archive, and of the value if one is wrong.
+        /// Name of the part: a file of the scene, a value in its JSON, or an object such as `accessor 0` or a USD path.
         part: String,
         /// Expected and found values, as a sentence.
         message: String,
@@ -171,7 +171,7 @@ pub enum SceneError {
         line: u32,
     },
 
-    /// An element declares more rows than fit in the bytes after the header.
+    /// An element declares more rows than there are bytes after the header.
     #[error(
         "the header is damaged: `element {element}` (line {line}) declares {promised} rows, but only {available} bytes \
          follow the header"
@@ -284,7 +284,7 @@ fn found_elements(found: &[String]) -> String {
     if found.is_empty() { String::new() } else { format!("; it has {}", found.join(", ")) }
 }
 
-/// Finds the candidate nearest to `name`, at an edit distance of at most a third of `name`'s length, or 1.
+/// Finds the candidate nearest to `name`; `None` if all edit distances exceed a third of `name`'s length (at least 1).
 pub(crate) fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     candidates
         .into_iter()

@@ -3,16 +3,16 @@
 //! A splat's colour in direction `d` (unit, from the camera to the splat) is `max(0, 0.5 + sum_k c_k Y_k(d))` per
 //! channel. Coefficient 0 is band 0, 1 to 3 band 1, 4 to 8 band 2, 9 to 15 band 3.
 //!
-//! A *lobe*, a function that is symmetric about an axis, is a polynomial in the cosine to that axis. The addition
-//! theorem of spherical harmonics converts its Legendre coefficients to the sixteen coefficients above (see [`Zonal`]).
+//! A *lobe* is a function that is symmetric about an axis: here a cubic in the cosine of the angle to the axis. The
+//! addition theorem of spherical harmonics converts its Legendre coefficients to the sixteen above (see [`Zonal`]).
 
 use glam::{DQuat, DVec3};
 use std::f64::consts::{PI, TAU};
 
 /// Evaluates the sixteen basis functions of degree 3 at a unit direction.
 ///
-/// Source of the constants: the orthonormal real harmonics, sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!) with sqrt(2) for m != 0;
-/// the signs of odd m are negative, as in the reference.
+/// Source of the constants: the orthonormal real harmonics, sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!), times sqrt(2) for
+/// m != 0. The signs of odd m are negative, as in the reference.
 pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     let c0 = (1.0 / (4.0 * PI)).sqrt();
     let c1 = (3.0 / (4.0 * PI)).sqrt();

@@ -138,7 +138,7 @@ impl Header {
                 ));
             }
             let stride = self.plain() + (sh_floats(degree) - 3) * HARMONIC[self.level];
-            // The uncompressed level has no buckets, and both numbers are 0.
+            // At level 0 there are no buckets, and both lengths are 0.
             let lengths = partial * 4;
             let centers = bucket_count * u64::from(half_word(&head, 20));
             let left = source.length() - at;
@@ -256,7 +256,7 @@ impl Section {
             );
             return Err(field(header_at + 32, "fullBucketCount", text));
         }
-        // No longer than the file, which the section's length was checked against.
+        // The section was checked to lie within the file, so this allocates at most the file's length.
         let mut data = Vec::new();
         grow(&mut data, 4 * partial + 12 * buckets)?;
         source.read(at, &mut data)?;

@@ -1,8 +1,8 @@
 //! Determines how much memory this process can still allocate. Scenes that cannot fit are refused before they are read.
 //!
-//! On Linux, three limits apply at once: the memory that the system can provide without evicting pages in use, the
-//! limit of the control group (a container's), and the process's address-space limit (`ulimit -v`). On other systems
-//! the available memory is unknown, and a failed allocation is reported instead.
+//! On Linux, three limits apply at once: the system's available memory and free swap, the limit of the control group (a
+//! container's), and the process's address-space limit (`ulimit -v`). On other systems the available memory is unknown,
+//! and a failed allocation is reported instead.
 
 use std::alloc::Layout;
 use std::path::Path;
@@ -76,7 +76,7 @@ fn under(root: &Path) -> Option<u64> {
     [system, address, group].into_iter().flatten().min()
 }
 
-/// Computes the memory that the system can provide, including swap.
+/// Computes the memory that the system can provide: the available memory and the free swap.
 fn of_system(meminfo: &str) -> Option<u64> {
     let field = |name: &str| {
         let line = meminfo.lines().find_map(|line| line.strip_prefix(name))?;
@@ -118,7 +118,7 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
             let text = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
             let number = |name: &str| text(name)?.trim().parse::<u64>().ok();
             let (Some(limit), Some(used)) = (number(limit), number(used)) else { continue };
-            // The group's page cache counts as used, but can be evicted.
+            // The group's inactive page cache counts as used, but can be evicted.
             let cache = text("memory.stat").and_then(|stat| {
                 let line = stat.lines().find_map(|line| line.strip_prefix(cached)?.strip_prefix(' '));
                 line?.trim().parse::<u64>().ok()

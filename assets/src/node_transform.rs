@@ -6,7 +6,7 @@ use crate::similarity::Similarity;
 use crate::spz;
 use glam::{DQuat, DVec3};
 
-/// Largest coordinate of a node's origin, in world units. Beyond it, positions are stored relative to the origin.
+/// Largest absolute coordinate of a node's origin, in world units. Beyond it, positions are relative to that origin.
 const FAR: f64 = 4096.0;
 
 /// A transform from the space of a node to a scene's. In the node's world, x points left, y up and z to the front.

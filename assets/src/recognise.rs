@@ -104,7 +104,7 @@ impl SceneFormat {
         }
     }
 
-    /// Finds the format by the longest matching extension of `path`, ignoring case.
+    /// Finds the format by the longest matching extension of `path`, ignoring case; `None` if none matches.
     pub fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let ends = |format: &Self| name.ends_with(&format!(".{}", format.extension()));
@@ -170,7 +170,7 @@ impl SceneFormat {
 /// [`SceneFormat::Ply`] here: the header distinguishes them.
 ///
 /// # Errors
-/// The file is empty or not a scene; `path`, if given, helps to describe it.
+/// The file is empty or not a scene. The extension of `path`, if given, identifies `.gltf`, `.ksplat` and `.splat`.
 pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<SceneFormat, SceneError> {
     if head.is_empty() {
         return Err(SceneError::Empty);

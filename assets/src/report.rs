@@ -29,9 +29,9 @@ pub struct Report {
     pub dropped: Dropped,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// Highest band that is not zero in every splat.
+    /// Highest band with a coefficient other than 0 in any splat.
     pub effective_sh_degree: u32,
-    /// Highest band that is not zero in every splat with an opacity of at least the alpha floor.
+    /// Highest band with a coefficient other than 0 in any splat whose opacity is at least the alpha floor, 1/255.
     pub shown_sh_degree: u32,
     /// Lengths of the quaternions before normalisation.
     pub quaternions: QuaternionNorms,
@@ -50,9 +50,9 @@ pub struct Report {
 /// Opacities near their limits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct OpacityReport {
-    /// Number of opacities below 1/255, which the reference rasteriser never draws.
+    /// Number of splats with an opacity below 1/255; the reference rasteriser never draws them.
     pub below_floor: u64,
-    /// Number of opacities above 0.99, where alpha is capped.
+    /// Number of splats with an opacity above 0.99, the maximum of alpha.
     pub above_cap: u64,
 }
 
@@ -352,7 +352,7 @@ mod tests {
         });
         let report = Report::new(&scene, &[]);
         assert_eq!(report.color.largest_sh, 2e5);
-        // The root of 3 / (4 pi), times the coefficient, plus 0.5.
+        // The root of 3 / (4 pi), times the absolute value of the coefficient, plus 0.5.
         assert!((report.color.brightest - 97_721.0).abs() < 0.1, "{:?}", report.color);
         let text = report.to_string();
         let told = text

@@ -5,7 +5,7 @@ use glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
 /// Maximum deviation from the identity of `R * transpose(R)`, where `R` is the matrix divided by its scale.
 const TOLERANCE: f64 = 1e-4;
 
-/// Maximum coordinate of a translation in a file, in world units.
+/// Maximum absolute coordinate of a translation in a file, in world units.
 const FARTHEST: f64 = 1e18;
 
 /// A rotation, a uniform scale and a translation of the world: maps `p` to `scale * rotation * p + translation`.
@@ -23,7 +23,7 @@ impl Similarity {
     /// The similarity that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
-    /// Decomposes a matrix; fails with a message if it is not a rotation with a uniform scale and a translation.
+    /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range.
     pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, &'static str> {
         const SKEWED: &str =
             "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";

@@ -1,4 +1,4 @@
-//! Accounts for every byte of a scene file: header, fields and separators, which sum to the file's size.
+//! Accounts for every byte of a scene file: header, fields, separators and trailing bytes sum to the file's size.
 //!
 //! For example, it shows that 45 of the 62 floats of a splat of degree 3 are its view-dependent colour.
 
@@ -42,11 +42,11 @@ pub struct FieldSize {
     pub name: String,
     /// Type of the field: a scalar type, or `row`, `array` or `file` for data without columns.
     pub kind: String,
-    /// Bytes in each row; `None` if rows vary.
+    /// Bytes in each row; `None` if rows vary or are compressed together.
     pub bytes_per_row: Option<u64>,
     /// Bytes in all rows.
     pub bytes: u64,
-    /// True if the field becomes part of a splat.
+    /// True if the reader uses the field.
     pub used: bool,
 }
 

@@ -39,7 +39,7 @@ pub(crate) fn hash<T: bytemuck::Pod + Sync>(values: &[T]) -> u64 {
     chunks.into_iter().fold(words.len() as u64, mix)
 }
 
-/// Hashes a chunk in four independent lanes, so that no step depends on the previous one.
+/// Hashes a chunk in four independent lanes, whose multiplications can overlap.
 fn hash_chunk(words: &[u32]) -> u64 {
     let pair = |words: &[u32]| u64::from(words[0]) | u64::from(words[1]) << 32;
     let mut lanes = [0, 1, 2, 3];
@@ -56,7 +56,7 @@ fn hash_chunk(words: &[u32]) -> u64 {
 
 /// Mixes a word into a hash: a multiplication by an odd constant between two exclusive ors.
 ///
-/// Each step is invertible, so two different words lead to different states.
+/// The step is invertible in `word`, so different words lead from one state to different states.
 pub(crate) fn mix(state: u64, word: u64) -> u64 {
     let x = (state ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x ^ x >> 29

@@ -24,7 +24,7 @@ fn captures(test: &str) -> Option<PathBuf> {
     folder
 }
 
-/// Creates the command in an environment variable, split at blanks, or the command `program` without it.
+/// Creates the command in an environment variable, split at blanks, or `program` if the variable is not set.
 fn command(variable: &str, program: &str) -> Command {
     let line = std::env::var(variable).unwrap_or_else(|_| program.to_owned());
     let mut words = line.split_ascii_whitespace();

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 #[cfg(test)]
 mod tests;
 
-/// Recognises the format of the bytes. `path` is used to describe a file that is not a scene.
+/// Recognises the format of the bytes. The extension of `path` identifies formats without a magic number.
 fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneError> {
     recognise::format(path, &source.head(HEAD)?, source.length())
 }
@@ -99,7 +99,7 @@ fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     composition::parse(&text, path.parent().unwrap_or(Path::new("")))
 }
 
-/// Returns true for a glTF file without Gaussian splats: its JSON does not name their extension.
+/// Returns true for a glTF file whose JSON does not name the extension of Gaussian splats.
 fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     /// Maximum number of bytes that are searched.
     const MOST: u64 = 1 << 26;
@@ -130,7 +130,9 @@ fn nested(path: &Path) -> LoadError {
 }
 
 impl SceneHeader {
-    /// Reads only the header of a scene file; for a composition, the sum of its scenes' headers.
+    /// Reads only the header of a scene file.
+    ///
+    /// For a composition, sums the splats of its scenes, and returns their highest degree; meshes count as 0 splats.
     ///
     /// # Errors
     /// The errors of [`Scene::load`] that the header and the file's length reveal.
@@ -192,8 +194,8 @@ impl Scene {
     /// The format is recognised by the file's bytes. A streamed SOG is loaded at its finest level.
     ///
     /// # Errors
-    /// The file cannot be read, is not a scene, is damaged, does not fit in memory, or was modified during the read.
-    /// See [`SceneError`].
+    /// The file cannot be read, is a mesh or not a scene, is damaged, does not fit in memory, or was modified during
+    /// the read; or `progress` cancelled. See [`SceneError`].
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
         Self::load_level(path, None, progress)
     }
@@ -241,7 +243,8 @@ impl Scene {
         })
     }
 
-    /// Loads scenes, transforms each, and joins them.
+    /// Loads the parts of a composition: transforms and joins the scenes, and adds the meshes. Needs at least one
+    /// scene.
     fn load_placed(parts: &[Placed], level: Option<u32>, progress: Progress) -> Result<Self, LoadError> {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
@@ -281,7 +284,7 @@ impl Scene {
         Ok(meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)))
     }
 
-    /// Parses a scene from the bytes of a file.
+    /// Parses a scene from the bytes of a single file. Compositions, meshes and scenes of several files are refused.
     ///
     /// # Errors
     /// The errors of [`Scene::load`].
@@ -292,7 +295,7 @@ impl Scene {
     /// Writes the scene as SPZ of a given version; [`Scene::write`] uses the newest.
     ///
     /// # Errors
-    /// The writer fails, or a coordinate exceeds 8,388,607.
+    /// The writer fails, or the absolute value of a coordinate exceeds 8,388,607.
     pub fn write_spz(&self, version: SpzVersion, out: &mut impl Write) -> std::io::Result<()> {
         spz::write(self, version, out)
     }
@@ -303,7 +306,8 @@ impl Scene {
     /// describes how. Only [`SceneFormat::Sog`] calls `progress`, with the palette's entries found so far and in total.
     ///
     /// # Errors
-    /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), or the format is not in
+    /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), the format cannot store
+    /// the scene (SOG without splats, or SPZ with a coordinate beyond 8,388,607, for instance), or the format is not in
     /// [`SceneFormat::WRITTEN`].
     pub fn write(
         &self,

@@ -48,7 +48,7 @@ fn steps(format: SceneFormat) -> Steps {
         SceneFormat::Gltf => {
             Steps { position: 0.0, scale: 0.0, rotation: 1e-6, opacity: 0.0, dc: 0.0, rest: Some(0.0) }
         }
-        // Half a step of 10 bits: of 20 units for positions, of a range of 4 for the logarithms of scales.
+        // Half a step of 10 bits, over a range of 20 units for positions, and of 4 for the logarithms of scales.
         SceneFormat::CompressedPly => Steps {
             position: 0.5 * 20.0 / 1023.0,
             scale: 0.5 * 4.0 / 1023.0 + 1e-5,

@@ -4,7 +4,7 @@ use crate::similarity::Similarity;
 use crate::words::{AttributeInfo, hash, mix, write_words};
 use glam::DVec3;
 
-/// Names of a mesh's attributes, for the imports of graphs.
+/// Names of a mesh's attributes, by which graphs import them.
 pub const MESH_ATTRIBUTES: [&str; 8] = [
     "mesh.position",
     "mesh.normal",

@@ -2,8 +2,8 @@
 //!
 //! The crate `gltf` parses and validates the JSON. Bytes of buffers are read here, and every range is checked against
 //! its buffer. Each node of the default scene is visited once, and its transform is applied to its mesh. Of the lights
-//! (`KHR_lights_punctual`), only the first directional one is read: its direction and colour. Skins, morph targets,
-//! animations and cameras are ignored.
+//! (`KHR_lights_punctual`), only the directional one visited first is read: its direction and colour. Skins, morph
+//! targets, animations and cameras are ignored.
 
 use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MOST_TEXELS};
@@ -19,7 +19,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Component, Path};
 
-/// Maximum size of a mesh's file, and of a buffer or an image beside it, in bytes.
+/// Maximum size of a buffer or an image in its own file, in bytes.
 const MOST_BYTES: u64 = 1 << 30;
 
 /// Maximum number of triangles, and of vertices, over all nodes.
@@ -43,8 +43,9 @@ impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0, need an extension, or contain primitives other than triangles; the text names the
-    /// accessor, node or image.
+    /// The bytes are not glTF 2.0 or are damaged, require an extension, have primitives other than triangles, or have
+    /// no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text names the accessor, node or
+    /// image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;

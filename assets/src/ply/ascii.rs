@@ -1,4 +1,4 @@
-//! Parses the rows of ASCII PLY files: one row per line, values separated by blanks.
+//! Parses the rows of ASCII PLY files: one row per line, values separated by white space.
 
 use super::header::{Element, PropertyType};
 use super::layout::Layout;
@@ -24,7 +24,7 @@ pub(crate) struct Place {
 /// A line that is not blank.
 #[derive(Clone, Copy)]
 pub(crate) struct Line<'a> {
-    /// The bytes before the line feed.
+    /// The bytes before the line feed. A carriage return is white space between words.
     pub text: &'a [u8],
     /// Line number, counted from 1 over the file.
     pub number: u64,
@@ -50,7 +50,7 @@ impl<'a> Lines<'a> {
         self.place
     }
 
-    /// Returns the next line that is not blank. Line ends are `\n` or `\r\n`.
+    /// Returns the next line that is not blank; `None` at the end of the file.
     ///
     /// # Errors
     /// The file cannot be read, or the line is longer than [`LONGEST_LINE`].
@@ -63,8 +63,8 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Finds the next line. Returns its range in the buffer without the line feed, and true if the file ended before a
-    /// line feed.
+    /// Finds the next line; `None` at the end of the file. Returns its range in the buffer without the line feed, and
+    /// true if the file ended before a line feed.
     fn next_line(&mut self) -> Result<Option<(Range<usize>, bool)>, SceneError> {
         let mut searched = 0;
         loop {
@@ -107,7 +107,7 @@ impl<'a> Lines<'a> {
         Ok(())
     }
 }
-/// Splits a line into its values, at blanks.
+/// Splits a line into its values, at white space.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
@@ -179,7 +179,7 @@ pub(crate) fn row(
 /// Skips an element and returns the bytes of each property's words.
 ///
 /// # Errors
-/// A row does not match its properties, or the file ends before the last row.
+/// The file cannot be read or ends before the last row, or a row does not match its properties.
 pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, SceneError> {
     let mut sizes = vec![0; element.properties.len()];
     for row in 0..element.count {

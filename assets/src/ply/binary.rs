@@ -63,7 +63,7 @@ fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
 
 /// Sums the bytes of each property over all rows of an element, from offset `start` on.
 ///
-/// The inner `Err` reports a truncated file, with its number of whole rows.
+/// The inner `Err` has the number of whole rows, if the file ends inside a row or a list's length is negative.
 ///
 /// # Errors
 /// The file cannot be read.

@@ -69,7 +69,7 @@ impl Scalar {
         }
     }
 
-    /// Returns the number of bytes in a binary file.
+    /// Returns the size of a value in a binary file, in bytes.
     pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -132,8 +132,8 @@ impl Element {
         }
     }
 
-    /// Computes the size breakdown of the element. `sizes` has the bytes of each property in all rows; `bytes` includes
-    /// separators.
+    /// Computes the size breakdown of the element. `sizes` has the bytes of each property, summed over all rows;
+    /// `bytes` is the total with separators.
     pub(crate) fn size(&self, sizes: &[u64], bytes: u64, used: impl Fn(usize) -> bool) -> ElementSize {
         let columns = self.properties.iter().zip(sizes).enumerate();
         let field = |(column, (property, bytes)): (usize, (&Property, &u64))| {

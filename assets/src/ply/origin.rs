@@ -19,27 +19,27 @@ const SAMPLES: u64 = 1000;
 pub(super) struct Sample {
     /// Sampling stride, in rows.
     pub every: u64,
-    /// For each axis, true if the file's numbers are wider than f32.
+    /// For each axis, true if the file's type has more precision than f32.
     pub wide: [bool; 3],
     values: [Vec<f64>; 3],
 }
 
 impl Sample {
-    /// Starts a sample of `count` rows; `None` if no coordinate of the file has a type wider than f32.
+    /// Starts a sample of `count` rows; `None` if no coordinate of the file has more precision than f32.
     pub(super) fn of(layout: &Layout, count: u64) -> Option<Self> {
         let wide = layout.wide();
         let every = count.div_ceil(SAMPLES).max(1);
         wide.contains(&true).then(|| Self { every, wide, values: Default::default() })
     }
 
-    /// Adds a coordinate, unless it is not finite.
+    /// Adds a coordinate. Ignores values that are not finite, and axes that are not `wide`.
     pub(super) fn add(&mut self, axis: usize, value: f64) {
         if self.wide[axis] && value.is_finite() {
             self.values[axis].push(value);
         }
     }
 
-    /// Returns the origin: on each axis, the median rounded to a multiple of [`STEP`].
+    /// Returns the origin: on each axis, the median rounded to a multiple of [`STEP`]; 0 without coordinates.
     pub(super) fn origin(self) -> [f64; 3] {
         self.values.map(|mut values| {
             if values.is_empty() {

@@ -57,10 +57,10 @@ fn harmonic(value: f32) -> u8 {
     ((f64::from(value) / 8.0 + 0.5) * 256.0).trunc().clamp(0.0, 255.0) as u8
 }
 
-/// Writes a scene.
+/// Writes a scene as compressed PLY.
 ///
 /// # Errors
-/// The writer fails.
+/// The writer fails, or the packed splats do not fit in memory.
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let degree = scene.stored_degree();
     out.write_all(header(scene.count() as usize, degree, scene.notes()).as_bytes())?;

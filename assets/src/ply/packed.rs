@@ -65,7 +65,7 @@ pub(super) struct Packed {
 type Bounds = [f32; 18];
 
 impl Packed {
-    /// Finds the properties in the header of a file.
+    /// Finds the properties in the header of a file, and checks the encoding and the numbers of rows.
     pub(super) fn find(header: &Header) -> Result<Self, SceneError> {
         let vertex = header.vertex()?;
         let fail = |element: &Element, message: String| SceneError::Header { line: element.line, message };
@@ -228,7 +228,7 @@ fn used(element: &str, property: &Property) -> bool {
     }
 }
 
-/// Returns the offset of a property in a binary row. Fails if it is missing, or not of the type `scalar`.
+/// Returns the offset of a property in a binary row. Fails if it is missing, has another type or follows a list.
 fn offset(element: &Element, name: &str, scalar: Scalar) -> Result<usize, SceneError> {
     let mut offset = 0;
     for property in &element.properties {

@@ -41,7 +41,7 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
         return Err(SceneError::NoSplats { line: vertex.line });
     }
     let available = source.length() - header.bytes as u64;
-    // A row has at least one byte. A larger count is reported as a damaged header, even if the file is truncated.
+    // A row has at least one byte. A count above `available` is reported as damage, although the file may be truncated.
     if let Some(absurd) = header.elements.iter().find(|e| e.count > available && !e.properties.is_empty()) {
         return Err(SceneError::AbsurdCount {
             element: absurd.name.clone(),

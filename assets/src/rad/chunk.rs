@@ -32,7 +32,7 @@ pub(super) struct Chunks {
     pub degree: u32,
     /// Bytes of the file and its `.radc` files.
     pub file_bytes: u64,
-    /// Bytes after the last chunk.
+    /// Bytes after the last chunk of each file, summed over the files.
     pub trailing_bytes: u64,
 }
 
@@ -47,7 +47,7 @@ pub(super) struct Arrays {
     /// Bands of the palette. Only those of the first chunk are used.
     pub palette: [Option<Column>; 3],
     pub label: Option<Column>,
-    /// Rows without children; `None` if the file has no tree.
+    /// Rows without children; `None` if the chunk has no `child_count`.
     pub leaves: Option<Vec<u32>>,
 }
 
@@ -138,7 +138,7 @@ impl Chunks {
         Ok(Self { count: first, chunks, degree, file_bytes, trailing_bytes })
     }
 
-    /// Returns the packed bytes of each property, in the order of [`Name`].
+    /// Returns the packed bytes of each property, summed over the chunks, in the order of [`Name`].
     pub(super) fn sizes(&self) -> BTreeMap<Name, u64> {
         let mut sizes = BTreeMap::new();
         for property in self.chunks.iter().flat_map(|chunk| &chunk.properties) {
@@ -269,7 +269,7 @@ impl Chunk {
             left = left.saturating_sub(column.bytes());
             columns.insert(property.name, column);
         }
-        // A palette of unknown size is usually smaller than its limit.
+        // Completes the progress: a palette of unknown size is usually smaller than its limit.
         done.add(left)?;
         let mut required = |name: Name| columns.remove(&name).ok_or(SceneError::Changed);
         let [center, alpha, rgb, scales, orientation] = REQUIRED.map(&mut required);
@@ -292,7 +292,7 @@ impl Chunk {
 }
 
 impl Arrays {
-    /// Returns the number of splats that are read.
+    /// Returns the number of splats that are read: the leaves, or all rows without a tree.
     pub(super) fn kept(&self) -> usize {
         self.leaves.as_ref().map_or(self.center.rows, Vec::len)
     }

@@ -82,7 +82,7 @@ impl Column {
         }
     }
 
-    /// Returns the little-endian bytes of a component, the lowest first.
+    /// Returns the bytes of a component, in little-endian order.
     fn word<const N: usize>(&self, row: usize, component: usize) -> [u8; N] {
         let index = component * self.rows + row;
         std::array::from_fn(|byte| match self.encoding {

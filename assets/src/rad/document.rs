@@ -172,7 +172,7 @@ impl Encoding {
         }
     }
 
-    /// Returns true if the values depend on the property's `min`, and on its `max`.
+    /// Returns two flags: whether the values depend on the property's `min`, and whether they depend on its `max`.
     pub(super) fn bounds(self) -> (bool, bool) {
         match self {
             Self::R8 | Self::R8Delta | Self::Ln0R8 => (true, true),
@@ -212,7 +212,7 @@ fn text<T: DeserializeOwned>(
 }
 
 impl Document {
-    /// Reads the description of a file, and the offset of its chunks. A `.radc` file has a description of one chunk.
+    /// Reads the description of a file. Also returns the offset of its chunks; a `.radc` file is a file of one chunk.
     pub(super) fn read(source: &Source) -> Result<(Self, u64), SceneError> {
         let length = source.length();
         if source.head(4)? == CHUNK_MAGIC {

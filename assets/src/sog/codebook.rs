@@ -23,7 +23,8 @@ pub(super) struct Codebook {
 impl Codebook {
     /// Chooses the codes for a nonempty list of finite numbers.
     ///
-    /// Each number has a weight above 0, a factor on its squared error. At most 256 distinct numbers have exact codes.
+    /// Each number has a weight above 0, a factor on its squared error. If there are at most 256 distinct numbers,
+    /// every code is exact.
     pub(super) fn of(numbers: Vec<(f32, f32)>) -> Self {
         let sorted = Sorted::new(numbers);
         let mut codes: Vec<f32> = sorted.intervals(CODES).iter().map(|of| sorted.mean(of) as f32).collect();
@@ -123,7 +124,7 @@ impl Sorted {
         intervals.into_iter().map(|(_, interval)| interval).collect()
     }
 
-    /// Splits an interval at the midpoint between the means of its halves. Its numbers are not all equal.
+    /// Splits an interval at the midpoint between the means of its halves. Its numbers must not all be equal.
     fn halves(&self, interval: Range<usize>) -> [Range<usize>; 2] {
         let numbers = &self.numbers[interval.clone()];
         let halves = |border: f64| {

@@ -241,7 +241,7 @@ impl Meta {
     }
 }
 
-/// Returns the error for text that is not valid JSON, or not that of the document `name`.
+/// Returns the error for text that is not valid JSON, or lacks the structure of the document `name`.
 pub(super) fn malformed(name: &str, error: &serde_json::Error) -> SceneError {
     SceneError::Row { line: error.line() as u64, message: format!("{name}: {error}") }
 }

@@ -79,7 +79,7 @@ impl Points<'_> {
         Group { of, mean, widest, error: variances.iter().sum::<f64>().max(f64::MIN_POSITIVE) }
     }
 
-    /// Splits a group at the plane halfway between the means of its halves. Its points are not all equal.
+    /// Splits a group at the plane halfway between the means of its halves. Its points must not all be equal.
     fn halves<'a>(&self, group: Group<'a>) -> [Group<'a>; 2] {
         let Group { of, mean, widest, .. } = group;
         let mut middle = partition(of, |number| self.point(number)[widest] > mean[widest]);
@@ -112,7 +112,7 @@ fn partition(of: &mut [u32], beyond: impl Fn(u32) -> bool + Sync) -> usize {
     middle
 }
 
-/// Chooses at most `count` entries for at least one point, of `width` numbers each.
+/// Chooses at most `count` entries for points of `width` numbers each. There must be at least one point.
 ///
 /// `tell` gets the number of entries found so far. An error from `tell` ends the search.
 pub(super) fn palette(

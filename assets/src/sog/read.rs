@@ -18,7 +18,7 @@ const TEXEL: usize = 4;
 /// Palette entries per row of its texture.
 const ENTRIES_PER_ROW: u32 = 64;
 
-/// Maximum splats per byte of a file: a splat has 20 bytes of texels, compressed at most 1032-fold, Deflate's limit.
+/// Maximum splats per byte of a file: 20 bytes of texels per splat, at an assumed maximum compression of 1032 to 1.
 const MOST_PER_BYTE: u64 = 1032 / 20;
 
 fn meta(files: &mut Container) -> Result<Meta, SceneError> {

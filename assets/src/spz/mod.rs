@@ -22,8 +22,8 @@
 //! | `sh` | 3 per coefficient | `(u - 128) / 128`, coefficient by coefficient, red, green and blue of each |
 //!
 //! Before version 3, rotations have 3 bytes: x, y and z. Axes point right, up and back unless the extension
-//! [`layout::COORDINATE_SYSTEM`] names others. A scene's axes point right, down and to the front, so y, z and the odd
-//! harmonics change sign. Format: <https://github.com/nianticlabs/spz>.
+//! [`layout::COORDINATE_SYSTEM`] names others. A scene's axes point right, down and to the front, so y, z and some
+//! harmonics change sign ([`frame`]). Format: <https://github.com/nianticlabs/spz>.
 
 mod frame;
 mod gzip;

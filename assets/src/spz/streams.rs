@@ -48,7 +48,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     check_memory(&header, input)?;
     let count = u64::from(header.count);
     let done = Done::new(2 * count * header.stride(), input.progress)?;
-    // No longer than the file.
+    // `header` checked that the records lie within the file, so this allocates at most the file's length.
     let mut records = vec![0; (table_at - LONG_HEADER as u64) as usize];
     source.read(LONG_HEADER as u64, &mut records)?;
 

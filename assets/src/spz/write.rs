@@ -20,7 +20,7 @@ const LEVEL: i32 = 12;
 /// Writes a scene.
 ///
 /// # Errors
-/// The writer fails, or a coordinate exceeds 8,388,607, the format's maximum.
+/// The writer fails, or the absolute value of a coordinate exceeds 8,388,607, the format's maximum.
 pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
     let bits = fractional_bits(scene)?;
     let flags = if scene.notes().is_antialiased() { ANTIALIASED } else { 0 };
@@ -64,7 +64,7 @@ pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) ->
     Ok(())
 }
 
-/// Calls `array` for each array of a file, in order, with its bytes per splat and its writer.
+/// Calls `array` for each array of a file, in order, with its bytes per splat and a function that writes it.
 fn arrays(
     scene: &Scene,
     bits: u32,

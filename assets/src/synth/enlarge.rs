@@ -1,7 +1,8 @@
 //! Enlarges a scene, for measurements at sizes beyond any capture.
 //!
-//! Copies lie inside their original splats, distributed like their Gaussians, and all splats shrink so that the covered
-//! area is preserved. The image and the number of splats per pixel then behave as in a finer capture of the scene.
+//! Copies lie inside their original splats, spread with the same standard deviations, and all splats shrink so that the
+//! covered area is preserved. The image and the number of splats per pixel then behave as in a finer capture of the
+//! scene.
 
 use super::random::splitmix64;
 use crate::memory::SceneMemoryError;
@@ -12,7 +13,7 @@ use crate::scene::Scene;
 /// Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place. A further copy moves by `R (s * u)`, with
 /// the splat's rotation R and its scales s. Each component of u is uniform in -sqrt(3) to sqrt(3), which has deviation
 /// 1, from the top 24 bits of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below
-/// the count takes the first `n` splats.
+/// the count takes the first `n` splats. The mesh and the tags are not copied.
 ///
 /// # Errors
 /// The new scene does not fit in memory.

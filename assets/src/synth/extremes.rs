@@ -181,7 +181,7 @@ pub(super) fn coincident(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates splats at the near plane, one float in front of it and behind it, behind the camera, and around it.
+/// Generates splats at the near plane, one float before and behind it, up to twice as far, and around the camera.
 pub(super) fn near_plane(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -202,7 +202,7 @@ pub(super) fn near_plane(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates opacities of 0 and 1, and of the logits -40 and 40.
+/// Generates opacities of 0, 0.5 and 1, and of the logits -40 and 40.
 pub(super) fn logits(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let mut splat = cloud(&mut Random::new(seed, i as u64), count);
@@ -267,7 +267,7 @@ pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.0045)
 }
 
-/// Generates black layers across the view that hide everything behind them.
+/// Generates faint black layers across the view, which together hide everything behind them.
 pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let opacity = 0.0045 * Random::new(seed, i as u64).range(0.99, 1.01);
@@ -338,10 +338,10 @@ pub(super) fn crossing_camera() -> Camera {
     Camera { img_name: "across".into(), ..Camera::looking_at(position, [0.0; 3], 60.0, (960, 540)) }
 }
 
-/// Centre of [`remote`], in world units.
+/// Origin of the cloud of [`remote`], in world units. [`remote_camera`] is near it.
 const REMOTE: [f64; 3] = [1e4, -1e4, 1e4];
 
-/// Generates a cloud with details of a hundredth of a unit, ten thousand units from the origin, in floats.
+/// Generates a cloud with details of a hundredth of a unit, ten thousand units from the origin, in f32.
 pub(super) fn remote(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let mut splat = small_cloud(&mut Random::new(seed, i as u64), count);
@@ -350,7 +350,7 @@ pub(super) fn remote(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Makes a camera at the centre of [`remote`], moved so that f32 cannot represent its position exactly.
+/// Makes a camera in front of the cloud of [`remote`], at a position that f32 cannot represent exactly.
 pub(super) fn remote_camera() -> Camera {
     Camera { img_name: "remote".into(), ..camera().relative_to(REMOTE.map(|v| -v - 0.012_345_678_9)) }
 }
@@ -377,7 +377,7 @@ pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
     Ok(scene)
 }
 
-/// Centre of the smaller cloud of [`two_clouds`], in world units.
+/// Position of [`two_clouds_camera`], in world units.
 const TWO_CLOUDS: [f64; 3] = [-5_000_000.123_456_789, 0.123_456_789, 0.1];
 
 /// Makes a camera that looks at the smaller cloud of [`two_clouds`].

@@ -16,7 +16,7 @@ const STEPS: [u32; 2] = [192, 24];
 /// Texels of the images, along and around.
 const TEXELS: [u32; 2] = [512, 64];
 
-/// Evaluates a smooth periodic pattern on the torus, about -1 to 1. `scale` is an integer factor on its frequencies.
+/// Evaluates a smooth periodic pattern on the torus, -2 to 2. `scale` is an integer factor on its frequencies.
 fn patches(at: DVec2, scale: f64) -> f64 {
     const WAVES: [[f64; 3]; 5] =
         [[7.0, 1.0, 0.4], [11.0, -1.0, 1.9], [5.0, 2.0, 4.2], [16.0, 1.0, 2.7], [3.0, -2.0, 5.5]];

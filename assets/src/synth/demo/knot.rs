@@ -18,7 +18,7 @@ const TWISTS: f64 = 7.0;
 fn line(s: f64) -> DVec3 {
     let t = TAU * s;
     let p = DVec3::new(t.sin() + 2.0 * (2.0 * t).sin(), t.cos() - 2.0 * (2.0 * t).cos(), -(3.0 * t).sin());
-    // Tilted so that its three loops hang well, and thickened along z, its shortest axis.
+    // Tilted for a better view of the three loops, and thickened along z, its shortest axis.
     let p = DVec3::new(p.x, -p.y, p.z) * DVec3::new(0.190, 0.190, 0.245);
     glam::DQuat::from_rotation_y(0.42) * glam::DQuat::from_rotation_x(0.22) * p + CENTER
 }

@@ -36,7 +36,7 @@ fn film(wave: fn(f64) -> f64) -> Zonal {
     Zonal::fit(-0.05, |t| wave(std::f64::consts::TAU * TURNS * (1.0 - t)))
 }
 
-/// Encodes linear light for the display: a soft shoulder that keeps colours below white, then gamma.
+/// Encodes linear light for the display: compresses bright light, clamps it to white, then applies gamma.
 pub(super) fn display(linear: DVec3) -> DVec3 {
     let exposed = linear.max(DVec3::ZERO);
     (exposed / (exposed + 0.75) * 1.15).min(DVec3::ONE).map_each(|c| c.powf(1.0 / 2.2))
@@ -53,7 +53,7 @@ impl MapEach for DVec3 {
     }
 }
 
-/// Interpolates between two colours.
+/// Interpolates between two colours; `t` is clamped to 0..1.
 pub(super) fn blend(from: DVec3, to: DVec3, t: f64) -> DVec3 {
     from.lerp(to, t.clamp(0.0, 1.0))
 }

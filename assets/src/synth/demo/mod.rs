@@ -47,8 +47,7 @@ const PARTS: [Part; 12] = [
     Part { share: 22, make: particles::sky, mirrored: true },
 ];
 
-/// Generates the scene. Shares are proportional to `count`. Any count covers the surfaces; larger ones do so more
-/// finely.
+/// Generates the scene. Splats are smaller in a scene of more splats, so that every count covers the surfaces.
 pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     // Three lists: all splats, the mirrored ones, and those of the part being generated.
     let needed = u64::from(count) * (3 * size_of::<Splat>() as u64) + Scene::host_bytes(count.into(), 3);

@@ -176,7 +176,7 @@ pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
     splats
 }
 
-/// Mirrors `count` of the splats below the water.
+/// Mirrors `count` splats below the water, sampled evenly from `splats`. Returns none if `splats` is empty.
 pub(super) fn reflection(random: &mut Random, splats: &[Splat], count: usize) -> Vec<Splat> {
     if splats.is_empty() {
         return Vec::new();
