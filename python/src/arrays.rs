@@ -29,11 +29,11 @@ pub struct Array<T> {
     pub shape: Vec<usize>,
 }
 
-/// Copies an array of `shape`, in which `None` is any length. Python converts other objects: see
-/// `splatgraph/_arrays.py`.
+/// Copies an array of `shape`, in which `None` is any length. Converts other objects with `splatgraph/_arrays.py`.
 ///
 /// # Errors
-/// `TypeError` or `ValueError` with the argument's name.
+/// `TypeError` if `value` is no array of numbers, and `ValueError` for another shape, an array on a device, or an array
+/// with gradients. The message has the argument's name.
 pub fn take<T: Number>(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usize>]) -> PyResult<Array<T>> {
     let py = value.py();
     let convert = py.import("splatgraph._arrays")?.getattr("array")?;

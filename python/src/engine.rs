@@ -224,7 +224,7 @@ impl Engine {
 /// A requested picture.
 #[pyclass(frozen, module = "splatgraph._native")]
 pub struct Pending {
-    /// Receives the result; `None` once the result was returned.
+    /// Receives the result; `None` once [`Pending::result`] was called.
     receiver: Mutex<Option<Receiver<Result<Drawn, SessionError>>>>,
     abandoned: Arc<AtomicBool>,
     last: Arc<Mutex<Option<String>>>,
@@ -300,7 +300,7 @@ fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
     }
 }
 
-/// Submits a frame, after the steps that it requires, such as building the plan.
+/// Submits the frame of a request, unless the request was abandoned. Builds the plan first if necessary.
 fn start(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) {
     if draw.abandoned.load(Ordering::Relaxed) {
         return;
@@ -323,7 +323,7 @@ fn start(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>,
     }
 }
 
-/// Waits for the oldest frames until at most `most` are in flight.
+/// Waits for the oldest frames, and replies to their requests, until at most `most` frames are in flight.
 fn land(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, most: usize) {
     while flying.len() > most {
         let Some((frame, draw)) = flying.pop_front() else { return };

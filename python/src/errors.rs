@@ -35,7 +35,7 @@ pub fn session(py: Python<'_>, error: &SessionError) -> PyErr {
     }
 }
 
-/// Converts an error of a study to the exception of its innermost cause that has its own type.
+/// Converts an error of a study: a session's as [`session`] does, invalid input to `ValueError`, others to `Error`.
 pub fn study(py: Python<'_>, error: &StudyError) -> PyErr {
     match error {
         StudyError::Session(error) => session(py, error),

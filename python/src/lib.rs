@@ -1,8 +1,8 @@
 //! Defines `splatgraph._native`, the extension module of the Python package `splatgraph`.
 //!
 //! It wraps the application's library in a few classes; the package beside it (`splatgraph/*.py`) is the public
-//! interface. Long operations run on their own threads ([`wait`]): they release the interpreter's lock, and Ctrl-C ends
-//! the call.
+//! interface. Loading, drawing and studies run on their own threads ([`wait`]): they release the interpreter's lock,
+//! and Ctrl-C ends the call.
 //!
 //! - [`errors`]: the exceptions;
 //! - [`wait`]: waiting for other threads;

@@ -19,7 +19,7 @@ pub struct Scene(pub Arc<assets::Scene>);
 #[pymethods]
 impl Scene {
     /// Loads a scene file, in a format recognised by its bytes: .ply, .compressed.ply, .spz, .splat, .sog, .ksplat,
-    /// .rad, .usd, .glb or .gltf.
+    /// .rad, .usd, .glb or .gltf; a folder of SOG; or a list of scenes (.ron).
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
         let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;
@@ -35,7 +35,7 @@ impl Scene {
     ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
     ///     sh: spherical harmonics, [N, K, 3] with K = 1, 4, 9 or 16; a colour c is 0.5 + 0.28209 * sh[:, 0].
     ///
-    /// Splats that cannot be drawn, with NaN or a quaternion of 0, are dropped: see `dropped`.
+    /// Splats with values that are not finite or a quaternion of 0 are dropped: see `dropped`.
     #[staticmethod]
     fn from_arrays(
         py: Python<'_>,
@@ -130,7 +130,7 @@ impl Scene {
         give(py, self.0.sh(), &[self.0.count() as usize, bases, 3])
     }
 
-    /// Highest band of spherical harmonics that is not 0 in every splat.
+    /// Highest band of spherical harmonics with a coefficient other than 0 in any splat.
     #[getter]
     fn sh_degree(&self) -> u32 {
         self.0.effective_degree()

@@ -22,7 +22,7 @@ use std::sync::mpsc::Sender;
 use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// Threads of finished and cancelled studies. The process waits for them at its end, because they use a driver.
+/// Threads of studies that ended or were cancelled. The process waits for them at its end, because they use a driver.
 static CANCELLED: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
 /// A message from a study's thread: progress, a text, or the result.
@@ -54,8 +54,8 @@ impl<T> Listener for Reporter<T> {
 /// `progress` is called with four arguments: the task, the number of steps done, the total, and the next step.
 ///
 /// # Errors
-/// The exception of `progress` or of a signal handler, such as `KeyboardInterrupt`: the study then ends after its
-/// current step.
+/// The study's own error; or the exception of `progress` or of a signal handler, such as `KeyboardInterrupt`. After an
+/// exception, the study ends when it next reports progress.
 fn run<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,

@@ -12,8 +12,8 @@ const ASK_EVERY: Duration = Duration::from_millis(50);
 /// Runs `work` on its own thread and returns its result.
 ///
 /// # Errors
-/// `KeyboardInterrupt` or another exception of a signal handler; the thread then finishes its work, and its result is
-/// dropped.
+/// The thread cannot be started, or the errors of [`receive`]. After an interruption, the thread finishes its work, and
+/// the result is dropped.
 pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
     let (sender, mut receiver) = channel();
     Builder::new().name("splatgraph".into()).spawn(move || {
@@ -26,7 +26,7 @@ pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 
 /// Waits for a thread's answer, and polls Python for signals meanwhile.
 ///
 /// # Errors
-/// The errors of [`run`], or the thread ended without an answer.
+/// `KeyboardInterrupt` or another exception of a signal handler, or the thread ended without an answer.
 pub fn receive<T: Send>(py: Python<'_>, receiver: &mut Receiver<T>) -> PyResult<T> {
     loop {
         let receiver = &mut *receiver;
