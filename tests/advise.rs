@@ -43,7 +43,7 @@ fn bits(advice: &Value, map: &str) -> Option<u64> {
 #[test]
 fn an_outlier_at_2e7_takes_the_bits_of_linear_keys_alone() {
     // 64 depths from 1 to 2, and an outlier at 2e7. A step of 1/64 is 2^-30.3 of the linear range, which takes 31 bits.
-    // As float bits it is 2^17 of the 24.25 * 2^23 values between 1 and 2e7, which takes 11 bits.
+    // As float bits it is 2^17 of the 24.2 * 2^23 values between 1 and 2e7, which takes 11 bits.
     let mut depths: Vec<f32> = (0..64u8).map(|i| 1.0 + f32::from(i) / 64.0).collect();
     depths.push(2e7);
     let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));

@@ -17,7 +17,7 @@ fn rows(report: &Value) -> &Vec<Value> {
     report["rows"].as_array().expect("rows")
 }
 
-/// Finds the part of this name in a list of passes or phases.
+/// Finds the entry `name` in a list of passes or phases.
 fn part<'a>(list: &'a Value, name: &str) -> &'a Value {
     let found = list.as_array().expect("a list").iter().find(|part| part["name"] == name);
     found.unwrap_or_else(|| panic!("no {name} in {list}"))

@@ -248,7 +248,7 @@ fn check_refuses_what_no_barrier_can_mend_and_results_of_another_frame() {
         let text = String::from_utf8_lossy(&found.stderr).into_owned();
         assert_eq!(found.status.code(), Some(1), "{passes}: {text}");
         assert!(text.contains(expected), "{passes}: {text}");
-        // `dump` prints the warning too, once.
+        // `dump` fails with the same error.
         place.refuses("", &[("dump graph.ron", 1, expected)]);
     }
 }

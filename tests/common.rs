@@ -29,7 +29,7 @@ pub fn open(options: &Options) -> Backend {
     })
 }
 
-/// Returns the test options with another level of validation.
+/// Returns the options that select the tests' device, with this level of validation.
 pub fn options(validation: Validation) -> Options {
     let usual = if Api::default() == Api::Vulkan { Some("llvmpipe".into()) } else { None };
     let device = std::env::var("SPLATGRAPH_TEST_DEVICE").ok().or(usual);
@@ -97,7 +97,7 @@ pub fn long() -> bool {
 /// Runs a test of this binary again in its own process, with lavapipe vectors of this many bits. Reports it as not run
 /// on other devices, whose width is fixed.
 ///
-/// The driver reads the variable once, when it is loaded.
+/// The driver reads `LP_NATIVE_VECTOR_WIDTH` once, when it is loaded.
 pub fn again_with_vectors_of(bits: u32, test: &str) {
     if !is_lavapipe(&open(&options(Validation::Off))) {
         return not_run(&format!("{test} with {} lanes", bits / 32), "lavapipe's widths");

@@ -1,4 +1,4 @@
-//! The covariance pass against f64, on both captured scenes and in both of its forms.
+//! The covariance pass against f64, on both captured scenes and in each of its three forms.
 //!
 //! The bound is relative to the largest element of each splat's covariance: f32 has 24 bits, and an element is a sum of
 //! three products of sums, so a few units in the last place are lost.
@@ -65,7 +65,7 @@ fn covariances_are_within_a_few_units_in_the_last_place_of_f64() {
     for name in ["biker", "playbot-31k"] {
         let golden = Golden::whole(&data, name);
         let camera = &golden.cameras()[0];
-        // Half floats have 11 bits, and an element is a sum of products of two.
+        // Half floats have 11 bits, and an element of the covariance is a sum of products of two half floats.
         for (form, bound) in [("six", 1e-6), ("factored", 1e-6), ("half", 2e-3)] {
             let worst = worst_error(golden.scene(), camera, form);
             println!("{name}, {form}: {worst:.2e} of the largest element");

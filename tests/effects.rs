@@ -72,7 +72,7 @@ impl Builds {
     }
 }
 
-/// Returns other values to try: all of a choice; the ends, the middle and the neighbouring values of a range.
+/// Returns other values to try: all of a choice; the ends and the middle of a range, and an integer's neighbours.
 fn others(param: &Param) -> Vec<String> {
     let mut values: Vec<String> = match &param.domain {
         Domain::Bool => vec!["true".into(), "false".into()],

@@ -153,7 +153,7 @@ fn builds() -> Vec<Build> {
 /// The outcome of a build: the plan, or the diagnostics, each with its rendering.
 struct Outcome {
     built: Result<Plan, Vec<(Diagnostic, String)>>,
-    /// What is wrong with the diagnostics themselves, if anything.
+    /// A defect of the diagnostics themselves; `None` if there is none.
     unclear: Option<String>,
     /// The files on disk that were read.
     read: Vec<PathBuf>,

@@ -137,7 +137,8 @@ fn with_rounded_positions(scene: &Scene) -> Scene {
     })
 }
 
-/// Rounds harmonics as `sh_storage=q8` does: degree 0 to half floats, the rest to 127ths of the splat's largest.
+/// Rounds harmonics as `sh_storage=q8` does: degree 0 to half floats, the others to multiples of 1/127 of the splat's
+/// largest coefficient.
 fn with_rounded_harmonics(scene: &Scene) -> Scene {
     let half = |v: f32| half::f16::from_f32(v).to_f32();
     Scene::generate(scene.count(), 3, |i| {

@@ -160,7 +160,7 @@ impl Place {
         command
     }
 
-    /// Runs the program. `render` and `video` use the tests' device unless the line names another.
+    /// Runs the program. `render` and `video` use the tests' device unless the line names a device or a backend.
     pub fn run(&self, line: &(impl Line + ?Sized)) -> Output {
         let words = line.words();
         let draws = matches!(words.first(), Some(&("render" | "video")));

@@ -90,7 +90,7 @@ fn every_projection_draws_splats_all_around_the_camera_as_the_exact_renderer_doe
     let scene = around();
     let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
     for projection in lenses() {
-        // The picture's size is no multiple of a tile or a bin, so those at its edges are cut.
+        // The picture's size is no multiple of a tile or a bin, so that tiles and bins at its edges are cut.
         let camera = camera(projection, (204, 116));
         let published = exact(&scene, &camera, &[]);
         // Near the poles of a panorama, splats are wider than half of it: see the test below.

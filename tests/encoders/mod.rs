@@ -1,4 +1,4 @@
-//! The built-in graphs and the examples, lowered to Metal's encoders, fences and barriers.
+//! The built-in graphs and an example, lowered to Metal's encoders, fences and barriers.
 //!
 //! Nothing here needs a Mac. [`bound`] gives the minimum numbers of encoders, waits and barriers. The model of Metal's
 //! rules must accept each list of encoders, and object if a wait, an update, a barrier or a part of one is removed.
@@ -25,7 +25,8 @@ fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Builds the plans of all graphs in the repository, then plans with parameters that add or move passes.
+/// Builds the plans of the built-in graphs, of the benchmark's and the window's graphs, and of an example; then plans
+/// with parameters that add or move passes.
 pub fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();
     let mut catalog = facts::nominal_catalog();
@@ -54,7 +55,7 @@ pub fn plans(share_memory: bool) -> Vec<Plan> {
     graphs.chain(varied).map(&mut plan).collect()
 }
 
-/// Returns docs/metal.md.
+/// Reads `docs/metal.md`.
 pub fn page() -> String {
     let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/metal.md");
     std::fs::read_to_string(page).expect("the page is there")

@@ -42,7 +42,7 @@ pub fn small(camera: Camera) -> Camera {
     camera.resized(SIZE.0, SIZE.1)
 }
 
-/// Generates a scene with thousands of splats per pixel, and a camera of half the usual size.
+/// Generates a scene with thousands of splats per pixel, and a camera with half the usual picture size.
 fn halved(name: &str, count: u32) -> (Scene, Camera) {
     let (scene, camera) = generated(name, count);
     (scene, camera.resized(SIZE.0 / 2, SIZE.1 / 2))

@@ -63,7 +63,7 @@ fn assert_whole(place: &Place, killed: bool, what: &str) -> usize {
     drawn
 }
 
-/// Returns the exit status as a shell shows it: the exit code, or 128 and the signal's number.
+/// Returns the exit status as a shell shows it: the exit code, or 128 plus the signal's number.
 ///
 /// Once the program handles signals, it exits with that code; before that, the signal itself ends it.
 fn number(status: ExitStatus) -> i32 {

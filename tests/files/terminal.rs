@@ -85,7 +85,7 @@ fn a_picture_or_a_scene_on_standard_output_is_alone_there() {
     let output = place.run(&args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stdout.starts_with(b"\x89PNG") && output.stdout.ends_with(b"IEND\xaeB`\x82"));
-    // The reader of a large output closes the pipe before its end.
+    // Outputs larger than a pipe's buffer.
     let scene = "synth demo --count 20000 -o -";
     assert_eq!(into_closed_pipe(place.program(scene)).0, Some(0));
     let picture = format!("{DRAW} - --format exr --size 640x480");

@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub struct Loose {
     /// Name of the resource, without the suffix of a ping-pong half.
     pub resource: &'static str,
-    /// Words per element, and the indices of those that may differ.
+    /// Words per element, and the indices of the words that may differ.
     pub words: (usize, &'static [usize]),
     /// True if the words are pairs of half floats.
     pub halves: bool,
@@ -40,8 +40,8 @@ fn written(plan: &Plan, pass: PassId) -> BTreeSet<ResourceId> {
 
 /// Runs the prologue and one frame of a plan without shared memory on lavapipe and on the CPU.
 ///
-/// Each pass starts from lavapipe's state. Draws run only on lavapipe. Fails on every word that differs and is not in
-/// `loose`.
+/// Each pass starts from lavapipe's state. Draws run only on lavapipe. Fails if a word differs by more than `loose`
+/// allows.
 pub fn compare(
     device: &mut Vulkan,
     library: &Library,
@@ -117,7 +117,9 @@ fn is_buffer(plan: &Plan, resource: ResourceId) -> bool {
     matches!(plan.resource(resource).shape, Shape::Buffer { .. })
 }
 
-/// Compares word by word. If `unwritten` is true, skips words that nothing has written on the CPU.
+/// Compares word by word. Describes the differences; `None` if there are none beyond the tolerance.
+///
+/// If `unwritten` is true, skips words that nothing has written on the CPU.
 fn compare_words(
     compared: &mut Compared,
     found: &[u8],
@@ -131,7 +133,7 @@ fn compare_words(
         if found == expected {
             compared.equal += 1;
         } else if unwritten && found == u32::from_le_bytes([UNWRITTEN; 4]) {
-            // Another pass writes it.
+            // Not written on the CPU yet.
         } else if loose.is_some_and(|l| l.words.1.contains(&(at % l.words.0)) && l.allows(found, expected)) {
             compared.near += 1;
         } else {

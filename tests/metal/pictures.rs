@@ -137,7 +137,7 @@ const POWERS: [Loose; 4] = [
 /// Compares the plans of `graphs` with lavapipe. `folder` is put before the graphs' names; if empty, they are built-in.
 fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]) {
     let (mut stage, mut device) = (Stage::new(), lavapipe());
-    // Metal has no doubles, so its kernels use fma(). Both sides round the product here.
+    // Metal has no doubles, so its kernels use fma(). Lavapipe's fma() and the header's both round the product.
     let facts = DeviceFacts { fused_fma: true, ..device.info().facts };
     let plans: Vec<Plan> =
         graphs.iter().map(|(graph, set)| stage.plan(&format!("{folder}{graph}"), set, &facts)).collect();

@@ -30,7 +30,7 @@ impl Bench {
     }
 }
 
-/// Returns every graph of the repository.
+/// Returns the built-in graphs, the benchmark's and the window's graphs, and graphs of examples and tests.
 fn graphs() -> Vec<&'static str> {
     const OTHERS: [&str; 3] = [
         concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron"),

@@ -258,8 +258,8 @@ pub fn for_all(
     assert!(refused * 10 <= graphs, "{refused} of {graphs} random graphs are refused");
 }
 
-/// Checks `property` on `cases` recipes, which depend only on the number of the batch. The error has the smallest graph
-/// that fails.
+/// Checks `property` on `cases` recipes, which depend only on the number of the batch. The error shows the failing
+/// graph, shrunk.
 pub fn run_batch(
     batch: u32,
     cases: u32,

@@ -36,6 +36,8 @@ impl ShaderCompiler for HeaderCompiler {
     }
 }
 
+/// Reads the reflection from a shader's header.
+///
 /// # Panics
 /// On a header that the generator should not have written.
 pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {

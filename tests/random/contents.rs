@@ -13,7 +13,7 @@ use super::builds::{barriers, for_all, shown};
 use super::recipe::{LARGE, Role};
 use super::sketch::{Half, Target};
 
-/// Returns true if the first pass of the frame that uses a resource overwrites all of it and reads nothing of it.
+/// Returns true if the first pass of the frame that uses a resource fills it or clears it as a target.
 fn starts_anew(plan: &Plan, id: ResourceId) -> bool {
     let uses = |pass: &&Pass| pass.uses.iter().any(|touch| touch.resource == id);
     let Some(first) = plan.frame.iter().map(|pass| plan.pass(*pass)).find(uses) else { return false };

@@ -211,7 +211,7 @@ pub fn compares_submissions(test: &str) -> bool {
     false
 }
 
-/// Runs `property` on random graphs with all GPU checks, on one device.
+/// Runs `property` on random graphs with full validation, on one device.
 fn on_device(
     name: &str,
     limits: Limits,

@@ -77,7 +77,7 @@ fn names_decide_nothing() {
     });
 }
 
-/// Returns the plan without names.
+/// Returns the plan without names, and without texts that contain names.
 fn nameless(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     plan.resources.iter_mut().for_each(|r| {
