@@ -80,7 +80,7 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number above 0".into())
 }
 
-/// Number of views around a scene that has no cameras.
+/// Number of views around the scene without `--cameras`.
 const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {

@@ -157,9 +157,10 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Rejects graphs and parameters that are invalid on every device, before a scene is loaded.
+/// Rejects graphs and parameters that are invalid on this device and on the least capable supported one.
 ///
-/// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
+/// It runs before a scene is loaded. A graph that needs a feature of another device is not an error: it becomes a row
+/// with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     let scene = match args.scenes.first().map(|scene| args.load.header(scene)).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
@@ -239,7 +240,8 @@ impl Args {
 /// Inputs of a run that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// Cameras from the command line, one entry per scene; `None` for the scene's own. The demo scene has one entry.
+    /// Cameras of `--cameras` or of the file beside the scene, one entry per scene; `None` for the default camera. The
+    /// demo scene has one entry.
     cameras: Vec<Option<Vec<Camera>>>,
     /// File name stems, one per scene and unique.
     stems: Vec<String>,
@@ -267,7 +269,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         [] => vec!["demo".into()],
         scenes => scenes.iter().map(|path| table::scene_name(&path.to_string_lossy())).collect(),
     };
-    // `splats-NAME-32768x32768.svg` is the longest file name: 24 bytes besides the stem.
+    // `splats-NAME-32768x32768.svg` is the longest file name: 23 bytes besides the stem. One byte is spare.
     let stems = names::unique(&scene_names, MAX_NAME_BYTES - 24);
     claim_files(args, &stems)?;
     let cameras = |index: usize| {

@@ -74,7 +74,7 @@ pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
 }
 
-/// Warns the user if principal points are not at the centre of the pictures.
+/// Warns the user if principal points are more than half a pixel from the centre of the pictures.
 pub fn tell_off_center(dataset: &Dataset) {
     if dataset.off_center > 0.5 {
         say(format!(

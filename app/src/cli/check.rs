@@ -224,11 +224,12 @@ struct Verified {
 
 /// Builds a graph for each device, because graphs may depend on device facts, and verifies each plan.
 ///
-/// Returns a verdict with a line for each group of devices with equal counts. If a device has violations or errors,
-/// returns those of the first such device instead. If the smallest device does not meet the graph's requirements, the
-/// line lists them and no plan is built.
+/// Returns a verdict with a line for each group of devices with equal results. If a device has violations or errors,
+/// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead. If the
+/// smallest device needs a fallback or does not meet the requirements, the line says so and no plan is built.
 ///
-/// Each warning is passed to `warn` once. A warning about a parameter without an effect also names the devices.
+/// Each warning about a plan is passed to `warn` once. A parameter without an effect is instead reported on standard
+/// error, with the devices.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -349,7 +350,7 @@ fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 
-/// Returns the memory that a correct graph needs if the device has too little; `None` otherwise.
+/// Returns by how much a graph exceeds the device's limits; `None` if it fits, or if it has other errors.
 fn too_large(
     planner: &mut Planner,
     graph: &str,

@@ -13,7 +13,7 @@ pub struct KnownDevice {
     pub name: String,
     /// Device facts that graphs can read.
     pub facts: DeviceFacts,
-    /// Maximum number of storage buffers in one shader; `None` if no graph can exceed the limit.
+    /// Maximum number of storage buffers in one shader; `None` if unknown, or if no graph can exceed the limit.
     pub storage_buffers: Option<usize>,
     /// Publication that states the limits.
     pub source: &'static str,
@@ -99,7 +99,7 @@ pub fn catalogue() -> Vec<KnownDevice> {
 /// Finds a device by name in the catalogue, or reads a file of device facts; `None` if there is neither.
 ///
 /// # Errors
-/// The file does not contain the facts of a device.
+/// The file cannot be read, or does not contain the facts of a device.
 pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     if let Some(found) = catalogue().into_iter().find(|device| device.name == wanted) {
         return Ok(Some(found));

@@ -51,7 +51,9 @@ fn height(text: &str) -> Result<f64, String> {
 }
 
 impl LookAtArgs {
-    /// Returns the camera names before the scene is loaded; `None` if none of these options is given.
+    /// Returns the camera names before the scene is loaded.
+    ///
+    /// `None` without `--orbit`, `--eye`, `--target`, `--up` and `--fov`.
     pub fn names(&self) -> Option<Vec<String>> {
         match self.orbit {
             Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),
@@ -59,7 +61,7 @@ impl LookAtArgs {
         }
     }
 
-    /// Returns true if an option other than `--orbit` is given.
+    /// Returns true if `--eye`, `--target`, `--up` or `--fov` is given.
     pub fn has_camera(&self) -> bool {
         self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some()
     }
@@ -69,7 +71,7 @@ impl LookAtArgs {
         self.orbit
     }
 
-    /// Makes the cameras, in the scene's coordinates; `None` if none of these options is given.
+    /// Makes the cameras, in the scene's coordinates; `None` if [`LookAtArgs::names`] returns `None`.
     ///
     /// # Errors
     /// See [`LookAtArgs::circle`].
@@ -87,7 +89,7 @@ impl LookAtArgs {
     /// Sets the view height of an orthographic camera to `--ortho-height`, if given.
     ///
     /// # Errors
-    /// The option is given for another projection.
+    /// The option is given for another projection, or the height is too small or too large for a camera.
     pub fn scaled(&self, camera: Camera) -> Result<Camera, Usage> {
         let Some(height) = self.ortho_height else { return Ok(camera) };
         if camera.projection != Projection::Orthographic {
@@ -117,7 +119,8 @@ impl LookAtArgs {
     /// Without `--eye`, the first camera has the position of [`framing`](super::options::framing).
     ///
     /// # Errors
-    /// The eye and the target coincide, or are too far away to draw.
+    /// The eye and the target coincide, or are too far away to draw. `--up` is zero, or `--fov` is invalid for the
+    /// projection.
     pub fn circle(
         &self,
         scene: &Scene,

@@ -172,7 +172,7 @@ impl Command {
 /// Creates the job of a command line, for a process that chooses the views itself. The first word is the command.
 ///
 /// # Errors
-/// The command has no views to share, or its arguments are invalid.
+/// The command has no views to share, its arguments are invalid, or they include `--shard`.
 pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
     let words = [OsString::from("splatgraph")].into_iter().chain(arguments.iter().cloned());
     let cli = Cli::try_parse_from(words)?;
@@ -274,7 +274,7 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Builds the clap command. Its long help lists the graphs and the scenes.
+/// Builds the clap command. Its long help also lists graphs, devices, scene formats and generated scenes.
 fn command(arguments: &[OsString]) -> clap::Command {
     let command = Cli::command();
     // The lists take milliseconds to build, so only long help includes them.

@@ -65,7 +65,7 @@ impl Start {
     }
 }
 
-/// Lists the files to write, with their contents. Fails if a name is invalid or a file exists.
+/// Lists the files to write, with their contents. Fails if a name is invalid, or if a file exists without `--force`.
 pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     let name = args.file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {

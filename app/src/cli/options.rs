@@ -166,7 +166,7 @@ pub fn nominal_catalog() -> Catalog {
     catalog
 }
 
-/// Lists every built-in graph: renderers, filters, and the graphs of `bench` and of the viewer's window.
+/// Lists every built-in graph except parts: renderers, filters, and the graphs of `bench` and of the viewer's window.
 pub fn built_in_graphs() -> Vec<&'static str> {
     let mut graphs = builtin::names();
     graphs.extend(builtin::filters());

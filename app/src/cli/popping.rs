@@ -145,6 +145,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// Lists the variants to draw without duplicates: the given graphs and parameters, or all built-in graphs.
+///
+/// If only `--with` is given, `auto` without parameters comes first.
 fn variants(args: &Args) -> Vec<Setting> {
     let graph = |name: &str| Setting::of_graph(name, &[]);
     let mut all: Vec<Setting> = args.pipeline.iter().map(|name| graph(name)).collect();

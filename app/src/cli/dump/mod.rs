@@ -170,7 +170,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds GPU times to a dump. Warns if the times may belong to another graph or to other parameters.
+/// Adds GPU times to a dump. Fails if no time is of a pass of the plan.
+///
+/// Warns if the times may belong to another graph or to other parameters.
 fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();

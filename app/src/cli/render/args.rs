@@ -147,7 +147,8 @@ fn repeat(text: &str) -> Result<u32, String> {
 /// Cameras and files of a run that are known before the device is opened.
 #[derive(Debug)]
 pub struct Work {
-    /// Cameras from the command line; `None` for the scene's own.
+    /// Cameras of `--cameras` or of the file beside the scene; `None` for the demo scene's camera, or for one that
+    /// frames the scene.
     pub(super) given: Option<Vec<Camera>>,
     pub(super) destination: Option<Destination>,
     /// A unique file name for each camera, without extension.
@@ -158,7 +159,8 @@ pub struct Work {
 /// Reads the cameras, and chooses the names of all files.
 ///
 /// # Errors
-/// The command line is invalid, for example because a file would overwrite an input or another output.
+/// The cameras cannot be read or are too large for a device, or the command line is invalid, for example because a file
+/// would overwrite an input or another output.
 pub fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;

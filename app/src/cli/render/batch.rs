@@ -132,7 +132,7 @@ impl Batch {
     /// Starts to write a camera's picture, and reports the earlier pictures that are now written.
     ///
     /// # Errors
-    /// The picture is missing, or an earlier one cannot be written.
+    /// The picture or an output is missing, or an earlier picture cannot be written.
     pub fn save(&mut self, shown: Shown, progress: &Progress) -> Result<()> {
         let Shown { stats, output, outputs, no_colours, stem } = shown;
         if self.destination.is_some() && output.is_none() {

@@ -69,7 +69,8 @@ impl Drawer {
     /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
     ///
     /// # Errors
-    /// There is no suitable device, or the scene cannot be loaded.
+    /// There is no suitable device, a rule is invalid, the scene cannot be loaded or is too large, or its cameras do
+    /// not suit the graph.
     pub fn open(args: &Args, work: &Work, loaded: Option<Loaded>) -> Result<Drawer> {
         let pipeline = &args.drawing.pipeline;
         let graph = || match args.backend {

@@ -120,7 +120,8 @@ pub(super) struct Work {
 /// Reads the keys, and determines the output format.
 ///
 /// # Errors
-/// The command line is invalid, for example because the output would overwrite an input.
+/// The command line is invalid, for example because the output would overwrite an input. Or the cameras cannot be read,
+/// or make no path.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
@@ -272,7 +273,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome::validated(args.device.validate, &session.into_device().close()))
 }
 
-/// A film to draw, with its scene and drawing options.
+/// A film to draw, with the command's arguments and the size of the pictures.
 struct Job<'a> {
     args: &'a Args,
     film: &'a Film,
@@ -335,7 +336,8 @@ impl Job<'_> {
         }
     }
 
-    /// Draws the frames that are missing in a folder.
+    /// Draws the frames that are missing in a folder. Returns their GPU time in milliseconds; `None` without
+    /// timestamps.
     fn fill(
         &self,
         session: &mut Session<Backend>,
