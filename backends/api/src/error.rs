@@ -5,7 +5,7 @@ use std::fmt;
 /// An error of a backend call. [`BackendError::recovery`] classifies it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BackendError {
-    /// The driver, the device or the validation layer is missing, or the window cannot be drawn to.
+    /// A driver, a usable device or the validation layer is missing, or the window cannot be drawn to.
     #[error("{0}")]
     Unavailable(String),
     /// The plan or the frame exceeds a limit of the device.
@@ -53,8 +53,9 @@ pub enum BackendError {
         /// The call that failed.
         call: &'static str,
     },
-    /// A pass or an upload ran longer than [`Options::patience`](crate::Options::patience). It stays in flight and can
-    /// be waited for again.
+    /// A pass or an upload ran longer than [`Options::patience`](crate::Options::patience).
+    ///
+    /// A frame stays in flight and can be waited for again. An upload fails its load.
     #[error("{place} has been running for {seconds} s; it may never end")]
     Stuck {
         /// Description of the running work, as in [`Running::place`](crate::Running::place).

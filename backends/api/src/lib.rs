@@ -36,11 +36,11 @@ pub struct DeviceInfo {
     pub kind: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// The facts that graphs can use; all 0 if the device's API version is too low.
+    /// The facts that graphs can use; all 0, false or empty if the device's API version is too low.
     pub facts: DeviceFacts,
     /// Effects of out-of-range shader accesses; [`Bounds::None`] on a device opened without checks.
     pub robustness: Robustness,
-    /// The largest memory heap of the device.
+    /// The largest device-local heap; its size is 0 if the device cannot run plans.
     pub heap: Heap,
     /// Reason why the device cannot run plans; `None` if it can.
     pub unfit: Option<String>,
@@ -91,7 +91,8 @@ pub struct Heap {
     pub bytes: u64,
     /// Bytes that this process can still allocate; `None` if unknown.
     ///
-    /// This is the driver's estimate from the time when the device was listed (Vulkan: `VK_EXT_memory_budget`).
+    /// This is the driver's estimate (Vulkan: `VK_EXT_memory_budget`), made when the device was listed or, from
+    /// [`Device::heap`], at the time of that call.
     pub available: Option<u64>,
 }
 
@@ -104,8 +105,8 @@ pub struct Options {
     /// Level of API validation.
     pub validation: Validation,
     /// Time that one pass may run before calls that wait for it return [`BackendError::Stuck`]. Default: 10 seconds, or
-    /// ten minutes on a CPU. On a device whose timestamps cannot be read while it runs, such as lavapipe, the limit
-    /// applies to a whole frame.
+    /// ten minutes on a CPU. The limit applies to a whole frame if the timestamps of its passes are omitted
+    /// ([`FrameInputs::untimed_passes`]) or cannot be read while the device runs, as on lavapipe.
     pub patience: Option<Duration>,
     /// Time that the driver may take for one pipeline before the load fails with [`BackendError::StuckCompiler`].
     /// Default: 60 seconds.
@@ -250,9 +251,9 @@ pub struct Running {
 pub struct FrameResult {
     /// GPU milliseconds of each pass, in execution order; `None` without timestamps.
     ///
-    /// The frame that runs the prologue includes its passes. The host pass has no entry.
+    /// The frame that runs the prologue includes the prologue's passes. The host pass and skipped passes have no entry.
     pub pass_ms: Vec<(PassId, Option<f64>)>,
-    /// GPU milliseconds from the first to the last command of the frame.
+    /// GPU milliseconds from the first to the last command of the frame; `None` without timestamps.
     pub total_ms: Option<f64>,
     /// Start of the frame in milliseconds on the device's clock, whose origin is unknown and which may wrap. `None`
     /// without timestamps.
@@ -342,10 +343,10 @@ pub trait Loader: Send + 'static {
     /// A plan and all objects created for it.
     type Ready: Send + 'static;
 
-    /// Makes [`Loader::prepare`] return [`BackendError::Cancelled`] once `cancel` requests it, even while the driver is
-    /// busy.
+    /// Makes [`Loader::prepare`] return [`BackendError::Cancelled`] if `cancel` requests it while pipelines are
+    /// compiled, even if the driver is busy.
     ///
-    /// An upload that has begun is finished, so that the next plan finds the scene on the device.
+    /// A later request has no effect: the upload is finished, so that the next plan finds the scene on the device.
     #[must_use]
     fn cancelled_by(self, cancel: Cancel) -> Self;
 
@@ -357,9 +358,13 @@ pub trait Loader: Send + 'static {
     fn sharing_results(self) -> Self;
 
     /// Creates the plan's pipelines and resources, and uploads its scene attributes that are not on the device yet.
-    ///
     /// # Errors
-    /// [`BackendError::StuckCompiler`] if the driver takes longer than [`Options::compile_patience`] for a pipeline.
+    /// - [`BackendError::Invalid`], [`BackendError::Limit`] or [`BackendError::Unsupported`] if the device cannot run
+    ///   the plan.
+    /// - [`BackendError::StuckCompiler`] if the driver takes longer than [`Options::compile_patience`] for a pipeline.
+    ///   The compiler's thread is then abandoned, and the plan is refused with this error until the thread has ended.
+    /// - [`BackendError::OutOfMemory`], [`BackendError::Scene`], [`BackendError::Cancelled`], or an error of the
+    ///   driver.
     /// The compiler's thread is then abandoned, and the plan is refused with this error until the thread has finished.
     fn prepare(
         self,
@@ -393,7 +398,7 @@ pub trait Device: Sized {
     /// Describes the physical device.
     fn info(&self) -> &DeviceInfo;
 
-    /// Creates another context on the same device, without a plan.
+    /// Creates another context on the same device, without a plan or a window.
     fn new_context(&self) -> Result<Self, BackendError>;
 
     /// Returns true if both contexts use one device. They share its queue and can read each other's
@@ -424,9 +429,12 @@ pub trait Device: Sized {
 
     /// Makes a prepared plan the current one: the second half of [`Device::load`]. Call it between two frames; it never
     /// blocks.
+    ///
+    /// # Errors
+    /// [`BackendError::Invalid`] if another context's loader prepared the plan; [`BackendError::DeviceLost`].
     fn swap(&mut self, ready: <Self::Loader as Loader>::Ready) -> Result<(), BackendError>;
 
-    /// Returns the output of the last frame that was submitted with [`FrameInputs::show`].
+    /// Returns the output of the last frame that was submitted with [`FrameInputs::show`]; `None` before the first.
     fn picture(&self) -> Option<Picture>;
 
     /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are in flight and, for a frame to
@@ -434,24 +442,27 @@ pub trait Device: Sized {
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted
-    /// then.
+    /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Blocks until the frame has completed. Each frame's result can be taken once.
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. The frame stays in
-    /// flight.
+    /// flight. [`BackendError::Invalid`] if the frame has no result, for instance because it was already taken.
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
 
-    /// Takes the frame's result if the frame has completed; never blocks.
+    /// Takes the frame's result if the frame has completed, else returns `None`; never blocks.
+    ///
+    /// # Errors
+    /// [`BackendError::Invalid`] if the frame has no result, as for [`Device::wait`].
     fn try_wait(&mut self, frame: FrameId) -> Result<Option<FrameResult>, BackendError>;
 
     /// Returns true if the next [`Device::submit`] would not wait for a frame in flight; never blocks.
     fn is_ready(&mut self) -> Result<bool, BackendError>;
 
-    /// Returns the work that the device is executing for any context; `None` if this context has no frame in flight.
-    /// Never blocks.
+    /// Returns the work that the device is executing for any context; `None` if this context has no frame in flight, or
+    /// if checking on its frames fails. Never blocks.
     ///
     /// A responsive program calls it while a frame is unfinished, and goes on without the frame if the time is long.
     fn running(&mut self) -> Option<Running>;
@@ -466,7 +477,7 @@ pub trait Device: Sized {
     /// Returns the size and the available bytes of the largest device-local heap, as of now.
     fn heap(&self) -> Heap;
 
-    /// Returns the validation messages since the last call; empty without validation.
+    /// Returns the device's validation messages since the last call on any of its contexts; empty without validation.
     fn take_messages(&mut self) -> Vec<String>;
 }
 
