@@ -113,7 +113,7 @@ pub(crate) fn create_block<G: Gpu>(
 /// Merges the requirements of members that share memory; `None` if they cannot. `device_types` are the device-local
 /// memory types.
 ///
-/// If buffers and images share it, the block fills whole pages of `granularity` bytes
+/// If a block has both buffers and images, it fills whole pages of `granularity` bytes
 /// (`VkPhysicalDeviceLimits::bufferImageGranularity`). Its neighbours are then unaffected, whichever member is alive.
 fn combine<D: Copy + PartialEq>(
     members: &[Requirements<D>],

@@ -1,8 +1,9 @@
 //! Shares the planes of the scene's attributes among all plans of a device.
 //!
 //! A plane is uploaded once and never written again, so any number of plans and executors can read it. The
-//! [`AttributeCache`] finds the planes that some plan still holds. A plane enters the cache when its upload is
-//! complete. Only one plan uploads at a time: another plan that lacks a plane waits for its turn, then looks again.
+//! [`AttributeCache`] finds the planes that some plan still holds. A plane in device memory enters the cache when its
+//! upload is complete. Only one plan uploads at a time: another plan that lacks a plane waits for its turn, then looks
+//! again.
 
 use splatgraph_framework::ir::{ResourceId, Shape, Source};
 use splatgraph_framework::plan::{Plan, Resource};

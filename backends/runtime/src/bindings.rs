@@ -1,8 +1,9 @@
 //! Creates the bindings of a plan's passes, and decides when each is written.
 //!
 //! A pass that binds a per-frame resource has one copy of its bindings per frame in flight; any other pass has one.
-//! Bindings are written at creation. Bindings of host buffers are the exception: their contents come with the frames,
-//! and they are rewritten when the buffer changes.
+//! Bindings are written at creation. Two kinds are exceptions: bindings of host buffers, whose contents come with the
+//! frames, are written when the buffer changes; bindings of a continued history are rewritten when the plan is swapped
+//! in.
 
 use crate::gpu::{Gpu, binding_copies};
 use crate::resources::Resources;

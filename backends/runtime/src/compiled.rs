@@ -41,7 +41,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub layouts: Vec<Layout>,
     /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
-    /// Inputs of the prologue's reusable results.
+    /// Recipes of the prologue's reusable results.
     recipes: Recipes,
     /// Prologue passes that do not run because their results were reused from another plan.
     skipped: Vec<PassId>,
@@ -92,7 +92,7 @@ impl<G: Gpu> CompiledPlan<G> {
         drop(allocating);
         // The upload is last because it is slowest: a plan that cannot run is refused before it.
         upload(shared, scene, &missing, &planes, progress)?;
-        // Planes that every frame reads must not be in host memory.
+        // Planes in host memory stay out of the cache: every frame of another plan could read them.
         let hosted = |key: &PlaneKey| {
             once.location == Location::Host
                 && absent.iter().any(|(id, other)| other == key && once.freed.contains(id))

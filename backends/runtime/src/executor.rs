@@ -19,7 +19,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Maximum number of uncollected results. Older ones are dropped, so that a caller that never waits does not leak.
+/// Maximum number of results kept for the caller. Older ones are dropped, so that a caller that never waits does not
+/// leak.
 const MOST_RESULTS: usize = 64;
 
 /// Name of the memory entry for objects that only frames in flight still need.
@@ -33,8 +34,9 @@ const IN_FLIGHT: &str = "frames in flight";
 /// validation messages. If one of them finds the device lost, all report the loss. Each executor has its own plan,
 /// frames, results and shared output, and can be used from its own thread.
 ///
-/// Dropping it waits for the device, then destroys the executor's objects. The device is closed with its last executor,
-/// [`Loader`] or [`Ready`].
+/// Dropping it waits until the device is idle, then destroys the executor's objects. If the wait exceeds the device's
+/// patience, the objects are kept until the device is idle. The device is closed with its last executor, [`Loader`] or
+/// [`Ready`].
 pub struct Executor<G: Gpu> {
     /// Id of the executor, unique within the process.
     id: u64,
@@ -171,7 +173,7 @@ impl<G: Gpu> Executor<G> {
         self.former.retain(|compiled| pending.contains(&compiled.number));
     }
 
-    /// Returns the slot of the frame if it is in flight.
+    /// Returns the slot of the frame; `None` if it is not in flight.
     fn slot_of(&self, frame: FrameId) -> Option<usize> {
         let pending = |slot: &Slot<G>| slot.pending.as_ref().is_some_and(|pending| pending.frame == frame);
         self.slots.iter().position(pending)
@@ -394,7 +396,8 @@ impl<G: Gpu> Drop for Executor<G> {
         if let Some(output) = &self.output {
             self.shared.outputs.remove(output);
         }
-        // The device may use everything dropped after this until it is idle. (Other executors hold what they use.)
+        // The fields are dropped after this. The device may use their objects until it is idle. (Other executors hold
+        // what they use.)
         if self.shared.gpu.wait_idle(self.shared.gpu.patience()) {
             self.shared.drop_abandoned();
         } else {

@@ -125,7 +125,7 @@ impl<G: Gpu> Slot<G> {
         Ok(image)
     }
 
-    /// Returns the result of the slot's frame, and frees the slot unless waiting fails.
+    /// Returns the result of the slot's frame, and frees the slot unless waiting fails. `None` if no frame is pending.
     ///
     /// If `patient`, blocks until the frame has completed; otherwise an unfinished frame gives `None`. `compiled` is
     /// the frame's plan, `slot` this slot's index.
@@ -161,7 +161,8 @@ impl<G: Gpu> Slot<G> {
         Ok(Some((pending.frame, result)))
     }
 
-    /// Returns, for each pass of the pending frame, whether it is known to be complete; `None` without a timer.
+    /// Returns, for each pass of the pending frame, whether it is known to be complete; `None` if no frame is pending
+    /// or its passes' timestamps are unavailable.
     pub fn finished(&self, gpu: &G, own: &PlanSlot<G>) -> Option<Vec<bool>> {
         let pending = self.pending.as_ref().filter(|pending| !pending.untimed_passes)?;
         let passes = pending.passes.len();

@@ -237,7 +237,8 @@ pub struct NextPipeline {
 }
 
 impl NextPipeline {
-    /// Describes pipeline number `done` of `of`. `of_pass` has the pipeline index of each pass that has one.
+    /// Describes pipeline number `done` of `of`. `of_pass` has each pass's pipeline index, or `None` for a pass
+    /// without a pipeline.
     ///
     /// # Panics
     /// Panics if no pass uses pipeline `done`.
@@ -528,7 +529,7 @@ pub trait Encoder<G: Gpu>: Send {
     /// Records a full memory barrier between all earlier and all later commands, with layout changes.
     fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, G>>);
 
-    /// Makes later copies into a buffer wait for all earlier submissions.
+    /// Makes later copies into a buffer wait for all earlier commands and submissions.
     fn before_copy(&mut self, target: &Buffer<G>);
 
     /// Makes copies into a byte range of a buffer visible to all later submissions.

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 /// A host buffer's contents for the frame in one slot.
 pub(crate) struct HostBuffer<G: Gpu> {
-    /// Mapped buffer for host bytes, created when the first bytes come.
+    /// Mapped buffer for host bytes; `None` before the first host bytes.
     own: Option<Buffer<G>>,
     /// The bytes that `own` contains. Holding the `Arc` keeps them from changing.
     bytes: Option<Arc<Vec<u8>>>,
@@ -59,8 +59,9 @@ impl<G: Gpu> HostBuffer<G> {
     /// Sets the contents for a frame. The slot must have nothing in flight.
     ///
     /// # Errors
-    /// [`BackendError::Invalid`] if the contents are too short or not whole elements, or the shared output does not
-    /// exist; [`BackendError::Limit`] if they exceed a storage binding's limit.
+    /// [`BackendError::Invalid`] if the contents are too short or not whole elements, the shared output does not exist,
+    /// or its rows cannot be bound; [`BackendError::Limit`] if the contents exceed a storage binding's limit;
+    /// [`BackendError::OutOfMemory`].
     pub fn take(
         &mut self,
         shared: &Shared<G>,
@@ -119,7 +120,8 @@ impl<G: Gpu> HostBuffer<G> {
         Ok(())
     }
 
-    /// Returns the buffer and the byte range that the frame reads; `None` before the first contents.
+    /// Returns the buffer and the byte range that the frame reads; `None` before the first contents, and once
+    /// [`HostBuffer::take_output`] has taken the shared output.
     pub fn binding(&self) -> Option<(&Buffer<G>, Range<u64>)> {
         match &self.holds {
             Contents::Nothing => None,

@@ -42,8 +42,8 @@ pub(crate) fn buffers<G: Gpu>(
 
 /// Refuses a resource that has no valid contents right after pass number `last` of the next frame.
 ///
-/// Such a resource is an image that no pass has written yet, or one whose memory an aliased resource owns at that time:
-/// changing its layout would overwrite the owner.
+/// Such a resource has been freed, is an image that no pass has written yet, or shares its memory with a resource that
+/// owns it at that time. (Changing the layout of an image would then overwrite the owner.)
 fn check_contents<G: Gpu>(
     compiled: &CompiledPlan<G>,
     inspect: &Inspect,

@@ -35,7 +35,7 @@ pub struct Limits {
     pub heap_bytes: u64,
     /// A bit for each memory type that is device-local.
     pub device_memory_types: u32,
-    /// Required distance in bytes between buffers and images in one allocation.
+    /// Size in bytes of the pages that a buffer and an image in one allocation must not share.
     pub buffer_image_granularity: u64,
     /// True if targets of one draw may blend differently.
     pub independent_blend: bool,

@@ -1,9 +1,9 @@
 //! Manages buffers that only the prologue uses. Most planes of the scene are such buffers: prologue passes pack them,
 //! and frames read the packed data.
 //!
-//! They are freed once the prologue's frame has completed. If device memory has no room for them as well, they are
-//! placed in host memory, which the device reads more slowly. If a plan reuses the results of passes, buffers that only
-//! these passes use are not created.
+//! They are freed once the prologue's frame has completed. If device memory has no room for them as well, the scene's
+//! planes among them are placed in host memory, which the device reads more slowly. If a plan reuses the results of
+//! passes, buffers that only these passes use are not created.
 
 use crate::attributes::PlaneKey;
 use crate::gpu::Location;
@@ -40,7 +40,7 @@ impl UsedOnce {
     /// programs lose their memory.
     ///
     /// # Errors
-    /// Returns an error if the memory that remains after the prologue exceeds `available`.
+    /// [`BackendError::OutOfMemory`] if even without the moved planes, the plan needs more than `available`.
     pub fn find_room(
         &mut self,
         plan: &Plan,

@@ -6,7 +6,7 @@
 //!
 //! Frames of all executors run on one queue, but no plan knows of the others. The runtime therefore orders the copy
 //! itself: the copy waits for all earlier work on the queue, readers included, and all later work waits for the copy. A
-//! reader always sees the complete output of the last frame submitted before its own.
+//! reader always sees the complete output of the last shared frame submitted before its own frame.
 
 use crate::check::within_bytes;
 use crate::gpu::{Buffer, BufferDesc, Gpu, Image, Location};
@@ -49,7 +49,7 @@ impl<G: Gpu> SharedOutputs<G> {
             return Ok(current.clone());
         }
         let bytes = image.bytes();
-        // A reader may bind only a part of it.
+        // The limit of a storage binding does not apply: a reader can bind a range of rows.
         let what = || format!("the size of a shared output of {width} x {height} pixels");
         within_bytes(what, bytes, gpu.limits().max_buffer_bytes)?;
         let picture = Picture { id: self.next.fetch_add(1, Ordering::Relaxed), format, width, height };
@@ -73,7 +73,8 @@ impl<G: Gpu> SharedOutputs<G> {
         all.remove(&output.picture.id);
     }
 
-    /// Finds a shared output by its picture; `None` if it was replaced or its executor was dropped.
+    /// Finds a shared output by its picture; `None` if it was replaced, its executor was dropped, or `picture` has
+    /// another format or size.
     pub fn find(&self, picture: &Picture) -> Option<Arc<SharedOutput<G>>> {
         let all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let held = all.get(&picture.id).and_then(Weak::upgrade);

@@ -1,11 +1,11 @@
 //! Compiles pipelines on a separate thread, so that a hanging driver compiler blocks nothing else.
 //!
 //! A driver's compiler can be neither bounded nor stopped from outside, so the thread is abandoned instead. If one
-//! pipeline takes longer than the device's patience, the load fails with an error that names the pass and the shader.
+//! pipeline takes longer than the compile patience, the load fails with an error that names the pass and the shader.
 //! If the load is cancelled, it ends at once. The thread checks for this between two pipelines and frees what it
-//! created; until then it holds the device open. While an abandoned thread lives, its plan is refused, so that repeated
-//! loads do not pile up threads. Once there are [`MOST_ABANDONED`] threads, any other plan waits for one to end, and is
-//! refused if the oldest has exceeded the patience.
+//! created; until then it holds the device open. While a thread abandoned for exceeding the patience lives, its plan is
+//! refused, so that repeated loads do not pile up threads. Once there are [`MOST_ABANDONED`] threads, any other plan
+//! waits for one to end, and is refused if the oldest has exceeded the patience.
 
 use crate::gpu::{Gpu, NextPipeline};
 use splatgraph_api::{BackendError, Progress};
@@ -43,7 +43,7 @@ pub(crate) struct Compilers {
 
 /// A plan whose compilation was abandoned.
 struct Abandoned {
-    /// The plan; it is dropped when its thread ends.
+    /// The plan; its strong count is 0 once its thread has ended.
     plan: Weak<Plan>,
     current: Option<NextPipeline>,
     /// Time at which the thread started its current pipeline.
@@ -160,8 +160,8 @@ impl Compilers {
     /// Returns true if another compiler thread may start.
     ///
     /// # Errors
-    /// [`BackendError::StuckCompiler`] if an abandoned thread is still compiling this plan, or if too many threads run
-    /// and the oldest has exceeded the patience.
+    /// [`BackendError::StuckCompiler`] if a thread abandoned for exceeding the patience is still compiling this plan,
+    /// or if too many threads run and the oldest has exceeded the patience.
     fn has_room(&self, plan: &Plan, patience: Duration) -> Result<bool, BackendError> {
         let mut abandoned = self.abandoned();
         abandoned.retain(|former| former.plan.strong_count() > 0);

@@ -172,7 +172,7 @@ impl<G: Gpu> Resources<G> {
         self.held[id.index()] = Held::Transient(transient);
     }
 
-    /// Returns the mapped bytes of a resource that exists once per frame in flight; `None` for other kinds.
+    /// Returns the mapped bytes of a uniform block of the host or of the statistics readback; `None` for other kinds.
     pub fn mapped_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut [u8]> {
         match &mut self.held[id.index()] {
             Held::PerFrame(copies) => Some(copies[slot].mapped_mut()),

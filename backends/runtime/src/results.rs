@@ -127,7 +127,7 @@ impl<'a> Prologue<'a> {
         touched(self.plan.pass(pass)).filter(|(_, writes)| *writes).map(|(id, _)| id)
     }
 
-    /// Returns true for a buffer of the plan that frames do not write, without aliases and not a history.
+    /// Returns true for a transient buffer that frames do not write, that has no aliases, and that is not a history.
     fn is_result(&self, id: ResourceId) -> bool {
         let resource = self.plan.resource(id);
         resource.source == Source::Transient
@@ -146,7 +146,7 @@ impl<'a> Prologue<'a> {
             if attributes::key(plan.resource(id), identity).is_some() {
                 continue;
             }
-            // A resource without an earlier writer has no contents to depend on.
+            // A resource that no prologue pass writes comes from the host or has no contents: there is no recipe.
             for &pass in self.writers.get(&id)? {
                 passes.insert(pass);
                 wanted.extend(touched(plan.pass(pass)).map(|(id, _)| id).filter(|id| seen.insert(*id)));

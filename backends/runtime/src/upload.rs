@@ -1,7 +1,8 @@
 //! Uploads the scene in chunks, through staging memory.
 //!
 //! The staging memory has two halves: the scene writes one while the device copies from the other. Whatever the scene's
-//! size, at most two [`CHUNK`]s are mapped, nothing else is allocated, and progress is reported after every chunk.
+//! size, at most two [`CHUNK`]s (or two entries, if longer) are mapped, nothing else is allocated, and progress is
+//! reported after every chunk.
 
 use crate::attributes::{PlaneKey, Planes};
 use crate::gpu::{Buffer, BufferDesc, Encoder, Gpu, Location};
@@ -12,7 +13,7 @@ use splatgraph_framework::ir::Usage;
 use std::ops::Range;
 use tracing::info_span;
 
-/// Maximum size of one copy, in bytes. A copy has whole entries.
+/// Maximum size of one copy, in bytes, unless a single entry is longer. A copy has whole entries.
 const CHUNK: u64 = 16 << 20;
 
 /// Uploads the `missing` planes of the scene.

@@ -12,7 +12,7 @@ pub(crate) fn usage(resource: &Resource) -> Usage {
         return resource.usage | Usage::COPY_SOURCE;
     }
     let base = match resource.source {
-        // The uses are equal in all plans, because plans share these buffers.
+        // Plans with different uses share planes and histories, so these allow every use; so do host buffers.
         Source::Scene { .. } | Source::HostBuffer { .. } => return BUFFER,
         Source::Transient if resource.history.is_some() => return BUFFER,
         Source::Transient => Usage::COPY_SOURCE,

@@ -78,7 +78,7 @@ impl<G: Gpu> Watch<G> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers a submission, right after the ones submitted before it.
+    /// Registers a submission. Call it right after [`Gpu::submit`], so that the numbers follow the queue's order.
     pub fn enter(self: &Arc<Self>, submission: Submission<G>) -> Ticket<G> {
         let mut state = self.state();
         let number = state.next;

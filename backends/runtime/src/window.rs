@@ -4,8 +4,8 @@
 //! an acquired image, and the image is presented. The blit is submitted right after the frame: the frame itself never
 //! waits for the window, and its timestamps do not include such a wait.
 //!
-//! A swapchain becomes *stale* when the window is resized or vsync is switched. The next frame to be shown then creates
-//! a new one. A window without pixels has no swapchain and shows nothing.
+//! A swapchain becomes *stale* when the window is resized, vsync is switched, or the window system reports that the
+//! swapchain is out of date. The next frame to be shown then creates a new one. A window without pixels shows nothing.
 
 use crate::check::invalid;
 use crate::gpu::{Acquired, Gpu, Image, Presented, Show};
@@ -163,7 +163,7 @@ impl<G: Gpu> Swapchain<G> {
         Ok(None)
     }
 
-    /// Replaces a stale swapchain, unless the window has no pixels.
+    /// Replaces a stale swapchain, unless the window has no pixels or the device stays busy.
     fn renew(&mut self) -> Result<(), BackendError> {
         if !self.stale {
             return Ok(());

@@ -19,7 +19,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Refuses a plan that is inconsistent ([`BackendError::Invalid`]) or exceeds a limit ([`BackendError::Limit`]).
 ///
-/// In an accepted plan, every id is in range and names a resource that allows its use.
+/// In an accepted plan, the ids of resources, passes, shaders and blocks are in range, and resources suit the work that
+/// names them. Not checked are the ids in the plan's dependencies, and the declared usage of bound resources.
 pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     let checker = Checker { plan, limits };
     let mut histories = HashSet::new();
@@ -120,7 +121,7 @@ impl<'a> Checker<'a> {
         Ok(resource)
     }
 
-    /// Checks a range of bytes in a buffer; offset and size must be whole words.
+    /// Returns the buffer `id`; refuses an image, and a byte range that is not in the buffer or starts within a word.
     fn words(
         &self,
         id: ResourceId,
