@@ -110,7 +110,7 @@ fn each_rule_broken_on_purpose_fails_the_bound() {
     }
 }
 
-/// Draws a small cloud behind one splat of scales exp(`logs`). Returns the PSNR against the exact renderer.
+/// Draws a small cloud in front of one splat of scales exp(`logs`). Returns the PSNR against the exact renderer.
 fn giant(logs: [f32; 3], covariance: &str) -> f64 {
     let size = (320, 180);
     let camera =

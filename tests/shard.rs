@@ -21,7 +21,7 @@ fn run(place: &Place, line: &str, more: &[&str], code: i32) -> String {
     errors
 }
 
-/// Removes fields that differ between runs: times, and what follows from them.
+/// Removes fields that differ between runs, such as times.
 fn without_times(json: &[u8]) -> Value {
     fn clean(value: &mut Value) {
         match value {

@@ -152,7 +152,8 @@ impl Sorter<'_> {
     }
 }
 
-/// Returns sizes up to 2^16: the smallest, the largest, and the neighbours of multiples of two steps.
+/// Returns sizes up to 2^16: the smallest and the largest; and the number of lanes and multiples of two steps, each
+/// with its neighbours.
 ///
 /// The steps are the block, and `block * lanes` for the serial sort or `8 * lanes` for others. The multiples are 1, 2,
 /// 3 and 7, or all in a long run.
@@ -169,7 +170,8 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     sizes
 }
 
-/// Tests every digit width with every key width, each at every boundary size, cycling through the kinds of keys.
+/// Tests every digit width with every key width, each at every boundary size: with a pseudo-random kind of keys, or
+/// with all kinds in a long run.
 ///
 /// With an unusual vector width, each digit width is tested with one key width only, unless the run is long.
 fn boundaries() {

@@ -1,5 +1,5 @@
-//! Tile renderers, compared with images of the published CUDA rasteriser and with each other. Lists are also long, or
-//! too small at first.
+//! Tile renderers, compared with images of the published CUDA rasteriser and with each other. Some lists are long, or
+//! begin with too little capacity.
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;

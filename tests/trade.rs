@@ -97,7 +97,7 @@ fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
     assert_eq!(psnr(&place, "defaults"), None, "the defaults drew the truth");
     assert!(trade(against).contains("2 rows of an earlier run are kept"));
 
-    // Replaces the truth by other pictures under the same names.
+    // Replaces the truth with other pictures under the same names.
     place.done(&format!("{TRUTH} --background 1,1,1"));
     let errors = trade(against);
     assert!(

@@ -9,7 +9,9 @@ use splatgraph_framework::ir::PassId;
 use splatgraph_metal::sync::{Division, EncodedPass, Encoders, Encoding};
 use splatgraph_metal::walk::{Move, Walk, Walked};
 
-/// Walks a frame and submits it. Returns its encoders, and the number of encoders before the prologue was handed over.
+/// Walks a frame and submits it.
+///
+/// Returns its encoders, and the number of encoders before the prologue was handed over; `None` if it was not.
 fn walked_frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> (Vec<Encoding>, Option<usize>) {
     let (mut walk, mut found, mut handover) = (Walk::default(), Vec::new(), None);
     let mut open: Option<Encoding> = None;

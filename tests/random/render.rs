@@ -325,7 +325,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Writes a pass whose output has no reader. It reads what pass `after` accessed, or what another idle pass wrote.
+    /// Writes an idle pass, whose output at most another idle pass reads. It reads what pass `after` accessed, or what
+    /// another idle pass wrote.
     fn idle_pass(&mut self, after: usize) {
         let (sketch, style) = (self.sketch, self.style);
         let pass = &sketch.passes[after];
@@ -480,7 +481,9 @@ fn head(sketch: &Sketch, pass: &Pass, slots: &[&Slot], mut lines: String, mut bo
     format!("#version 460\n{lines}{body}{FUNCTIONS}")
 }
 
-/// Returns statements that mix what the pass reads into `h`, at an element that depends on `index`.
+/// Returns statements that mix the pass's inputs into `h`.
+///
+/// They read one element of each input, which depends on `index`; with `all`, every 128th element from `index` on.
 fn mix_reads(sketch: &Sketch, slots: &[&Slot], index: &str, all: bool) -> String {
     let mut text = String::new();
     for slot in slots.iter().filter(|slot| !slot.bind.writes) {

@@ -75,7 +75,7 @@ pub enum Work {
         targets: Vec<(usize, bool)>,
         strip: bool,
     },
-    /// Fills the bound buffers.
+    /// Fills the bound buffer.
     Fill {
         value: u32,
     },
@@ -362,7 +362,8 @@ impl Sketch {
         }
     }
 
-    /// Drops reads of contents that no pass wrote under these settings. Returns false if there were none.
+    /// Drops reads and statistics of contents that no pass wrote under these settings. Returns false if there were
+    /// none.
     fn mend(&mut self, settings: Settings) -> bool {
         let runs = self.runs(settings);
         let past = Past::of(self, &runs);
@@ -439,7 +440,10 @@ impl Sketch {
         !faults.is_empty() || self.stats.len() != stats
     }
 
-    /// Moves passes that may be anywhere in the file: none of their resources has several writers.
+    /// Moves passes that may be anywhere in the file.
+    ///
+    /// Such a pass accesses no ping-pong buffer. Except for reads of the previous frame, it accesses no history and no
+    /// resource with several writers.
     fn move_passes(&mut self) {
         let mut writers: BTreeMap<Target, usize> = BTreeMap::new();
         count_writers(&self.nodes, &self.passes, 1, &mut writers);

@@ -3,7 +3,7 @@
 use crate::numbers::Random;
 
 impl Random {
-    /// Draws a number from 0 to 1.
+    /// Draws a number from 0 to 1, exclusive.
     #[cfg(target_os = "linux")]
     pub fn share(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64

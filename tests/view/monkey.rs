@@ -264,7 +264,7 @@ impl<D: Device> Monkey<D> {
         text
     }
 
-    /// Returns a random control of a kind, except those that open something outside of the window.
+    /// Returns the name of a random control that `kind` accepts; `None` if none is shown.
     fn any(&mut self, kind: impl Fn(&str) -> bool) -> Option<String> {
         let names = self.viewer.shell.panels.controls.iter().map(|(name, _)| name);
         let names: Vec<String> = names.filter(|name| kind(name)).map(str::to_owned).collect();

@@ -35,7 +35,7 @@ struct Cycles {
     viewer: TestShell,
     begun: Instant,
     table: Option<File>,
-    /// A's initial picture and memory, which every repair must restore.
+    /// A's picture and memory after the first repair, which every later repair must restore.
     sound: Option<(Image, Vec<(String, u64)>)>,
 }
 
@@ -99,7 +99,7 @@ impl Cycles {
         }
     }
 
-    /// Compares A's picture and memory with the initial ones; the first call records them.
+    /// Compares A's picture and memory with those of the first call.
     fn check(&mut self, kind: &str) {
         self.viewer.settle();
         let picture = self.viewer.picture(RendererId::A);
@@ -132,7 +132,7 @@ impl Cycles {
         self.check(kind);
     }
 
-    /// Replaces a file by a named pipe, which would block a reader, and restores the file.
+    /// Replaces a file with a named pipe, which would block a reader, and restores the file.
     fn no_file(&mut self, cycle: u32, kind: &str, name: &str) {
         let (shipped, path) = (shipped(name), self.viewer.place.at(name));
         std::fs::remove_file(&path).expect("it is removed");

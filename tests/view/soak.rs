@@ -110,8 +110,8 @@ fn soak(length: Length) {
     soak.viewer.close();
 }
 
-/// Fails if the process or the device has more memory in the last third than in the middle third. The first third fills
-/// caches. Open files and threads must stay the same.
+/// Fails if the process has more memory in the last third of the run than in the middle third; the first third fills
+/// caches. After the first third, the device's memory, open files and threads must stay the same.
 fn check_growth(references: &[Reference], noise: u64) {
     let third = references.len() / 3;
     assert!(third >= 3, "{} reference states are too few to tell", references.len());

@@ -228,7 +228,7 @@ impl<D: Device> TestShell<D> {
         }
     }
 
-    /// Draws frames until nothing is being built and the pictures have the size that the window requests.
+    /// Draws frames until nothing is being built and the window's plan has the window's size.
     pub fn settle(&mut self) {
         // The first frame requests what later frames show.
         self.frame();

@@ -43,11 +43,11 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     let since = program.now();
     sleep(Duration::from_secs(3));
     assert_eq!(program.now(), since, "something is drawn");
-    // A control under the pointer is redrawn...
+    // A control under the pointer is redrawn.
     program.window.point(middle(control));
     program.frame_after(since);
     program.rests();
-    // ...and so is the window after a key, after it is restored or resized, and after a file is edited.
+    // The window is drawn again after a key, after it is restored or resized, and after a file is edited.
     let mut since = program.now();
     program.window.key('h'.into());
     program.frame_after(since);
@@ -85,7 +85,7 @@ fn a_window_that_cannot_be_drawn_says_why_and_ends() {
     assert!(errors.contains("pipelines/view/window.ron:1:6"), "{errors}");
 }
 
-/// Tests the parameters' controls: each triggers a build, and keys still move the camera afterwards.
+/// Tests the parameters' controls: each change triggers a build.
 fn parameters(program: &mut Program, first: &Pixels) {
     let passes = |event: &serde_json::Value| event["passes"].as_u64().expect("it has passes");
     let since = program.now();

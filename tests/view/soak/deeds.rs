@@ -55,7 +55,7 @@ const COMMENTED: [&str; 8] = [
     "pipelines/view/window.ron",
 ];
 
-/// Names a disturbance.
+/// A disturbance.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Deed {
     Comment,
@@ -228,7 +228,7 @@ impl Soak {
         self.edit(name, text);
     }
 
-    /// Sets a parameter of the plan, if it has any, to another value; sometimes to the default.
+    /// Sets a parameter of the plan, if it has any, to a random value, or sometimes to its default.
     fn set_param(&mut self, who: RendererId, kind: ParamBindingKind) {
         let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
         let is_const = |binding| binding == ParamBinding::Const;

@@ -28,7 +28,7 @@ pub(super) fn threads() -> Vec<String> {
     names
 }
 
-/// Returns the names of the threads, after 50 ms in which finished threads can end.
+/// Returns the shortest list of threads seen within 50 ms, so that finished threads can end.
 pub(super) fn settled_threads() -> Vec<String> {
     let mut least = threads();
     let begun = Instant::now();
