@@ -17,7 +17,8 @@ use std::time::Duration;
 /// A physical device and its properties.
 pub(crate) struct Physical {
     pub handle: vk::PhysicalDevice,
-    /// Index of a queue family with compute and graphics. With a window, the family can also present to it.
+    /// Index of a queue family with compute and graphics. With a window, the family can also present to it. Meaningless
+    /// if the device is unfit.
     pub family: u32,
     pub info: DeviceInfo,
     pub limits: Limits,

@@ -1,7 +1,7 @@
 //! Converts Vulkan's result codes to [`BackendError`]s.
 //!
-//! Every call that can fail goes through [`api`], so an error always names the call. Results that a caller can act on
-//! (out of memory, device lost, busy driver) have their own variants.
+//! Calls that can fail go through [`api`] or [`window`](crate::surface::window), so that an error names its call.
+//! Results that a caller can act on (out of memory, device lost, busy driver) have their own variants.
 
 use ash::vk;
 use splatgraph_api::BackendError;

@@ -34,8 +34,8 @@ pub struct VulkanGpu {
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// The memory allocator; `None` only while the device is being created or destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences that nobody waits for any more, but that a submission may still signal. They are destroyed with the
-    /// device.
+    /// Fences of waits for an idle device, which a submission may still signal. If the wait timed out, its fence is
+    /// destroyed with the device.
     fences: Mutex<Vec<vk::Fence>>,
     /// Time limit of one pass; see [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,

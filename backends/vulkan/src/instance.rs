@@ -225,8 +225,8 @@ pub(crate) fn offers(extensions: &[vk::ExtensionProperties], name: &CStr) -> boo
     extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
 }
 
-/// Returns the layer settings that make synchronization validation check shader accesses, which newer layers omit by
-/// default.
+/// Returns the layer settings that enable synchronization validation and its check of shader accesses, which newer
+/// layers omit by default.
 fn synchronization_settings() -> [vk::LayerSettingEXT<'static>; 2] {
     static YES: vk::Bool32 = vk::TRUE;
     [c"validate_sync", c"syncval_shader_accesses_heuristic"].map(|name| vk::LayerSettingEXT {

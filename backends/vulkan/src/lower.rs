@@ -303,8 +303,7 @@ mod tests {
         assert_eq!(asked([256, 1, 1], LIMITS), (Some(32), true));
         // x is not a multiple of the size.
         assert_eq!(asked([16, 16, 1], LIMITS), (None, false));
-        // Too many subgroups to request a size. Subgroups are full only if the workgroup is a multiple of every
-        // possible size.
+        // Too many subgroups to request a size. Subgroups are then full only if x is a multiple of the largest size.
         assert_eq!(asked([32 * 9, 1, 1], LIMITS), (None, false));
         assert_eq!(asked([512, 1, 1], LIMITS), (None, true));
         let fixed = SubgroupLimits { selectable: false, ..LIMITS };

@@ -50,7 +50,7 @@ impl Memory {
             location: match location {
                 Location::Device => MemoryLocation::GpuOnly,
                 Location::Upload => MemoryLocation::CpuToGpu,
-                // Not `CpuToGpu`: the host would write into device memory, across the bus and slower than a copy reads.
+                // Staging is not `CpuToGpu`: host writes would cross the bus, more slowly than a copy reads.
                 Location::Staging | Location::Readback | Location::Host => MemoryLocation::GpuToCpu,
             },
             linear: matches!(

@@ -119,8 +119,8 @@ pub(crate) fn format(
     })
 }
 
-/// Chooses the present mode: FIFO with vsync; otherwise the one that shows new images soonest. Every window offers
-/// FIFO.
+/// Chooses the present mode: FIFO, which every window offers, with vsync. Otherwise the first offered of MAILBOX,
+/// IMMEDIATE (which can tear) and FIFO.
 pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::PresentModeKHR {
     let wanted: &[vk::PresentModeKHR] =
         if vsync { &[] } else { &[vk::PresentModeKHR::MAILBOX, vk::PresentModeKHR::IMMEDIATE] };
@@ -130,7 +130,7 @@ pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::P
 /// Returns the size of the swapchain's images; `None` while the window has no pixels.
 ///
 /// On some window systems the images determine the window's size. There, the size is `told`, the one last reported to
-/// the program.
+/// the program, clamped to the surface's limits.
 pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent2D) -> Option<vk::Extent2D> {
     const ANY: vk::Extent2D = vk::Extent2D { width: u32::MAX, height: u32::MAX };
     let (least, most) = (capabilities.min_image_extent, capabilities.max_image_extent);

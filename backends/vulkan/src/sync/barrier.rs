@@ -24,7 +24,7 @@ impl Barriers {
         at.map_or(&self.handover, |pass| &self.before[pass.index()])
     }
 
-    /// Returns the barriers before a pass, or the handover's for `None`, to be changed.
+    /// Returns a mutable reference to the barriers before a pass, or the handover's for `None`.
     pub fn at_mut(&mut self, at: Option<PassId>) -> &mut Vec<Barrier> {
         match at {
             Some(pass) => &mut self.before[pass.index()],

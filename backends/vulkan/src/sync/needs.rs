@@ -24,11 +24,11 @@ pub(super) struct Reason {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Requirement {
     pub reason: Reason,
-    /// Source stage and write access. The access is empty if an earlier barrier already made the write available.
+    /// Source stage, and the write access to make available; no access after a read or a layout change.
     pub from: Stages,
     pub flush: Accesses,
-    /// Stages to wait for instead of flushing, as a chain with earlier barriers; any one suffices. Includes later
-    /// stages of the pipeline.
+    /// Source stages that suffice without an access, any one of them. They chain with earlier barriers; after a read,
+    /// they include `from` and the later stages of its pipeline.
     pub via: Stages,
     /// Target stage, and the access to which the write must be visible; no access for an execution dependency.
     pub to: Stages,

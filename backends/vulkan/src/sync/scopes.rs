@@ -12,7 +12,7 @@ pub(super) const STAGES: usize = Stages::all().bits().count_ones() as usize;
 /// Number of accesses that [`Accesses`] names.
 const ACCESSES: usize = Accesses::all().bits().count_ones() as usize;
 
-/// A position in the walk. Pass number `n` is at time `2 n`, the barriers before it at `2 n - 1`. 0 precedes
+/// A position in the walk. Pass number `n`, from 1, is at time `2 n`, the barriers before it at `2 n - 1`. 0 precedes
 /// everything.
 pub(super) type Time = u32;
 
@@ -140,7 +140,8 @@ impl Scopes {
         from.iter().any(|from| shown[index(from.bits())] >= time)
     }
 
-    /// Applies the barriers of one call at `time`. Each has masks, and a flag for a barrier on all memory.
+    /// Applies the barriers of one call, which covers accesses up to `time`. Each barrier has its masks, and true if it
+    /// is on all memory.
     pub fn apply(&mut self, call: impl Iterator<Item = (Masks, bool)>, time: Time) {
         // Barriers of one call do not form chains: each starts from the state before the call.
         let (ordered, available) = (self.ordered, self.available);

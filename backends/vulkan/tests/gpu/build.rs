@@ -105,7 +105,7 @@ impl Scene {
         self
     }
 
-    /// Returns the number of requests for a plane.
+    /// Returns the number of calls of [`SceneData::write`].
     pub fn asked(&self) -> usize {
         self.asked.load(Ordering::Relaxed)
     }
@@ -175,7 +175,7 @@ impl Build {
         }
     }
 
-    /// Gives a resource a history under its own name, initially zero.
+    /// Gives a resource a history under its own name. Returns the added prologue pass, which clears it.
     pub fn history(&mut self, id: ResourceId) -> PassId {
         let resource = &mut self.plan.resources[id.index()];
         resource.history = Some(resource.name.clone());
@@ -188,7 +188,7 @@ impl Build {
         self.pass(Run::Once, &name, Work::ClearHistory { resource: id }, &[], vec![touch])
     }
 
-    /// Adds a buffer of 32-bit words that allows every use.
+    /// Adds a buffer of 32-bit words that allows every use except as a uniform block.
     pub fn words(&mut self, name: &str, count: u64) -> ResourceId {
         let usage = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_SOURCE | Usage::COPY_TARGET;
         self.resource(name, Shape::Buffer { stride: 4, count }, usage, Source::Transient)
@@ -369,7 +369,7 @@ impl Build {
     }
 }
 
-/// Returns one barrier before each pass, from the accesses of all passes to this pass's.
+/// Returns barriers before each pass, from the accesses of all passes to the pass's own.
 pub fn barriers_everywhere(plan: &Plan) -> Barriers {
     type Side = (Stages, Accesses);
     let all = |uses: &mut dyn Iterator<Item = &Use>| -> Side {
@@ -406,7 +406,7 @@ pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrie
     Barrier { image: None, masks: Masks::new(source, target), causes: Vec::new() }
 }
 
-/// Finishes a plan by copying `words(n)` into an image of one row, and exports the image.
+/// Finishes a plan: copies the buffer `words` to an image of one row, and exports the image.
 pub fn show(mut build: Build, words: ResourceId) -> Plan {
     let count = build.plan.resource(words).bytes() as u32 / 4;
     let image = build.image("row", Format::R32Uint, count, 1, Usage::STORAGE);
@@ -431,7 +431,7 @@ void main() {{ words[gl_WorkGroupID.x] += gl_WorkGroupID.x + {constant}u; }}"
     )
 }
 
-/// Returns a shader that sets the only pixel of `image`, a storage image of 32-bit words, to `value`.
+/// Returns a shader that sets the first pixel of `image`, a storage image of 32-bit words, to `value`.
 pub fn image_shader(value: &str) -> String {
     format!(
         "#version 460

@@ -153,8 +153,8 @@ void main() {
     gl_Position = vec4(corners[gl_VertexIndex], color.a, 1);
 }";
 
-/// Draws triangles of these colours, with depths in alpha. The first `written` write their depths; a second draw only
-/// tests the others.
+/// Draws triangles of these colours, with depths in alpha. The first `written` write their depths; a second draw tests
+/// the others against these depths, and writes none.
 ///
 /// Returns the colour inside the triangles, and the depths inside and outside.
 fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {

@@ -60,7 +60,7 @@ fn given_bytes(vulkan: &Vulkan) -> Option<u64> {
 fn each_frame_in_flight_reads_its_own_buffer_however_long_it_is() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(2));
-    // The buffer grows, stays and shrinks, always with two frames in flight.
+    // The length grows, stays and shrinks, always with two frames in flight.
     let lengths = [2, 3, 2, 5000, 4, 100_000, 2, 2, 1 << 20, 3];
     let frames: Vec<(FrameId, u32)> = (0..)
         .zip(lengths)
@@ -169,7 +169,7 @@ fn a_buffer_that_is_longer_than_a_binding_may_be_is_a_limit() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(1));
     let most = vulkan.info().facts.max_storage_bytes;
-    // Zeros that the shader never reads, at the maximum length.
+    // One word more than a binding can have.
     let long = vec![0; most as usize / 4 * 4 + 4];
     let error = vulkan.submit(&giving(BufferContents::Bytes(Arc::new(long))));
     assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");

@@ -1,7 +1,7 @@
 //! Hand-made plans, run on a real device (lavapipe suffices) with synchronization validation.
 //!
-//! Every test opens its own device and ends with [`build::finish`], which closes it and fails on any message, including
-//! messages about closing. Tests of windows ([`screen`]) also start an X server.
+//! Nearly every test opens its own device and ends with [`build::finish`], which closes it and fails on any message,
+//! including messages about closing. Tests of windows ([`screen`]) also start an X server.
 //!
 //! The tests do not run on Apple's systems, which have no lavapipe.
 #![cfg(not(target_vendor = "apple"))]

@@ -264,7 +264,7 @@ fn a_picture_is_its_executors_memory_until_it_has_another_and_then_of_the_frames
     let words_ = BufferContents::Bytes(Arc::new(vec![0; 4]));
     let buffers = ["frame.left", "frame.right"].map(|name| (name.to_string(), words_.clone()));
     for _ in 0..2 {
-        // Both slots now have memory for words.
+        // Gives both slots memory for words.
         frame(&mut window, &FrameInputs { buffers: buffers.clone().into(), ..with_output() });
     }
     let before = total(&window);
@@ -329,7 +329,7 @@ void main() {
     let picture = scene.picture().expect("it was shown");
     let give =
         |contents| FrameInputs { buffers: [("frame.rows".to_string(), contents)].into(), ..with_output() };
-    // The whole picture exceeds the device's binding limit, and nothing else failed.
+    // If the whole picture exceeds the device's binding limit, it is refused, and later frames still work.
     if window.info().facts.max_storage_bytes < 16 * u64::from(SIDE) * u64::from(SIDE) {
         let error = window.submit(&give(BufferContents::Picture(picture)));
         assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");

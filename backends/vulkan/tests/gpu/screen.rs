@@ -277,7 +277,7 @@ fn the_window_is_the_executors_that_was_opened_in_it_and_others_draw_on_without(
         other.submit(&FrameInputs { show: true, ..inputs(99, true) }).unwrap();
     }
     window.expect(&drawn(25, SIZE), 0);
-    // The device keeps the second window open.
+    // The device keeps the window after the window's executor is closed, and draws without presenting.
     assert_eq!(vulkan.close(), Vec::<String>::new());
     show(&mut other, 7);
     assert_eq!(window.pixels(), drawn(25, SIZE));

@@ -111,7 +111,8 @@ pub struct Write {
     pub ordered: Stages,
     /// Stages ordered after the write became available; empty until then.
     pub chain: Stages,
-    /// Accesses to which the write is visible: through any resource, and only through the resource that was written.
+    /// Accesses to which the write is visible through any resource. `visible_through_own` has those to which it is
+    /// visible only through the resource that was written.
     pub visible: Pairs,
     pub visible_through_own: Pairs,
 }

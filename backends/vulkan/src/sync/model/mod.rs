@@ -65,10 +65,10 @@ pub fn replay(plan: &Plan, barriers: &Barriers, replay: &Replay) -> Vec<Violatio
 /// Replays successive plans, each for its number of frames, with two frames in flight.
 ///
 /// Between two plans the backend records one barrier from everything to everything. Resources with a
-/// [history](splatgraph_framework::plan::Resource::history) of the same name and shape continue: their
-/// [`Work::ClearHistory`](splatgraph_framework::ir::Work::ClearHistory) is omitted together with the barrier on its
-/// image, and the image is transitioned to the layout that the pass would have left. All other resources of the new
-/// plan are fresh memory.
+/// [history](splatgraph_framework::plan::Resource::history) of the same name and shape continue, unless another pass of
+/// the new prologue writes them. Their [`Work::ClearHistory`](splatgraph_framework::ir::Work::ClearHistory) is omitted
+/// together with the barrier on its image, and the image is transitioned to the layout that the pass would have left.
+/// All other resources of the new plan are fresh memory.
 pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     let mut violations = Vec::new();
     let mut carried = Vec::new();

@@ -11,7 +11,7 @@ use splatgraph_framework::plan::Plan;
 pub struct Violation {
     /// Kind of conflict.
     pub kind: ViolationKind,
-    /// The earlier access. `None` for bytes that were never written, or a layout that was never set.
+    /// The earlier access. `None` for a wrong layout, and for bytes that were never written in the replay.
     pub first: Option<Actor>,
     /// The later access, whose result is undefined.
     pub second: Actor,

@@ -166,7 +166,7 @@ fn a_layout_that_changes_while_a_dispatch_reads_is_caught() {
 
 #[test]
 fn the_order_that_an_images_barrier_gives_holds_for_buffers_too() {
-    // `second` may write the buffer that `first` reads, because it waits for its image. (The layer needs both stages.)
+    // `second` may write the buffer that `first` reads, because the barrier on its image waits for `first`.
     let mut build = Build::new();
     let (image, words) = (build.picture(), build.words("words", 4));
     build.reads("first", words);

@@ -78,7 +78,7 @@ fn resources_in_one_memory_wait_for_each_other() {
 
 #[test]
 fn resources_in_one_memory_conflict_where_they_overlap() {
-    // The indirect arguments lie at the end of `a`, which `b` does not reach.
+    // The indirect arguments lie in `a` beyond the end of `b`.
     let mut sketch = Sketch::new();
     let (a, b) = (sketch.buffer("a"), sketch.sized("b", 16));
     sketch.share(b, a);

@@ -191,7 +191,7 @@ fn the_host_must_not_read_the_statistics_of_an_earlier_frame() {
 
 #[test]
 fn a_fence_does_not_order_what_the_device_alone_touches() {
-    // Frame 2 starts once frame 0 is complete, but frame 1 may still be running.
+    // A frame starts once the previous one is complete, but the model lets a fence order only the host's resources.
     let sketch = every_frame(&[]);
     let replay = sketch.replay(&Replay { frames: 4, in_flight: 1, copies: 1 });
     assert!(!replay.is_empty());

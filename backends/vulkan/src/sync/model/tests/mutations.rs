@@ -55,7 +55,7 @@ fn a_minimal_plan_is_sufficient_and_nothing_in_it_is_needless() {
 #[test]
 fn a_trial_leaves_the_replay_as_it_was() {
     let sketch = minimal();
-    // Without the table's barriers and without layout changes, most positions give violations.
+    // Without the frame's layout changes, most positions give violations.
     let mut worse = minimal();
     worse.barriers.before[2..].iter_mut().for_each(|call| call.retain(|barrier| barrier.image.is_none()));
     let (trace, replay) = (Trace::new(&sketch.plan, 2), Replay::default());
