@@ -205,7 +205,7 @@ impl Gpu for MetalGpu {
         Ok(())
     }
 
-    /// Does nothing: the draw's command buffer presents the drawable.
+    /// Ends a running capture. The draw's command buffer presents the drawable.
     fn present(&self, _: Show<Self>) -> Result<Presented, BackendError> {
         capture::end();
         Ok(Presented::Shown)

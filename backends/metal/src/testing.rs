@@ -148,7 +148,7 @@ pub fn tell(plan: &Plan, encoding: &Encoding) -> String {
     line
 }
 
-/// Returns a plan of two dispatches, a draw and a copy. Each depends on the previous one.
+/// Returns a plan of a prologue dispatch, two dispatches, a draw and the export. Each depends on the previous one.
 pub fn chain() -> Sketch {
     let mut s = Sketch::new();
     let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));

@@ -133,7 +133,7 @@ impl Gpu for NullGpu {
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Owned, BackendError> {
-        // Creates one pipeline per shader; a draw's two shaders count as one.
+        // Creates one pipeline per compute or vertex shader.
         let passes = plan.order();
         let mut pipelines: Vec<(ShaderId, PassId)> = Vec::new();
         for pass in passes {

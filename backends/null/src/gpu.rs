@@ -143,7 +143,7 @@ impl NullGpu {
     }
 }
 
-/// A memory allocation. It is mapped unless only the device accesses it.
+/// A memory allocation. It is mapped unless its location is [`Location::Device`](splatgraph_runtime::Location::Device).
 pub struct Memory {
     pub(crate) bytes: u64,
     pub(crate) mapped: Vec<u8>,

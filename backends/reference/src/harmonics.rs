@@ -5,9 +5,10 @@ use splatgraph_assets::harmonics::basis;
 
 /// Evaluates a splat's colour as seen from `eye`.
 ///
-/// Computes `sum_k sh[k] Y_k(d) + 0.5` per channel, with `d` the unit vector from the camera to the splat, then applies
-/// the floor and ceiling of the rules. Source: `computeColorFromSH` of the rasteriser (cuda_rasterizer/forward.cu). Its
-/// constants are the orthonormal real harmonics, with negative signs for odd m.
+/// Computes `sum_k sh[k] Y_k(d) + 0.5` per channel, with `d` the unit vector from the camera to the splat (reversed for
+/// [`ShDirection::ToCamera`]), then applies the floor and ceiling of the rules. Source: `computeColorFromSH` of the
+/// rasteriser (cuda_rasterizer/forward.cu). Its constants are the orthonormal real harmonics, with negative signs for
+/// odd m.
 pub(crate) fn color(sh: &[[f64; 3]; 16], position: [f64; 3], eye: [f64; 3], rules: &Rules) -> [f64; 3] {
     let sign = match rules.sh_direction {
         ShDirection::FromCamera => 1.0,

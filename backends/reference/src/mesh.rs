@@ -344,7 +344,7 @@ mod tests {
         let mut both = wall(4.0, 10.0, [0.0, 0.0, 1.0, 1.0]);
         both.append(&wall(2.0, 1.0, [1.0, 0.0, 0.0, 1.0]));
         let found = surfaces(&both);
-        // The near wall spans one pixel around the middle; the far one fills the picture.
+        // The near wall covers the middle 3 x 3 pixels; the far one fills the picture.
         for (at, surface) in found.iter().enumerate() {
             let (x, y) = (at % 5, at / 5);
             let near = (1..=3).contains(&x) && (1..=3).contains(&y);

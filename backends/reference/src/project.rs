@@ -58,7 +58,7 @@ pub(crate) struct Footprint {
 struct Turn {
     /// Width of the picture, in pixels.
     width: f64,
-    /// Half the side of the square whose tiles a splat touches, under [`Extent::Tiles`]; infinite otherwise.
+    /// Half the width of the rectangle whose tiles a splat touches; infinite under [`Extent::Unbounded`].
     half: f64,
 }
 
@@ -217,7 +217,8 @@ impl<'a> Projector<'a> {
 
     /// Returns the range of tiles that the splat may touch; `None` if it is empty.
     ///
-    /// In a panorama, a splat beyond an edge gets all columns; each pixel then finds the copy that it sees.
+    /// In a panorama, a splat within a tile of the left or right edge, or beyond it, gets all columns. Each pixel then
+    /// finds the copy that it sees.
     fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
         let half = self.half_extent(a, c, det);
         let tile = f64::from(TILE);

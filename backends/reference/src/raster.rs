@@ -26,10 +26,10 @@ pub struct Picture {
     pub transmittance: Vec<f64>,
     /// Number of splats blended.
     pub contributors: Vec<u32>,
-    /// Sum of the splats' view depths, each times its weight (alpha times transmittance).
+    /// Sum of the splats' depths, each times its weight (alpha times transmittance). A depth is the sort key, see
+    /// [`Rules::key_of`].
     pub depth: Vec<f64>,
-    /// View depth of the splat that brings the transmittance to one half or below, or of the last splat; 0 without
-    /// splats.
+    /// Depth of the splat that brings the transmittance to one half or below, or of the last splat; 0 without splats.
     pub median_depth: Vec<f64>,
     /// Sum of the splats' normals, each times its weight. A splat's normal is its shortest axis in world space,
     /// pointing towards the camera.
@@ -112,7 +112,7 @@ impl Pixel {
 /// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it; only
 /// pinhole cameras draw it.
 ///
-/// The result does not depend on the number of threads. Rendering needs about 150 bytes per visible splat, plus 4 bytes
+/// The result does not depend on the number of threads. Rendering needs about 160 bytes per visible splat, plus 4 bytes
 /// for each tile that a splat touches in the rows in progress.
 pub fn render(
     splats: &(impl Splats + ?Sized),

@@ -11,7 +11,7 @@ use std::str::FromStr;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
     /// Near plane: splats at this view depth or nearer are culled, in world units. Cameras that see behind themselves
-    /// cull by the sort key instead.
+    /// cull by the distance instead, if it is the sort key.
     pub near: f64,
     /// Offset added to the pixel position of every centre, in x and y. Pixels are sampled at integer positions.
     pub pixel_offset: f64,
@@ -220,7 +220,8 @@ pub enum KeyOf {
 /// The precision of view depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Depth {
-    /// Positions and matrix are rounded to f32 first, as in the rasteriser.
+    /// Positions and matrix are rounded to f32 first, as in the rasteriser. If f32 is too coarse for the positions, the
+    /// depth is computed in f64 and then rounded.
     F32,
     /// Computed in f64, for scenes with depths that f32 cannot distinguish.
     F64,

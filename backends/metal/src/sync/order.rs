@@ -54,8 +54,8 @@ struct Walk<'a> {
 /// The waits and barriers of one encoder, with their reasons.
 struct Ordered<'a> {
     barriers: Vec<Option<MemoryBarrier>>,
-    /// The dependencies that require waits, each with the wait's index; then those that require barriers, each with the
-    /// barrier's position.
+    /// The dependencies that require waits, each with the wait's index. `inner` has those that require barriers, each
+    /// with the barrier's position.
     waits: Vec<(usize, &'a Dependency)>,
     inner: Vec<(usize, &'a Dependency)>,
     handover: Vec<&'a Dependency>,

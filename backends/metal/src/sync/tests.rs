@@ -107,7 +107,7 @@ fn arguments_of_dispatches_count_as_reads_of_their_words_alone() {
     s.dispatch_from("use", args, 16, &[writes(x)]);
     expect(&s, &["compute after 0: make, (buffers) use; then 0"]);
 
-    // The export reads the first word, which a short alias covers; the arguments lie beyond the alias.
+    // `over` writes `short`, an alias of `args`. The arguments lie beyond its end.
     let mut s = Sketch::new();
     let (args, short, image) = (s.buffer("args"), s.buffer("short"), s.image("image"));
     s.plan.resources[short.index()].shape = Shape::Buffer { stride: 4, count: 4 };

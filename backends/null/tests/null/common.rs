@@ -17,7 +17,7 @@ pub fn finish(null: Null, journal: &Journal) {
     assert_eq!(journal.alive(), Default::default(), "objects are left");
 }
 
-/// A scene of zeros, which counts the requested planes, and the bytes of the largest piece.
+/// A scene of zeros, which counts the requested planes, and records the size of the largest piece.
 #[derive(Default)]
 pub struct Zeros {
     pub identity: u64,
@@ -63,7 +63,7 @@ pub fn histories() -> Plan {
     plan.passes.push(start);
     let start = PassId(plan.passes.len() as u32 - 1);
     plan.prologue.push(start);
-    // The draw keeps the image's contents, and the export leaves the image in its source layout.
+    // The draw keeps the image's contents, and the export leaves the image in the layout of a copy source.
     let (draw, export) = (plan.frame[2], plan.frame[3]);
     plan.layout_changes = [
         (start, Layout::Undefined, Layout::TransferTarget, false),

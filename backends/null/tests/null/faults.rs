@@ -15,7 +15,7 @@ struct Script {
 
 impl Script {
     fn load(&mut self, plan: splatgraph_framework::plan::Plan) -> Result<(), BackendError> {
-        // Each load has its own scene, so each uploads.
+        // The identity differs from that of the current plan's scene, so each load uploads.
         let scene = Zeros { identity: self.frames.len() as u64, ..Zeros::default() };
         self.null.load(plan, &scene, &mut |_| {})
     }
@@ -96,7 +96,7 @@ fn run(faults: &[Fault]) -> Outcome {
             for (index, step) in STEPS.iter().enumerate() {
                 journal.take();
                 if let Err(error) = step(&mut script) {
-                    // A wait has failed because the device or a compiler hangs. Resumes it, and continues the script.
+                    // The device or a compiler may hang: resumes it, and continues the script.
                     journal.resume();
                     until_compilers_end();
                     errors.push((Some(index), error));

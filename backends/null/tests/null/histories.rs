@@ -63,7 +63,7 @@ fn a_history_starts_from_zeros_where_its_name_shape_scene_or_neighbours_differ()
         ("name", |plan| plan.resources[WORDS.index()].history = Some("other".to_string())),
         ("shape", |plan| plan.resources[WORDS.index()].shape = Shape::Buffer { stride: 4, count: 1025 }),
         ("neighbours", |plan| {
-            // `args` moves into its block.
+            // `args` moves into the block of `words`.
             plan.blocks[0].aliases.push(crate::testing::ARGS);
             plan.blocks[1].aliases.clear();
             plan.resources[crate::testing::ARGS.index()].block = Some(BlockId(0));

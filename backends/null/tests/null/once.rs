@@ -8,7 +8,8 @@ use splatgraph_api::{Device, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_null::{Call, Config, Null, Object, open};
 
-/// Bytes of `splats` and of `sums`, which only the prologue uses here, and of the `table` computed from them.
+/// Bytes of `splats`, and below of `sums` (and of the `table` computed from them). Here only the prologue uses `splats`
+/// and `sums`.
 const SPLAT_BYTES: u64 = 8 << 20;
 const SUM_BYTES: u64 = 4 << 20;
 

@@ -220,7 +220,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Lists differences between the encoders and the plan's passes, and waits for fences that are never updated.
+    /// Lists encoders that do not match the plan or are inconsistent, and waits for fences that are never updated. If
+    /// there are none, lists updates that may overtake a wait.
     fn malformed(&self, encoders: &Encoders) -> Vec<Objection> {
         let plan = self.plan;
         let mut found = Vec::new();
