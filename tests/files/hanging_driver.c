@@ -1,5 +1,5 @@
-/* A Vulkan loader in front of the real one, whose driver does not come to the end of a compute pipeline: neither does the call return,
-   nor does the library let the process exit. HANGING_REAL names the real loader, HANGING_AFTER the pipelines that are made before. */
+/* Wraps the Vulkan loader named by HANGING_REAL. After HANGING_AFTER calls, vkCreateComputePipelines never returns, and the library's
+   destructor blocks the exit of the process. */
 
 #include <dlfcn.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #version 460
 
-// Reads the result of the sort, so that it is not taken for unused, and makes an image of it, as every graph must.
+// Reads the sorted pairs, so that the sort is not culled, and writes the output image that every graph needs.
 
 layout(local_size_x = 1) in;
 

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Makes the pairs that the test describes, and says how many there are. The test makes the same on the CPU (tests/sort.rs).
+// Generates the pairs that `Run` describes, and the arguments of the sort. tests/sort.rs generates the same pairs on the CPU.
 
 #include "args.glsl"
 #include "groups.glsl"
@@ -43,7 +43,7 @@ void main() {
         values[i] = mixed(i);
     }
     if (i == 0u) {
-        // Folded into y early, so that the folding is tested too.
+        // At most 7 workgroups in x, so that the fold into y is tested with few pairs.
         uint groups = (count + uint(GROUP_KEYS) - 1u) / uint(GROUP_KEYS);
         uint x = clamp(groups, 1u, 7u);
         args[ARGS_SORT_GROUPS] = x;

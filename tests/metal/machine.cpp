@@ -1,9 +1,9 @@
-// Runs a kernel on the CPU as Metal would: one threadgroup after the other, each thread of it a fiber with a stack of its own. A thread
-// runs until it comes to an operation of its SIMD-group or to a barrier of its threadgroup, and goes on when those that take part have
-// come there, too. So nothing but these operations orders the threads of a SIMD-group: a kernel that counts on lockstep fails.
+// Runs a kernel on the CPU with Metal's semantics: threadgroups one after another, each thread as a fiber with its own stack. A thread
+// runs until it reaches a SIMD-group operation or a threadgroup barrier, and resumes once all participants have reached it. Nothing
+// else orders the threads of a SIMD-group, so a kernel that relies on lockstep fails.
 //
-// The test can turn around the order of threadgroups, SIMD-groups and lanes, and which threads are in which SIMD-group: a result
-// that depends on it is a race.
+// The test can reverse the order of threadgroups, SIMD-groups and lanes, and the assignment of threads to SIMD-groups. A result that
+// depends on them is a race.
 #include <metal_stdlib>
 
 #undef kernel
@@ -34,14 +34,14 @@ struct Fiber {
     ucontext_t start;
     bool started;
     State state;
-    // The line of the operation or barrier that it waits at, and how many operations it has come to in this threadgroup.
+    // Line of the operation or barrier at which it waits, and number of operations that it has reached in this threadgroup.
     unsigned line, operations;
     Call call;
 };
 
 struct Machine {
     Fiber fibers[MOST_THREADS];
-    // What each thread brings to an operation. A thread may be at the next one before another has read: two sets take turns.
+    // Operand of each thread. A thread may reach the next operation before another has read, so two sets alternate.
     unsigned char values[2][MOST_THREADS][16];
     unsigned long active[MOST_THREADS];
     void (*kernel)(const Call&);
@@ -55,7 +55,7 @@ struct Machine {
 
 thread_local Machine* machine = nullptr;
 
-// Goes back to the scheduler until the thread may go on.
+// Returns to the scheduler until the thread may resume.
 __attribute__((noinline)) void pause_as(State state, unsigned line) {
     Fiber& fiber = *machine->running;
     fiber.state = state;
@@ -63,7 +63,7 @@ __attribute__((noinline)) void pause_as(State state, unsigned line) {
     if (!_setjmp(fiber.place)) _longjmp(machine->scheduler, 1);
 }
 
-// The life of a fiber: it runs the kernel for one threadgroup after the other.
+// Body of a fiber: runs the kernel for one threadgroup after another.
 void live() {
     for (;;) {
         machine->kernel(machine->running->call);
@@ -84,7 +84,7 @@ bool fail(const char* what, unsigned line, unsigned other) {
     return false;
 }
 
-// Runs a SIMD-group until each of its threads is at a barrier or done.
+// Runs a SIMD-group until each of its threads is at a barrier or done. Returns false on an error.
 bool run_simdgroup(unsigned first, unsigned end, bool reversed) {
     for (;;) {
         unsigned long active = 0;
@@ -100,7 +100,7 @@ bool run_simdgroup(unsigned first, unsigned end, bool reversed) {
             active |= 1ul << lane;
         }
         if (!leader) return true;
-        // All kernels have their operations in uniform control flow. One that has not should say so, and be looked at.
+        // The shipped kernels use operations in uniform control flow only. Anything else is reported as an error.
         if (elsewhere) return fail("lanes of a SIMD-group are at different operations", leader->line, elsewhere->line);
         for (unsigned i = first; i < end; i++) {
             Fiber& fiber = machine->fibers[i];
@@ -138,7 +138,7 @@ bool run_threadgroup(bool reversed) {
     }
 }
 
-// Beside each buffer is memory that nobody may touch.
+// Reports an access to the inaccessible page behind a buffer, and ends the process.
 void out_of_bounds(int, siginfo_t* info, void*) {
     char text[256];
     int length = snprintf(text, sizeof text, "%s: an access beyond the end of a buffer, at %p\n", machine ? machine->name : "?", info->si_addr);
@@ -180,7 +180,7 @@ extern "C" Lanes machine_exchange(const void* value, unsigned bytes, unsigned li
 
 extern "C" void machine_barrier(unsigned line) { pause_as(AT_BARRIER, line); }
 
-// Runs `groups` threadgroups of `size` threads with SIMD-groups of `lanes`. Returns what is wrong with the kernel, or null.
+// Runs `groups` threadgroups of `size` threads with SIMD-groups of `lanes`. Returns an error message, or null.
 extern "C" const char* machine_run(void (*kernel)(const Call&), const char* name, void** buffers, metal::Image* images,
                                    const unsigned* groups, const unsigned* size, unsigned lanes, bool reversed) {
     if (!machine) machine = make();
@@ -195,13 +195,13 @@ extern "C" const char* machine_run(void (*kernel)(const Call&), const char* name
     for (unsigned i = 0; i < all; i++) {
         metal::uint3 group = place_in(count, reversed ? all - 1 - i : i);
         for (unsigned t = 0; t < m.threads; t++) {
-            // Which threads make a SIMD-group is open.
+            // Metal does not specify which threads form a SIMD-group.
             unsigned index = reversed ? m.threads - 1 - t : t;
             metal::uint3 within = place_in(threads, index);
             m.fibers[t].call = Call{buffers, images, group, count, group * threads + within, index, t % lanes, t / lanes};
         }
         if (!run_threadgroup(reversed)) {
-            machine = nullptr; // its fibers are somewhere in the kernel
+            machine = nullptr; // Its fibers stopped inside the kernel and cannot be reused.
             return m.error;
         }
     }

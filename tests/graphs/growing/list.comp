@@ -5,7 +5,7 @@ layout(set = 0, binding = 1, std430) writeonly buffer List { uint list[]; };
 void main() {
     uint pixel = gl_GlobalInvocationID.x;
     if (pixel >= min(WANTED, VIEWPORT_WIDTH * VIEWPORT_HEIGHT)) return;
-    // All are counted, and those written that fit.
+    // Counts every entry, and writes it if the list has room.
     uint entry = atomicAdd(needed, 1u);
     if (entry < ENTRIES) list[entry] = pixel;
 }

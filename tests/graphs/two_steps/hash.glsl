@@ -1,4 +1,4 @@
-// A hash of 32 bits.
+// A 32-bit hash.
 uint hash(uint x) {
     x ^= x >> 16;
     return x * 0x7feb352du;
