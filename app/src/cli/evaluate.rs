@@ -234,7 +234,7 @@ impl Drawer {
     }
 }
 
-/// Returns the arguments that determine the scores, as JSON.
+/// Returns the arguments that are reported with the scores, as JSON.
 fn request(args: &Args) -> Json {
     let graph = match args.backend {
         Renderer::Device(_) => json!(args.pipeline),
@@ -375,7 +375,7 @@ const SCORES: &str = "scores.json";
 /// Prints the scores that several processes computed, and writes them as JSON.
 ///
 /// # Errors
-/// The file cannot be written.
+/// The origin has no request, or the file cannot be written.
 pub fn merge(origin: &job::Origin, scores: Vec<Score>, output: &Path) -> Result<()> {
     let found = Evaluation::new(scores);
     let request = origin.get("request").cloned().context("the origin of an evaluation")?;

@@ -124,7 +124,7 @@ impl Manifest {
     /// Writes the description into a folder, or checks that the folder has an equal one.
     ///
     /// # Errors
-    /// The folder has results of another request, or the file cannot be written.
+    /// The folder has results of another request or without a description, or the file cannot be written.
     fn claim(&self, folder: &Path) -> Result<()> {
         let path = folder.join(MANIFEST);
         let text = format!("{:#}\n", serde_json::to_value(self)?);

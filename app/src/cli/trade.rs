@@ -281,7 +281,7 @@ fn usage(error: StudyError) -> anyhow::Error {
     }
 }
 
-/// Returns an error if a file of the ledger would overwrite an input.
+/// Returns an error if a file of the ledger would overwrite an input, or pictures would go into the `--truth` folder.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;

@@ -54,7 +54,7 @@ pub fn of_controls(controls: &[Control]) -> Projection {
 /// Returns the projection of a graph with the parameters in `set`, before a scene is loaded.
 ///
 /// `pipeline` is a preset's name or a path. Returns pinhole for a graph with errors; building its plan reports them.
-/// All graphs of a choice have the same projection, so the device does not matter.
+/// All graphs of a preset's choice have the same projection, so the device does not matter.
 pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
     let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
@@ -82,7 +82,7 @@ pub fn shared(cameras: &[Camera]) -> Result<Projection, MixedProjections> {
 /// Checks that a graph can draw cameras of a projection, before a scene is loaded; see [`convert`].
 ///
 /// # Errors
-/// The cameras are no pinholes, and have another projection than the graph.
+/// The cameras are not pinhole cameras, and their projection differs from the graph's.
 pub fn check(camera: Projection, graph: Projection) -> Result<(), ProjectionError> {
     match camera.is_pinhole() || camera == graph {
         true => Ok(()),

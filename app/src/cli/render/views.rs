@@ -25,7 +25,8 @@ impl Views {
     /// Checks the arguments and reads the cameras. The scene is loaded later.
     ///
     /// # Errors
-    /// An option does not apply to a share of the views, or the output is not a folder.
+    /// An option does not apply to a share of the views, the output is not a folder, or the cameras or the command line
+    /// are invalid.
     pub fn new(args: Args) -> Result<Views> {
         let inspects = !args.inspect.is_empty();
         job::refuse(&[

@@ -344,7 +344,8 @@ impl<D: Device> Session<D> {
         self.planner.wanted()
     }
 
-    /// Returns the plan of the last [`Session::prepare`]; `None` before it.
+    /// Returns the loaded plan. `None` before [`Session::prepare`], and after a change of the graph, the scene or the
+    /// outputs until the next one.
     pub fn plan(&self) -> Option<&Plan> {
         self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
     }
@@ -363,8 +364,9 @@ impl<D: Device> Session<D> {
 
     /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
-    /// Returns true if it loaded a plan; the next frame then runs the prologue. The first call prints warnings about
-    /// the graph to standard error, and a line for each graph of a choice that the device cannot run.
+    /// Returns true if it loaded a plan; the next frame then runs the prologue. Warnings of the first plan that has any
+    /// are printed to standard error. So is a line for each graph of a choice that the device cannot run, whenever
+    /// these change.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -581,7 +583,7 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// Converts a device's pixels to an RGB image; `None` for a format without colours.
+/// Converts a device's pixels to an RGB image. `None` if the format has no colours, or the bytes do not match the size.
 pub fn image_of(pixels: &Pixels) -> Option<Image> {
     let (width, height) = (pixels.width as usize, pixels.height as usize);
     let rgb: Vec<[f32; 3]> = match pixels.format {

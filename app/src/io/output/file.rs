@@ -49,7 +49,8 @@ const MAX_LINKS: usize = 40;
 /// Writes a file, and creates its folder; `-` is standard output.
 ///
 /// # Errors
-/// The folder or the file cannot be created or written, or `body` fails. An existing file is then kept.
+/// The folder or the file cannot be created or written, or `body` fails. An existing file is then kept, unless only the
+/// folder cannot be synced after the replacement.
 pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), OutputError> {
     write_to(path, body).map_err(|cause| OutputError { path: path.to_owned(), cause })
 }
@@ -272,7 +273,7 @@ pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     None
 }
 
-/// Makes a path in `folder` that no other process uses.
+/// Makes a path in `folder` that no other running process uses.
 fn hidden_name(folder: &Path) -> PathBuf {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let number = NEXT.fetch_add(1, Ordering::Relaxed);

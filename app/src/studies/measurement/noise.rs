@@ -5,7 +5,8 @@
 //! computed from the order of the rounds alone (the binomial interval of a median; David and Nagaraja, "Order
 //! Statistics", 3rd edition, 7.1): no distribution is assumed. (Rounds end once the range is narrow, which costs a
 //! little of the confidence; the floor compensates for it.) Measured against themselves, the exact settings would have
-//! a share of 1 without noise. Their distance from 1 is the **floor**, and every range is at least as wide.
+//! a share of 1 without noise. Their distance from 1 is the **floor**, and every range extends at least that far to
+//! both sides of its median, as a part of the median.
 
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
@@ -32,7 +33,7 @@ const NARROW: (f64, f64) = (0.01, 0.05);
 pub struct Share {
     /// The median of the rounds.
     pub median: f64,
-    /// Confidence interval of the median; `None` with fewer than [`LEAST_ROUNDS`] rounds.
+    /// Confidence interval of the median. `None` with fewer than [`LEAST_ROUNDS`] rounds, or without a noise floor.
     pub range: Option<(f64, f64)>,
 }
 
@@ -49,7 +50,7 @@ impl Share {
         Some(Share { median: median(sorted)?, range })
     }
 
-    /// Averages the shares over views. The range is `None` if a view has none.
+    /// Averages the shares over views; `None` without views. The range is `None` if a view has none.
     pub fn mean(views: &[Share]) -> Option<Share> {
         let mean = |of: &dyn Fn(&Share) -> Option<f64>| {
             let sum = views.iter().map(of).sum::<Option<f64>>();

@@ -9,9 +9,10 @@ use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Hashes the commands of a plan: passes, shader code, sizes, memory, barriers and the live values that shaders read.
+/// Hashes what determines a plan's commands: passes and resources with their names, shader code, memory, order, and the
+/// live values that shaders read.
 ///
-/// Names, source locations, and values that nothing in the plan uses are left out.
+/// The graph's name, source locations, and parameters without an effect are left out.
 pub fn fingerprint(plan: &Plan) -> u64 {
     let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
     let mut hash = DefaultHasher::new();

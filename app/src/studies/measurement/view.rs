@@ -51,7 +51,8 @@ pub struct Measured {
     pub time: Option<Time>,
     /// The error of the picture.
     pub error: Error,
-    /// Number of pairs of visible splats that are drawn out of depth order; `None` if the graph has no order.
+    /// Number of pairs of visible splats that are drawn out of depth order. `None` if the graph has no order, the order
+    /// cannot be read, or orders are not compared.
     pub inversions: Option<u64>,
     /// True if the plan reads the history of the previous frame.
     ///
