@@ -21,8 +21,8 @@ pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
 ///
-/// `version` applies only to [`SceneFormat::Spz`]. `progress` is not called if it applies; otherwise, it is called as by
-/// [`Scene::write`].
+/// `version` applies only to [`SceneFormat::Spz`]. `progress` is not called if it applies; otherwise, it is called as
+/// by [`Scene::write`].
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.
