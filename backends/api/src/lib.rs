@@ -191,12 +191,12 @@ pub struct FrameInputs {
 pub enum BufferContents {
     /// Bytes from the host. Passing the same [`Arc`] again (compared by pointer) avoids another copy.
     Bytes(Arc<Vec<u8>>),
-    /// The output of another plan in its own format: row 0 at the top, rows tightly packed.
+    /// A shown output of any context of the device, in its own format: row 0 at the top, rows tightly packed.
     Picture(Picture),
-    /// Rows of an output that exceeds the limit of a storage binding. Indirect commands can read their arguments from
-    /// them only if `first` is 0.
+    /// Rows of a shown output, for outputs that exceed the limit of a storage binding. Indirect commands can read
+    /// their arguments from them only if `first` is 0.
     Rows {
-        /// Output of another plan.
+        /// The shown output.
         picture: Picture,
         /// The first row. Its byte offset must be a multiple of [`ROWS_ALIGNMENT`].
         first: u32,
@@ -358,6 +358,7 @@ pub trait Loader: Send + 'static {
     fn sharing_results(self) -> Self;
 
     /// Creates the plan's pipelines and resources, and uploads its scene attributes that are not on the device yet.
+    ///
     /// # Errors
     /// - [`BackendError::Invalid`], [`BackendError::Limit`] or [`BackendError::Unsupported`] if the device cannot run
     ///   the plan.
@@ -365,7 +366,6 @@ pub trait Loader: Send + 'static {
     ///   The compiler's thread is then abandoned, and the plan is refused with this error until the thread has ended.
     /// - [`BackendError::OutOfMemory`], [`BackendError::Scene`], [`BackendError::Cancelled`], or an error of the
     ///   driver.
-    /// The compiler's thread is then abandoned, and the plan is refused with this error until the thread has finished.
     fn prepare(
         self,
         plan: Plan,

@@ -81,7 +81,7 @@ pub(crate) struct Caster<'a> {
 }
 
 impl<'a> Caster<'a> {
-    /// Prepares the mesh among splats; `None` without one, or if the camera is not a pinhole.
+    /// Prepares the mesh that comes with the splats; `None` without a mesh, or if the camera is not a pinhole.
     pub(crate) fn among(
         splats: &'a (impl Splats + ?Sized),
         camera: &'a Camera,

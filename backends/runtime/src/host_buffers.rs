@@ -1,9 +1,9 @@
 //! Manages host buffers, whose contents come with each frame
 //! ([`Source::HostBuffer`](splatgraph_framework::ir::Source::HostBuffer)).
 //!
-//! A plan holds one per frame in flight. Host bytes are copied to a mapped buffer, unless it already holds them. The
-//! buffer grows on demand, to a power of two, so that a slowly growing length does not reallocate it every frame. A
-//! shared output is not copied: the frame reads it in place.
+//! A plan has each host buffer once per frame in flight. Host bytes are copied to a mapped buffer, unless it already
+//! holds them. The buffer grows on demand, to a power of two, so that a slowly growing length does not reallocate it
+//! every frame. A shared output is not copied: the frame reads it in place.
 //!
 //! A frame may therefore need other buffers or lengths in its bindings than the slot's previous frame. The bindings are
 //! rewritten when the frame is submitted; nothing of that slot is in flight then.

@@ -40,7 +40,7 @@ impl UsedOnce {
     /// programs lose their memory.
     ///
     /// # Errors
-    /// [`BackendError::OutOfMemory`] if even without the moved planes, the plan needs more than `available`.
+    /// [`BackendError::OutOfMemory`] if the plan needs more than `available` bytes even without these planes.
     pub fn find_room(
         &mut self,
         plan: &Plan,

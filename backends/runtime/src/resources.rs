@@ -1,7 +1,7 @@
 //! Creates the buffers and images of one plan.
 //!
 //! A transient exists once, in the memory of its block. A uniform block that the host writes exists once per frame in
-//! flight and stays mapped; so does the readback memory for statistics. A host buffer is created when its contents
+//! flight and stays mapped; so does the readback memory for statistics. A host buffer is created when host bytes for it
 //! first come with a frame ([`crate::host_buffers`]). Planes of the scene are shared by all plans of the device
 //! ([`crate::attributes`]), and histories by successive plans ([`crate::history`]).
 

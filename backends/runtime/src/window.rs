@@ -74,7 +74,8 @@ impl<G: Gpu> Swapchain<G> {
     /// The blit is submitted after the frame in `slot`; the image is then [`present`](Swapchain::present)ed. Returns
     /// the image's index; `None` if nothing can be shown now. The slot's previous frame must have completed.
     ///
-    /// Blocks while the window system holds all images: with vsync, until the display's next refresh.
+    /// Blocks while the window system holds all images (with vsync, until the display's next refresh), for at most two
+    /// seconds.
     pub fn prepare(
         &mut self,
         output: &Image<G>,

@@ -158,7 +158,8 @@ pub(crate) fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::Compos
     known.into_iter().find(|&alpha| offered.contains(alpha)).unwrap_or(Alpha::OPAQUE)
 }
 
-/// Chooses the transform: identity if supported, so that the window system rotates the picture for a rotated display.
+/// Chooses the transform: identity if supported, so that the window system rotates the picture for a rotated display;
+/// otherwise the current one.
 pub(crate) fn transform(capabilities: &vk::SurfaceCapabilitiesKHR) -> vk::SurfaceTransformFlagsKHR {
     if capabilities.supported_transforms.contains(vk::SurfaceTransformFlagsKHR::IDENTITY) {
         vk::SurfaceTransformFlagsKHR::IDENTITY

@@ -14,8 +14,8 @@ use splatgraph_framework::{ir::*, plan::*};
 ///   all earlier work.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoders {
-    /// Encoders that run once, after the plan or the scene has changed. All later submissions wait for all of them (see
-    /// [`handover`](Encoders::handover)).
+    /// Encoders that run once, after the plan or the scene has changed. With a [`handover`](Encoders::handover), all
+    /// later submissions wait for all of them.
     pub prologue: Vec<Encoding>,
     /// True if the first frame must wait for the whole prologue, by an event.
     ///

@@ -160,7 +160,7 @@ fn memory_lists_the_plans_resources_then_the_scenes_planes_then_the_backends_own
     };
     assert_eq!(listed(&vulkan), ["sum", "row", "numbers"]);
     frame(&mut vulkan, &with_output());
-    // Only the prologue reads the plane.
+    // The plane is freed, because only the prologue reads it.
     assert_eq!(listed(&vulkan), ["sum", "row", "output readback"]);
     finish(vulkan);
 }

@@ -313,7 +313,7 @@ fn many_swaps_do_not_grow_the_memory() {
         frames.push(submit(&mut vulkan));
         most.push(bytes(&vulkan));
         if swap == 9 {
-            // Without a frame, nothing of a plan is kept.
+            // Plans that are replaced before their first frame leave nothing behind.
             load(&mut vulkan, plans[0].clone());
             let before = bytes(&vulkan);
             for plan in plans.iter().rev().cycle().take(20) {

@@ -119,7 +119,7 @@ fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
     vulkan.load(numbers(3), &data, &mut |_| {}).expect("the plan loads");
     assert_eq!(data.asked(), 2);
     assert_eq!(shown(&mut vulkan), [1, 2, 3]);
-    // A loader that outlives all executors keeps the device, and nothing else.
+    // A prepared plan that outlives all executors keeps the device open.
     let rest = vulkan.loader().prepare(numbers(3), &data, &mut |_| {}).expect("it is made ready");
     assert_eq!(vulkan.close(), Vec::<String>::new());
     drop(rest);
@@ -150,7 +150,7 @@ fn what_executors_read_of_a_scene_is_on_the_device_once() {
     second.load(numbers(3), &data, again).expect("the plan loads");
     assert_eq!(data.asked(), 1);
     assert_eq!((shown(&mut first), shown(&mut second)), (vec![4, 5, 6], vec![4, 5, 6]));
-    // Both list it, as long as one of them reads it.
+    // Both list the plane. It stays on the device as long as one of them reads it.
     assert!([&first, &second].iter().all(|v| v.memory().iter().any(|(name, _)| name == "numbers")));
     first.submit(&with_output()).expect("the frame is submitted");
     drop(first);

@@ -96,7 +96,7 @@ fn encoding(encoders: &mut Encoders, at: At) -> &mut Encoding {
     }
 }
 
-/// Lists the mutations in which the model finds no mistake. The encoders themselves must have none.
+/// Lists the mutations in which the model finds no mistake. It must find none in the unmutated encoders.
 pub fn needless(model: &Model, encoders: &Encoders) -> Vec<Mutation> {
     let unnoticed = |mutation: &Mutation| !model.finds_unordered(&apply(encoders, *mutation));
     mutations(encoders).into_iter().filter(unnoticed).collect()

@@ -124,14 +124,14 @@ fn put_back(barriers: &mut Barriers, mutation: &Mutation, before: Barrier) {
 
 /// Returns the mutations that cause no violation within four frames, by [`Rules::NECESSARY`].
 ///
-/// The barriers themselves must cause none.
+/// The unmutated barriers must cause no violation.
 pub fn needless(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     needless_by(plan, barriers, Rules::NECESSARY)
 }
 
 /// Returns the mutations that cause no violation within four frames, by `rules`.
 ///
-/// The barriers themselves must cause none.
+/// The unmutated barriers must cause no violation.
 pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutation> {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);

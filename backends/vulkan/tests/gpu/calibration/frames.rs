@@ -1,7 +1,7 @@
 //! Hazards between frames, with copies and with the host.
 //!
 //! Two frames are submitted without waiting for either. The layer compares submissions only if its environment requests
-//! it ([`again_comparing_submissions`]), so each of these tests runs without and with that setting.
+//! it ([`again_comparing_submissions`]), so tests of two frames run both without and with that setting.
 
 use super::*;
 
