@@ -432,6 +432,31 @@ fn damaged_cameras_are_read_or_refused() {
     });
 }
 
+#[test]
+fn damaged_cameras_of_gltf_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cameras.gltf");
+    let perspective = json!({ "yfov": 0.9, "aspectRatio": 1.5, "znear": 0.1 });
+    let document = json!({
+        "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0, 2] }],
+        "nodes": [
+            { "children": [1], "rotation": [0.0, 0.6, 0.0, 0.8], "translation": [1.0, 2.0, 3.5] },
+            { "name": "a", "camera": 0, "scale": [2.0, 2.0, 1.0] },
+            { "camera": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1] },
+        ],
+        "cameras": [{ "perspective": perspective }, { "orthographic": { "xmag": 4, "ymag": 2.5 } }],
+    });
+    let text = document.to_string().into_bytes();
+    run("cameras of glTF", &[(text.clone(), text.len())], 1 << 20, |bytes| {
+        write_old(&path, bytes);
+        // Without the path, which differs from run to run.
+        match Dataset::load(&path) {
+            Err(CameraError::Gltf { problem, .. }) => Err(kind(&problem.to_string())),
+            read => sound(read),
+        }
+    });
+}
+
 /// Checks that all cameras of a dataset are usable.
 fn sound(read: Result<Dataset, CameraError>) -> Result<(), String> {
     let dataset = read.map_err(|error| kind(&error.to_string()))?;
