@@ -95,7 +95,7 @@ impl Dataset {
         let is_text = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
         let mut head = [0; gltf::MAGIC.len()];
         let mut read = || file::open(path).and_then(|mut file| file.read_exact(&mut head));
-        if !is_text && !(read().is_ok() && head == *gltf::MAGIC) {
+        if !(is_text || read().is_ok() && head == *gltf::MAGIC) {
             return Ok(None);
         }
         let file =

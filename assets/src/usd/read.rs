@@ -237,7 +237,7 @@ fn prim_scene(
     let coefficients = ((file_degree + 1) * (file_degree + 1)) as usize;
     let widths = [3, 4, 3, 1, 3 * coefficients];
     let tables: [Table; 5] =
-        std::array::from_fn(|at| Table { array: &arrays[at].0, bytes, width: widths[at] });
+        std::array::from_fn(|at| Table { array: arrays[at].0, bytes, width: widths[at] });
     let filled = floats::fill(input, (*count, degree), &tables, held, done, |pieces, at, out| {
         let rows = std::array::from_fn(|piece| pieces[piece].row(at));
         let (mut splat, norm) = splat(rows, arrays[1].0.real_last, degree);
