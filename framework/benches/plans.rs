@@ -1,7 +1,7 @@
-//! Measures the time from the text of a graph to its plan, with its shaders already compiled.
+//! Measures the time from the text of a graph to its plan, with its files already read and its shaders compiled.
 //!
-//! `preset` is the time that a user waits after editing a shipped preset. `growth` builds graphs of 100 to 10,000
-//! passes, to show how the time grows with their number.
+//! `preset` builds two shipped presets: about the delay after an edit of a graph. `growth` builds graphs of 100 to
+//! 10,000 passes, to show how the time grows with their number.
 //!
 //! `cargo bench -p splatgraph-framework`
 
@@ -52,7 +52,8 @@ impl Bench {
     }
 }
 
-/// Returns a graph of `passes` dispatches. Each reads the outputs of the previous dispatch and of one 2 to 13 before.
+/// Returns a graph of `passes` dispatches, and one that shows the last result. Each reads the outputs of the previous
+/// dispatch and of one 2 to 13 before; the first reads nothing.
 fn chain(passes: usize) -> Library {
     let mut text = String::from("Graph(version: 1, summary: \"a chain\", resources: {\n");
     for i in 0..passes {

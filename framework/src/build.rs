@@ -9,7 +9,8 @@ use tracing::info_span;
 
 /// Reads a graph, lowers it, compiles and links its shaders, and solves for order, memory and dependencies.
 ///
-/// Errors point into the files; an `Err` holds at least one.
+/// Errors point into the files; an `Err` holds at least one. If the compiler is cancelled, its message is
+/// [`CANCELLED`].
 ///
 /// ```
 /// use splatgraph_framework::build;

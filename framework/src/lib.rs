@@ -2,11 +2,11 @@
 //!
 //! A graph is a RON file that declares parameters, resources, dispatches and draws. This crate reads it and produces a
 //! [`plan::Plan`]: the passes in order, the dependencies between them, and their memory. Nothing here touches a GPU.
-//! The plan is a pure function of the files, the parameters, the facts of the scene and the facts of the device, so it
-//! can be built, dumped and tested anywhere.
+//! The plan is a pure function of the files and of the [`ir::Request`] (parameters, facts of the scene, the device and
+//! the viewport), so it can be built, dumped and tested anywhere.
 //!
 //! [`ir`] has the plain types that all steps share, and [`plan`] the result, which lowering begins and solving
-//! completes. Data passes through the other folders in this order, and a test checks that imports follow it:
+//! completes. Data passes through these folders in this order, and a test checks that imports follow it:
 //!
 //! 1. [`source`] finds and reads files, records the byte span of every element, and renders diagnostics;
 //! 2. `expr` parses and evaluates the expressions that a graph may contain in place of numbers;
@@ -17,7 +17,8 @@
 //! 7. [`solve`] orders the passes, places memory and lists the dependencies;
 //! 8. [`dump`] writes the plan for people and programs, and `msl` translates its shaders for Metal.
 //!
-//! When a file changes, [`reload`] rebuilds the plan while the last good one is still drawn.
+//! [`oracle`] checks the dependencies of a plan independently of [`solve`]. When a file changes, [`reload`] rebuilds
+//! the plan while the last good one is still drawn.
 
 #![deny(missing_docs)]
 
@@ -36,7 +37,7 @@ pub mod schema;
 pub mod shader;
 pub mod solve;
 pub mod source;
-// The tests of the Vulkan backend share `testing`.
+// `testing` uses this crate by its name, because the tests of the Vulkan backend include it as well.
 #[cfg(test)]
 extern crate self as splatgraph_framework;
 #[cfg(test)]

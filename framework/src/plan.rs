@@ -1,7 +1,7 @@
 //! Defines the plan: the input of a backend, as plain data.
 //!
 //! A [`Plan`] lists every resource with its size and memory, every pass with its bindings, and two sequences of passes:
-//! the prologue, which runs once after the plan or the scene changes, and the frame, which runs every time.
+//! the prologue runs once after the plan or the scene changes, and the frame runs for every rendered frame.
 //!
 //! The order of passes is a list of [`Dependency`]s; changes of image layouts are a list of [`LayoutChange`]s. `solve`
 //! derives both from the accesses of the passes; no other code looks for conflicts. Each backend lowers these lists to
@@ -62,8 +62,8 @@ pub struct Plan {
     pub culled: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<Warning>,
-    /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves
-    /// it in [`Layout::TransferSource`], readable by [`Stages::COPY`](crate::ir::Stages::COPY).
+    /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame
+    /// leaves it in [`Layout::TransferSource`], readable by [`Stages::COPY`](crate::ir::Stages::COPY).
     pub output: ResourceId,
     /// Images requested besides the output. The export leaves them in the same layout as the output.
     pub outputs: Vec<Output>,
@@ -275,9 +275,9 @@ pub struct Resource {
     pub source: Source,
     /// The memory block of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// Name under which the contents persist across frames; `None` if they do not persist. The next plan inherits the
-    /// contents if it has a history of the same name and shape, unless its prologue writes the resource. (In a
-    /// ping-pong resource, only the final front has the name.)
+    /// Name under which the contents persist across frames; `None` if they do not persist. The next plan of the same
+    /// scene inherits the contents if it has a history of the same name and shape, unless its prologue writes the
+    /// resource after zeroing it. (In a ping-pong resource, only the final front has the name.)
     pub history: Option<String>,
     /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
@@ -286,8 +286,8 @@ pub struct Resource {
 /// A memory block, as large as its largest resource.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Resources that share this memory; all start at offset 0. Only one is alive at a time, from its first use in a
-    /// frame to its last. Its contents are undefined before the first use.
+    /// Resources that share this memory; all start at offset 0. If there are several, only one is alive at a time,
+    /// from its first use in a frame to its last, and its contents are undefined before the first use.
     pub aliases: Vec<ResourceId>,
 }
 

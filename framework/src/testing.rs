@@ -2,10 +2,10 @@
 //! compiled without calling glslang.
 //!
 //! A shader's text has one line per block: `r Keys 4` (reads a storage buffer of 4-byte elements), `w`, `rw`, `rwa`
-//! (read and write by atomics), `uniform Camera 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`,
-//! `varying 0 vec4`, `live stop` (a live parameter). `local 8 4 1` sets the workgroup size; the default is 64 in x.
-//! Every word counts as a mention of the define with that name, except in lines that begin with `#if 0`. Other lines
-//! declare nothing.
+//! (read and write by atomics), `uniform Camera 256`, `image r Color rgba16f`. Further lines are `push shift`,
+//! `out color`, `live stop` (names of live parameters), and `local 8 4 1` (workgroup size, by default 64 in x). Other
+//! lines declare nothing. Every word mentions the define of that name; words in lines that begin with `#if 0` are not
+//! reached.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -43,7 +43,8 @@ impl ShaderCompiler for ListCompiler {
             let lines = text.lines().filter(|line| skipped || !line.starts_with("#if 0"));
             lines.flat_map(str::split_whitespace).map(str::to_string).collect()
         };
-        // A draw's two stages share one set of bindings, so the fragment shader's are numbered from 16.
+        // A draw's two stages share one set of bindings, so the fragment shader's are numbered from 16. `count.frag`
+        // has the same bindings as `count.vert`.
         let path = files.path(request.file);
         let first = if path.ends_with(".frag") && !path.ends_with("count.frag") { 16 } else { 0 };
         for line in text.lines() {
@@ -192,7 +193,8 @@ fn plan_with(
     build(&request, &mut map, &mut ListCompiler).map_err(|e| render(&map, &e, false))
 }
 
-/// Returns a graph with the given parameters and passes, over 32-bit buffers `a` to `f` and the image `image`.
+/// Returns a graph with the given parameters and passes. Its resources are the 32-bit buffers `a` to `f`, the
+/// ping-pong buffer `keys`, and the images `color` and `image`.
 pub fn graph(params: &str, passes: &str) -> String {
     let buffers: String = ('a'..='f').map(|c| format!("\"{c}\": Buffer(stride: 4, count: 64),\n")).collect();
     format!(
@@ -211,7 +213,7 @@ pub fn graph(params: &str, passes: &str) -> String {
     )
 }
 
-/// Shaders for [`graph`], named after their accesses to the blocks `In`, `In2`, `Out` and `Image`.
+/// Shaders for [`graph`], as texts for [`ListCompiler`].
 pub const SHADERS: &[(&str, &str)] = &[
     ("make.comp", "w Out 4"),
     ("copy.comp", "r In 4\nw Out 4"),

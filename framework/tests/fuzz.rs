@@ -302,7 +302,7 @@ fn fuzz<'a, Attempt>(
     assert!(built > cases / 20 && errors > cases / 3, "{built} accepted, {errors} errors");
 }
 
-/// Returns true for graphs that draw; the others are parts.
+/// Returns true for graphs with an output, and for presets; false for parts and choices.
 fn draws(text: &str) -> bool {
     text.contains("output:") || text.contains("Preset(")
 }
@@ -316,7 +316,7 @@ fn damaged_graphs_are_plans_or_errors_with_a_place() {
     fuzz("graphs", &files, RON, |random| {
         let name = names[random.below(names.len())];
         let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
-            // Parts are built through the graph that includes them.
+            // For a part or a choice, `splat` is built, which may include the damaged file.
             let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
             let graph = if own.is_ok_and(|text| draws(&text)) { name } else { "pipelines/splat.ron" };
             let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory: true };

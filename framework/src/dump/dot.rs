@@ -7,9 +7,9 @@ use std::collections::HashMap;
 
 /// Formats a dump as a DOT graph.
 ///
-/// Edges are the dependencies of barriers, from the earlier passes to the one that waits. Only read after write within
-/// a frame is solid; other hazards, and all edges from the previous frame, are dashed. There is no edge for a read of
-/// data that an earlier barrier has already made visible.
+/// Edges are the dependencies of barriers, from the earlier passes to the one that waits. An edge is solid for a read
+/// after write, and dashed for other hazards and for all hazards from the previous frame. There is no edge for a read
+/// of data that an earlier barrier has already made visible.
 pub fn dot(dump: &Dump) -> String {
     let mut out = format!(
         "digraph {} {{\n  rankdir=TB;\n  node [shape=box, style=\"rounded,filled\", fontname=\"sans-serif\"];\n  edge [fontname=\"sans-serif\", fontsize=9];\n",
@@ -55,7 +55,7 @@ fn write_edges(out: &mut String, barrier: &DumpBarrier) {
     }
 }
 
-/// Quotes a DOT string, with line breaks as in labels.
+/// Quotes a DOT string. Line breaks become `\n`, which labels display as line breaks.
 fn quote(s: &str) -> String {
     format!("\"{}\"", s.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }

@@ -58,7 +58,8 @@ pub struct Dump {
     pub outputs: BTreeMap<String, String>,
     /// Statistics: words that the host reads after each frame.
     pub stats: Vec<Stat<String>>,
-    /// Total GPU milliseconds of the frame's passes. Filled in by [`Dump::with_times`].
+    /// Total GPU milliseconds of the frame's passes; `None` if a needed time is missing. Filled in by
+    /// [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
     /// The encoders, for an API that has them. Filled in by its backend.
     #[serde(default)]
@@ -116,12 +117,12 @@ pub struct Totals {
     pub unshared_bytes: u64,
     /// Bytes saved by sharing: `unshared_bytes - transient_bytes`.
     pub saved_bytes: u64,
-    /// Bytes of the scene's attributes that the plan reads.
+    /// Bytes of the scene's attributes that the plan reads; an attribute imported twice counts twice.
     pub scene_bytes: u64,
     /// Bytes of attributes and of memory blocks that are freed once the prologue has run.
     #[serde(default)]
     pub freed_bytes: u64,
-    /// Bytes that the host writes or reads, per frame in flight.
+    /// Bytes that the host writes or reads, per frame in flight. Host buffers count with their minimum length.
     pub host_bytes: u64,
 }
 
@@ -170,7 +171,8 @@ pub struct DumpResource {
     pub usage: Usage,
     /// The [block](DumpBlock::id) of a transient resource; `None` for other sources.
     pub block: Option<u32>,
-    /// First and last use; `None` for a resource that outlives the frame.
+    /// First and last use in the frame; `None` for resources that are not transient, and for contents that outlive the
+    /// frame.
     pub lifetime: Option<Lifetime>,
     /// True if only passes that run once use the resource: it is freed after them.
     #[serde(default)]
@@ -202,7 +204,7 @@ pub struct DumpPhase {
     pub run: Run,
     /// Number of passes.
     pub passes: usize,
-    /// Total GPU milliseconds; `None` if a pass has no time.
+    /// Total GPU milliseconds; `None` if a pass has no time, except passes that [need none](DumpPass::needs_no_time).
     pub gpu_ms: Option<f64>,
 }
 
@@ -212,7 +214,7 @@ pub struct DumpRepeat {
     /// Name of the include around the repeat, or the first pass's name without index. A number makes it unique:
     /// `sort (2)`.
     pub name: String,
-    /// Number of times that the body runs; for nested repeats, the product.
+    /// Number of distinct indices among the passes: the times that the body runs; for nested repeats, the product.
     pub iterations: usize,
     /// Index of the first pass in [`Dump::passes`].
     pub first: usize,
@@ -506,7 +508,7 @@ impl DumpPass {
     }
 }
 
-/// Sums the passes' times; `None` if there are no passes or a time is missing.
+/// Sums the passes' times; `None` if no pass has a time, or if a needed time is missing.
 fn sum<'a>(passes: impl Iterator<Item = &'a DumpPass>) -> Option<f64> {
     let times = passes.filter(|p| p.gpu_ms.is_some() || !p.needs_no_time()).map(|p| p.gpu_ms);
     times.reduce(|a, b| Some(a? + b?)).flatten()

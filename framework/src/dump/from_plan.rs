@@ -153,8 +153,8 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], free
 
 /// Returns each resource's first and last use in the frame.
 ///
-/// `None` for resources that passes do not own, and for contents that outlive a frame: used by the prologue, with a
-/// history, or first used by a pass that does not write them.
+/// `None` for resources that are not transient or not used in the frame, and for contents that outlive a frame: used
+/// by the prologue, with a history, or first used by a pass that does not write them.
 fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
     let mut longer: Vec<bool> =
@@ -270,7 +270,7 @@ fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
         let word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
         let member = members.iter().find(|m| m.offset as usize == offset);
         let value = match member.map(|m| m.kind) {
-            // JSON cannot represent infinities.
+            // JSON cannot represent infinities and NaN.
             Some(MemberKind::Float) if f32::from_bits(word).is_finite() => {
                 Value::Float(f32::from_bits(word).into())
             }

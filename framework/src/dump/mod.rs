@@ -1,9 +1,9 @@
 //! Writes plans for people and programs.
 //!
-//! [`Dump`] is the plan with names in place of numbers. Its JSON ([`json`]) is the canonical form, and the only source
-//! of the others: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
-//! compare two dumps. A dump lists the passes in execution order with the resources that each accesses, the memory and
-//! the lifetime of each resource, and the dependencies of each pass. A backend adds the commands of its API. These are
+//! [`Dump`] is the plan with names in place of numbers, and the only source of all forms: [`json`], the canonical one,
+//! [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to compare two
+//! dumps. A dump lists the passes in execution order with the resources that each accesses, the memory and the
+//! lifetime of each resource, and the dependencies of each pass. A backend adds the commands of its API. These are
 //! either barriers ([`Dump::with_barriers`]), each with its hazards, its passes and the lines of the graph that cause
 //! it, or encoders ([`DumpEncoders`], shown by [`encoders_text`]).
 //!

@@ -18,7 +18,7 @@ struct Parts<'a> {
     index: Vec<u32>,
 }
 
-/// Splits a pass's name; `None` without an index.
+/// Splits a pass's name; `None` without an index, or if text between brackets is no number.
 fn parts(name: &str) -> Option<Parts<'_>> {
     let (before, _) = name.split_once('[')?;
     let scope = before.rsplit_once('.').map_or("", |(scope, _)| scope);
@@ -34,7 +34,8 @@ fn parts(name: &str) -> Option<Parts<'_>> {
     Some(Parts { scope, member: member + rest, index })
 }
 
-/// Returns the name without its only index, as in `sort.scan[]`, and the index. `None` for no or several indices.
+/// Returns the name without its only index, as in `sort.scan[]`, and the index. `None` unless the name has exactly
+/// one index.
 pub fn single_index(name: &str) -> Option<(String, u32)> {
     let (before, rest) = name.split_once('[')?;
     let (number, after) = rest.split_once(']')?;

@@ -272,7 +272,7 @@ pub(super) fn subject(b: &DumpBarrier) -> String {
 /// Formats a reason: `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE
 /// STORAGE_READ`.
 ///
-/// Names the pass that needs it, unless it is the one right after the barrier.
+/// Names the waiting pass, unless it is the one right after the barrier.
 pub fn cause_line(barrier: &DumpBarrier, cause: &DumpCause) -> String {
     let DumpCause { conflict, masks } = cause;
     let mut line = conflict_line(conflict);

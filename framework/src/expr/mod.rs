@@ -41,8 +41,8 @@ pub struct Expr {
 impl Expr {
     /// Parses an expression.
     ///
-    /// Fails on syntax errors, integers beyond 64 bits, unknown functions, wrong numbers of arguments, and nesting
-    /// deeper than 128 levels (such as a sum of 129 terms).
+    /// Fails on syntax errors, integers outside the range of `i64`, floats that overflow, unknown functions, wrong
+    /// numbers of arguments, and nesting deeper than 128 levels (such as a sum of 129 terms).
     pub fn parse(text: &str) -> Result<Expr, ExprError> {
         Ok(Expr { root: parse::parse(text)? })
     }
@@ -56,9 +56,9 @@ impl Expr {
 
     /// Evaluates the expression in `scope`.
     ///
-    /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by
-    /// zero, shifts by less than 0 or more than 63, and results that are not finite. `&&`, `||` and `?:`
-    /// short-circuit, as in C.
+    /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by zero,
+    /// shifts by less than 0 or more than 63, `clamp` with an empty range, `log2_ceil` of less than 1, and results that
+    /// are not finite. `&&`, `||` and `?:` short-circuit, as in C.
     pub fn eval(&self, scope: &dyn Scope) -> Result<Value, ExprError> {
         eval::eval(&self.root, scope)
     }

@@ -7,7 +7,7 @@ use super::tree::{BinaryOp, ExprError, Function, Node, NodeKind, UnaryOp};
 use crate::ir::Value;
 use crate::source::nearest;
 
-/// Maximum height of a tree. Bounds the recursion of parsing, evaluating and dropping.
+/// Maximum height of a tree, and maximum nesting of the text. Bounds the recursion of parsing, evaluating and dropping.
 const MAX_DEPTH: usize = 128;
 
 pub(super) fn parse(text: &str) -> Result<Node, ExprError> {

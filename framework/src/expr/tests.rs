@@ -41,7 +41,7 @@ fn truth(text: &str, expected: bool) {
     assert_eq!(eval(text), Ok(Value::Bool(expected)), "{text}");
 }
 
-/// Checks the error's message, and the part of the text that it points at.
+/// Checks the error's message, and the part of the text that it points at. Returns the error's help.
 #[track_caller]
 fn fails(text: &str, message: &str, at: &str) -> Option<String> {
     let error = eval(text).expect_err(text);

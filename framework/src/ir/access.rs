@@ -39,7 +39,7 @@ bitflags! {
         const HOST = 1 << 7;
         /// Loads depth attachments; tests and writes depths before fragment shaders.
         const EARLY_TESTS = 1 << 8;
-        /// Tests and writes depths after fragment shaders that discard; stores depth attachments.
+        /// Tests and writes depths after fragment shaders that discard or write depths; stores depth attachments.
         const LATE_TESTS = 1 << 9;
     }
 
@@ -146,7 +146,7 @@ pub enum Hazard {
     WriteAfterRead,
     /// A write must follow an earlier write.
     WriteAfterWrite,
-    /// Only the image's layout changes.
+    /// Only the image's layout change waits for earlier accesses, not the pass.
     LayoutChange,
 }
 

@@ -35,7 +35,7 @@ impl DeviceFacts {
         [self.max_groups_x, self.max_groups_y, self.max_groups_z]
     }
 
-    /// Lists the facts by the names that graphs use, in alphabetical order.
+    /// Lists the facts that graphs can read, with their names, in alphabetical order.
     pub fn named(&self) -> [(&'static str, Value); 13] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let has = |feature| Value::Bool(self.features.contains(feature));

@@ -76,7 +76,7 @@ impl Format {
 pub enum Topology {
     /// Three vertices per triangle, shared with no other.
     TriangleList,
-    /// One vertex per triangle after the first two, which complete the first triangle.
+    /// Each vertex after the first two completes a triangle with the two vertices before it.
     TriangleStrip,
 }
 

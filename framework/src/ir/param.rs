@@ -13,7 +13,7 @@ pub const LIVE_BLOCK: &str = "Live";
 /// A parameter of the graph, with its value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Param {
-    /// Name in the graph; parameters of an include have a prefix.
+    /// Name in the graph. An exposed parameter of an included graph keeps its name.
     pub name: String,
     /// The value that the plan was built with.
     pub value: Value,

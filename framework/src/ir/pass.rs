@@ -1,4 +1,4 @@
-//! Defines passes: one dispatch, draw, fill or export each.
+//! Defines passes: the dispatches, draws and fills of a graph, and the steps that solving adds.
 //!
 //! The type parameters follow a pass through the steps. A lowered pass has shader names (`S`) and sizes in invocations
 //! or workgroups (`G`); linking replaces them by the defaults, shader ids and workgroup counts. A dump has names in
@@ -11,7 +11,7 @@ use super::{Accesses, Blend, DepthAccess, Layout, Load, Origin, ResourceId, Shad
 /// Name of the pass at the end of a frame that makes the output readable by copies.
 pub const EXPORT: &str = "export";
 
-/// Name of the pass after the frame in which the host reads the statistics.
+/// Name of the last pass of a frame, in which the host reads the statistics.
 pub const HOST: &str = "host";
 
 /// When a pass runs: once, or every frame.
@@ -23,7 +23,7 @@ pub enum Run {
     Frame,
 }
 
-/// One dispatch, draw, fill or export.
+/// A step of a plan: one command of the device, or the host's read of the statistics.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pass<S = ShaderId, G = Groups> {
     /// Name, unique in the plan, for instance `sort.histogram[2]`.
@@ -93,9 +93,9 @@ pub enum Work<S = ShaderId, G = Groups> {
     },
     /// Draws into `targets` and `depth`, which all have one size. Viewport and scissor cover it; faces are not culled.
     Draw {
-        /// Id of the vertex shader.
+        /// The vertex shader.
         vertex: S,
-        /// Id of the fragment shader.
+        /// The fragment shader.
         fragment: S,
         /// Primitives that the vertices form.
         topology: Topology,

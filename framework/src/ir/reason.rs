@@ -16,7 +16,7 @@ pub struct Reason {
 }
 
 impl Reason {
-    /// Returns true if the values include a fact of the device, the scene or the viewport.
+    /// Returns true if the values include a fact: of the device, the scene, the viewport or the requested outputs.
     pub fn has_fact(&self) -> bool {
         // Names of facts contain a dot; other names do not.
         self.values.keys().any(|name| name.contains('.'))

@@ -43,8 +43,8 @@ impl Shape {
 pub enum Source {
     /// Owned by the plan and written by its passes. One copy serves all frames in flight.
     Transient,
-    /// An attribute of the scene, uploaded before the prologue and never written by a pass. An attribute larger than
-    /// the maximum storage binding is split into planes.
+    /// An attribute of the scene, uploaded before the prologue and never written by a pass. A large attribute consists
+    /// of several planes, so that no buffer exceeds the device's limits.
     Scene {
         /// Full name of the attribute, such as `scene.position`.
         attribute: String,
@@ -92,7 +92,7 @@ bitflags! {
         const COPY_TARGET = 1 << 4;
         /// Used as a colour attachment.
         const COLOR_TARGET = 1 << 5;
-        /// Tested and written by draws as their depth attachment.
+        /// Used as a depth attachment.
         const DEPTH_TARGET = 1 << 6;
     }
 }

@@ -36,7 +36,7 @@ pub struct Msl {
     pub push: Option<u32>,
     /// Index of the buffer sizes in the buffer table; `None` if the code queries no buffer's length.
     ///
-    /// The sizes are 32-bit words in bytes, at the position of their buffer's index.
+    /// The sizes are 32-bit byte counts. Each is at the index that its buffer has in the table.
     pub sizes: Option<u32>,
 }
 
@@ -131,13 +131,15 @@ pub struct ReflectedBinding {
     pub count: u32,
     /// Type and layout.
     pub kind: ReflectedKind,
-    /// True if the code loads from the binding, directly or through a function argument, or uses atomics on it.
+    /// True if the code loads from the binding, directly or through a function argument, or uses atomics on it other
+    /// than stores.
     pub reads: bool,
-    /// True if the code stores to the binding, directly or through a function argument, or uses atomics on it.
+    /// True if the code stores to the binding, directly or through a function argument, or uses atomics on it other
+    /// than loads.
     pub writes: bool,
     /// True if every load and store is atomic, so that invocations do not race.
     pub atomics_only: bool,
-    /// True if the first access in the code is a plain store, as in a shader that clears counters before use.
+    /// True if the first access in the code is a store without a read, as in a shader that clears counters before use.
     pub writes_first: bool,
 }
 

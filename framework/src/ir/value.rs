@@ -29,7 +29,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// Rounds to a 32-bit float. Returns `None` if the value overflows or a nonzero value underflows to 0.
+/// Rounds to a 32-bit float. Returns `None` for NaN, on overflow, and if a nonzero value underflows to 0.
 pub fn to_f32(v: f64) -> Option<f32> {
     let rounded = v as f32;
     (rounded.is_finite() && (rounded != 0.0 || v == 0.0)).then_some(rounded)

@@ -39,7 +39,8 @@ fn behind<'a>(
 }
 
 /// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect,
-/// because the list only explains parameters without one.
+/// because the list only explains parameters without one. Passes after [`MOST_COMPILATIONS`] distinct shaders get no
+/// parameters.
 pub(super) fn mentioned(
     lowered: &Lowered,
     passes: &[LinkedPass],

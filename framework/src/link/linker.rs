@@ -16,7 +16,7 @@ use crate::source::{Diagnostic, SourceMap};
 /// A graph whose passes match their shaders.
 #[derive(Clone, Debug)]
 pub struct Linked {
-    /// The graph; its plan has the compiled shaders, one per file and set of defines.
+    /// The graph; its plan has each distinct compiled shader once.
     pub lowered: Lowered,
     /// Passes of the prologue and of the frame, in file order.
     pub passes: Vec<LinkedPass>,

@@ -153,7 +153,7 @@ impl Linker<'_> {
     }
 }
 
-/// Returns the buffer of a pass's indirect arguments, and the place of its name in the graph. `None` for other passes.
+/// Returns the buffer of a pass's indirect arguments, and the place of its `size` or `call`. `None` for other passes.
 pub(super) fn arguments(pass: &LoweredPass) -> Option<(ResourceId, Span)> {
     match pass.pass.work {
         Work::Dispatch { groups: LoweredSize::Indirect { buffer, .. }, .. }

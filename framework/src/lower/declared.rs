@@ -2,8 +2,8 @@
 //!
 //! An exposed parameter belongs to the includer, as if declared after the includer's own, and the included graph uses
 //! its value. Its expressions can name parameters of the included graph. These have the includer's value if they are
-//! exposed, and the value in `set` if they are set ([`Around`]). All other names are the includer's. Includes that
-//! expose one declaration share the parameter.
+//! exposed, and the value in `set` if they are set ([`Around`]); naming one that is neither is an error. All other
+//! names are the includer's. Includes that expose one declaration share the parameter.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};

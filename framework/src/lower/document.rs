@@ -22,7 +22,7 @@ pub(super) struct Opened {
     pub based_on: Vec<String>,
     /// Name by which a choice refers to the graph; `None` if the graph comes from no choice.
     pub candidate: Option<String>,
-    /// The other graphs of the choice.
+    /// All graphs of the choice, including this one; empty if there is only one.
     pub others: Rc<Vec<Opened>>,
     /// Requirements of choices, presets and the graph, outermost first.
     pub require: Vec<Requirement>,

@@ -35,7 +35,7 @@ fn hides_the_output(inner: &Level) -> Diagnostic {
     .with_help("rename it, or make it the output")
 }
 
-/// The fields of an include as written, without its condition.
+/// The fields of an include as written, without `when` and `expose`.
 pub(super) struct Written<'a> {
     pub graph: &'a str,
     pub name: &'a str,
@@ -204,7 +204,8 @@ impl Lowering<'_> {
 
     /// Resolves an included graph's parameters.
     ///
-    /// Exposed parameters have the includer's value; the others have the value in `set`, or their own default.
+    /// Exposed parameters have the includer's value. The others have the value in `set`, or else that of the included
+    /// graph's preset or declaration.
     fn include_params(
         &self,
         level: &Level,

@@ -17,7 +17,7 @@ pub struct Lowered {
     pub passes: Vec<LoweredPass>,
     /// The removed passes, with the parameters that they would use.
     pub removed: Vec<RemovedPass>,
-    /// Uses of parameters in expressions that were not evaluated.
+    /// `let`s and parameters whose expressions name parameters that their evaluation did not read.
     pub skipped: Vec<SkippedUse>,
     /// Uses of resources that were removed because their pass's `when` is false.
     pub unwritten: Vec<RemovedUse>,
@@ -29,7 +29,7 @@ pub struct Lowered {
     pub live_glsl: String,
     /// The uniform block of the live parameters.
     pub live: ResourceId,
-    /// For each live parameter, the parameter itself and those that its default depends on.
+    /// For each live parameter, the parameter itself and those that its value depends on.
     pub live_params: BTreeMap<String, ParamSet>,
     /// Parameters that decide which passes exist: those that conditions and counts of repeats depend on.
     pub shape: ParamSet,
@@ -85,7 +85,7 @@ pub struct LoweredInclude {
     pub span: Span,
     /// The include that contains this one, as an index into [`Lowered::includes`]; `None` in the root graph.
     pub parent: Option<usize>,
-    /// The name of each port and its resources, both halves for a ping-pong buffer.
+    /// For each port, the includer's name for what it binds, and the resources: both halves for a ping-pong buffer.
     pub given: Vec<(String, Vec<ResourceId>)>,
 }
 

@@ -19,7 +19,8 @@ use crate::source::{Diagnostic, Place, SourceMap};
 /// memory.
 pub(super) const MAX_PASSES: usize = 20_000;
 
-/// Maximum number of steps of the walk. Declarations, their entries and iterations of repeats count as steps.
+/// Maximum number of steps of the walk. A pass, an entry of it, an iteration of a repeat and a declaration of an
+/// included graph are one step each.
 const MAX_STEPS: usize = 25 * MAX_PASSES;
 
 /// The state of the walk.
@@ -34,11 +35,11 @@ pub(super) struct Lowering<'a> {
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
     pub passes: Vec<LoweredPass>,
-    /// Number of steps so far, at most [`MAX_STEPS`].
+    /// Number of steps so far. The walk ends once it exceeds [`MAX_STEPS`].
     steps: usize,
     pub choices: Choices<'a>,
     pub known: Known,
-    /// Name and place of every pass, to detect duplicates.
+    /// Name and place of every pass, to detect duplicates; `None` for reserved names.
     pub pass_names: BTreeMap<String, Option<Span>>,
     /// Name and place of every include, to detect duplicates.
     pub include_names: BTreeMap<String, Span>,
@@ -68,7 +69,7 @@ pub(super) struct Level {
     pub exposed: Exposed,
     /// Resources by name; `None` for an invalid declaration.
     pub handles: IndexMap<String, Option<Handle>>,
-    /// Parameters that decide which resource of an include a name refers to.
+    /// For the names of included resources (`include.name`), the parameters that decide which resource it is.
     pub given: BTreeMap<String, ParamSet>,
     /// Includes without resources, with the place of the condition that removed them; `None` for invalid includes.
     pub absent: BTreeMap<String, Option<Span>>,

@@ -59,7 +59,8 @@ pub struct Control {
 /// Lowers the graph that `request` names; for a choice, the first graph whose requirements hold.
 ///
 /// # Errors
-/// Errors of the graph's file and the files that it refers to, or the unmet requirements if no graph suits the facts.
+/// Errors of the request's settings and outputs, of the graph's file and the files that it refers to, or the unmet
+/// requirements if no graph suits the facts.
 pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
     let mut walk = Lowering::new(request, files);
     let chosen = walk.choices.root(walk.files)?;
@@ -132,7 +133,8 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
 ///
 /// # Errors
-/// Errors of the graph's file, its parameters, and the files that it refers to.
+/// Errors of the request's settings, of the graph's file, its parameters, and the files that it refers to, or the unmet
+/// requirements if no graph suits the facts.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let mut choices = Choices::new(request);
     let chosen = choices.root(files)?;
@@ -171,7 +173,8 @@ impl ExpressionNames {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// Evaluates an expression; `None` if it is invalid or uses another name, such as the variable of a repeat.
+    /// Evaluates an expression; `None` if it is invalid, has no value, or uses another name, such as the variable of a
+    /// repeat.
     pub fn evaluate(&self, expression: &str) -> Option<Value> {
         Expr::parse(expression).ok()?.eval(&self.0).ok()
     }
@@ -180,7 +183,8 @@ impl ExpressionNames {
 /// Evaluates a graph's parameters and `let`s without lowering its passes, for editors. An invalid `let` is left out.
 ///
 /// # Errors
-/// Errors of the graph's file, its parameters, and the files that it refers to.
+/// Errors of the request's settings, of the graph's file, its parameters, and the files that it refers to, or the unmet
+/// requirements if no graph suits the facts.
 pub fn expression_names(
     request: &Request,
     files: &mut SourceMap,

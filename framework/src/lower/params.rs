@@ -19,7 +19,7 @@ pub(super) struct Resolved {
     /// Facts and constants, ready for `let`s and passes.
     pub names: Names,
     pub live_bytes: u64,
-    /// For each live parameter, itself and the parameters that its default depends on.
+    /// For each live parameter, itself and the parameters that its value depends on.
     pub live: BTreeMap<String, ParamSet>,
     pub skipped: Vec<SkippedUse>,
 }
@@ -77,7 +77,7 @@ pub(super) fn resolve(
                 param.grows = grows;
                 let value = param.with_room(param.value.clone(), request.capacities);
                 if request.capacities.iter().any(|(capacities, _)| capacities == name) {
-                    // The capacity is clamped to the range, so the value depends on it.
+                    // The capacity is clamped to the range, so the value also depends on the range's parameters.
                     behind.extend(&range);
                 }
                 if !others.is_empty() {
@@ -116,7 +116,7 @@ struct Made {
     params: ParamSet,
     /// Parameters that the range depends on.
     range: ParamSet,
-    /// Parameters that the value's expression names but did not read.
+    /// Parameters that the value's expression names but its evaluation did not read.
     skipped: ParamSet,
 }
 
@@ -326,7 +326,8 @@ fn domain(
     Ok((domain, default, exact))
 }
 
-/// Evaluates a value that a file gives a parameter. In a choice, a string equal to one of its options is a literal.
+/// Evaluates a value that a file gives a parameter. In a choice, a string equal to one of its options is a literal,
+/// and so is an unknown identifier, so that the error lists the options.
 pub(super) fn given(
     number: &Number,
     domain: &Domain,

@@ -234,6 +234,8 @@ impl Lowering<'_> {
     }
 
     /// Returns the buffer and the byte offset of an indirect command's arguments, which take `bytes` bytes.
+    ///
+    /// Returns `Ok(None)` as [`Self::look_up`] does.
     fn arguments(
         &self,
         level: &Level,
@@ -246,7 +248,7 @@ impl Lowering<'_> {
     }
 
     /// Returns a buffer and the byte offset of words in it, after checking that they fit. `at` is the place of the two
-    /// entries, and `what` describes the words in errors.
+    /// entries, and `what` describes the words in errors. Returns `Ok(None)` as [`Self::look_up`] does.
     pub(super) fn words(
         &self,
         level: &Level,

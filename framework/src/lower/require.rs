@@ -9,7 +9,7 @@ use crate::ir::{Fallback, FileId, Reason, Request, Unmet, Value};
 use crate::schema::{Number, PassDecl, folded};
 use crate::source::{Diagnostic, Kind, SourceMap};
 
-/// The chosen graph, or the only one.
+/// The graph chosen for a file: the first whose requirements hold, or else the last.
 #[derive(Debug)]
 pub(super) struct Chosen {
     pub opened: Rc<Opened>,

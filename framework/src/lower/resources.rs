@@ -236,7 +236,7 @@ impl Lowering<'_> {
 
     pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceId {
         let id = ResourceId(self.plan.resources.len() as u32);
-        // Also finds a resource with the name of the live block, which is added last.
+        // This also reports a resource with the name of the live block, which is added last.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
                 Diagnostic::new(format!("two resources are called `{name}`"), span, "the second")

@@ -100,14 +100,14 @@ impl Names {
         (result, self.notes.replace(outer).all())
     }
 
-    /// Evaluates a count or a choice of a resource, and records the parameters read as [`Notes::decided`].
+    /// Evaluates a condition, a count or a name, and records the parameters read as [`Notes::decided`].
     pub fn deciding<T>(&self, evaluate: impl FnOnce() -> T) -> T {
         let (result, read) = self.traced(evaluate);
         self.note_decided(&read);
         result
     }
 
-    /// Records the parameters of a condition.
+    /// Records parameters as [`Notes::decided`].
     pub fn note_decided(&self, params: &ParamSet) {
         self.notes.borrow_mut().decided.extend(params);
     }

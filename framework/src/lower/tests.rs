@@ -1,4 +1,4 @@
-//! The constructs that lowering resolves. Mistakes and their messages are in `tests/golden`.
+//! Tests the constructs that lowering resolves. Mistakes and their messages are in `tests/golden`.
 
 use crate::ir::{Request, Shape, Source, Value, Work};
 use crate::source::{Library, SourceMap};
@@ -116,7 +116,7 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     ];
     assert_eq!(said, expected);
     assert!(found.fallbacks.iter().all(|fallback| !fallback.preference));
-    // The settings of a preset apply with it.
+    // The setting of the rejected preset does not apply.
     assert_eq!(found.params[0].value, Value::Int(8));
 
     let preferred = plan(

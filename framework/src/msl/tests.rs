@@ -6,7 +6,7 @@ use crate::ir::{Catalog, DeviceFacts, Features, Request};
 use crate::shader::Glslang;
 use crate::source::{Library, SourceMap, render};
 
-/// Builds a plan of one dispatch for SIMD-groups of 32, with `buffers` buffers of one word.
+/// Builds a plan for SIMD-groups of 32: fills of `buffers` buffers of 64 words, and one dispatch that binds them.
 fn plan(shader: &str, buffers: usize) -> Plan {
     let names: Vec<String> = (0..buffers).map(|i| format!("b{i}")).collect();
     let resources: String =
@@ -55,7 +55,8 @@ fn plan(shader: &str, buffers: usize) -> Plan {
         .unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)))
 }
 
-/// Returns a shader that reads `buffers` buffers with descending bindings, and declares one that it does not use.
+/// Returns a shader that reads `buffers` buffers with descending bindings, and declares one that it does not use. The
+/// text `size` follows each read.
 fn shader(buffers: usize, size: &str) -> String {
     let blocks: String = (0..buffers)
         .map(|i| format!("layout(binding = {}, std430) buffer B{i} {{ uint b{i}[]; }};\n", 60 - i))

@@ -29,7 +29,7 @@ pub struct Access {
     atomic: bool,
     /// The cells in the first copy.
     cells: Range<usize>,
-    /// Cells from one copy to the next; 0 for a single copy.
+    /// Cells from one copy to the next; 0 if the host does not access the resource.
     stride: usize,
 }
 

@@ -51,7 +51,8 @@ struct State<Job, Output> {
 }
 
 impl<Job, Output> State<Job, Output> {
-    /// Returns true if the running job is outdated.
+    /// Returns true if the running job should stop: the rebuilder is dropped, or [`PATIENCE`] has passed and there is a
+    /// newer job.
     fn is_cancelled(&self) -> bool {
         let newer = self.outdated || self.waiting.is_some();
         self.ending || newer && self.building.is_some_and(|begun| begun.elapsed() > PATIENCE)
@@ -66,7 +67,7 @@ impl<Job, Output> Shared<Job, Output> {
 }
 
 impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
-    /// Starts the thread.
+    /// Starts the thread. Fails if the system cannot create one.
     ///
     /// The thread calls `make` before the first job and after a panic, to get the function that runs jobs. The function
     /// may own data that is not `Send`, and should check the [`Cancel`] regularly. The thread calls `wake` when an
@@ -161,7 +162,7 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
     }
 }
 
-/// Extracts the message of a panic, if it has one.
+/// Returns the message of a panic, or a placeholder if it has none.
 fn message(payload: Box<dyn Any + Send>) -> String {
     match payload.downcast::<String>() {
         Ok(text) => *text,

@@ -92,7 +92,8 @@ pub enum Part {
 }
 
 impl ResourceName {
-    /// Parses `name`, `front(name)`, `back(name)` or `last(name)`; `None` for any other text.
+    /// Parses `name`, `front(name)`, `back(name)` or `last(name)`; `None` for other text that ends in `)`. Any name is
+    /// accepted.
     pub fn parse(text: &str) -> Option<ResourceName> {
         let (part, range) = match text.strip_suffix(')').map(|inner| inner.split_once('(')) {
             None => (Part::Whole, 0..text.len()),

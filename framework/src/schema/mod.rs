@@ -35,7 +35,8 @@ impl Document {
     /// Parses the text of a graph file.
     ///
     /// # Errors
-    /// Syntax errors, unknown fields and unknown variants from the `ron` crate, with line and column.
+    /// Errors of the `ron` crate, with line and column: syntax errors, unknown or missing fields, unknown variants, and
+    /// values of a wrong type.
     pub fn parse(text: &str) -> Result<Document, ron::error::SpannedError> {
         let options = ron::Options::default()
             .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);
@@ -47,7 +48,7 @@ impl Document {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preset {
-    /// The graph or preset that this one is based on.
+    /// The graph, preset or choice that this preset is based on.
     pub graph: String,
     /// One line that describes the preset.
     pub summary: String,
@@ -329,7 +330,7 @@ pub enum ResourceDecl {
     },
     /// A two-dimensional image.
     Image {
-        /// GLSL's name of a format (`rgba16f`), or an expression with such a value.
+        /// A format: its name in GLSL (`rgba16f`), `depth32f`, or an expression with such a value.
         format: Expression,
         /// Width and height in pixels.
         size: (Number, Number),

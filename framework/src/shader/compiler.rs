@@ -42,8 +42,8 @@ pub struct Compiled {
 
 /// A compiler of shaders, with a cache of the results.
 ///
-/// `Glslang` (feature `glslang`) is the only implementation; most tests of the framework use hand-made reflections
-/// instead.
+/// `Glslang` (feature `glslang`) is the only implementation outside of tests. Most tests of the framework use a stub
+/// whose shaders are lists of accesses.
 pub trait ShaderCompiler {
     /// Returns a compiled shader, from the cache if possible.
     fn compile(

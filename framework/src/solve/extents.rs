@@ -23,7 +23,7 @@ pub(super) struct Group {
 }
 
 pub(super) struct Extents {
-    /// The uses of each pass, in the order of first appearance.
+    /// The accesses of each pass by resource, in the order of first appearance. Reads of uniform blocks are left out.
     pub passes: Vec<Vec<Group>>,
     /// The cells of each resource.
     pub resources: Vec<Range<usize>>,

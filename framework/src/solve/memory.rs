@@ -82,7 +82,7 @@ pub(super) fn place(
     blocks
 }
 
-/// Returns the lifetimes of transient resources; `None` for those that outlive a frame.
+/// Returns the lifetimes within the frame; `None` for resources that are not transient, outlive a frame or are unused.
 fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
     let levels = levels(passes, frame, resources.len());

@@ -26,8 +26,8 @@ use crate::source::{Diagnostic, SourceMap};
 /// Orders and culls the passes, places memory (shared if `share_memory`), and lists the dependencies.
 ///
 /// # Errors
-/// Passes that depend on one another in a cycle, reads of resources that no pass writes, and `Once` passes that use a
-/// resource of the frame.
+/// Passes that depend on one another in a cycle, reads of resources that no pass has written before, and `Once` passes
+/// that use a resource which only the frame writes.
 pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
     let Linked { mut lowered, mut passes } = linked;
     passes.extend(end(&mut lowered, files));

@@ -242,7 +242,7 @@ fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bo
 
 /// The writers of one resource, with the state of the search.
 struct Sources {
-    /// Positions among the users, in the order of the file.
+    /// Indices of the writers in the list of the resource's users, ascending.
     writers: Vec<usize>,
     /// True if contents persist to the next frame: a `Once` pass wrote them, or there is a history.
     carried: bool,

@@ -15,11 +15,11 @@ pub enum Content {
     Missing,
     /// An entry that cannot be read, a special file (a pipe, a device), or a file that is too large.
     Unusable,
-    /// A file. The 64-bit SipHash has fixed keys, so it is comparable only within this process.
+    /// A file. Hashes are comparable only within one process: the algorithm can change with the version of Rust.
     Bytes {
         /// Length in bytes.
         length: u64,
-        /// SipHash of the bytes.
+        /// Hash of the bytes.
         hash: u64,
     },
 }

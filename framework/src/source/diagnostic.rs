@@ -69,7 +69,8 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-/// Maximum length of a name to compare, in bytes. Longer names are no typing mistakes, and comparing them takes long.
+/// Maximum length of a name to compare, in characters. Longer names are no typing mistakes, and comparing them takes
+/// long.
 const LONGEST_NAME: usize = 256;
 
 /// Returns the candidate most similar to `name`, for a "did you mean" suggestion.
@@ -78,7 +79,7 @@ const LONGEST_NAME: usize = 256;
 /// insertions, deletions and transpositions count one), and the first of equally near ones.
 ///
 /// Returns `None` if no character would stay, or if the distance is more than a third of the name's length and more
-/// than 1.
+/// than 1. Also returns `None` for a name of more than 256 characters.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > LONGEST_NAME {

@@ -191,12 +191,13 @@ impl SourceMap {
     /// used:
     ///
     /// 1. in memory: beside `from`, at exactly `name`, or in the folder of its kind;
-    /// 2. on disk, if `from` is on disk: beside `from`, then in the folder of its kind (`pipelines` or `shaders`) next
-    ///    to the folder that contains `from`. If `from` is `None`: at `name`, then in the folder of its kind;
+    /// 2. on disk, if `from` is on disk: beside `from`, then in the folder of its kind (`pipelines` or `shaders`). That
+    ///    folder is searched next to the innermost `pipelines` or `shaders` folder around `from`, then next to the
+    ///    folder that contains `from`. If `from` is `None`: at `name`, then in the folder of its kind;
     /// 3. built in, with the same paths as in memory.
     ///
     /// The extension `.ron` of a graph may be omitted. The search fails at a file that exists but cannot be read, is
-    /// not UTF-8, or is outside the graph's folders.
+    /// too large, is not UTF-8, or is outside the graph's folders.
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         let mut tried = Vec::new();
         for spelling in spellings(name, kind) {

@@ -53,7 +53,8 @@ const MAX_DEPTH: usize = 128;
 impl Outline {
     /// Parses any RON text.
     ///
-    /// Fails on unbalanced brackets, missing separators and invalid names. Values are not checked.
+    /// Fails on invalid tokens, unbalanced brackets, missing separators, invalid names, and nesting deeper than 128
+    /// levels. Values are not checked.
     pub fn parse(file: FileId, text: &str) -> Result<Outline, Diagnostic> {
         let (tokens, lexical_error) = tokens(file, text);
         let mut parser = Parser {

@@ -77,7 +77,8 @@ impl Place {
         self.outline.span(self.node().shallow())
     }
 
-    /// Converts a byte offset in a string's value to an offset in the file.
+    /// Converts a byte offset in a string's value to an offset in the file. Returns the start of an element that is not
+    /// a string.
     ///
     /// `offset` counts bytes after escapes are resolved, and is clamped.
     pub fn string_offset(&self, offset: usize) -> usize {

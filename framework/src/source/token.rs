@@ -234,7 +234,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Reads a run of characters that starts like a number: a number, a byte (`b'x'`), or a closed range (`0..=9`).
+    /// Reads a run of characters that starts like a number: a number, a byte (`b'x'`), or a range of these (`0..=9`).
     fn number(&mut self) -> Result<TokenKind> {
         let start = self.at;
         while let Some(&byte) = self.text.as_bytes().get(self.at) {

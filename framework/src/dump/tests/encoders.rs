@@ -3,7 +3,7 @@
 use super::*;
 use crate::plan::Cause;
 
-/// Returns a hand-made dump with encoders: a few of its passes, with every construct once.
+/// Adds hand-made encoders to a dump, for a few of its passes, with every construct once.
 pub fn encoded(dump: Dump) -> Dump {
     let place = |name: &str| {
         let resource = dump.resources.iter().find(|r| r.name == name).map(|r| r.declared.clone());

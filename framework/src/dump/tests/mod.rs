@@ -1,4 +1,4 @@
-//! Tests the forms of a dump, one sentence each.
+//! Tests the forms of a dump. Each test's name states one property.
 
 mod diff;
 mod encoders;

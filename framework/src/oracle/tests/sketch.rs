@@ -1,4 +1,4 @@
-//! Hand-made plans for the tests of this crate and of the Vulkan backend.
+//! Hand-made plans for the tests of this crate and of the Vulkan and Metal backends.
 
 use splatgraph_framework::{ir::*, plan::*};
 

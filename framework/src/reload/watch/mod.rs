@@ -1,10 +1,10 @@
 //! Reports changed contents of the files that a build read.
 //!
 //! Events of the operating system only tell *when* to look. They come in bursts, differ between systems and editors,
-//! and are often spurious. So each event makes the watcher look at all wanted files: it rereads a file if the metadata
-//! changed, and compares hashes of the contents. It watches folders rather than files, because most editors save by
-//! replacing the file. For each wanted path it watches all folders along it, including through symlinks (module
-//! `symlink_path`), so that it notices folders that appear and disappear, and links that are redirected.
+//! and are often spurious. So each event makes the watcher look at all wanted files: it rereads a file if its metadata
+//! changed or is recent, and compares hashes of the contents. It watches folders rather than files, because most
+//! editors save by replacing the file. For each wanted path it watches all folders along it, including through
+//! symlinks (module `symlink_path`), so that it notices folders that appear and disappear, and redirected links.
 //!
 //! The watcher has a thread. It also looks at regular intervals ([`ROUNDS`]), because some network and virtual file
 //! systems send no events for writes by other machines. Without any events, it looks more often ([`POLLING`]).
@@ -139,7 +139,7 @@ impl Watcher {
         let native = native(Box::new(move |event| {
             // Ignore reads, most of which are the watcher's own.
             if !event.as_ref().is_ok_and(|event| is_reading(&event.kind)) {
-                // This fails only if the watcher is being dropped.
+                // This fails only if the watcher is being dropped, or after a panic in `wake`.
                 let _ = events.send(Message::Event(Instant::now(), event));
             }
         }));
@@ -246,7 +246,7 @@ struct LookOut<Wake> {
     subjects: Vec<Subject>,
     /// All entries along the subjects' paths: events about other paths are ignored.
     entries: HashSet<PathBuf>,
-    /// Folders that send events.
+    /// Folders that send events, and folders whose watch failed and is not tried again.
     watched: BTreeSet<PathBuf>,
     /// Watched folders that may have been replaced.
     stale: BTreeSet<PathBuf>,

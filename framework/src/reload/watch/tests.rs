@@ -9,8 +9,8 @@ use crate::source::{Kind, Library, SourceMap};
 
 const LONG: Duration = Duration::from_secs(60);
 
-/// The real delays, except that no regular look can replace a missing event, and no pause of the machine can make a
-/// file seem missing for long.
+/// The real delays, with two exceptions. There are no regular looks, which could replace a missing event. A missing
+/// file is reported only after a minute, so that a pause of the machine does not report one.
 const EVENTS: Patience = Patience { rounds: None, gone: LONG, ..PATIENCE };
 
 /// Files in a folder, and a watcher for them.
@@ -374,7 +374,8 @@ fn of_two_builds_that_read_different_texts_one_is_out_of_date() {
 
 const BUILTIN: &[(&str, &str)] = &[("shaders/splat.frag", "built in")];
 
-/// Lists the files that a build of `pipelines/a.ron` would read, and the shader that it finds.
+/// Simulates a build of `pipelines/a.ron`: watches the files that it looks up. Returns them, and the text of the shader
+/// that it finds.
 fn build(desk: &mut Desk) -> (Vec<Wanted>, String) {
     let mut files = SourceMap::new(Library { builtin: BUILTIN, ..Library::default() });
     let graph = desk.path("pipelines/a.ron");
@@ -447,7 +448,7 @@ fn where_events_are_silent_the_rounds_notice() {
     assert_eq!(desk.watcher.kind(), WatchKind::Events);
 }
 
-/// A system that cannot watch files.
+/// A watcher whose system has no watches left.
 struct Full;
 
 impl notify::Watcher for Full {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ir::ShaderStage;
 
-/// Maximum bytes of GLSL after includes; a file can be included more than once.
+/// Maximum bytes of included GLSL. A file counts as often as it is included.
 pub(super) const MOST_INCLUDED_BYTES: usize = 4 << 20;
 /// Bytes that each include adds to the count in addition to its text. This bounds the number of small includes.
 pub(super) const INCLUDE_BYTES: usize = 256;
@@ -37,7 +37,7 @@ pub(super) struct Key {
 pub(super) enum Failure {
     /// The log of glslang, or the limit that it exceeded.
     Log(String),
-    /// The compiler ended without an answer. A second attempt may succeed.
+    /// The compiler did not start, or ended without an answer. A second attempt may succeed.
     Crash(String),
     /// Includes that cannot be followed.
     Includes(Vec<IncludeFailure>),

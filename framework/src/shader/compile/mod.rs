@@ -11,9 +11,9 @@
 //! 4. *reflect*: see [`reflect`].
 //!
 //! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MOST_BYTES`] of text,
-//! [`generate::MOST_DEPTH`] nested includes, and a large stack (its passes recurse). It stops at the first error. If it
-//! continued, it would crash on about one broken shader in ten thousand; when it stops, it crashes on far fewer. For
-//! untrusted texts it runs in a separate process: see [`worker`].
+//! and [`generate::MOST_DEPTH`] nested includes. It gets a large stack, because its passes recurse. It stops at the
+//! first error. If it continued, it would crash on about one broken shader in ten thousand; when it stops, it crashes
+//! on far fewer. For untrusted texts it runs in a separate process: see [`worker`].
 
 mod generate;
 mod log;

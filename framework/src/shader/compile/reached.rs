@@ -40,7 +40,7 @@ pub(super) struct Reached {
 
 /// Finds the names that the preprocessor reaches from `texts[0]` with `defines`.
 ///
-/// `None` if the texts cannot be followed: they include too much, or paste names together.
+/// `None` if the texts cannot be followed: their includes are too large or too deep, or they paste names together.
 pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]) -> Option<Reached> {
     let mut walk = Walk {
         tokens: texts.iter().map(|text| lex(text.text)).collect(),
@@ -256,8 +256,8 @@ impl<'t> Walk<'t> {
     }
 
     /// Replaces the shader's own macros by their bodies. Defines of the compilation keep their names, so that the
-    /// evaluation records which of them it reads. `None` for macros with several definitions or parameters, and after
-    /// `left` words.
+    /// evaluation records which of them it reads. `None` for macros with several definitions or parameters, beyond
+    /// [`MOST_DEPTH`] nested macros, and after `left` words.
     fn expand(
         &self,
         words: &[Word<'t>],
@@ -338,7 +338,7 @@ impl Condition<'_, '_, '_> {
     }
 
     /// Evaluates operands joined by operators that bind at least as tightly as `least`. The outer `None` is a syntax
-    /// error. Names count as read only if `live`.
+    /// error or too deep a nesting. Names count as read only if `live`.
     fn binary(&mut self, least: u8, live: bool) -> Option<Option<i64>> {
         let mut left = self.operand(live)?;
         while let Some(word) = self.words.get(self.at)

@@ -16,7 +16,7 @@ pub(super) enum TokenKind {
     Symbol,
     /// The end of a line that is not continued.
     Newline,
-    /// A character that GLSL allows in comments only: not ASCII, or a zero.
+    /// A character that GLSL allows in comments only (not ASCII, or a zero), or a string with one.
     Foreign,
 }
 
@@ -145,7 +145,7 @@ pub(super) struct Scan<'t> {
     pub includes: Vec<(&'t str, Range<usize>)>,
     /// Names after `#define`.
     pub macros: HashSet<&'t str>,
-    /// Names in `#if` and `#elif`.
+    /// All words, numbers and symbols after `#if` and `#elif`.
     pub conditions: HashSet<&'t str>,
     /// Names that follow a number type, as in `uint count`, with their places.
     pub declared: Vec<(&'t str, Range<usize>)>,
@@ -240,8 +240,8 @@ fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     Some((name, start..start + name.len()))
 }
 
-/// Replaces a byte order mark and all non-ASCII bytes, which occur only in comments. The compiler gets ASCII, and byte
-/// offsets do not change.
+/// Replaces a byte order mark, zeros and all non-ASCII bytes, which occur only in comments. The compiler gets ASCII,
+/// and byte offsets do not change.
 pub(super) fn to_ascii(text: &str) -> String {
     let mut bytes = text.as_bytes().to_vec();
     if text.starts_with('\u{feff}') {

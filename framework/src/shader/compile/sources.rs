@@ -54,6 +54,8 @@ pub(super) struct Include {
 
 impl Sources {
     /// Finds and scans everything. A missing file is no error yet: an `#if` may disable its `#include`.
+    ///
+    /// Fails if the files exceed a limit, have characters that GLSL does not allow, or are not declared GLSL 4.60.
     pub fn gather(files: &mut SourceMap, request: &ShaderRequest) -> Result<Sources, Vec<Diagnostic>> {
         let mut sources = Sources {
             units: Vec::new(),

@@ -343,7 +343,7 @@ fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
 }
 
-/// Compiles other texts with a bench's compiler.
+/// Compiles another shader with a bench's compiler.
 fn next(bench: &mut Bench, body: &str) -> Result<Compiled, String> {
     bench.files = Bench::new(&[("shaders/a.comp", &format!("{HEAD}{body}"))]).files;
     bench.compile("a.comp", &[])

@@ -44,7 +44,8 @@ const MOST_BYTES: usize = 64 << 20;
 /// Limits of a compilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Memory of the worker process, in bytes. Enforced within about 10 ms on Unix; other systems limit time only.
+    /// Memory of the worker process, in bytes, beyond what it has at its start. Enforced within about 10 ms on Unix;
+    /// other systems limit time only.
     pub memory_bytes: u64,
     /// Processor time of one compilation. Shaders take milliseconds.
     pub time: Duration,

@@ -25,8 +25,9 @@ use crate::ir::{
 
 /// Reads the module of one shader stage with one entry point.
 ///
-/// Fails, with a message, on invalid modules and on bindings that graphs do not support: anything but storage buffers,
-/// uniform blocks and two-dimensional storage images; unbounded arrays of these; and pointers with unknown targets.
+/// Fails, with a message, on invalid modules, on features that no backend enables, and on bindings that graphs do not
+/// support: anything but storage buffers, uniform blocks and two-dimensional storage images in a [`Format`]; unbounded
+/// arrays of these; and pointers with unknown targets.
 pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
     let module = Module::parse(spirv)?;
     let is_resource = |v: &&Variable| {

@@ -137,7 +137,7 @@ fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
     assert!(text.contains("written and bound twice"), "{text}");
 }
 
-/// Returns a resource by name, whether its contents persist, and whether it shares memory.
+/// Returns whether the contents of a resource persist, and whether it shares memory.
 fn kept_and_shared(plan: &Plan, name: &str) -> (bool, bool) {
     let id = plan.find_resource(name).expect("it is used");
     (plan.resource(id).history.is_some(), plan.aliases(id).next().is_some())

@@ -1,4 +1,4 @@
-//! Tests of the solver's guarantees, one sentence each. A failing assertion prints the dump.
+//! Tests the solver's guarantees. Each test's name states one; a failing assertion prints the dependencies.
 
 mod effects;
 mod histories;

@@ -359,7 +359,7 @@ fn a_map_knows_what_it_read_and_where_it_looked_in_vain() {
         ("shaders/covariance.comp", Content::Missing),
     ];
     let mut looked = looked(&files, &folder);
-    // Both paths to the shaders' folder are equal; if the folder is missing, a name has two places.
+    // The search tries the shaders' folder by two paths, which are one path once canonical.
     looked.dedup();
     looked.sort_by(|a, b| a.0.cmp(&b.0));
     looked.dedup();

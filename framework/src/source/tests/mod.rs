@@ -6,7 +6,7 @@ mod ron_error;
 use super::*;
 use crate::ir::FileId;
 
-/// A source map with one file in it.
+/// Returns a source map with one file, and the file's id.
 fn one_file(path: &str, text: &str) -> (SourceMap, FileId) {
     let mut files = SourceMap::default();
     let file = files.add(path, text);

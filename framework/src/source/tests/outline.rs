@@ -27,7 +27,7 @@ fn key_is(text: &str, way: impl Fn(Place) -> Place, expected: &str) {
     assert_eq!(&text[span.start..span.end], expected, "{text}");
 }
 
-/// The message, and what it points at.
+/// Checks the error's message and the text that it points at. Returns the error.
 #[track_caller]
 fn fails(text: &str, message: &str, at: &str) -> Diagnostic {
     let error = Outline::parse(FileId(0), text).expect_err(text);
@@ -80,7 +80,7 @@ fn the_name_of_a_field_and_the_key_of_a_map_have_their_own_places() {
     key_is("{1: 2, 'c': 3, (4, 5): 6}", |root| root.field("'c'"), "'c'");
     value_is("{1: 2, 'c': 3, (4, 5): 6}", |root| root.field("(4, 5)"), "6");
     key_is("(r#type: 1)", |root| root.field("type"), "r#type");
-    // What has no name of its own is its own place.
+    // An element of a list has no key: its own span is returned.
     key_is("[7, 8]", |root| root.index(1), "8");
 }
 
@@ -219,7 +219,7 @@ fn names_given_twice_are_errors() {
     assert_eq!(messages, ["the key `k` is given twice", "the field `a` is given twice"]);
     let places = errors.iter().map(|e| (e.secondary[0].span.start, e.primary.span.start));
     assert_eq!(places.collect::<Vec<_>>(), [(12, 20), (1, 36)]);
-    // Of two, the last one counts.
+    // The last of the duplicates counts.
     value_is(text, |root| root.field("a"), "2");
 }
 
@@ -339,7 +339,7 @@ fn tree() -> impl Strategy<Value = Tree> {
     })
 }
 
-/// Every leaf is where the outline says.
+/// Checks that every leaf is at the place that the outline gives.
 fn check(text: &str, tree: &Tree, place: Place) {
     let found = |place: &Place| {
         let span = place.span();
@@ -353,7 +353,7 @@ fn check(text: &str, tree: &Tree, place: Place) {
         Tree::Text(value) => {
             let place = place.index(0);
             let written = place.span();
-            // The text up to every character, unescaped by itself, is the value up to there.
+            // For each character, the text before it, unescaped, is the value before it.
             let raw = text[..written.start].ends_with("#\"");
             for (offset, _) in value.char_indices().chain([(value.len(), ' ')]) {
                 let prefix = &text[written.start..place.string_offset(offset)];

@@ -67,7 +67,7 @@ fn error_of(text: &str) -> Diagnostic {
     ron_error(FileId(0), text, &error)
 }
 
-/// The message, what it points at, and the label under it.
+/// Checks the message, the text that it points at, and the label under it. Returns the diagnostic.
 #[track_caller]
 fn fails(text: &str, message: &str, at: &str, label: &str) -> Diagnostic {
     let error = error_of(text);
