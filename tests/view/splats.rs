@@ -64,7 +64,7 @@ fn drag(viewer: &mut TestShell, shares: &[[f32; 2]], modifiers: Modifiers) {
     viewer.settle();
 }
 
-/// Finds the splats of the scene without hidden ones in a region, given in points of the picture.
+/// Finds the splats that are not in `hidden` in a region, which is in pixels of the picture.
 fn expected(viewer: &TestShell, hidden: &SplatSet, region: &Region, reach: Reach) -> SplatSet {
     let viewer = &viewer.shell.viewer;
     let masked = Masked { scene: viewer.loaded(A), hidden };
@@ -87,7 +87,7 @@ fn picture(viewer: &mut TestShell) -> Image {
     viewer.picture(A)
 }
 
-/// Returns the file that the next event of an export names.
+/// Waits for the end of an export; returns the file and its number of splats.
 fn exported(viewer: &mut TestShell) -> (PathBuf, u32) {
     let find = |event: &Event| match event {
         Event::Exported { path, splats, .. } => Some((path.clone(), *splats)),

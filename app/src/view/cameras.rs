@@ -29,7 +29,7 @@ impl Views {
         self.list.len() - 1
     }
 
-    /// Renames a view, by the rules of [`Views::add`].
+    /// Renames a view, by the rules of [`Views::add`]; does nothing if there is no view at this index.
     pub fn rename(&mut self, index: usize, name: &str) {
         let name = self.free_name(name, Some(index));
         if let Some(view) = self.list.get_mut(index) {
@@ -70,7 +70,7 @@ pub enum SaveError {
     /// The file's extension is not `.json`.
     #[error("expected a file name with the extension .json, found {}", .0.display())]
     Extension(PathBuf),
-    /// The file exists, and this window did not write it.
+    /// The file exists, and this window did not write its contents.
     #[error("expected a new file, found one that this window did not write: {}", .0.display())]
     Exists(PathBuf),
     /// The file cannot be read or written.
@@ -89,7 +89,8 @@ impl CameraFiles {
     /// Writes a `cameras.json` of cameras in the world's coordinates, atomically.
     ///
     /// # Errors
-    /// There are no cameras; the file cannot be written; or it exists, and this window did not write its contents.
+    /// There are no cameras; the extension is not `.json`; the file cannot be read or written; or it exists, and this
+    /// window did not write its contents.
     pub fn save(&mut self, cameras: &[Camera], path: &Path) -> Result<(), SaveError> {
         if cameras.is_empty() {
             return Err(SaveError::Empty);

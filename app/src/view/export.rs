@@ -1,7 +1,8 @@
 //! Writes splats to a new file on another thread: as a scene, in the format of the file's extension, or as a list of
 //! their indices.
-//! Only one file is written at a time. Its name must not exist, neither when writing starts nor when it ends. Dropping
-//! the exporter waits for the file.
+//!
+//! Only one file is written at a time. No file of its name may exist, either when writing starts or when it ends.
+//! Dropping the exporter waits for the file.
 
 use super::latest::Latest;
 use super::renderer::Wake;

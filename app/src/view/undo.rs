@@ -24,7 +24,7 @@ struct Side {
     set: IndexMap<String, String>,
 }
 
-/// Everything that the user sets, except the camera.
+/// The settings that can be undone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     scene: PathBuf,
@@ -195,7 +195,7 @@ impl History {
         !self.future.is_empty()
     }
 
-    /// Undoes the newest step; returns a description of the change.
+    /// Undoes the newest step; returns a description of the change, or `None` if there is no step.
     pub fn undo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
         let (to, now) = (self.past.pop()?, self.now.take()?);
         let text = to.difference(&now);
@@ -203,7 +203,7 @@ impl History {
         Some(self.go(to, text, viewer))
     }
 
-    /// Redoes the last undone step; returns a description of the change.
+    /// Redoes the last undone step; returns a description of the change, or `None` if there is no step.
     pub fn redo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
         let (to, now) = (self.future.pop()?, self.now.take()?);
         let text = to.difference(&now);

@@ -71,7 +71,7 @@ enum Reading {
 pub(super) struct View<'a> {
     /// The scene as drawn, without its hidden splats.
     pub scene: &'a Scene,
-    /// The scene as loaded. It scales orthographic views, so that hiding splats does not.
+    /// The scene as loaded. It determines the scale of orthographic views, which hiding splats must not change.
     pub loaded: &'a Scene,
     pub camera: &'a Camera,
     /// Background colour, display-encoded.
@@ -163,6 +163,8 @@ impl<D: Device> Viewport<D> {
     }
 
     /// Describes choices that depend on facts: the graph behind a preset, and constants with their reasons.
+    ///
+    /// `None` if there are none.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
@@ -197,8 +199,9 @@ impl<D: Device> Viewport<D> {
         Some(format!("the picture is {}{reason}", self.part()?))
     }
 
-    /// Reports how many pairs the newest finished frame left unsorted; `None` if all were sorted. See
-    /// `stats::unordered`.
+    /// Reports how many pairs the newest finished frame left unsorted; see `stats::unordered`.
+    ///
+    /// `None` if all were sorted, or if the graph does not count them.
     pub fn unordered(&self) -> Option<String> {
         let (_, pairs) = self.stats.iter().find(|(name, _)| name == "unordered")?;
         stats::unordered((*pairs).into())
@@ -241,7 +244,7 @@ impl<D: Device> Viewport<D> {
         self.inspection = Some(Inspection { follow, ..Inspection::new(resource, pass) });
     }
 
-    /// Returns the number of readings so far; it changes with every new finding.
+    /// Returns the number of successful readings so far.
     pub fn readings(&self) -> u64 {
         self.readings
     }
@@ -347,8 +350,8 @@ impl<D: Device> Viewport<D> {
         self.collect(false);
     }
 
-    /// Submits a frame. If that fails, retries without the inspection and without the read-back, so that neither
-    /// prevents the frame.
+    /// Submits a frame. If the device refuses it, retries without the inspection and then without the read-back, so
+    /// that neither prevents the frame.
     fn submit(&mut self, inputs: &mut FrameInputs, to_host: bool) -> Result<bool, BackendError> {
         loop {
             let error = match self.renderer.submit(inputs.clone()) {

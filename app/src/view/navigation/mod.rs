@@ -1,15 +1,15 @@
 //! Moves the viewer's camera by pointer and keys.
 //!
-//! [`Navigation`] is a state machine without a window. It takes the input since the last update ([`Input`]) and returns a camera
-//! ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a stored distance. The controls follow
-//! 3D modellers and game editors:
+//! [`Navigation`] is a state machine without a window. It takes the input since the last update ([`Input`]) and returns
+//! a camera ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a stored distance. The
+//! controls follow 3D modellers and game editors:
 //!
 //! | input | effect |
 //! |---|---|
 //! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon stays as it is |
 //! | Shift + drag | pan: what lies at the pivot's depth follows the pointer |
 //! | scroll, Ctrl + drag up and down | zoom: move towards the pivot or away from it, never through it |
-//! | hold the right button | fly: the pointer looks around, W A S D move, E rises, Q sinks, Shift is faster, Ctrl slower, scrolling changes the speed |
+//! | hold the right button | fly: look around; W A S D, E up, Q down; Shift faster, Ctrl slower, scroll for the speed |
 //! | double click, F | frame the scene, seen from the same direction |
 //! | Home | return to the first camera |
 //!
@@ -173,7 +173,7 @@ impl Pose {
         let elevation = forward.dot(up).clamp(-1.0, 1.0).asin();
         // A camera beyond the limit cannot move further away, but its first step back is unrestricted.
         let pitch = (elevation + pitch).clamp(-STEEPEST, STEEPEST) - elevation;
-        // To the right along the horizon. Looking straight up or down, the image's right is used.
+        // Axis to the right along the horizon. If the camera looks straight up or down, the image's right is used.
         let horizontal = forward.cross(up);
         let axis = if horizontal.length() > 1e-6 { horizontal } else { self.right() };
         let turn = DQuat::from_axis_angle(up, yaw) * DQuat::from_axis_angle(axis.normalize(), pitch);
@@ -214,7 +214,7 @@ impl Pose {
     }
 }
 
-/// Destination of a flight: its pose, and the camera if it comes from a file.
+/// Destination of a flight: its pose, and the camera that is shown unchanged on arrival, if there is one.
 #[derive(Clone, Debug, PartialEq)]
 struct Goal {
     pose: Pose,
@@ -286,7 +286,7 @@ impl Navigation {
     pub fn set_scene(&mut self, bounds: &Bounds) {
         let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
         self.bounds = if finite { *bounds } else { Bounds::ORIGIN };
-        // A single point has no size. (Beyond these lengths f32 cannot hold their squares, or loses digits.)
+        // A single point has no size. Beyond these limits, squares overflow f32 or lose digits.
         self.scale = match self.bounds.extent() {
             extent if extent > 0.0 => extent.clamp(1e-12, 1e18),
             _ => 1.0,
@@ -358,8 +358,8 @@ impl Navigation {
     /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
     ///
     /// Until input moves it, a camera from a file is only [resized](Camera::resized): at its own size, it is
-    /// bit-identical. A moved camera keeps the projection of the file. An orthographic camera's scale follows its
-    /// distance from the scene, as the scale of a pinhole camera does that an orthographic graph draws.
+    /// bit-identical. A moved camera keeps the projection of the file. If it is orthographic, its scale follows its
+    /// distance from the scene, just as an orthographic graph scales the view of a pinhole camera.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let (width, height) = (width.max(1), height.max(1));
         if let Some(camera) = &self.unmoved {
@@ -381,7 +381,7 @@ impl Navigation {
         pinhole.with_projection(pose.projection, self.bounds.center())
     }
 
-    /// Flies to a camera; the vertical field of view stays, and a wider view shows more at the sides.
+    /// Flies to a camera, and takes over its vertical field of view; a wider view shows more at the sides.
     ///
     /// The pivot becomes the point of the camera's axis that is nearest to the scene's centre, if that is ahead.
     pub fn set_camera(&mut self, camera: &Camera) {
@@ -579,7 +579,7 @@ impl Navigation {
 pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
     let sum: DVec3 = ups.sum();
-    // The directions of such cameras cancel out, apart from rounding errors.
+    // A shorter sum means that the directions cancel out, apart from rounding errors.
     (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
 }
 

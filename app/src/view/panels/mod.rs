@@ -81,7 +81,7 @@ pub struct Arrangement {
 
 /// The panels and their state between frames.
 pub struct Panels {
-    /// True to hide everything but the picture.
+    /// True to hide the bars and the tools, so that the picture fills the window.
     pub hidden: bool,
     /// True to synchronise presentation with the display's refresh.
     pub vsync: bool,
@@ -350,12 +350,14 @@ impl Panels {
         }
     }
 
-    /// Returns the median interval between recent frames, in milliseconds; `None` unless drawing continuously.
+    /// Returns the median interval between recent frames, in milliseconds.
+    ///
+    /// `None` until two frames were drawn without a pause between them.
     fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Shows the effect of a changed parameter on the plan, above the list of parameters.
+    /// Shows the effect of a constant on the plan above the list of parameters, if it alone has changed.
     fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
@@ -444,7 +446,7 @@ impl Panels {
     }
 }
 
-/// Describes how a plan differs from the previous one, such as `63 -> 75 passes: sort 12 -> 24`.
+/// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`.
 fn difference(former: &Plan, plan: &Plan) -> String {
     let count = |plan: &Plan, phase: Option<&str>| {
         let phases = plan.frame.iter().map(|pass| &plan.pass(*pass).phase);

@@ -32,7 +32,7 @@ fn causes(events: &[Event]) -> Vec<String> {
     events.iter().filter_map(cause).collect()
 }
 
-/// Draws frames until `shown` is true, and checks that the window keeps its first picture until then.
+/// Draws frames until `shown` is true, and checks that the window keeps its former picture until then.
 fn held_back_until(script: &mut Script, what: &str, shown: impl Fn(&mut Script) -> bool) {
     let number = |script: &mut Script| script.viewer().pictures()[0].as_ref().map(|(_, number)| *number);
     let (former, before) = (number(script), script.viewer().a.history.frames());

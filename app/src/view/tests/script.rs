@@ -182,7 +182,7 @@ impl Script {
         )
         .expect("the viewer opens");
         viewer.navigation.set_animated(false);
-        // Frames continue after any failure.
+        // Draw continuously, even after a failure.
         viewer.continuous = true;
         viewer.a.renderer.patience = Duration::from_millis(5);
         let mut shell = Shell::new(viewer, canvas, wake).expect("the shell opens");

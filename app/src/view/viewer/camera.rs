@@ -15,7 +15,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
-/// Picture size for comparing cameras: only the position and direction matter.
+/// Picture size for comparing cameras; any size would do.
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl<D: Device> Viewer<D> {
@@ -93,7 +93,8 @@ impl<D: Device> Viewer<D> {
         self.path.insert(index, camera)
     }
 
-    /// Adds the current camera to the saved views; returns its index. See [`crate::view::cameras::Views::add`] for the name.
+    /// Adds the current camera to the saved views; returns its index. See [`crate::view::cameras::Views::add`] for the
+    /// name.
     pub fn save_view(&mut self, name: &str) -> usize {
         let camera = self.world_camera();
         self.views.add(name, camera)
@@ -127,7 +128,7 @@ impl<D: Device> Viewer<D> {
         self.open_cameras_as(CameraRole::Views, path);
     }
 
-    /// Reads a `cameras.json` on another thread, and replaces the path's keys by its cameras.
+    /// Reads a `cameras.json` on another thread, and replaces the path's keys with its cameras.
     pub fn open_path(&mut self, path: &Path) {
         self.open_cameras_as(CameraRole::Path, path);
     }
@@ -139,7 +140,11 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Appends a file's cameras to the saved views, or replaces the path's keys by them.
+    /// Uses a file's cameras as selectable cameras, appends them to the saved views, or replaces the path's keys with
+    /// them.
+    ///
+    /// # Errors
+    /// The cameras cannot be keys of a path; see [`crate::draw::camera_path::CameraPath::set_keys`].
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,

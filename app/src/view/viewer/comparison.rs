@@ -13,18 +13,20 @@ use splatgraph_api::{Device, Pixels};
 
 impl<D: Device> Viewer<D> {
     /// Compares the next pictures of A and B. The result is reported as an event and by [`Viewer::comparison`].
+    ///
+    /// Does nothing without B, or while a comparison is in progress.
     pub fn measure(&mut self) {
         if self.b.is_some() && self.comparing.step == Step::No {
             self.comparing.step = Step::Waiting;
         }
     }
 
-    /// Returns true while pictures are compared.
+    /// Returns true from [`Viewer::measure`] until the result is known.
     pub fn is_comparing(&self) -> bool {
         self.comparing.step != Step::No
     }
 
-    /// Returns the newest comparison of A and B; `None` before the first.
+    /// Returns the newest comparison of A and B; `None` before the first, and after [`Viewer::forget_comparison`].
     pub fn comparison(&self) -> Option<&Comparison> {
         self.comparing.newest.as_ref().map(|(found, _)| found)
     }

@@ -45,7 +45,7 @@ pub enum ViewerError {
     /// The device failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
-    /// Files cannot be watched.
+    /// The system cannot start a thread that watches files or builds plans.
     #[error(transparent)]
     Watch(#[from] WatchError),
     /// The device is lost, and has not been replaced yet.
@@ -118,6 +118,9 @@ pub struct Viewer<D: Device> {
 
 impl<D: Device> Viewer<D> {
     /// Creates a viewer of `scene`, loaded from `path`, with `graph` and the parameters in `set`.
+    ///
+    /// # Errors
+    /// The system cannot start a thread.
     pub fn new(
         device: D,
         (scene, path): (Scene, PathBuf),
@@ -199,13 +202,14 @@ impl<D: Device> Viewer<D> {
         [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten()
     }
 
-    /// Iterates over the visible viewports: A, and B unless it is hidden.
+    /// Iterates over A, B unless it is hidden, and the viewport of the copy measurement while it runs.
     fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
     }
 
-    /// Returns true if frames are drawn continuously, on request or because they may differ for equal inputs.
+    /// Returns true if frames are drawn continuously: on request, for a measurement, or because they may differ for
+    /// equal inputs.
     pub(super) fn is_animated(&self) -> bool {
         self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
     }
@@ -430,7 +434,7 @@ impl<D: Device> Viewer<D> {
         self.step_copy(now);
     }
 
-    /// Returns the error that lost the device; `None` while it works.
+    /// Returns the error that lost the device; `None` while it works, and after [`Viewer::release`].
     pub fn lost(&self) -> Option<&BackendError> {
         self.a.renderer.lost().or_else(|| self.b.as_ref()?.renderer.lost())
     }
@@ -460,7 +464,7 @@ impl<D: Device> Viewer<D> {
     /// Continues on another device after [`Viewer::release`].
     ///
     /// # Errors
-    /// A context for B cannot be created; B is then hidden.
+    /// A context for B cannot be created; B is then dropped.
     pub fn give(&mut self, device: D) -> Result<(), BackendError> {
         let b = self.b.as_ref().map(|_| device.new_context()).transpose();
         self.a.renderer.give(device);
@@ -481,6 +485,8 @@ impl<D: Device> Viewer<D> {
     }
 
     /// Returns the pictures of A and B for the window, each with a unique number.
+    ///
+    /// `None` before a viewport's first picture, and for B while it is hidden.
     pub fn pictures(&self) -> [Option<(Shown, u64)>; 2] {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [self.a.picture(), b.and_then(Viewport::picture)]
@@ -496,14 +502,14 @@ impl<D: Device> Viewer<D> {
         std::mem::take(&mut self.events)
     }
 
-    /// Closes the viewer, and returns A's device; `None` if it is lost.
+    /// Closes the viewer, and returns A's device; `None` if it was released.
     pub fn into_device(self) -> Option<D> {
         let Viewer { a, b, copy, .. } = self;
         drop((b, copy));
         a.renderer.into_device()
     }
 
-    /// Waits up to `within` for the frames in flight.
+    /// Waits up to `within` for each viewport's frames in flight.
     ///
     /// # Errors
     /// See [`Renderer::finish`].

@@ -103,7 +103,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Exchanges graphs, parameters and scenes of A and B. The camera stays at its place in the world.
+    /// Exchanges graphs, parameters and scenes of A and B, if there is a B. The camera stays at its place in the world.
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
         std::mem::swap(&mut self.a, b);
