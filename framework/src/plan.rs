@@ -58,7 +58,7 @@ pub struct Plan {
     /// Passes that run every frame, in order. The first frame follows the prologue. Between the two is the *handover*,
     /// which brings images to the layouts that they have between frames.
     pub frame: Vec<PassId>,
-    /// Passes of the graph that are not in the plan: nothing reads their results, or their `when` is false.
+    /// Passes and includes of the graph that are not in the plan: nothing reads their results, or `when` is false.
     pub culled: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<Warning>,

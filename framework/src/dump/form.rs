@@ -47,7 +47,7 @@ pub struct Dump {
     pub passes: Vec<DumpPass>,
     /// Barriers recorded in one call between the prologue and the first frame.
     pub handover: Vec<DumpBarrier>,
-    /// Passes of the graph that are not in the plan.
+    /// Passes and includes of the graph that are not in the plan.
     pub left_out: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<DumpWarning>,

@@ -60,7 +60,7 @@ bitflags! {
         const COLOR_WRITE = 1 << 5;
         /// Reads as a copy's source.
         const TRANSFER_READ = 1 << 6;
-        /// Writes as a copy's or a fill's destination.
+        /// Writes as the destination of a copy, a fill or a clear.
         const TRANSFER_WRITE = 1 << 7;
         /// Reads on the CPU.
         const HOST_READ = 1 << 8;

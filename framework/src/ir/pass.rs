@@ -247,7 +247,8 @@ pub struct Use<R = ResourceId> {
     pub accesses: Accesses,
     /// The layout that an image must be in; `None` for buffers.
     pub layout: Option<Layout>,
-    /// True if the pass does not need the earlier contents, for instance of a cleared attachment.
+    /// True if the pass clears the attachment or history first, so that earlier contents may be discarded. False for
+    /// fills.
     pub discards: bool,
 }
 
@@ -264,14 +265,14 @@ impl<R> Use<R> {
     }
 }
 
-/// A pass that the graph declares and the plan omits.
+/// A pass or an include that the graph declares and the plan omits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Culled {
-    /// The pass's name.
+    /// Name of the pass or include.
     pub pass: String,
-    /// The reason: the pass's `when` is false, or nothing reads its results.
+    /// The reason: its `when` is false, or nothing reads the pass's results.
     pub why: String,
-    /// Position of the pass's declaration.
+    /// Position of the declaration.
     #[serde(rename = "declared")]
     pub origin: Origin,
 }

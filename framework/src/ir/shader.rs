@@ -104,7 +104,7 @@ pub struct Reflection {
     pub local_size: [u32; 3],
     /// Bytes of shared memory that a workgroup declares.
     pub shared_bytes: u32,
-    /// Bindings that the entry point can reach, sorted by number.
+    /// Bindings that the entry point can reach, sorted by set and number.
     pub bindings: Vec<ReflectedBinding>,
     /// The push-constant block; `None` if the shader has none.
     pub push: Option<PushBlock>,
@@ -183,13 +183,13 @@ pub struct Member {
     pub name: String,
     /// Byte offset from the start of the block.
     pub offset: u32,
-    /// Scalar type, or `Other`.
+    /// 32-bit scalar type, or `Other`.
     pub kind: MemberKind,
     /// True if the code may read the member.
     pub used: bool,
 }
 
-/// The type of a block member. Only scalars can be set from a graph.
+/// The type of a block member. Only 32-bit scalars can be set from a graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemberKind {
     /// `uint`
@@ -198,7 +198,7 @@ pub enum MemberKind {
     Int,
     /// `float`
     Float,
-    /// A vector, a matrix, a struct or an array.
+    /// A vector, a matrix, a struct, an array, or a scalar of another size.
     Other,
 }
 

@@ -12,7 +12,7 @@ use crate::source::{Diagnostic, Kind, Outline, Place, SourceMap, ron_error};
 pub(super) struct Opened {
     pub file: FileId,
     pub graph: Rc<Graph>,
-    /// Place that spans the whole file of the graph.
+    /// Place of the root element in the graph's file.
     pub root: Place,
     /// The summary of the outermost preset or choice, or of the graph.
     pub summary: String,

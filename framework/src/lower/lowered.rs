@@ -89,12 +89,12 @@ pub struct LoweredInclude {
     pub given: Vec<(String, Vec<ResourceId>)>,
 }
 
-/// A use that was removed with its pass.
+/// A use that was removed with its pass or include.
 #[derive(Clone, Debug)]
 pub struct RemovedUse {
-    /// Resource that the removed pass would use.
+    /// Resource that the removed pass or include would use.
     pub resource: ResourceId,
-    /// Name of the removed pass.
+    /// Name of the removed pass or include.
     pub pass: String,
     /// Place of the pass's `when`.
     pub when: Span,

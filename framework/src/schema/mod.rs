@@ -274,7 +274,7 @@ impl ParamKind {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Import {
-    /// Full name of the data: `scene.*` or `frame.*`.
+    /// Full name of the data, such as `scene.position` or `frame.camera`.
     pub from: String,
     /// Number of planes to bind as an array of blocks; 1 by default.
     #[serde(default)]
@@ -317,7 +317,7 @@ pub enum Expose {
 pub enum ResourceDecl {
     /// A buffer of equal elements.
     Buffer {
-        /// Bytes per element.
+        /// Bytes per element, a multiple of 4.
         stride: Number,
         /// Number of elements.
         count: Number,

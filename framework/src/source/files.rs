@@ -21,7 +21,7 @@ use crate::ir::{FileId, Origin, Span};
 /// The kind of a file, which determines the folder to search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
-    /// A graph or a preset, in `pipelines`. The extension `.ron` may be omitted.
+    /// A graph, a preset or a choice, in `pipelines`. The extension `.ron` may be omitted.
     Graph,
     /// A shader or a GLSL include, in `shaders`.
     Shader,

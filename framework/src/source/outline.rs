@@ -96,14 +96,14 @@ impl Outline {
             .filter(|key| key.start == offset || key.start == offset + 1)
     }
 
-    /// Returns the innermost element that contains `offset` or ends there.
+    /// Returns the innermost element that contains `offset` or ends there, or else the root.
     pub(super) fn innermost(&self, offset: usize) -> &Node {
         let holds = |node: &&Node| node.place.start <= offset && offset <= node.place.end;
         let innermost = self.nodes.iter().filter(holds).min_by_key(|node| node.place.len());
         innermost.unwrap_or(&self.nodes[self.root])
     }
 
-    /// Returns the innermost struct, list or map that is open at `offset`.
+    /// Returns the innermost struct, list or map that is open at `offset`, or else the root.
     pub(super) fn enclosing(&self, offset: usize) -> &Node {
         let holds = |node: &&Node| {
             node.place.start <= offset

@@ -20,7 +20,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// Returns the place of the whole text.
+    /// Returns the place of the root element.
     pub fn root(outline: &Rc<Outline>) -> Place {
         Place { outline: outline.clone(), node: outline.root, exists: true }
     }
