@@ -48,7 +48,7 @@ fn an_outlier_at_2e7_takes_the_bits_of_linear_keys_alone() {
     depths.push(2e7);
     let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));
     assert_eq!((bits(&advice, "linear"), bits(&advice, "float_bits")), (Some(31), Some(11)), "{text}");
-    // Equalised keys give the outlier only its share of the codes.
+    // With equalised keys, the outlier takes only its share of the codes.
     let equalised = bits(&advice, "equalised").expect("32 bits are enough");
     let narrowest = if equalised < 11 { ("equalised", equalised) } else { ("float_bits", 11) };
     let said = format!("narrowest: key_map={} key_bits={}", narrowest.0, narrowest.1);

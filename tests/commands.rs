@@ -132,7 +132,7 @@ fn every_preset_passes_its_check() {
 /// Lists the commands in the program's help.
 fn listed_commands(help: &str) -> Vec<&str> {
     let (_, list) = help.split_once("\nCommands:\n").expect("a list of commands");
-    // Longer descriptions continue on lines of their own, indented further.
+    // Longer descriptions continue on further lines, indented more deeply.
     let names = list.lines().take_while(|line| !line.is_empty()).filter_map(|line| line.strip_prefix("  "));
     names.filter(|line| !line.starts_with(' ')).filter_map(|line| line.split(' ').next()).collect()
 }

@@ -112,7 +112,7 @@ pub fn again_with_vectors_of(bits: u32, test: &str) {
 #[cfg(target_os = "linux")]
 pub const ALONE: &str = "SPLATGRAPH_ALONE";
 
-/// Runs `body` in a process of its own, so that process-wide state (memory, threads, open files, panics on any thread)
+/// Runs `body` in a separate process, so that process-wide state (memory, threads, open files, panics on any thread)
 /// belongs to the test. The process is this binary, running only `test`, the caller.
 #[cfg(target_os = "linux")]
 pub fn alone(test: &str, body: impl FnOnce()) {

@@ -120,7 +120,7 @@ fn assert_same(a: &Plan, b: &Plan, what: &str) {
     }
 }
 
-/// Checks every parameter of a plan; returns the names of those without an effect.
+/// Checks every parameter of a plan; returns the names of the parameters without an effect.
 fn check(builds: &mut Builds, graph: &str, set: &[(String, String)], facts: &Facts) -> Vec<String> {
     let lanes = facts.device.subgroup_size;
     let plan = builds.plan(graph, set, facts).unwrap_or_else(|error| panic!("{graph}, {set:?}: {error}"));

@@ -33,7 +33,7 @@ const CASES: (usize, usize) = (10_000, 1_000);
 const LONGEST: Duration = Duration::from_secs(120);
 
 impl Random {
-    /// Returns a byte, mostly one that could occur in such a file.
+    /// Returns a byte, mostly a character that graphs and shaders use.
     fn byte(&mut self) -> u8 {
         const LIKELY: &[u8] = b"(){}[]<>;,.:\"'#/*+-=!&|%~?\\_ \n\t0123456789abxuifeABXU";
         if self.below(4) > 0 { LIKELY[self.below(LIKELY.len())] } else { self.next() as u8 }

@@ -24,7 +24,7 @@ fn changed(changes: &[(&str, &str, &str)]) -> Place {
 /// Applies `changes`, runs `line`, and fails unless standard error is exactly `expected`.
 fn assert_shown(changes: &[(&str, &str, &str)], line: &str, expected: &str) {
     let errors = changed(changes).fails(line, 1);
-    // The expected texts start on a line of their own.
+    // In the source, each expected text begins on a new line.
     assert_eq!(
         errors.trim_end(),
         expected.trim_start_matches('\n').trim_end(),

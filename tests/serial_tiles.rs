@@ -1,4 +1,5 @@
-//! The tiles for CPUs compared with those for GPUs and with quads, for lists longer than one rasteriser pass.
+//! The tile renderer for CPUs, compared with the one for GPUs and with quads. Lists are longer than one rasteriser
+//! pass.
 
 use crate::common;
 use crate::place::Place;

@@ -117,7 +117,7 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     ] {
         run(&place, &line, &["-o", "one"], 0);
         for shard in ["1/2", "0/2"] {
-            // Each shard writes to a folder of its own, as on machines without a shared disk.
+            // Each shard writes to a separate folder, as on machines without a shared disk.
             run(&place, &line, &["-o", &format!("of-{}", &shard[..1]), "--shard", shard], 0);
         }
         let told = run(&place, "merge of-1", &["-o", "part"], 1);

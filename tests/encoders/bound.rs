@@ -33,8 +33,8 @@ pub struct Least {
     pub barriers: usize,
 }
 
-/// Pairs of passes, in both orders, of which one depends directly on the other. `any` holds all of them, `hard` those
-/// that depend other than by blending into one target.
+/// Pairs of passes, in both orders, of which one depends directly on the other. `any` contains all of them; `hard`
+/// contains the pairs that depend other than by blending into one target.
 struct Conflicts {
     hard: HashSet<(PassId, PassId)>,
     any: HashSet<(PassId, PassId)>,

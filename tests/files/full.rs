@@ -40,7 +40,7 @@ fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
         limits.sort_unstable();
         limits.dedup();
         for limit in limits {
-            // Existing files with contents other than the new ones.
+            // Existing files, whose contents differ from the new ones.
             for name in outputs {
                 place.write(name, format!("the old {name}"));
             }

@@ -192,7 +192,7 @@ fn has_device(pid: Pid) -> bool {
 /// Returns the processor time of a process so far, in the clock ticks of `/proc`; 0 if it has ended.
 fn ticks(pid: Pid) -> u64 {
     let stat = fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
-    // The program's name comes second, in parentheses; user time and system time are words 14 and 15 of the whole line.
+    // Field 2, the program's name, is in parentheses and may contain spaces. Fields 14 and 15 are user and system time.
     let words = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace();
     words.skip(11).take(2).filter_map(|word| word.parse::<u64>().ok()).sum()
 }

@@ -101,7 +101,7 @@ fn every_camera_has_a_picture_and_an_array_of_its_own() {
     }
     let arrays = place.files(".").into_keys().filter(|name| name.starts_with("./seen-")).count();
     assert_eq!(arrays, names.len());
-    // A second run must give the same names.
+    // A second run must choose the same names.
     place.done(&args);
     assert_eq!(place.files("out").into_keys().collect::<Vec<_>>(), pictures.into_keys().collect::<Vec<_>>());
 }

@@ -10,12 +10,12 @@ impl Random {
     }
 }
 
-/// Existing files (see `prepared` in the tests), other spellings of them, and missing ones.
+/// Existing files (see `prepared` in `lines.rs`), other spellings of their names, and missing files.
 pub const FILES: &str = "scene.ply ./scene.ply link.ply hard.ply cameras.json stats.json graph.ron \
     step.comp a.npy b.npy a.png pics more . pipe scene.ply/x.png missing.ply cameras.json#0 \
     cameras.json#one cameras.json#99 arrays.npz#x ";
 
-/// Names for outputs: new ones, and existing inputs.
+/// Names for outputs: new files, and existing inputs.
 const OUTPUTS: &str = "out.png out.exr out.npy out.ply out.json out.html new/folder/out.png out \
     out.png/x.npy - /dev/null /dev/full new/./out.png new/../out.png out.jpg  . .. scene.ply ./scene.ply \
     link.ply hard.ply cameras.json stats.json graph.ron step.comp a.npy a.png pics \u{202e}gnp.\x1b[2J.png";

@@ -46,7 +46,7 @@ fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
 /// so the header has a type with one set of members.
 const ARRAY: (&str, &str) = ("template<typename T, size_t Num>\nstruct spvUnsafeArray\n{", "\n};\n");
 
-/// Converts a shader's text to C++, in a namespace of its own.
+/// Converts a shader's text to C++, in a separate namespace.
 ///
 /// Threadgroup variables get another qualifier than references to them.
 fn as_cpp(shader: &Shader, msl: &Msl, index: usize) -> String {

@@ -26,7 +26,7 @@ fn lavapipe() -> Vulkan {
     device
 }
 
-/// Runs `body` in a process of its own, because kernels can crash it.
+/// Runs `body` in a separate process, because kernels can crash it.
 ///
 /// `./x test --long` also runs it at lavapipe's other subgroup widths.
 fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {

@@ -59,7 +59,8 @@ impl Stage {
         }
     }
 
-    /// Executes a plan on the CPU. Returns the bytes of its output; if the plan has a draw, those of the draw's inputs.
+    /// Executes a plan on the CPU, up to its draw if it has one. Returns the bytes of its output, or of the draw's
+    /// inputs.
     fn run(&self, plan: &Plan, library: &Library, reversed: bool) -> Vec<u8> {
         let mut cpu = Cpu::new(plan, library, &Planes(&self.scene), &self.inputs(plan));
         for id in plan.order() {

@@ -139,7 +139,7 @@ const WRONG: [(&str, &str, &str); 5] = [
     ),
 ];
 
-/// Runs each case in a process of its own, because most cases end the process.
+/// Runs each case in a separate process, because most cases end the process.
 #[test]
 fn kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_their_buffers_are_found() {
     const NAME: &str = "metal::sorts::kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_their_buffers_are_found";

@@ -2,14 +2,14 @@
 //! barriers.
 //!
 //! If one pass depends on another, a barrier call must be recorded between the two. In a chain of dependent passes,
-//! each link needs a call of its own, because a link begins at the pass where the previous link ends. So the longest
-//! chain's number of links is a lower bound on the calls. Two relations give two bounds:
+//! each link needs its own call, because a link begins at the pass where the previous link ends. So the number of links
+//! in the longest chain is a lower bound on the calls. Two relations give two bounds:
 //!
-//! - [`reads_what_was_written`] holds for any order of the passes and any sharing of memory;
-//! - [`conflicts`] holds for the order and the memory of the plan.
+//! - [`reads_what_was_written`] is independent of the order of the passes and of the sharing of memory;
+//! - [`conflicts`] applies to the order and the memory of the plan.
 //!
-//! If the first pass of the frame changes a layout ([`changes_a_layout_first`]), that takes one more call. It comes
-//! before the first pass, so it belongs to no link.
+//! If the first pass of the frame changes a layout ([`changes_a_layout_first`]), the frame needs one more call. It is
+//! recorded before the first pass, so it is not part of any link.
 
 use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;

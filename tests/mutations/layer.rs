@@ -35,7 +35,7 @@ pub enum Blind {
     /// A fill counts as a copy, and the backend translates both `CLEAR` and `COPY` to both stages: each implies the
     /// other.
     FillsAreCopies,
-    /// A buffer and an image in the same memory: for the layer, images have addresses of their own.
+    /// A buffer and an image share memory. For the layer, images have separate addresses.
     BesideImages,
     /// It does not track whether memory has contents.
     Contents,

@@ -89,7 +89,7 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
             wrong.push(format!("{}: needless: {}", plan.name, mutation.describe(&plan, &barriers)));
         }
         // In `stale_order`, drawing does not wait for the sort. So `compose`, `export` and `host` could share the
-        // sort's calls, but they are recorded after it, each with a call of its own.
+        // sort's calls, but they are recorded after it, with one call each.
         let spare = if plan.name == "stale_order" { 3 } else { 0 };
         if calls < bound || calls > bound + spare {
             let (chain, shown) = (chain.join(", "), builds::shown(&plan));
@@ -179,8 +179,8 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
     assert!(waits > 0, "no barrier is for the arguments of a draw");
 }
 
-/// Counts the write accesses among the barriers' targets, and those that could be removed if write-after-write needed
-/// only availability.
+/// Counts the write accesses among the barriers' targets, and how many of them could be removed if write-after-write
+/// needed only availability.
 pub fn target_writes(plan: &Plan) -> (usize, usize) {
     let barriers = builds::barriers(plan);
     let all = mutations(plan, &barriers).into_iter().filter(Mutation::clears_a_written_target).count();

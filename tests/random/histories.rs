@@ -1,8 +1,8 @@
 //! Histories across plan changes, compared with a model of their contents.
 //!
 //! The graph increments counters and draws a trail. Its constants change how often its ping-pong buffer is swapped, and
-//! whether the trail is drawn on. Plans follow one another while frames of the previous plan are in flight. The outputs
-//! are compared with those of plain loops here.
+//! whether the trail is drawn on. Plans follow one another while frames of the previous plan are in flight. The
+//! expected outputs are computed by plain loops.
 
 use super::gpu::{Bench, Pace};
 use super::recipe::Settings;

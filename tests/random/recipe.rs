@@ -65,7 +65,7 @@ pub struct ImageWish {
     pub history: bool,
 }
 
-/// A resource, chosen among those that suit the use.
+/// A resource, chosen among the resources that suit the use.
 #[derive(Clone, Copy, Debug)]
 pub struct Pick {
     pub index: u8,
@@ -86,7 +86,7 @@ pub enum Want {
 pub enum Item {
     Pass(PassWish),
     Swap(u8),
-    /// The body holds no repeats of its own.
+    /// The body contains no repeats.
     Repeat(Count, Vec<Item>),
 }
 

@@ -37,8 +37,8 @@ const VIEWERS: u64 = 4;
 const SHORT: usize = 160;
 const LONG: usize = 2_000;
 
-/// In one case of this many, the viewer's watcher must notice the damage and wait out the delay for broken files. In
-/// the others the renderer is told at once. The watcher always has to notice the repair.
+/// One case in this many relies on the viewer's watcher to notice the damage, and on the delay for broken files. In the
+/// others, the renderer is told directly. The repair is always left to the watcher.
 const WATCHED: usize = 25;
 
 #[test]

@@ -240,7 +240,7 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     twin.close();
 }
 
-/// Camera files are in world coordinates, the viewer's cameras in those of its scene.
+/// Camera files are in world coordinates, the viewer's cameras in the coordinates of its scene.
 #[test]
 fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);

@@ -147,7 +147,7 @@ struct Reference {
     call: u64,
     /// Bytes that A, B and the window list, without egui's texels.
     listed: [u64; 3],
-    /// Bytes of egui's textures. They grow when a glyph is drawn for the first time, until egui packs them anew.
+    /// Bytes of egui's textures. They grow when a glyph is drawn for the first time, until egui repacks them.
     texels: u64,
     /// Bytes of the device, with the texels.
     device: DeviceMemory,

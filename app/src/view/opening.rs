@@ -190,7 +190,7 @@ impl Opening {
             let content =
                 content.unwrap_or_else(|payload| failed(format!("internal error: {}", message(&*payload))));
             let load_ms = begun.elapsed().as_secs_f64() * 1e3;
-            // If the viewer was closed meanwhile, nobody receives the result.
+            // If the viewer was closed meanwhile, the receiver is gone and the send fails.
             let _ = done.send(Opened { path, load_ms, number, content });
             wake();
         };

@@ -79,7 +79,7 @@ pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
     (of(&pass.reads), of(&pass.writes))
 }
 
-/// Sums the sizes of a pass's resources, in bytes: those it reads, and those it writes.
+/// Returns two sums of sizes, in bytes: of the resources that a pass reads, and of the resources that it writes.
 ///
 /// Each sum is an upper bound of the pass's traffic, provided that the pass accesses each byte at most once.
 pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {

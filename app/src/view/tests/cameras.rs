@@ -114,7 +114,8 @@ fn keys_recorded_before_and_after_a_move_have_the_projection_of_the_camera() {
             assert_eq!(keys.len(), 3);
             assert!(keys.iter().all(|key| key.projection == projection), "{keys:#?}");
             assert!(keys[0] != keys[1]);
-            // The picture of an orthographic graph is orthographic, whatever the camera is, and so is its command.
+            // An orthographic graph draws an orthographic picture from any camera, and its command names that
+            // projection.
             script.frame(false);
             let viewer = script.viewer();
             assert_eq!(viewer.picture_camera().projection, Projection::Orthographic);

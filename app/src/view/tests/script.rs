@@ -529,7 +529,7 @@ impl Script {
         for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
             let messages = probe.map(Null::close).unwrap_or_default();
             assert_eq!(messages, Vec::<String>::new(), "device {index} under {faults:?}");
-            // An abandoned compiler thread that resumed must still notice that nobody waits.
+            // An abandoned compiler thread that was resumed must notice that its result is no longer awaited.
             let begun = Instant::now();
             while !journal.alive().is_empty() && begun.elapsed() < PATIENCE {
                 std::thread::sleep(Duration::from_millis(1));

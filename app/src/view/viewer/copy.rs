@@ -1,6 +1,6 @@
-//! Measures the device's bandwidth for buffer copies, which serves as the scale for the times of passes.
+//! Measures the device's bandwidth for buffer copies, to which the times of passes are compared.
 //!
-//! The copies are passes of a graph of their own, whose frames alternate with the frames of the pictures.
+//! The copies are made by a separate graph, whose frames alternate with the frames of the pictures.
 
 use super::parts::CopyLimit;
 use super::{Viewer, Viewport};

@@ -50,8 +50,8 @@ impl Marks {
 
     /// Converts marks of a list of scenes, loaded as `former`, to the list as loaded again.
     ///
-    /// A scene's marks follow it to its new place in the list if its file has the same splats. Also returns the files of
-    /// the scenes whose marks were dropped. A file that the list names several times is matched in order.
+    /// A scene's marks follow it to its new place in the list if its file has the same splats. Also returns the files
+    /// of the scenes whose marks were dropped. A file that the list names several times is matched in order.
     pub(super) fn carried(&self, former: &Scene, scene: &Scene) -> (Marks, Vec<PathBuf>) {
         let (mut carried, mut dropped) = ([Vec::new(), Vec::new()], Vec::new());
         let mut left: Vec<&ScenePart> = scene.parts().iter().collect();

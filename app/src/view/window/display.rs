@@ -259,7 +259,7 @@ mod tests {
         assert!(error.starts_with("internal error at ") && error.contains(PLACE), "{error}");
         assert!(error.contains(": this panic is part of a test\n"), "{error}");
         assert!(error.contains("This is a bug of splatgraph"), "{error}");
-        // A caught panic must not be reported as the one that ended the event loop.
+        // A caught panic must not be reported as the cause of the event loop's end.
         let error = guarded(|| {
             let caught = catch_unwind(|| own(|| panic!("this panic is part of a test, too")));
             assert!(caught.is_err());
