@@ -201,7 +201,7 @@ impl Plan {
 
     /// Lists the buffers that only the prologue uses: a device can free them once the prologue has run.
     ///
-    /// They are planes of the scene, and buffers of the graph that have no history and do not alias.
+    /// Only planes of the scene, and buffers of the graph without a history and without aliases, are listed.
     pub fn used_once(&self) -> BTreeSet<ResourceId> {
         let used = |passes: &[PassId]| -> BTreeSet<ResourceId> {
             passes.iter().flat_map(|pass| self.pass(*pass).resources()).collect()

@@ -214,7 +214,7 @@ pub struct DumpRepeat {
     /// Name of the include around the repeat, or the first pass's name without index. A number makes it unique:
     /// `sort (2)`.
     pub name: String,
-    /// Number of distinct indices among the passes: the times that the body runs; for nested repeats, the product.
+    /// Number of distinct indices among the passes: how often the body runs; for nested repeats, the product.
     pub iterations: usize,
     /// Index of the first pass in [`Dump::passes`].
     pub first: usize,

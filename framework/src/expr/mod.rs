@@ -17,7 +17,7 @@
 //! +  -
 //! *  /  %                    on integers / truncates, as in C
 //! -x  !x
-//! 12  0x1f  1_000  1.5  1e-3  'text'  true  false  name  scene.count  (expr)
+//! 12  0x1f  0b101  1_000  1.5  1e-3  'text'  true  false  name  scene.count  (expr)
 //! ceil_div(a, b)  min(a, ...)  max(a, ...)  clamp(x, low, high)  abs(x)  log2_ceil(n)  float(x)  int(x)
 //! ```
 

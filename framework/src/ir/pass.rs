@@ -132,8 +132,8 @@ pub enum Work<S = ShaderId, G = Groups> {
 pub enum Groups {
     /// Workgroup counts in x, y, z, within the device's limits.
     ///
-    /// A count in x that exceeds the limit is folded into y: shaders compute their index as `gl_WorkGroupID.y *
-    /// gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
+    /// If a graph gives one dimension, a count beyond the limit in x is folded into y. Shaders compute their index as
+    /// `gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
     Direct([u32; 3]),
     /// Workgroup counts in x, y and z, read by the GPU from three consecutive 32-bit words.
     Indirect {

@@ -11,7 +11,7 @@ use super::Value;
 pub struct Reason {
     /// The expression's text, as in the file.
     pub expression: String,
-    /// Facts, parameters and `let`s that the evaluation read, with their values.
+    /// Facts, parameters, `let`s and variables of repeats that the evaluation read, with their values.
     pub values: BTreeMap<String, Value>,
 }
 

@@ -27,7 +27,7 @@ pub struct Linked {
 pub struct LinkedPass {
     /// Pass with its bindings and uses.
     pub pass: Pass,
-    /// Place of the pass's name in the file.
+    /// Place of the pass's name in the file; of the output's name for passes that the solver adds.
     pub span: Span,
     /// The include that the pass comes from, as an index into [`Lowered::includes`]; `None` for the root graph's own.
     pub include: Option<usize>,

@@ -346,7 +346,7 @@ pub(super) fn given(
 }
 
 /// Returns the reason for a value of [`given`], the parameters that its evaluation read, and the parameters that its
-/// expression names but did not read. All three are empty for a literal.
+/// expression names but its evaluation did not read. All three are empty for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
         (Number::Literal(_), _) => Default::default(),

@@ -31,7 +31,7 @@ pub struct Compiled {
     pub defines: Vec<(String, String)>,
     /// Identifiers that the compiled text depends on: those in active branches of `#if`s, and in conditions.
     ///
-    /// Other defines do not change the SPIR-V.
+    /// Other defines do not change the SPIR-V. If the branches cannot be followed, these are all identifiers.
     pub reached: Arc<BTreeSet<String>>,
     /// Bindings, accesses, stage inputs and outputs, read from the SPIR-V.
     pub reflection: Reflection,

@@ -354,7 +354,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         matters
     }
 
-    /// Updates the watched folders, and rereads the files whose metadata changed.
+    /// Updates the watched folders, and rereads the files that may have changed.
     ///
     /// `noticed` is the time of the event that caused the look.
     fn look(&mut self, noticed: Instant) {

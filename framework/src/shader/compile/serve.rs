@@ -57,7 +57,7 @@ enum Turn {
     End,
 }
 
-/// Answers requests until the pipe closes, or this process keeps over a quarter of its memory limit.
+/// Answers requests until the pipe closes, or until a compilation leaves over a quarter of the memory limit in use.
 fn serve(memory_bytes: u64, turns: &Sender<Turn>, mut output: impl Write) {
     let mut input = io::stdin().lock();
     if output.write_all(MAGIC).and_then(|()| output.flush()).is_err() {

@@ -6,8 +6,9 @@
 //! and after a success the SPIR-V as a second message. The worker receives texts and opens no files.
 //!
 //! The worker enforces [`Limits`]: it exits with a specific code when a compilation takes too much memory or time, and
-//! silently when the pipe closes or its parent is gone. The parent kills it when it does not answer for [`PATIENCE`] or
-//! when the build is cancelled. The next compilation then starts a new worker.
+//! silently when the pipe closes, when its parent is gone, or after a compilation that leaves much memory in use. The
+//! parent kills it when it does not answer for [`PATIENCE`] or when the build is cancelled. The next compilation then
+//! starts a new worker.
 
 use std::ffi::OsString;
 use std::io::{self, BufReader, Read, Write};
