@@ -83,8 +83,10 @@ fn imports<'a>(files: &'a BTreeMap<Module, File>, own: &Module, file: &File) -> 
     file.paths.iter().filter_map(import).collect()
 }
 
-/// Fails if a module with children is not laid out as `name/mod.rs`, or if unit tests are neither at the end of their
-/// file, nor in `tests.rs`, nor in `tests/` beside it.
+/// Fails if modules are not laid out alike.
+///
+/// A module with children must be `name/mod.rs`. Unit tests must be at the end of their file, in `tests.rs`, or in
+/// `tests/` beside it.
 pub fn assert_modules_are_laid_out_alike(src: &Path) {
     let mut wrong = Vec::new();
     for (place, text) in sources(src) {

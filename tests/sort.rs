@@ -170,10 +170,10 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     sizes
 }
 
-/// Tests every digit width with every key width, each at every boundary size: with a pseudo-random kind of keys, or
-/// with all kinds in a long run.
+/// Tests every digit width with every key width, each at every boundary size.
 ///
-/// With an unusual vector width, each digit width is tested with one key width only, unless the run is long.
+/// The kind of keys is pseudo-random; a long run tests all kinds. With an unusual vector width, each digit width is
+/// tested with one key width only, unless the run is long.
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();

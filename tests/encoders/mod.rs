@@ -25,8 +25,9 @@ fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Builds the plans of the built-in graphs, of the benchmark's and the window's graphs, and of an example; then plans
-/// with parameters that add or move passes.
+/// Builds the plans of built-in graphs, benchmark graphs, the window's graph and an example.
+///
+/// Further plans have parameters that add or move passes.
 pub fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();
     let mut catalog = facts::nominal_catalog();

@@ -93,8 +93,9 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
     assert!(kept > 200 && dropped > 5, "too few histories");
 }
 
-/// Adds a blit of the output to the end of the frame, as the runtime submits it: a read at the copy stage, then a call
-/// that makes `waiting` wait for it.
+/// Adds a blit of the output to the end of the frame, as the runtime submits it.
+///
+/// The blit is a read at the copy stage, followed by a call that makes `waiting` wait for it.
 fn presented(plan: &Plan, mut barriers: Barriers, waiting: Stages) -> (Plan, Barriers) {
     let mut plan = plan.clone();
     let pass = |name: &str, uses| Pass {

@@ -58,8 +58,9 @@ pub struct TestShell<D: Device = Backend> {
 }
 
 impl TestShell {
-    /// Opens a viewer that draws `scene` (generator and number of splats) with `graph`, and the window with the
-    /// window's graph, both from a copy of all shipped files.
+    /// Opens a viewer that draws `scene` (generator and number of splats) with `graph`.
+    ///
+    /// Both `graph` and the window's graph are from a copy of all shipped files.
     pub fn new(options: &Options, scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell {
         let canvas = common::open(options);
         let device = canvas.open_beside(options).expect("a device for the scene");
