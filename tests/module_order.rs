@@ -185,7 +185,7 @@ fn target<'a>(files: &'a BTreeMap<Module, File>, own: &Module, path: &[String]) 
     files.get_key_value(&at).map(|(found, _)| found).filter(|found| *found != own)
 }
 
-/// Splits code into names and punctuation with line numbers, without comments, strings, and modules under
+/// Splits code into names and punctuation, with line numbers. Leaves out comments, strings, and modules under
 /// `#[cfg(test)]`.
 fn tokens(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();

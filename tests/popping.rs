@@ -27,7 +27,7 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     let found = popping(&place, &format!("--frames 4 --step 2 --size 96x64 -o out {graphs} {bits}"));
     let pop = |name: &str| of(&found, name, "pop");
 
-    // Numbers are given per step, with the step's size, and per degree.
+    // Each number is given per step and per degree, together with the step's size.
     for row in found["variants"].as_array().expect("a list") {
         let number = |key: &str| row["summary"][key].as_f64().expect("a number");
         assert!((number("step_degrees") - 2.0).abs() < 1e-9, "{row}");

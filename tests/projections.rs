@@ -52,8 +52,8 @@ fn around() -> Arc<Scene> {
     scene_of(&splats)
 }
 
-/// Makes a camera at the origin that looks along +z, with x to the right and y down. A fisheye picture spans 200
-/// degrees, an orthographic one 6 units.
+/// Makes a camera at the origin that looks along +z, with x to the right and y down. A fisheye picture is 200
+/// degrees wide, an orthographic one 6 units.
 fn camera(projection: Projection, (width, height): (u32, u32)) -> Camera {
     let focal = match projection {
         Projection::Fisheye => f64::from(width) / 200f64.to_radians(),

@@ -57,7 +57,7 @@ pub fn array(
         }),
         "u16" => each(&|value| (value as u16).to_le_bytes().to_vec()),
         "u32" => each(&|value| (value as u32).to_le_bytes().to_vec()),
-        // Values are bytes already: two of an axis, and one of an angle.
+        // Values are bytes already: two for an axis, and one for an angle.
         "oct88r8" => values.iter().map(|value| *value as u8).collect(),
         other => unreachable!("{other} is no encoding"),
     };

@@ -15,7 +15,7 @@ use std::sync::Arc;
 const GPU: Graph = EXACT_TILES[0];
 const CPU: Graph = EXACT_TILES[1];
 
-/// Returns the least PSNR of graphs against the golden images of a scene.
+/// Returns the minimum PSNR of graphs against the golden images of a scene.
 fn least_psnr(graphs: [Graph; 2], golden: &Golden) -> f64 {
     let (scene, loaded, cameras) = (golden.name, Arc::new(golden.scene()), golden.cameras());
     let mut least = f64::INFINITY;

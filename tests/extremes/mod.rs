@@ -1,9 +1,10 @@
 //! Scenes at the extremes: numbers of a scene, a camera and a picture's size at which formulas fail.
 //!
 //! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer
-//! and then by every preset, and no picture may hold a non-finite value. The exact renderer follows the rules of quads
-//! here (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors come from arithmetic,
-//! from order and from the target's format. The errors are printed as rows of the table in docs/accuracy-tables.md.
+//! and then by every preset, and no picture may contain a non-finite value. The exact renderer follows the rules of
+//! quads here (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors come from
+//! arithmetic, from order and from the target's format. The errors are printed as rows of the table in
+//! docs/accuracy-tables.md.
 
 mod cases;
 mod surveyed;

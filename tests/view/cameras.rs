@@ -9,7 +9,7 @@ use splatgraph_assets::synth;
 use std::path::Path;
 use std::process::Command;
 
-/// Runs a line of a shell in which `splatgraph` is the program under test.
+/// Runs a shell command line in which `splatgraph` is the program under test.
 fn run(line: &str, folder: &Path) {
     let program = Path::new(env!("CARGO_BIN_EXE_splatgraph"));
     let found = std::env::var_os("PATH").unwrap_or_default();

@@ -94,7 +94,7 @@ impl Exporter {
         self.busy().then(|| format!("writing {}{percent}", self.path.display()))
     }
 
-    /// Takes the result of the finished write; `None` while it runs, or without one.
+    /// Takes the result of the finished write; `None` while it runs, or if none was started.
     pub fn take(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
         if !self.busy() {
             return None;

@@ -71,7 +71,7 @@ impl<T: Send + 'static> Latest<T> {
         self.request = None;
     }
 
-    /// Returns true while a request is in progress or its result is not taken.
+    /// Returns true while a request is in progress, and until its result is taken.
     pub fn busy(&self) -> bool {
         self.request.is_some()
     }
