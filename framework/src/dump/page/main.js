@@ -1,4 +1,4 @@
-// What is shown, and how clicks, keys and the address change it.
+// The page's state, and how clicks, keys and the URL fragment change it.
 
 const state = {
   folded: new Set(dump.repeats.filter((repeat) => repeat.passes > FOLD_OVER).map((repeat) => repeat.name)),
@@ -86,7 +86,7 @@ function redraw() {
   showSelection();
 }
 
-// What is selected is one of `barrier`, `barriers`, `pass`, `resource`, or nothing.
+// Selects `kind:name`, where kind is `barrier`, `barriers`, `pass` or `resource`. Any other text selects nothing.
 function select(text, keepAddress) {
   const at = text.indexOf(":");
   const [kind, name] = [text.slice(0, at), text.slice(at + 1)];
@@ -115,7 +115,7 @@ function showArcsOf(select) {
   else timeline.showArcs([]);
 }
 
-// The elements of the timeline that stand for something: more than one where it has a head and a line.
+// Returns the timeline's elements for an item: several if it has a head and a line.
 function elementsOf({ kind, name }) {
   let wanted = `${kind}:${name}`;
   if (kind === "pass") wanted = `pass:${timeline.columnOf.get(name)?.pass.name}`;
@@ -139,7 +139,7 @@ function showSelection() {
   if (main) reveal(main);
 }
 
-// Only as far as it must: the names at the left and the passes at the top cover a part of what scrolls.
+// Scrolls an element into view, but no further. The names at the left and the passes at the top cover scrolled content.
 function reveal(element) {
   const [view, box] = [$("timeline").getBoundingClientRect(), element.getBoundingClientRect()];
   const [left, room] = [view.left + 230, 110];
@@ -160,7 +160,7 @@ function fold(name, folded) {
   }
 }
 
-// --- The address: `#unfold=sort&barrier=3` --------------------------------------------------------------------------
+// --- The URL fragment: `#unfold=sort&barrier=3` ---------------------------------------------------------------------
 
 function readAddress() {
   let selected = "";
@@ -172,7 +172,7 @@ function readAddress() {
     try {
       value = decodeURIComponent(raw);
     } catch {
-      // Written by hand, with a lone `%`: as it is.
+      // A hand-written value with a lone `%` is used unchanged.
     }
     if (key === "unfold" || key === "fold") fold(value, key === "fold");
     else if (key in PANELS) selected = `${key}:${value}`;
@@ -237,7 +237,7 @@ document.addEventListener("keydown", (event) => {
   }
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
   if (!step || event.altKey || event.ctrlKey || event.metaKey) return;
-  // To the neighbour of the same kind, of what has the focus or is selected.
+  // Move to the next item of the same kind, from the focused or else the selected one.
   const head = [...$("timeline").querySelectorAll(".head .column, .head .barrier")];
   const current = isControl ? event.target : state.selected && elementsOf(state.selected).find((e) => head.includes(e));
   if (!current || !head.includes(current)) return;

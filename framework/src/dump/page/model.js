@@ -1,4 +1,4 @@
-// The dump, and what the page makes of it before anything is drawn: lookups, lanes, columns.
+// The dump, and the data derived from it before drawing: lookups, lanes, columns.
 
 const dump = JSON.parse(document.getElementById("dump").textContent);
 
@@ -9,17 +9,17 @@ const HAZARDS = {
   LayoutChange: "layout change",
 };
 
-// Okabe and Ito's colours, which people with any colour vision tell apart. https://jfly.uni-koeln.de/color/
+// Okabe and Ito's palette, which is safe for colour-blind readers. https://jfly.uni-koeln.de/color/
 const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2", "#d55e00", "#9aa0a6"];
 
-// A repeat with more passes than this is folded at first.
+// A repeat with more passes than this is initially folded.
 const FOLD_OVER = 12;
 
 const passes = new Map(dump.passes.map((pass, index) => [pass.name, { pass, index }]));
 const resources = new Map(dump.resources.map((resource) => [resource.name, resource]));
 const repeats = new Map(dump.repeats.map((repeat) => [repeat.name, repeat]));
 
-// In the order of their ids.
+// All barriers, in the order of their ids.
 const barriers = [
   ...dump.passes.filter((pass) => pass.run === "Once").flatMap((pass) => pass.barriers),
   ...dump.handover,
@@ -30,7 +30,7 @@ const barrierById = new Map(barriers.map((barrier) => [String(barrier.id), barri
 const phaseNames = [...new Set(dump.phases.map((phase) => phase.name))];
 const colourOf = (phase) => COLOURS[phaseNames.indexOf(phase) % COLOURS.length];
 
-// Whether black is the better ink on this colour (relative luminance, WCAG 2).
+// Returns true if black text has more contrast on this colour than white (relative luminance, WCAG 2).
 function isLight(colour) {
   const channel = (at) => {
     const c = parseInt(colour.slice(at, at + 2), 16) / 255;
@@ -49,7 +49,7 @@ function bytes(n) {
 const milliseconds = (ms) => (ms >= 10 ? ms.toFixed(1) : ms >= 1 ? ms.toFixed(2) : ms.toFixed(3));
 const place = (origin) => `${origin.file}:${origin.line}:${origin.column}`;
 
-// --- Lanes: one for each resource, in groups by the memory that they stand in ---------------------------------------
+// --- Lanes: one for each resource, or for all planes of an attribute; grouped by memory -----------------------------
 
 function makeGroups() {
   const of = (...sources) => dump.resources.filter((r) => sources.includes(r.source));
@@ -76,7 +76,7 @@ function makeGroups() {
   return groups.filter((group) => group.lanes.length > 0);
 }
 
-// The planes that one attribute is split into are bound together and share a lane.
+// Returns the lanes of scene resources. The planes of an attribute are bound together, so they share a lane.
 function byAttribute(list) {
   const lanes = new Map();
   for (const resource of list) {
@@ -93,14 +93,14 @@ function byAttribute(list) {
 
 const groups = makeGroups();
 
-// --- Columns: one for each pass, or for each member of a repeat that is folded --------------------------------------
+// --- Columns: one for each pass, or for each member of a folded repeat ----------------------------------------------
 
 const COLUMN = 24; // Width of a pass.
-const KNOB = 19; // Width that a barrier takes in the gap before it.
+const KNOB = 19; // Width of a barrier in the gap before a pass.
 const MARGIN = 8; // Width of a gap without barriers.
-const SECTION = 20; // More space, between prologue, handover and frame.
+const SECTION = 20; // Additional gap between prologue, handover and frame.
 
-// `folded` is a set of names of repeats. Returns the columns with their places, and the width of all.
+// Returns the columns with their positions, and the total width. `folded` is the set of folded repeats' names.
 function makeColumns(folded) {
   const columns = [];
   const members = new Map();

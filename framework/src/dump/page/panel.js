@@ -1,4 +1,4 @@
-// The panel at the side: what is selected, in words.
+// The side panel, which describes the selected item.
 
 const link = (kind, name, text) =>
   h("a", { href: `#${kind}=${encodeURIComponent(name)}`, "data-select": `${kind}:${name}` }, text ?? name);
@@ -12,7 +12,7 @@ const table = (...rows) => h("table", {}, ...rows.filter((r) => r));
 
 const barrierLink = (barrier) => link("barrier", barrier.id, `barrier ${barrier.id}`);
 
-// Buttons to the neighbours of what is selected, and to close.
+// Returns buttons that select the previous and the next item, and one that closes the panel.
 function bar(kind, names, name) {
   const at = names.findIndex((n) => String(n) === String(name));
   const button = (label, target, title) =>
@@ -67,7 +67,7 @@ function dependencyCard(barrier, d) {
   const after = d.after.length > 0 ? d.after.map(passOf) : [quiet("not touched before")];
   const before = [passOf(d.before)];
   let when = d.previous_frame ? "of the frame before" : null;
-  // A need of another pass that this call meets on the way: a later one, or one at the start of the next frame.
+  // The waiting pass is not the one right after the barrier: it runs later, or at the start of the next frame.
   if (barrier.before && barrier.before.name !== d.before.name) {
     const next = passes.get(d.before.name).index < passes.get(barrier.before.name).index;
     if (next && d.previous_frame) when = "of this frame";
@@ -248,7 +248,7 @@ function resourcePanel(resource) {
   ];
 }
 
-// What stands there while nothing is selected.
+// Returns the panel's content while nothing is selected.
 function overviewPanel() {
   const total = dump.totals;
   const ms = (n) => (n === null ? "" : `${milliseconds(n)} ms`);

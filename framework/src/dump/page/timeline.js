@@ -14,10 +14,10 @@ function build(node, attributes, children) {
 const h = (tag, attributes, ...children) => build(document.createElement(tag), attributes, children);
 const s = (tag, attributes, ...children) => build(document.createElementNS(SVG, tag), attributes, children);
 
-// What the pointer shows where it rests.
+// Returns a tooltip.
 const tip = (text) => s("title", {}, text);
 
-// Drawn in a square of 24.
+// SVG paths in a square of 24 x 24, by the kind of pass.
 const ICONS = {
   dispatch: "M7 7h4v4H7zM13 7h4v4h-4zM7 13h4v4H7zM13 13h4v4h-4z",
   draw: "M12 6.5L18 17H6z",
@@ -27,7 +27,7 @@ const ICONS = {
   host: "M6 7h12v8H6zM10 18h4M12 15v3",
 };
 
-// Shapes of what a pass does to a resource, around a point.
+// Returns the mark of an access: a ring for a read, a square for a write, both for a read and a write.
 function mark(kind, x, y, colour) {
   if (kind === "read") return s("circle", { class: "mark read", cx: x, cy: y, r: 4.6 });
   const square = s("rect", { class: "mark", x: x - 5, y: y - 5, width: 10, height: 10, rx: 1.5, fill: colour });
@@ -35,7 +35,7 @@ function mark(kind, x, y, colour) {
   return s("g", {}, square, s("circle", { class: "mark read", cx: x, cy: y, r: 2.6 }));
 }
 
-// The shape of a hazard on a barrier's line: full where data flows, empty where passes are only kept apart.
+// Returns the mark of a hazard on a barrier's line: filled for a read after write, hollow for the others.
 function badge(hazard, x, y, image) {
   const full = hazard === "ReadAfterWrite" ? " full" : "";
   const d = image ? `M${x - 4} ${y - 4}h8v8h-8z` : `M${x} ${y - 5}L${x + 5} ${y}L${x} ${y + 5}L${x - 5} ${y}z`;
@@ -47,7 +47,7 @@ class Timeline {
     this.root = root;
   }
 
-  // Draws everything anew. `state` has `folded` (a set) and `filter`.
+  // Redraws everything. `state` has `folded` (a set of repeats' names) and `filter` (a text).
   draw(state) {
     const { columns, width } = makeColumns(state.folded);
     this.columns = columns;
@@ -257,7 +257,7 @@ class Timeline {
     return group;
   }
 
-  // The round head of a barrier's line, which takes the focus.
+  // Returns the head of a barrier's line, the element that can have the focus.
   drawKnob(knob, column, y) {
     const [first] = knob.barriers;
     const image = !knob.merged && first.image !== null;
@@ -365,7 +365,7 @@ class Timeline {
     const [first, last] = [resource.lifetime.first, resource.lifetime.last].map((i) =>
       this.columnOf.get(dump.passes[i].name),
     );
-    // From one iteration of a folded repeat to another, it lives in all of the repeat's columns.
+    // A lifetime that spans iterations of a folded repeat covers all of the repeat's columns.
     const ends = [first, last];
     for (const end of ends.slice()) {
       if (end.others.length > 0 && (first.repeat !== last.repeat || crosses(resource.lifetime))) {
@@ -436,7 +436,7 @@ class Timeline {
     return group;
   }
 
-  // Arcs of these barriers' dependencies, of which `wanted` may choose.
+  // Shows arcs for those dependencies of these barriers that `wanted` accepts.
   showArcs(list, wanted = () => true) {
     this.arcs.replaceChildren();
     for (const barrier of list) {
@@ -453,7 +453,7 @@ class Timeline {
     const height = (name) => this.rowOf.get(name)?.middle ?? 4;
     const [x1, y1] = [middle(source), height(dependency.alias?.name ?? dependency.resource.name)];
     const [x2, y2] = [middle(target), height(dependency.resource.name)];
-    // From the frame before, arcs run backwards, below the lanes; within the frame, above.
+    // Dependencies on the previous frame have arcs that run backwards, below the lanes; all others run above.
     const back = dependency.previous_frame || x2 <= x1;
     const lift = (back ? 1 : -1) * Math.min(46, 12 + Math.abs(x2 - x1) / 9);
     const reach = (x2 - x1) / 4 + (x1 === x2 ? 26 : 0);
@@ -463,13 +463,13 @@ class Timeline {
   }
 }
 
-// Whether a lifetime goes from one iteration of a repeat to another.
+// Returns true if a lifetime begins and ends in different iterations.
 function crosses(lifetime) {
   const [first, last] = [dump.passes[lifetime.first], dump.passes[lifetime.last]];
   return String(first.repeat?.index) !== String(last.repeat?.index);
 }
 
-// Neighbours with the same key, together.
+// Splits a list into runs of consecutive elements with equal keys.
 function runs(list, key) {
   const found = [];
   for (const element of list) {
