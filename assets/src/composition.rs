@@ -9,7 +9,7 @@
 //!
 //! A scene is scaled first, then rotated about an axis through its origin, and then translated. Its harmonics rotate
 //! with it. Paths are relative to the folder of this file. The splats of all scenes are joined into one scene, so that
-//! a single sort orders them.
+//! a single sort orders them. A `Scene` can also name a mesh, if another one has splats.
 
 use crate::error::SceneError;
 use crate::scene::{Scene, ScenePart, sh_floats};
@@ -84,7 +84,7 @@ pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
 /// Parses the text of a file in `folder`.
 ///
 /// # Errors
-/// The text is not a composition, or a number gives no valid transform.
+/// The text is not a composition, it has no scenes, or a number of a transform is out of range.
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
     let scenes: Scenes = ron::from_str(text).map_err(|error| {
         let at = error.span.start;
@@ -119,9 +119,9 @@ fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError>
 impl Scene {
     /// Returns true if a part of this scene has the splats of a part of another, wherever each is placed.
     ///
-    /// Compares their number, opacities and colours, which a placement does not change.
+    /// Compares their number, opacities and colours of band 0, which a placement does not change.
     pub fn has_splats_of(&self, own: &ScenePart, other: &Self, part: &ScenePart) -> bool {
-        /// Tolerance of the coefficient of a colour: harmonics are turned with the scene, which rounds them.
+        /// Tolerance of a coefficient of band 0: harmonics are rotated with the scene, which rounds them.
         const ROUNDING: f32 = 1e-4;
         if own.splats.len() != part.splats.len() {
             return false;

@@ -18,7 +18,7 @@ pub(crate) trait Floats: Sync {
     /// Returns the distance in bytes from one row to the next.
     fn stride(&self) -> usize;
 
-    /// Reads rows from index `first` on, as many as fill `out`. `buffer` is scratch memory of a stride for each.
+    /// Reads rows from index `first` on, as many as fill `out`. `buffer` is scratch memory of one stride per row.
     fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError>;
 }
 

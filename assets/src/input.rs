@@ -29,7 +29,7 @@ pub(crate) const HEAD: usize = 4096;
 /// Bytes of rows that a thread reads at a time; at least one row.
 const PIECE: usize = 1 << 20;
 
-/// A callback for the progress of a load: bytes of splats converted, and total bytes.
+/// A callback for the progress of a load: the amount of work done, and the total. The unit depends on the format.
 ///
 /// Several threads call it, so the first number may decrease between calls. `Break` cancels the load, which returns
 /// [`SceneError::Cancelled`] once every thread has stopped.
@@ -41,7 +41,7 @@ pub const QUIET: Progress<'static> = &|_, _| ControlFlow::Continue(());
 /// Contents of a scene file's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneHeader {
-    /// Number of splats; some may not be drawable.
+    /// Number of splats in the file. The scene can have fewer: some may not be drawable, or be inner nodes of a tree.
     pub count: u64,
     /// Degree of the spherical harmonics that a scene from this file stores, at most 3.
     pub stored_degree: u32,
@@ -145,8 +145,10 @@ pub(crate) fn fill<const N: usize>(
     })
 }
 
-/// Calls `work` for at most `most` rows of a chunk at a time: with the first row's index in the scene and their number.
-/// It pushes the rows' splats, and returns the number of bytes that it read.
+/// Calls `work` for at most `most` rows of a chunk at a time.
+///
+/// `work` gets the index of the first row in the scene, and the number of rows. It pushes their splats, and returns the
+/// number of bytes that it read.
 pub(crate) fn in_pieces(
     out: &mut Rows,
     most: usize,
@@ -307,7 +309,7 @@ pub(crate) struct OpenFile {
 const SETTLED: Duration = Duration::from_millis(20);
 
 impl OpenFile {
-    /// Opens a regular file.
+    /// Opens a regular file. Waits until its modification time is at least [`SETTLED`] ago.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let file = file::open(path)?;
         let metadata = file.metadata()?;
@@ -367,7 +369,7 @@ pub(crate) struct Buffers {
 }
 
 impl Buffers {
-    /// Calls `work` with a buffer of at least `bytes` bytes, with undefined contents.
+    /// Calls `work` with a buffer of at least `bytes` bytes, whose contents are unspecified.
     ///
     /// # Errors
     /// There is no memory for the buffer, or `work` fails.

@@ -88,7 +88,7 @@ pub enum CameraError {
         /// Names of the first cameras in the file, at most eight.
         names: Vec<String>,
     },
-    /// The list is empty.
+    /// The file has no cameras.
     #[error("{} has no cameras", path.display())]
     Empty {
         /// Path of the file.

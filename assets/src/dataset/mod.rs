@@ -34,8 +34,8 @@ impl Dataset {
     /// Reads the cameras of a folder or a file in any of the module's formats.
     ///
     /// # Errors
-    /// No format is recognised, the file cannot be read, or a camera is malformed or has distortion. The error has the
-    /// file, the line (or byte) and the field.
+    /// No format is recognised, the file cannot be read, or a camera is malformed or has distortion. The error names
+    /// the file, and if possible the line or byte and the field.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, CameraError> {
         let path = path.as_ref();
         if path.is_dir() {
@@ -90,7 +90,7 @@ impl Dataset {
         file.map_or_else(|| Err(CameraError::NoCameras { path: folder.to_owned() }), Self::load)
     }
 
-    /// Reads the cameras of a glTF file; `None` for another file, or one that cannot be opened.
+    /// Reads the cameras of a glTF file; `None` for a file with neither its magic number nor the extension `.gltf`.
     fn load_gltf(path: &Path) -> Result<Option<Self>, CameraError> {
         let is_text = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gltf"));
         let mut head = [0; gltf::MAGIC.len()];

@@ -6,7 +6,7 @@ use std::io::{BufReader, Error, ErrorKind, Read, Result};
 use std::path::{Path, PathBuf};
 use zune_jpeg::JpegDecoder;
 
-/// Extensions to try for a photograph's name, added or replacing its own.
+/// Extensions to try for a photograph's name: first appended to it, then in place of its own.
 const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
 /// Finds a photograph in a folder by its name. The extension may be missing or differ.

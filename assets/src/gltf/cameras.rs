@@ -1,6 +1,6 @@
 //! Reads the cameras of glTF. A node places a camera, which looks along its -z axis, with x to the right and y up.
 //!
-//! glTF has no picture sizes, only the ratio of the sides: pictures have [`HEIGHT`].
+//! glTF has no picture sizes, only aspect ratios: all pictures have the height [`HEIGHT`].
 
 use super::container;
 use super::document::{Document, Lens, item, wrong};
@@ -13,13 +13,13 @@ use glam::{DMat3, DVec3};
 /// Height of the pictures, in pixels.
 const HEIGHT: u32 = 720;
 
-/// Ratio of the sides of a perspective camera that names none: that of its display, in a viewer.
+/// Aspect ratio of a perspective camera that specifies none. glTF then leaves it to the viewer's window.
 const ASPECT: f64 = 16.0 / 9.0;
 
-/// Greatest width of the pictures, in pixels. The pixels of a wider picture are not square.
+/// Maximum width of the pictures, in pixels. A wider view keeps its aspect ratio, so its pixels are not square.
 const WIDEST: f64 = 16384.0;
 
-/// Lists the cameras of the default scene, in the order of the file's nodes.
+/// Lists the cameras of the scene ([`Document::placed`]), in the order of the file's nodes.
 pub(crate) fn cameras(source: &Source) -> Result<Vec<Camera>, SceneError> {
     let document = Document::read(&container::json(source)?)?;
     let mut placed = document.placed()?;
@@ -31,14 +31,14 @@ pub(crate) fn cameras(source: &Source) -> Result<Vec<Camera>, SceneError> {
         let camera = item(&document.cameras, camera, "nodes.camera")?;
         let name = if node.name.is_empty() { &camera.name } else { &node.name };
         let fault = |message: String| wrong(format!("nodes[{index}].camera"), message);
-        // The node's scale does not count.
+        // The node's scale is ignored.
         let axes = DMat3::from_mat4(place);
         let axes = DMat3::from_cols(
             axes.x_axis.normalize_or_zero(),
             axes.y_axis.normalize_or_zero(),
             axes.z_axis.normalize_or_zero(),
         );
-        // Half a turn about z, as for splats.
+        // Converts the axes of glTF to those of scenes: half a turn about z, as for splats.
         let world = |v: DVec3| DVec3::new(-v.x, -v.y, v.z);
         let [right, down, forward] = [axes.x_axis, -axes.y_axis, -axes.z_axis].map(world);
         let (projection, aspect, half_height) = lens(camera).map_err(fault)?;
@@ -62,7 +62,7 @@ pub(crate) fn cameras(source: &Source) -> Result<Vec<Camera>, SceneError> {
     Ok(found)
 }
 
-/// Returns the projection, the ratio of the sides, and half the height of the view: at distance 1, or everywhere.
+/// Returns the projection, the aspect ratio, and half the view's height (for a pinhole, at distance 1).
 fn lens(camera: &Lens) -> Result<(Projection, f64, f64), String> {
     let positive = |name: &str, value: f64| match value > 0.0 && value.is_finite() {
         true => Ok(value),

@@ -6,7 +6,7 @@ use glam::{DMat4, DQuat};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// Prefix of the extension's name and of its attributes.
+/// Name of the extension. The names of its attributes and of extensions to it begin with it.
 pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
 
 /// Makes the error for a value that the format or this reader does not allow.
@@ -53,7 +53,7 @@ pub(super) struct Node {
     scale: Option<[f64; 3]>,
 }
 
-/// A camera without a place.
+/// The definition of a camera, without a position: nodes place it.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Lens {
@@ -173,6 +173,8 @@ impl Document {
     }
 
     /// Lists the nodes of the scene by index, each with its transform into the document's world.
+    ///
+    /// The scene is the default one, or the first. A document without scenes counts as one scene of all nodes.
     pub(super) fn placed(&self) -> Result<Vec<(usize, DMat4)>, SceneError> {
         let roots = match self.scene.or((!self.scenes.is_empty()).then_some(0)) {
             Some(scene) => item(&self.scenes, scene, "scene")?.nodes.clone(),

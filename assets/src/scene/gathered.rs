@@ -18,7 +18,7 @@ pub(crate) enum Reason {
 /// Counts of the splats dropped on load. A splat counts for its first reason only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Dropped {
-    /// Splats with a coordinate that is NaN, infinite, or beyond f32.
+    /// Splats with a coordinate that is NaN, infinite, or beyond the range of f32.
     pub position: u64,
     /// Splats with a scale that is NaN or infinite, as a logarithm or after the exponential.
     pub scale: u64,
@@ -26,7 +26,7 @@ pub struct Dropped {
     pub rotation: u64,
     /// Splats with a zero quaternion, which cannot be normalised.
     pub zero_rotation: u64,
-    /// Splats with a logit that is NaN or infinite.
+    /// Splats with an opacity, or its logit, that is NaN or infinite.
     pub opacity: u64,
     /// Splats with a spherical-harmonics coefficient that is NaN or infinite.
     pub color: u64,
@@ -119,7 +119,7 @@ pub(crate) struct Gathered {
     pub(super) norms: QuaternionNorms,
     pub(super) effective_degree: u32,
     pub(super) bounds: Bounds,
-    /// The largest rounding of a position, in standard deviations of its splat.
+    /// Largest rounding error of a position, relative to the largest standard deviation of its splat.
     pub(super) rounding: f32,
 }
 

@@ -34,8 +34,8 @@ use tracing::info_span;
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Rounding error of positions that is ignored, in standard deviations of the splat. It changes a picture less (a PSNR
-/// of 100 dB) than rounding the picture does.
+/// Rounding error of positions that is ignored, relative to the splat's largest standard deviation. It changes a
+/// picture less (a PSNR of 100 dB) than rounding the picture does.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
 /// The range of a scene's coefficients and colours, which storage formats must cover.
@@ -210,7 +210,8 @@ impl Scene {
         &self.parts
     }
 
-    /// Sets the parts, given as files with their numbers of splats. If splats were dropped in the join, there are no parts.
+    /// Sets the parts, given as files with their numbers of splats. If splats were dropped in the join, there are no
+    /// parts.
     pub(crate) fn with_parts(self, files: Vec<(PathBuf, u32)>) -> Self {
         Self { parts: ScenePart::of_files(files, self.count()), ..self }
     }
@@ -318,7 +319,7 @@ impl Scene {
         self.columns.degree
     }
 
-    /// Returns the highest band that is not zero in every splat: the last that a renderer must evaluate.
+    /// Returns the highest band with a coefficient other than 0 in any splat: the last that a renderer must evaluate.
     pub fn effective_degree(&self) -> u32 {
         self.effective_degree
     }
@@ -331,7 +332,7 @@ impl Scene {
         self.columns.opacity[index] >= ALPHA_FLOOR
     }
 
-    /// Finds the highest band that is not zero in every splat that [can be visible](Scene::can_show).
+    /// Finds the highest band with a coefficient other than 0 in any splat that [can be visible](Scene::can_show).
     pub fn shown_degree(&self) -> u32 {
         let (c, floats) = (&self.columns, sh_floats(self.columns.degree));
         let degree = |index: usize| {

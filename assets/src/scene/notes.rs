@@ -6,11 +6,11 @@ use serde::{Serialize, Serializer};
 /// The low-pass filter that splats were trained with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Filter {
-    /// 0.3 square pixels are added to covariances, as in the published rasteriser.
+    /// Adds 0.3 square pixels to the diagonal of 2D covariances, as the published rasteriser does.
     #[default]
     Dilated,
-    /// Covariances as for `Dilated`, and opacities lowered in proportion: gsplat's `antialiased`, and the flag of SPZ
-    /// and SOG.
+    /// Covariances as for `Dilated`; opacities are multiplied by the root of the determinants' ratio, before to after.
+    /// It is gsplat's `antialiased`, and the flag of SPZ and SOG.
     Compensated,
     /// The 2D filter of Mip-Splatting: 0.1 square pixels, and lower opacities. Brush calls it `mip`.
     Mip,
@@ -95,7 +95,7 @@ impl FileNotes {
         self.low_pass != Filter::Dilated
     }
 
-    /// Lists the values of the file that were left out or changed, one phrase per kind of value.
+    /// Lists the nodes that were left out and the opacities that were changed, one phrase each if there are any.
     pub fn left_out(&self) -> Vec<String> {
         let counted = [
             (self.lod_nodes, "nodes of a tree of levels of detail above its leaves"),
@@ -125,7 +125,8 @@ impl FileNotes {
         tags
     }
 
-    /// Keeps the tags that are equal in both files and resets the others to their defaults. Counts are summed.
+    /// Keeps the tags that are equal in both files and resets the others. Sums the counts; keeps the higher
+    /// `cut_degree`.
     pub(crate) fn common(self, other: Self) -> Self {
         fn both<T: PartialEq + Default>(a: T, b: T) -> T {
             if a == b { a } else { T::default() }

@@ -1,4 +1,4 @@
-//! Names the parts of a scene that a list of scenes was joined to.
+//! Names the parts of a scene that was joined from a list of scenes.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -13,8 +13,8 @@ pub struct ScenePart {
 }
 
 impl ScenePart {
-    /// Lists the parts of `count` splats, given as files with their numbers of splats. Empty if the numbers do not sum to
-    /// `count`.
+    /// Lists the parts of `count` splats, given as files with their numbers of splats. Empty if the numbers do not sum
+    /// to `count`.
     pub(super) fn of_files(files: Vec<(PathBuf, u32)>, count: u32) -> Vec<Self> {
         let mut end = 0;
         let part = |(file, count): (PathBuf, u32)| {

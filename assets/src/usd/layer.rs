@@ -185,7 +185,7 @@ impl Array {
         self.width * self.component.bytes()
     }
 
-    /// Fills `out` with numbers, from component `first` on. `buffer` is scratch memory for their bytes.
+    /// Fills `out` with the array's numbers from index `first` on. `buffer` is scratch memory for their bytes.
     pub(super) fn read(
         &self,
         layer: &Bytes,

@@ -38,7 +38,8 @@ impl Cursor<'_, '_> {
     /// Reads the number of items of a list, and checks it against the layer's length.
     pub(super) fn count(&mut self) -> Result<usize, SceneError> {
         let count = self.long()?;
-        // A compressed list can have more items than bytes, but not more than the bytes of a whole layer of splats.
+        // A compressed list can have more items than packed bytes. In a layer of splats, no list has more items than the
+        // layer has bytes.
         let most = self.layer.length;
         if count > most {
             return Err(field(

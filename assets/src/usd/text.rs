@@ -14,7 +14,7 @@ pub(crate) const MAGIC: &[u8; 6] = b"#usda ";
 /// Keywords that can precede the type of an attribute.
 const MODIFIERS: [&str; 8] = ["custom", "uniform", "varying", "config", "prepend", "append", "add", "delete"];
 
-/// Maximum number of numbers in a value that is no array: the elements of a 4 x 4 matrix.
+/// Maximum number of numbers in a value that is not an array: the elements of a 4 x 4 matrix.
 const MOST_NUMBERS: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +64,7 @@ impl<'t> Parser<'t> {
         self.wrong(format!("expected {expected}, found {found}"))
     }
 
-    /// Skips blanks, comments and semicolons.
+    /// Skips white space, comments and semicolons.
     fn skip_blanks(&mut self) {
         while let Some(byte) = self.text.get(self.at) {
             match byte {
@@ -83,7 +83,8 @@ impl<'t> Parser<'t> {
         std::str::from_utf8(&self.text[from..to]).map_err(|_| self.wrong("expected UTF-8"))
     }
 
-    /// Returns the text from `from` to a closing mark, and advances past the mark.
+    /// Returns the text from `from` to a closing mark, and advances past the mark. If `escapes` is true, a backslash
+    /// escapes the next byte.
     fn until(&mut self, from: usize, close: &[u8], escapes: bool) -> Result<Token<'t>, SceneError> {
         let mut at = from;
         loop {
@@ -220,7 +221,7 @@ impl<'t> Parser<'t> {
 
     fn layer(&mut self) -> Result<Layer, SceneError> {
         let mut layer = Layer { kind: "usda", ..Layer::default() };
-        // The first line was skipped as a comment.
+        // The first line, `#usda 1.0`, is skipped as a comment.
         if self.skip(b'(') {
             self.metadata(|parser, name| {
                 match (name, parser.peek()?) {

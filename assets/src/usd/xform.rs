@@ -59,7 +59,7 @@ fn operation(layer: &Layer, prim: usize, name: &str) -> Result<DMat4, SceneError
         // USD stores rows for row vectors, which are columns for column vectors.
         ("transform", matrix, _) if matrix.len() == 16 => DMat4::from_cols_slice(matrix),
         (_, [degrees], Some([axis])) => angle(DVec3::AXES[*axis], *degrees),
-        // The letters name the rotations, the first one first. The angles are always in the order x, y, z.
+        // The letters are in the order of the rotations. The angles are always in the order x, y, z.
         (_, [_, _, _], Some(axes @ [_, _, _])) => {
             axes.iter().fold(DMat4::IDENTITY, |matrix, at| angle(DVec3::AXES[*at], numbers[*at]) * matrix)
         }

@@ -55,7 +55,7 @@ pub fn counted<T>(work: impl FnOnce() -> T) -> (T, usize) {
     (done, PEAK.load(Relaxed).saturating_sub(before))
 }
 
-/// Waits for all other tests of this program.
+/// Waits for the running test of this program, and keeps others from running while the guard exists.
 pub fn alone() -> std::sync::MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }

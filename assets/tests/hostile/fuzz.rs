@@ -274,7 +274,7 @@ fn ksplat(level: u16) -> Vec<u8> {
 
 #[test]
 fn damaged_ksplat_files_are_read_or_refused() {
-    // Two in five cases hit the fields of the file's header. The others are spread over the file.
+    // Two in five damages hit the fields of the file's header. The others are spread over the file.
     let seeds = [0, 1, 2].map(|level| (ksplat(level), 48));
     run("ksplat", &seeds, 4 << 20, parse);
 }
@@ -357,7 +357,7 @@ fn damaged_sog_files_are_read_or_refused() {
     }
 }
 
-/// Writes a file with an old modification time. Before it reads a new file, a reader waits for the clock to advance.
+/// Writes a file with an old modification time: a reader waits until a new modification time is 20 ms old.
 fn write_old(path: &Path, bytes: &[u8]) {
     let mut file = std::fs::File::create(path).unwrap();
     file.write_all(bytes).unwrap();

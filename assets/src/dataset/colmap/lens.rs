@@ -95,8 +95,8 @@ impl Model {
         self.projection.ok_or_else(|| ("MODEL", fault()))
     }
 
-    /// Creates a lens of this model, with its [projection](Model::projection). `values` has one entry for each of the
-    /// model's parameters.
+    /// Creates a lens of this model, with its [projection](Model::projection). `values` has an entry for each
+    /// parameter. Fails if the lens has distortion, or its principal point is not finite.
     pub(super) fn lens(
         &self,
         projection: Projection,

@@ -144,7 +144,7 @@ pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Res
     Ok(())
 }
 
-/// Formats the files of a model, with their names. Each camera gets its own lens.
+/// Formats the files of a model, with their names. Each camera gets its own lens, a pinhole.
 pub(in crate::dataset) fn write(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
     let mut lenses = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
     let mut images = String::from(
