@@ -238,7 +238,7 @@ pub enum SceneError {
     #[error(transparent)]
     Placed(Box<LoadError>),
 
-    /// A row of an ASCII file is malformed.
+    /// A line is malformed: of a text file, or of the JSON in a file.
     #[error("line {line}: {message}")]
     Row {
         /// Line, counted from 1.

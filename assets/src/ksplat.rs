@@ -138,7 +138,7 @@ impl Header {
                 ));
             }
             let stride = self.plain() + (sh_floats(degree) - 3) * HARMONIC[self.level];
-            // At level 0 there are no buckets, and both lengths are 0.
+            // At level 0 there are no buckets: `lengths` and `centers` are 0.
             let lengths = partial * 4;
             let centers = bucket_count * u64::from(half_word(&head, 20));
             let left = source.length() - at;

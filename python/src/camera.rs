@@ -105,7 +105,8 @@ impl Camera {
         Camera(camera.relative_to(scene.offset().map(|v| -v)))
     }
 
-    /// Loads cameras: a `cameras.json`, a `transforms.json`, or a COLMAP folder.
+    /// Loads cameras: a `cameras.json`, a `transforms.json`, a glTF file, or a folder with one of the first two or COLMAP's
+    /// files.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
         let cameras = wait::run(py, move || assets::Camera::load(path))?;

@@ -13,6 +13,9 @@ use splatgraph::studies::metrics;
 ///
 /// Returns: A dict: psnr_db (dB, None for an error of 0), ssim (1 for equal pictures, None below 11 x 11 pixels), worst
 /// (difference, x, y) and identical.
+///
+/// Raises:
+///     ValueError: the pictures differ in size, or a value is not finite.
 #[pyfunction]
 pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = a.py();

@@ -20,7 +20,7 @@ pub enum CameraError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// The text is not a list of cameras, or not a `transforms.json`.
+    /// The text is neither a list of cameras nor a `transforms.json`, or one of its cameras is invalid.
     #[error("{}:{line}:{column}: {}{message}", path.display(), in_camera(.camera))]
     Parse {
         /// Path of the file.

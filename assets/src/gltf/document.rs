@@ -1,4 +1,4 @@
-//! Parses the parts of glTF's JSON that splats need, and finds the primitives of splats with their transforms.
+//! Parses the parts of glTF's JSON that splats and cameras need, and computes the transforms of their nodes.
 
 use crate::error::SceneError;
 use crate::similarity::Similarity;

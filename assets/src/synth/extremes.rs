@@ -262,7 +262,7 @@ pub(super) fn layers_opaque(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.98)
 }
 
-/// Generates layers across the view that are just above the floor of alpha.
+/// Generates layers across the view with an opacity just above 1/255, the alpha floor.
 pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.0045)
 }

@@ -13,7 +13,7 @@ const INVERSE: &str = "!invert!";
 /// Computes the transform of each prim to the world. A prim's operations are applied from the last to the first.
 ///
 /// # Errors
-/// An operation is unknown or animated, has no value, or has a wrong number of numbers.
+/// An operation is unknown, has no default value, or has the wrong number of components.
 pub(super) fn world(layer: &Layer) -> Result<Vec<DMat4>, SceneError> {
     let mut worlds = Vec::with_capacity(layer.prims.len());
     for (index, prim) in layer.prims.iter().enumerate() {
