@@ -13,13 +13,14 @@ use std::path::PathBuf;
 ///
 /// Args:
 ///     viewmat: world to camera, a rotation and a translation in world units, [4, 4].
-///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, which must be the middle of the picture. The focal
-///         lengths of an orthographic camera are pixels per world unit, and those of a fisheye camera are pixels per radian.
+///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, which must be the middle of the picture. The
+///         focal lengths of an orthographic camera are pixels per world unit, and those of a fisheye camera are pixels per
+///         radian. An equirectangular camera ignores them.
 ///     width: width of the picture, in pixels.
 ///     height: height of the picture, in pixels.
 ///     name: name for files and messages.
-///     projection: "pinhole", "orthographic", "fisheye" (equidistant) or "equirectangular". All but pinhole cameras need a
-///         graph with the same projection.
+///     projection: "pinhole", "orthographic", "fisheye" (equidistant) or "equirectangular". All but pinhole cameras
+///         need a graph with the same projection.
 #[pyclass(frozen, module = "splatgraph")]
 pub struct Camera(pub assets::Camera);
 
@@ -105,8 +106,8 @@ impl Camera {
         Camera(camera.relative_to(scene.offset().map(|v| -v)))
     }
 
-    /// Loads cameras: a `cameras.json`, a `transforms.json`, a glTF file, or a folder with one of the first two or COLMAP's
-    /// files.
+    /// Loads cameras: a `cameras.json`, a `transforms.json`, a glTF file, or a folder with one of the first two or with
+    /// COLMAP's files.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
         let cameras = wait::run(py, move || assets::Camera::load(path))?;
