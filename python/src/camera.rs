@@ -14,8 +14,8 @@ use std::path::PathBuf;
 /// Args:
 ///     viewmat: world to camera, a rotation and a translation in world units, [4, 4].
 ///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, which must be the middle of the picture. The
-///         focal lengths of an orthographic camera are pixels per world unit, and those of a fisheye camera are pixels per
-///         radian. An equirectangular camera ignores them.
+///         focal lengths of an orthographic camera are pixels per world unit, and those of a fisheye camera are pixels
+///         per radian. An equirectangular camera ignores them, but they must be positive.
 ///     width: width of the picture, in pixels.
 ///     height: height of the picture, in pixels.
 ///     name: name for files and messages.
