@@ -7,6 +7,7 @@
 use egui::{Id, Rect, Ui, Vec2, vec2};
 use egui_tiles::{Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
 
 /// Minimum size of the picture beside docked tools, in points.
 pub const PICTURE: Vec2 = vec2(320.0, 200.0);
@@ -16,9 +17,6 @@ const SIDE: (f32, f32) = (240.0, 320.0);
 
 /// Height that must be free to dock the tool below the picture, in points.
 const BELOW: f32 = 140.0;
-
-/// Maximum number of panes and unvisited tiles during the check of a saved arrangement; more are rejected.
-const MOST: usize = 100;
 
 /// Width of the line between tiles, in points.
 pub const LINE: f32 = 1.0;
@@ -100,20 +98,21 @@ impl Default for Layout {
 }
 
 impl Layout {
-    /// Returns true if the tree contains the picture and each tool exactly once, and all lengths are finite and not
-    /// negative.
+    /// Returns true if the tiles form a tree that contains the picture and each tool exactly once, and all lengths are
+    /// finite and not negative.
     pub fn is_sound(&self) -> bool {
         let mut panes: Vec<Tool> = Vec::new();
+        let mut seen: HashSet<TileId> = HashSet::new();
         let mut next: Vec<TileId> = self.tree.root().into_iter().collect();
-        // A file may list a tile twice, or inside itself. The limit ends a walk on which tiles accumulate.
         while let Some(tile) = next.pop() {
+            // A file may list a tile twice, or inside itself.
+            if !seen.insert(tile) {
+                return false;
+            }
             match self.tree.tiles.get(tile) {
                 Some(Tile::Pane(tool)) => panes.push(*tool),
                 Some(Tile::Container(container)) => next.extend(container.children()),
                 None => return false,
-            }
-            if panes.len() + next.len() > MOST {
-                return false;
             }
         }
         panes.sort();
@@ -369,6 +368,21 @@ mod tests {
             assert!(widths[2] >= PICTURE.x - 0.01, "{widths:?} at {width}");
             assert!(widths[0] >= SIDE.0 - 2.0, "{widths:?} at {width}");
         }
+    }
+
+    #[test]
+    fn an_arrangement_with_a_tile_inside_itself_is_refused() {
+        let layout = Layout::default();
+        assert!(layout.is_sound());
+        let root = layout.tree.root().expect("there is a root");
+        let mut alone = Tiles::default();
+        alone.insert(root, Tile::Container(Container::new_tabs(vec![root])));
+        let tree = Tree::new(Id::unique("layout"), root, alone);
+        assert!(!Layout { tree, ..layout.clone() }.is_sound(), "it is its only child");
+        let mut beside = layout;
+        let Some(Tile::Container(container)) = beside.tree.tiles.get_mut(root) else { panic!("a container") };
+        container.add_child(root);
+        assert!(!beside.is_sound(), "it is one of its children");
     }
 
     #[test]
