@@ -72,18 +72,23 @@ impl SceneFormat {
         Self::Gltf,
     ];
 
-    /// Returns the file extension, without the first dot.
+    /// Returns the usual file extension, without the first dot.
     pub fn extension(self) -> &'static str {
+        self.extensions()[0]
+    }
+
+    /// Lists the file extensions, without the first dot; the usual one comes first.
+    pub fn extensions(self) -> &'static [&'static str] {
         match self {
-            Self::Ply => "ply",
-            Self::CompressedPly => "compressed.ply",
-            Self::Spz => "spz",
-            Self::Splat => "splat",
-            Self::Sog => "sog",
-            Self::Ksplat => "ksplat",
-            Self::Rad => "rad",
-            Self::Usd => "usd",
-            Self::Gltf => "glb",
+            Self::Ply => &["ply"],
+            Self::CompressedPly => &["compressed.ply"],
+            Self::Spz => &["spz"],
+            Self::Splat => &["splat"],
+            Self::Sog => &["sog"],
+            Self::Ksplat => &["ksplat"],
+            Self::Rad => &["rad", "radc"],
+            Self::Usd => &["usd", "usda", "usdc", "usdz"],
+            Self::Gltf => &["glb", "gltf"],
         }
     }
 
@@ -107,16 +112,10 @@ impl SceneFormat {
     /// Finds the format by the longest matching extension of `path`, ignoring case; `None` if none matches.
     pub fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
-        let ends = |format: &Self| name.ends_with(&format!(".{}", format.extension()));
-        let found = Self::ALL.into_iter().filter(ends).max_by_key(|format| format.extension().len());
-        let others = [
-            (".gltf", Self::Gltf),
-            (".radc", Self::Rad),
-            (".usda", Self::Usd),
-            (".usdc", Self::Usd),
-            (".usdz", Self::Usd),
-        ];
-        found.or_else(|| others.iter().find(|(end, _)| name.ends_with(end)).map(|(_, format)| *format))
+        let all =
+            Self::ALL.into_iter().flat_map(|format| format.extensions().iter().map(move |end| (format, end)));
+        let matching = all.filter(|(_, end)| name.ends_with(&format!(".{end}")));
+        matching.max_by_key(|(_, end)| end.len()).map(|(format, _)| format)
     }
 
     /// Returns true if the format stores a tag, given by its name in [`FileNotes::tags`](crate::FileNotes::tags).

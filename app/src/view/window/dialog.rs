@@ -3,6 +3,7 @@
 use crate::view::opening::CameraRole;
 use crate::view::renderer::Wake;
 use rfd::AsyncFileDialog;
+use splatgraph_assets::SceneFormat;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
@@ -34,18 +35,14 @@ impl Dialog {
         if std::mem::replace(&mut self.is_open, true) {
             return;
         }
-        let (title, filter, endings): (_, _, &[&str]) = match cameras {
-            None => (
-                "Open a scene, a graph or cameras",
-                "Scenes, graphs and cameras",
-                &["ply", "spz", "splat", "sog", "ron", "json"],
-            ),
-            Some(_) => ("Open cameras", "Cameras", &["json"]),
+        let (title, filter, endings) = match cameras {
+            None => ("Open a scene, a graph or cameras", "Scenes, graphs and cameras", openable()),
+            Some(_) => ("Open cameras", "Cameras", vec!["json"]),
         };
         let mut dialog = AsyncFileDialog::new()
             .set_parent(window)
             .set_title(title)
-            .add_filter(filter, endings)
+            .add_filter(filter, &endings)
             .add_filter("All files", &["*"]);
         if let Some(folder) = near.parent().and_then(|folder| folder.canonicalize().ok()) {
             dialog = dialog.set_directory(folder);
@@ -70,6 +67,13 @@ impl Dialog {
     }
 }
 
+/// Lists the extensions of the files that [`Viewer::open_in`](crate::view::viewer::Viewer::open_in) opens.
+fn openable() -> Vec<&'static str> {
+    let scenes = SceneFormat::ALL.into_iter().flat_map(SceneFormat::extensions).copied();
+    // `ply` covers `compressed.ply`; not every system accepts a dot here.
+    scenes.filter(|extension| !extension.contains('.')).chain(["ron", "json"]).collect()
+}
+
 /// A waker that unparks a thread.
 struct Unpark(Mutex<Thread>);
 
@@ -88,5 +92,21 @@ fn block_on<T>(future: impl Future<Output = T>) -> T {
             Poll::Ready(value) => return value,
             Poll::Pending => std::thread::park(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_dialog_offers_every_file_that_the_viewer_opens() {
+        let found = openable();
+        for wanted in ["ply", "spz", "ksplat", "sog", "rad", "usdz", "glb", "gltf", "ron", "json"] {
+            assert!(found.contains(&wanted), "{wanted} is not in {found:?}");
+        }
+        let is_known =
+            |extension: &&str| SceneFormat::of_name(Path::new(&format!("a.{extension}"))).is_some();
+        assert!(found.iter().all(|extension| ["ron", "json"].contains(extension) || is_known(extension)));
     }
 }
