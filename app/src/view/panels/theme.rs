@@ -244,6 +244,7 @@ pub fn fonts() -> FontDefinitions {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     fn contrast(a: Color32, b: Color32) -> f32 {
         let (a, b) = (luminance(a), luminance(b));
@@ -289,29 +290,17 @@ mod tests {
         }
     }
 
-    /// Source files whose string literals the window shows.
-    const SOURCES: [&str; 20] = [
-        include_str!("mod.rs"),
-        include_str!("cameras.rs"),
-        include_str!("params.rs"),
-        include_str!("theme.rs"),
-        include_str!("widgets.rs"),
-        include_str!("top_bar.rs"),
-        include_str!("timeline.rs"),
-        include_str!("inspector.rs"),
-        include_str!("contents.rs"),
-        include_str!("times.rs"),
-        include_str!("hud.rs"),
-        include_str!("layout.rs"),
-        include_str!("help.rs"),
-        include_str!("errors.rs"),
-        include_str!("presets.rs"),
-        include_str!("splat.rs"),
-        include_str!("status.rs"),
-        include_str!("tools.rs"),
-        include_str!("../events.rs"),
-        include_str!("../history.rs"),
-    ];
+    /// Reads the source files whose string literals the window shows.
+    fn sources() -> Vec<String> {
+        let view = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/view");
+        let panels = std::fs::read_dir(view.join("panels")).expect("the folder is there");
+        let files = panels.map(|entry| entry.expect("an entry").path());
+        files
+            .filter(|file| file.extension().is_some_and(|extension| extension == "rs"))
+            .chain(["events.rs", "history.rs"].map(|name| view.join(name)))
+            .map(|file| std::fs::read_to_string(file).expect("a text"))
+            .collect()
+    }
 
     #[test]
     fn every_character_of_the_window_has_a_glyph() {
@@ -320,7 +309,7 @@ mod tests {
         // egui loads its fonts in a frame.
         ctx.run_ui(Default::default(), |_| {}).textures_delta.clear();
         let mut signs: Vec<char> =
-            SOURCES.iter().flat_map(|text| text.chars()).filter(|c| !c.is_control()).collect();
+            sources().iter().flat_map(|text| text.chars()).filter(|c| !c.is_control()).collect();
         signs.extend(' '..='~');
         signs.extend('\u{a0}'..='\u{ff}');
         signs.sort_unstable();
