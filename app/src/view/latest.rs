@@ -41,12 +41,11 @@ impl<T: Send + 'static> Latest<T> {
     /// `work` gets a function that returns true once the request is cancelled. It returns `None` if it has no result.
     ///
     /// # Errors
-    /// The system cannot start a thread. The previous request is cancelled nevertheless.
+    /// The system cannot start a thread. The previous request then continues.
     pub fn start(
         &mut self,
         work: impl FnOnce(&(dyn Fn() -> bool + Sync)) -> Option<T> + Send + 'static,
     ) -> Result<(), String> {
-        self.cancel();
         let (done, result) = channel();
         let request = Request { result, cancelled: Arc::default() };
         let (cancelled, turn, wake) = (request.cancelled.clone(), self.turn.clone(), self.wake.clone());
@@ -62,6 +61,7 @@ impl<T: Send + 'static> Latest<T> {
         };
         let thread = std::thread::Builder::new().name(self.name.to_owned()).spawn(work);
         thread.map_err(|error| format!("no thread can be started to {}: {error}", self.name))?;
+        // Cancels the previous request.
         self.request = Some(request);
         Ok(())
     }
