@@ -59,6 +59,17 @@ fn a_build_that_the_driver_does_not_end_makes_way_for_the_next_change() {
 }
 
 #[test]
+fn the_build_of_a_copy_measurement_counts_as_running() {
+    let (mut script, _folder) = hanging(Duration::from_secs(600));
+    let made = script.pipelines();
+    assert!(script.viewer().is_idle());
+    script.viewer().measure_copy();
+    script.until("the compiler", |script| script.pipelines() > made);
+    assert!(!script.viewer().is_idle(), "the driver compiles the copy");
+    script.close(&[]);
+}
+
+#[test]
 fn a_build_that_is_given_up_is_shown_with_its_pass_and_its_shader_and_the_last_plan_draws_on() {
     let (mut script, _folder) = hanging(Duration::from_millis(300));
     set_digits(&mut script, 5);

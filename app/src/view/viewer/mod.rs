@@ -518,22 +518,25 @@ impl<D: Device> Viewer<D> {
             let place = self.stalled().map_or_else(String::new, |running| running.place.clone());
             return Err(BackendError::Stuck { place, seconds: within.as_secs() });
         }
-        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
+        let copy = self.copy.viewport_mut().map(|copy| (copy, false));
+        let pictures =
+            [Some(&mut self.a), self.b.as_mut()].map(|shown| shown.map(|shown| (shown, self.to_host)));
+        for (viewport, to_host) in pictures.into_iter().chain([copy]).flatten() {
             viewport.renderer.finish(within)?;
-            viewport.collect(self.to_host);
+            viewport.collect(to_host);
         }
         Ok(())
     }
 
     /// Returns true if no build is running.
     pub(super) fn is_idle(&self) -> bool {
-        self.a.renderer.is_idle() && self.b.as_ref().is_none_or(|b| b.renderer.is_idle())
+        self.all().all(|viewport| viewport.renderer.is_idle())
     }
 
     /// Returns the pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
     ///
     /// `None` if no wait timed out since the last completed one.
     pub fn stalled(&self) -> Option<&Running> {
-        self.a.renderer.stalled().or_else(|| self.b.as_ref()?.renderer.stalled())
+        self.all().find_map(|viewport| viewport.renderer.stalled())
     }
 }
