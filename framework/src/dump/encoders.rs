@@ -37,7 +37,7 @@ fn write_all(out: &mut String, dump: &Dump, encoders: &DumpEncoders) -> fmt::Res
     let mut reasons = String::new();
     if !encoders.prologue.is_empty() {
         write_encoders(out, &mut reasons, dump, Run::Once, &encoders.prologue)?;
-        let event = if encoders.handover.is_empty() { "" } else { "event: all that follows waits for all" };
+        let event = if encoders.handover.is_empty() { "" } else { "event: all later work waits for earlier" };
         writeln!(out)?;
         row(out, "handover", event, &plan_barriers(&dump.handover))?;
         write_reasons(&mut reasons, "handover", "event", &encoders.handover)?;

@@ -154,8 +154,8 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
     Ok(())
 }
 
-/// Formats the passes that a pass waits for, with the resources: `project (visible, splats), draw and export of the
-/// frame before (color in the memory of depth)`.
+/// Formats the passes that a pass waits for, with the resources: `project (visible, splats), draw and export of the previous
+/// frame (color in the memory of depth)`.
 pub(super) fn comes_after(pass: &DumpPass) -> String {
     // For each earlier pass and its run, the resources.
     let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
@@ -189,7 +189,7 @@ fn when(since: Since) -> &'static str {
     match since {
         Since::Same => "",
         Since::Prologue => " of the prologue",
-        Since::PreviousFrame => " of the frame before",
+        Since::PreviousFrame => " of the previous frame",
     }
 }
 
@@ -199,7 +199,7 @@ fn subject_of(dependency: &Dependency<Declared, Declared>) -> String {
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
 }
 
-/// Formats a dependency: `write after read on color in the memory of depth, after compose of the frame before: COMPUTE
+/// Formats a dependency: `write after read on color in the memory of depth, after compose of the previous frame: COMPUTE
 /// STORAGE_READ -> ...`.
 pub fn dependency_line(dependency: &Dependency<Declared, Declared>) -> String {
     let Dependency { hazard, first, since, masks, .. } = dependency;
@@ -282,7 +282,7 @@ pub fn cause_line(barrier: &DumpBarrier, cause: &DumpCause) -> String {
     format!("{line}: {masks}")
 }
 
-/// Formats a conflict: `read after write on keys#1, after sort.scatter[0] of the frame before`.
+/// Formats a conflict: `read after write on keys#1, after sort.scatter[0] of the previous frame`.
 pub(super) fn conflict_line(conflict: &Cause<Declared, Declared>) -> String {
     let mut line = format!("{} on {}", hazard_words(conflict.hazard), conflict.resource.name);
     if let Some(alias) = &conflict.alias {
@@ -290,7 +290,7 @@ pub(super) fn conflict_line(conflict: &Cause<Declared, Declared>) -> String {
     }
     if !conflict.after.is_empty() {
         let after: Vec<&str> = conflict.after.iter().map(|Declared { name, .. }| name.as_str()).collect();
-        let frame = if conflict.previous_frame { " of the frame before" } else { "" };
+        let frame = if conflict.previous_frame { " of the previous frame" } else { "" };
         line += &format!(", after {}{frame}", after.join(", "));
     }
     line

@@ -18,7 +18,7 @@ pub(super) fn eval(node: &Node, scope: &dyn Scope) -> Result<Value, ExprError> {
         },
         NodeKind::Conditional(parts) => {
             let [condition, yes, no] = &**parts;
-            let holds = truth(condition, eval(condition, scope)?, "what stands before `?`")?;
+            let holds = truth(condition, eval(condition, scope)?, "the condition before `?`")?;
             eval(if holds { yes } else { no }, scope)
         }
         NodeKind::Binary(op, operands) => binary(node, *op, operands, scope),
@@ -235,7 +235,7 @@ fn call(node: &Node, function: Function, arguments: &[Node], values: Vec<Value>)
 fn integer(node: &Node, value: Option<i64>) -> Result<Value, ExprError> {
     value
         .map(Value::Int)
-        .ok_or_else(|| ExprError::new("the result does not fit into a 64-bit integer", node.place()))
+        .ok_or_else(|| ExprError::new("the result does not fit in a 64-bit integer", node.place()))
 }
 
 fn float(node: &Node, value: f64) -> Result<Value, ExprError> {
@@ -262,8 +262,9 @@ fn number(node: &Node, value: Value, who: &str) -> Result<Number, ExprError> {
 fn whole(node: &Node, value: Value, who: &str) -> Result<i64, ExprError> {
     match value {
         Value::Int(v) => Ok(v),
-        Value::Float(_) => Err(wrong_type(node, &value, who, "an integer")
-            .with_help("`int(x)` cuts off what is behind the point")),
+        Value::Float(_) => {
+            Err(wrong_type(node, &value, who, "an integer").with_help("`int(x)` truncates the fraction"))
+        }
         other => Err(wrong_type(node, &other, who, "an integer")),
     }
 }
@@ -287,7 +288,7 @@ fn type_name(value: &Value) -> &'static str {
         Value::Bool(_) => "a bool",
         Value::Int(_) => "an integer",
         Value::Float(_) => "a float",
-        Value::Text(_) => "a text",
+        Value::Text(_) => "a string",
     }
 }
 

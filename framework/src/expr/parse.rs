@@ -78,7 +78,7 @@ impl Parser<'_> {
         let tree = if self.take("?")? {
             let yes = self.expression()?;
             if !self.take(":")? {
-                let message = format!("expected `:` and what holds otherwise, found {}", self.found());
+                let message = format!("expected `:` and the alternative, found {}", self.found());
                 return Err(self.error_here(message).with_help("a choice is written `condition ? a : b`"));
             }
             let no = self.expression()?;
@@ -278,8 +278,8 @@ impl Parser<'_> {
                 Some(length) => (Token::Text(rest[1..1 + length].to_string()), length + 2),
                 None => {
                     let place = self.start..self.text.len();
-                    return Err(ExprError::new("this text is not closed", place)
-                        .with_help("a text stands between single quotes: `'over'`"));
+                    return Err(ExprError::new("this string is not closed", place)
+                        .with_help("a string is written in single quotes: `'over'`"));
                 }
             },
             Some(c) => match SYMBOLS.iter().find(|symbol| rest.starts_with(**symbol)) {
@@ -302,7 +302,7 @@ impl Parser<'_> {
             '=' => error.with_help("values are compared with `==`"),
             '&' => error.with_help("and is written `&&`"),
             '|' => error.with_help("or is written `||`"),
-            '"' => error.with_help("a text stands between single quotes: `'over'`"),
+            '"' => error.with_help("a string is written in single quotes: `'over'`"),
             '^' => error.with_help("a power of two is written `1 << n`"),
             _ => error,
         }
@@ -359,7 +359,7 @@ fn continues_name(c: char) -> bool {
 }
 
 fn too_large(place: Range<usize>) -> ExprError {
-    ExprError::new("this integer does not fit into 64 bits", place)
+    ExprError::new("this integer does not fit in 64 bits", place)
 }
 
 fn too_deep(place: Range<usize>) -> ExprError {

@@ -79,9 +79,9 @@ fn the_smallest_and_the_largest_integer_can_be_written() {
     int("-9223372036854775808", i64::MIN);
     int("9223372036854775807", i64::MAX);
     int("0x7fff_ffff_ffff_ffff", i64::MAX);
-    fails("9223372036854775808", "this integer does not fit into 64 bits", "9223372036854775808");
-    fails("1 + -9223372036854775809", "this integer does not fit into 64 bits", "9223372036854775809");
-    fails("99999999999999999999", "this integer does not fit into 64 bits", "99999999999999999999");
+    fails("9223372036854775808", "this integer does not fit in 64 bits", "9223372036854775808");
+    fails("1 + -9223372036854775809", "this integer does not fit in 64 bits", "9223372036854775809");
+    fails("99999999999999999999", "this integer does not fit in 64 bits", "99999999999999999999");
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn ceil_div_rounds_up_for_every_pair_of_signs() {
         }
     }
     fails("ceil_div(n, 4 - digits)", "division by zero", "4 - digits");
-    fails("ceil_div(min_int, -1)", "the result does not fit into a 64-bit integer", "ceil_div(min_int, -1)");
+    fails("ceil_div(min_int, -1)", "the result does not fit in a 64-bit integer", "ceil_div(min_int, -1)");
     fails("ceil_div(n, 2.0)", "`ceil_div` needs an integer, and this is a float", "2.0");
 }
 
@@ -190,7 +190,7 @@ fn min_and_max_take_any_number_of_arguments() {
     int("max(3, 1, 4)", 4);
     float("max(3, 1.5)", 3.0);
     float("min(3, 1.5, 2)", 1.5);
-    fails("max(1, 'a')", "`max` needs a number, and this is a text", "'a'");
+    fails("max(1, 'a')", "`max` needs a number, and this is a string", "'a'");
 }
 
 #[test]
@@ -222,17 +222,17 @@ fn abs_float_and_int_convert() {
     int("int(-9223372036854775808.0)", i64::MIN);
     fails(
         "int(9223372036854775808.0)",
-        "the result does not fit into a 64-bit integer",
+        "the result does not fit in a 64-bit integer",
         "int(9223372036854775808.0)",
     );
-    fails("int(nan)", "the result does not fit into a 64-bit integer", "int(nan)");
-    fails("abs(min_int)", "the result does not fit into a 64-bit integer", "abs(min_int)");
-    fails("int('7')", "`int` needs a number, and this is a text", "'7'");
+    fails("int(nan)", "the result does not fit in a 64-bit integer", "int(nan)");
+    fails("abs(min_int)", "the result does not fit in a 64-bit integer", "abs(min_int)");
+    fails("int('7')", "`int` needs a number, and this is a string", "'7'");
 }
 
 #[test]
 fn integer_overflow_is_an_error_at_the_operation() {
-    let message = "the result does not fit into a 64-bit integer";
+    let message = "the result does not fit in a 64-bit integer";
     fails("1 + (max_int + 1)", message, "max_int + 1");
     fails("(max_int) + (1)", message, "(max_int) + (1)");
     fails("min_int - 1", message, "min_int - 1");
@@ -255,7 +255,7 @@ fn shifts_are_by_0_to_63() {
     fails("1 >> (0 - 1)", "a shift by -1: it must be from 0 to 63", "0 - 1");
     fails("1.5 << 2", "`<<` needs an integer, and this is a float", "1.5");
     let help = fails("1 >> cutoff", "`>>` needs an integer, and this is a float", "cutoff");
-    assert_eq!(help.as_deref(), Some("`int(x)` cuts off what is behind the point"));
+    assert_eq!(help.as_deref(), Some("`int(x)` truncates the fraction"));
 }
 
 #[test]
@@ -284,16 +284,16 @@ fn nothing_compares_with_nan_but_unequal() {
 
 #[test]
 fn wrong_types_are_errors_at_the_operand() {
-    fails("1 + 'a'", "`+` needs a number, and this is a text", "'a'");
+    fails("1 + 'a'", "`+` needs a number, and this is a string", "'a'");
     fails("sort * 2", "`*` needs a number, and this is a bool", "sort");
     fails("-sort", "`-` needs a number, and this is a bool", "sort");
-    fails("'a' < 'b'", "`<` needs a number, and this is a text", "'a'");
+    fails("'a' < 'b'", "`<` needs a number, and this is a string", "'a'");
     fails("1 < 2 < 3", "`<` needs a number, and this is a bool", "1 < 2");
-    fails("blend == 1", "`==` compares a text with an integer", "1");
+    fails("blend == 1", "`==` compares a string with an integer", "1");
     fails("sort != 1", "`!=` compares a bool with an integer", "1");
     let help = fails("n && sort", "`&&` needs a bool, and this is an integer", "n");
     assert_eq!(help.as_deref(), Some("compare it, for instance with `!= 0`"));
-    fails("!blend", "`!` needs a bool, and this is a text", "blend");
+    fails("!blend", "`!` needs a bool, and this is a string", "blend");
 }
 
 #[test]
@@ -303,7 +303,7 @@ fn what_is_not_reached_is_not_evaluated() {
     int("true ? 1 : 1 / 0", 1);
     int("n == 0 ? 0 : n / n", 1);
     fails("true && 1 / 0 == 1", "division by zero", "0");
-    fails("n ? 1 : 2", "what stands before `?` needs a bool, and this is an integer", "n");
+    fails("n ? 1 : 2", "the condition before `?` needs a bool, and this is an integer", "n");
 }
 
 #[test]
@@ -347,7 +347,7 @@ fn syntax_errors_point_at_the_token() {
     fails("min(1, 2", "this `(` is not closed", "(");
     fails("min(1, 2 3)", "expected an operator or `)`, found `3`", "3");
     fails("min(1, )", "expected a value, found `)`", ")");
-    fails("sort ? 1", "expected `:` and what holds otherwise, found the end of the expression", "");
+    fails("sort ? 1", "expected `:` and the alternative, found the end of the expression", "");
     fails("n.", "`n.` is not a name", "n.");
     fails("scene..count", "`scene..count` is not a name", "scene..count");
     fails("12ab", "`12ab` is not a number", "12ab");
@@ -363,8 +363,8 @@ fn habits_from_other_languages_are_met_with_help() {
     assert_eq!(help("n = 1"), "values are compared with `==`");
     assert_eq!(help("sort & sort"), "and is written `&&`");
     assert_eq!(help("sort | sort"), "or is written `||`");
-    assert_eq!(help("blend == \"over\""), "a text stands between single quotes: `'over'`");
-    assert_eq!(help("blend == 'over"), "a text stands between single quotes: `'over'`");
+    assert_eq!(help("blend == \"over\""), "a string is written in single quotes: `'over'`");
+    assert_eq!(help("blend == 'over"), "a string is written in single quotes: `'over'`");
     assert_eq!(help("2 ^ 8"), "a power of two is written `1 << n`");
 }
 

@@ -70,10 +70,16 @@ impl Fallback {
 }
 
 impl fmt::Display for Fallback {
-    /// Writes a sentence such as: `splat` stands in for `tiled`, which needs workgroups of 256 invocations
+    /// Writes a sentence such as: `splat` is used instead of `tiled`, which needs workgroups of 256 invocations
     /// (device.max_invocations = 128)
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let needs: Vec<String> = self.unmet.iter().map(Unmet::to_string).collect();
-        write!(f, "`{}` stands in for `{}`, which needs {}", self.taken, self.wanted, needs.join(" and "))
+        write!(
+            f,
+            "`{}` is used instead of `{}`, which needs {}",
+            self.taken,
+            self.wanted,
+            needs.join(" and ")
+        )
     }
 }

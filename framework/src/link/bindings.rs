@@ -173,7 +173,7 @@ impl Linker<'_> {
         if block.writes && declaration.previous_frame_of.is_some() {
             wrong = wrong.or(error(
                 format!("`{shader}` writes to `{name}`"),
-                format!("`{}` is of the frame before and can only be read", first.name),
+                format!("`{}` belongs to the previous frame and can only be read", first.name),
             ));
         }
         let kind = match (&block.kind, first.shape) {
@@ -258,8 +258,8 @@ impl Linker<'_> {
             (ReflectedKind::StorageImage { format }, Shape::Image { format: ours, .. }) => {
                 if let Some(theirs) = format.filter(|f| *f != ours) {
                     wrong = wrong.or(error(
-                        format!("`{name}` of `{shader}` is of the format {theirs:?}"),
-                        format!("`{}` is of the format {ours:?}", first.name),
+                        format!("`{name}` of `{shader}` has the format {theirs:?}"),
+                        format!("`{}` has the format {ours:?}", first.name),
                     ));
                 }
                 DescriptorKind::StorageImage
@@ -375,7 +375,7 @@ impl Linker<'_> {
 
 /// Returns the error for a pass of the prologue that reads data which the host rewrites for every frame.
 pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<String>) -> Diagnostic {
-    let message = format!("`{}` runs once, and reads what changes with every frame", pass.pass.name);
+    let message = format!("`{}` runs once, but reads values that change every frame", pass.pass.name);
     Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")
 }
 

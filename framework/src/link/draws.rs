@@ -48,13 +48,13 @@ impl Linker<'_> {
                 self.errors.push(Diagnostic::new(
                     format!("`{}` is a buffer", image.name),
                     *span,
-                    "a target is an image",
+                    "a target must be an image",
                 ));
                 continue;
             };
             if is_depth(&image.shape) {
                 let message = format!("`{}` holds depths", image.name);
-                let error = Diagnostic::new(message, *span, "a target holds colours");
+                let error = Diagnostic::new(message, *span, "a target must hold colours");
                 self.errors.push(error.with_help("name it in `depth` of the draw"));
                 continue;
             }
@@ -74,7 +74,7 @@ impl Linker<'_> {
             }
             if *size.get_or_insert((width, height)) != (width, height) {
                 self.errors.push(Diagnostic::new(
-                    "the targets of a pass are of one size",
+                    "the targets of a pass must have the same size",
                     *span,
                     describe(&image),
                 ));
@@ -112,7 +112,7 @@ impl Linker<'_> {
                 && (w, h) != (width, height)
             {
                 let label = describe(&found);
-                let message = "the depth of a draw has the size of its targets";
+                let message = "the depth image of a draw must have the size of its targets";
                 self.errors.push(Diagnostic::new(message, span, label));
                 return;
             }

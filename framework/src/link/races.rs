@@ -46,7 +46,7 @@ impl Linker<'_> {
                     self.errors.push(match last.map(|id| &self.resource(*id).name) {
                         // Only the halves of a ping-pong buffer have `#` in their names: `keys#0` and `keys#1`.
                         Some(last) if name.contains('#') => diagnostic.with_help(format!(
-                            "`{last}` is `{name}`, the half in front at the end of a frame; with an even number of swaps in \
+                            "`{last}` is the half of the buffer that is in front at the end of a frame, here `{name}`; with an even number of swaps in \
                              a frame, its first pass can read `{last}` and write the back"
                         )),
                         Some(last) => diagnostic.with_help(format!(
@@ -90,7 +90,7 @@ impl Linker<'_> {
             let (true, Some((shader, _))) = (same, writer) else { continue };
             let diagnostic = Diagnostic::new(
                 format!(
-                    "`{}` writes the buffer `{}`, which its own arguments are in",
+                    "`{}` writes the buffer `{}`, which holds its own arguments",
                     pass.pass.name,
                     self.resource(buffer).name
                 ),
@@ -98,7 +98,7 @@ impl Linker<'_> {
                 format!("written by `{}`", self.shaders[shader.index()].name),
             );
             self.errors.push(diagnostic.with_label(span, "the arguments").with_help(
-                "no barrier can stand between a command's arguments and its shaders: write another buffer",
+                "no barrier is possible between a command's arguments and its shaders: write another buffer",
             ));
         }
     }
@@ -135,7 +135,7 @@ impl Linker<'_> {
                 "by both stages of this draw",
             );
             self.errors.push(diagnostic.with_help(
-                "no barrier can stand between the stages of a draw: bind two buffers, or use atomics in both stages",
+                "no barrier is possible between the stages of a draw: bind two buffers, or use atomics in both stages",
             ));
         }
     }

@@ -29,8 +29,10 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
     let Some(span) = passed else { return Ok(()) };
     let message = format!("this graph needs {} different compilations of its shaders", different.len());
     let diagnostic =
-        Diagnostic::new(message, span, format!("the limit of {MOST_COMPILATIONS} is passed here"));
-    Err(vec![diagnostic.with_help("give what differs from pass to pass as a push constant, not as a define")])
+        Diagnostic::new(message, span, format!("the limit of {MOST_COMPILATIONS} is exceeded here"));
+    Err(vec![
+        diagnostic.with_help("pass values that differ between passes as push constants, not as defines"),
+    ])
 }
 
 impl Linker<'_> {
@@ -50,7 +52,7 @@ impl Linker<'_> {
             self.errors.push(Diagnostic::new(
                 format!("`{}` is not a {} shader", name.name, format!("{stage:?}").to_lowercase()),
                 name.span,
-                format!("the name of one ends in `{ending}`"),
+                format!("its name must end in `{ending}`"),
             ));
             return None;
         }
@@ -152,8 +154,8 @@ impl Linker<'_> {
         if each[dimensions..].iter().any(|n| *n > 1) {
             let [x, y, z] = local;
             let divides = [
-                "`Threads` divides by `local_size_x` alone",
-                "`Threads(x, y)` divides by `local_size_x` and `_y` alone",
+                "`Threads` divides only by `local_size_x`",
+                "`Threads(x, y)` divides only by `local_size_x` and `_y`",
             ];
             let message = format!("{}, and a workgroup here is {x} x {y} x {z}", divides[dimensions - 1]);
             self.errors.push(Diagnostic::new(message, span, "too many invocations would run").with_help(
@@ -198,9 +200,9 @@ impl Linker<'_> {
         };
         if counted > 1 << 32 {
             let found =
-                format!("expected at most 4294967296, those of unfinished rows included, found {counted}");
+                format!("expected at most 4294967296, including those of unfinished rows, found {counted}");
             self.errors.push(Diagnostic::new(
-                "this dispatch has more indices than 32 bits hold",
+                "this dispatch has more indices than 32 bits can hold",
                 span,
                 found,
             ));

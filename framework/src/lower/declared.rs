@@ -219,7 +219,7 @@ impl Parameters {
             _ => format!("these parameters need each other's values: {}", names.join(" needs ")),
         };
         let key = |index: usize| self.all[index].place.key();
-        let error = Diagnostic::new(message, key(circle[0]), "the circle leads back here");
+        let error = Diagnostic::new(message, key(circle[0]), "the cycle leads back here");
         circle[1..].iter().fold(error, |error, index| error.with_label(key(*index), "needed on the way"))
     }
 
@@ -380,7 +380,7 @@ impl Collect<'_, '_> {
                     found.exposed.entry(place.id()).or_default().insert(name_of.clone());
                     continue;
                 }
-                let message = format!("this graph has the parameter `{name_of}` already");
+                let message = format!("this graph already has the parameter `{name_of}`");
                 let error = Diagnostic::new(message, at.span(), "exposed here")
                     .with_label(first.place.key(), "the first");
                 let help = format!(

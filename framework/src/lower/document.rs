@@ -82,7 +82,7 @@ impl Follow<'_> {
             Document::Graph(graph) => {
                 if graph.version != GRAPH_VERSION {
                     let at = root.field("version").span();
-                    let message = format!("this graph is of version {}", graph.version);
+                    let message = format!("this graph has version {}", graph.version);
                     let read = format!("this program reads version {GRAPH_VERSION}");
                     return Err(vec![Diagnostic::new(message, at, read)]);
                 }
@@ -138,7 +138,7 @@ impl Follow<'_> {
                     all.append(&mut found);
                     if self.found > MAX_CANDIDATES {
                         let message = format!("this is a choice of over {MAX_CANDIDATES} graphs");
-                        return Err(vec![Diagnostic::new(message, at, "the limit is passed here")]);
+                        return Err(vec![Diagnostic::new(message, at, "the limit is exceeded here")]);
                     }
                 }
                 if all.is_empty() {
@@ -162,8 +162,8 @@ impl Follow<'_> {
         let next = self.files.find(Some(file), name, Kind::Graph).map_err(|e| vec![e.at(at)])?;
         self.chain.push((file, at));
         if self.chain.len() > MAX_DEPTH {
-            let message = format!("presets and choices lead to one another deeper than {MAX_DEPTH}");
-            return Err(vec![Diagnostic::new(message, at, "the limit is passed here")]);
+            let message = format!("presets and choices are nested deeper than {MAX_DEPTH}");
+            return Err(vec![Diagnostic::new(message, at, "the limit is exceeded here")]);
         }
         if let Some(first) = self.chain.iter().position(|(seen, _)| *seen == next) {
             let others = &self.chain[first..self.chain.len() - 1];

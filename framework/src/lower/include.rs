@@ -52,8 +52,10 @@ impl Lowering<'_> {
         let file =
             self.files.find(Some(level.file), graph, Kind::Graph).map_err(|e| e.at(graph_place.span()))?;
         if self.includes.len() > MAX_DEPTH {
-            return Err(graph_place
-                .error(format!("includes are nested deeper than {MAX_DEPTH}"), "the limit is passed here"));
+            return Err(graph_place.error(
+                format!("includes are nested deeper than {MAX_DEPTH}"),
+                "the limit is exceeded here",
+            ));
         }
         let chosen = match self.choices.choose(file, self.files, 0) {
             Ok(chosen) => chosen,
@@ -88,7 +90,11 @@ impl Lowering<'_> {
         let span = place.field("name").span();
         if !is_identifier(name) {
             let message = format!("`{name}` cannot name an include");
-            return Err(Diagnostic::new(message, span, "letters, digits and `_`, not a digit first"));
+            return Err(Diagnostic::new(
+                message,
+                span,
+                "use letters, digits and `_`, without a leading digit",
+            ));
         }
         if let Some(first) = self.include_names.insert(full.clone(), span) {
             let message = format!("two includes are called `{full}`");
@@ -243,7 +249,7 @@ impl Lowering<'_> {
                 return Err(Diagnostic::new(message, place.field("graph").span(), "included here")
                     .with_label(declared.place.key(), "declared here")
                     .with_help(format!(
-                        "live parameters are those of the outermost graph: `expose: Only([\"{name}\"])`"
+                        "live parameters must be exposed up to the outermost graph: `expose: Only([\"{name}\"])`"
                     )));
             }
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));

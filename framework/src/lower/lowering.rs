@@ -163,7 +163,7 @@ impl<'a> Lowering<'a> {
         for (name, number) in &opened.graph.lets {
             let place = opened.root.field("let").field(name);
             if names.values.contains_key(name) || names.live.contains(name) {
-                let taken = "the name is already that of a parameter, a fact or a `let`";
+                let taken = "the name is already used by a parameter, a fact or a `let`";
                 self.errors.push(Diagnostic::new(format!("`{name}` is declared twice"), place.key(), taken));
                 continue;
             }
@@ -189,7 +189,7 @@ impl<'a> Lowering<'a> {
         for (name, value) in &defines {
             if seen.insert(name, value).is_some_and(|other| other != value) {
                 let span = opened.root.head();
-                let message = format!("two constants of this graph are `{name}` to its shaders");
+                let message = format!("two constants of this graph are both `{name}` in its shaders");
                 self.errors.push(Diagnostic::new(message, span, "in this graph").with_help(
                     "names are in capitals there, and a choice adds one for each of its values: rename one of them",
                 ));
@@ -221,7 +221,7 @@ impl<'a> Lowering<'a> {
         let before = self.steps;
         self.steps = before.saturating_add(steps);
         if before <= MAX_STEPS && self.steps > MAX_STEPS {
-            let message = format!("this graph has over {MAX_STEPS} steps, its repeats counted");
+            let message = format!("this graph has over {MAX_STEPS} steps, including repeats");
             self.errors.push(place.error(message, "while walking this one"));
         }
         self.steps <= MAX_STEPS

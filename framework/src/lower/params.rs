@@ -137,7 +137,7 @@ fn one(
         return Err(Diagnostic::new(
             format!("`{name}` cannot name a parameter"),
             place.key(),
-            "letters, digits and `_`, not a digit first",
+            "use letters, digits and `_`, without a leading digit",
         ));
     }
     let kind_place = place.index(0);
@@ -227,7 +227,9 @@ fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
     let ParamKind::Int { grows: Some(name), .. } = kind else { return Ok(None) };
     let at = declared.place.index(0).field("grows");
     if matches!(declaration, ParamDecl::Live(_)) {
-        return Err(at.error("a live parameter cannot grow", "a plan has room by its constants alone"));
+        return Err(
+            at.error("a live parameter cannot grow", "the capacity of a plan depends only on its constants")
+        );
     }
     let graph = declared.graph();
     if graph.stats.contains_key(name) {
@@ -273,7 +275,7 @@ fn domain(
             Value::Int(v) => v as f64,
             Value::Float(v) => v,
             other => {
-                return Err(at.error("a range is between numbers", format!("this is {}", describe(&other))));
+                return Err(at.error("a range needs numbers", format!("this is {}", describe(&other))));
             }
         };
         if (v as f32).is_finite() {
@@ -312,9 +314,11 @@ fn domain(
                     Value::Int(v) if v > 0 => v as f64,
                     Value::Float(v) if v > 0.0 => v,
                     Value::Int(_) | Value::Float(_) => {
-                        return Err(place.field("step").error("a step is above 0", "this is not"));
+                        return Err(place.field("step").error("a step must be above 0", "this is not"));
                     }
-                    other => return Err(place.field("step").error("a step is a number", describe(&other))),
+                    other => {
+                        return Err(place.field("step").error("a step must be a number", describe(&other)));
+                    }
                 },
             };
             Domain::Float { min, max, step }

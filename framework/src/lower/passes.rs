@@ -96,7 +96,7 @@ impl Lowering<'_> {
                             let at = call_place.field(field);
                             let n = level.names.natural(number, &at)?;
                             u32::try_from(n)
-                                .map_err(|_| at.error("this does not fit 32 bits", format!("is {n}")))
+                                .map_err(|_| at.error("this does not fit in 32 bits", format!("is {n}")))
                         };
                         DrawCall::Direct {
                             vertices: count(vertices, "vertices")?,
@@ -154,7 +154,7 @@ impl Lowering<'_> {
                 let value_place = place.field("value");
                 let value = level.names.natural(value, &value_place)?;
                 let value = u32::try_from(value)
-                    .map_err(|_| value_place.error("this does not fit 32 bits", format!("is {value}")))?;
+                    .map_err(|_| value_place.error("this does not fit in 32 bits", format!("is {value}")))?;
                 let at = place.field("buffer");
                 let Some(id) = self.look_up_one(level, buffer, &at)? else { return Ok(()) };
                 let target = &self.plan.resources[id.index()];
@@ -221,13 +221,13 @@ impl Lowering<'_> {
         for v in [r, g, b, a] {
             if !v.is_finite() {
                 return Err(
-                    at.error("a target is cleared to finite numbers of 32 bits", format!("found {v}"))
+                    at.error("a target must be cleared to finite 32-bit numbers", format!("found {v}"))
                 );
             }
             // The largest float below 2^32 fits a `uint`; 2^32 does not.
             if integers && !(v.fract() == 0.0 && (0.0..4_294_967_296.0).contains(&v)) {
                 let found = format!("expected an integer from 0 to 4294967295, found {v}");
-                return Err(at.error("a target of the format r32ui is cleared to integers", found));
+                return Err(at.error("a target of the format r32ui must be cleared to integers", found));
             }
         }
         Ok(())
@@ -243,7 +243,7 @@ impl Lowering<'_> {
         bytes: u64,
         at: &Place,
     ) -> Result<Option<(ResourceId, u64)>, Diagnostic> {
-        let what = format!("{bytes} bytes of arguments do not stand");
+        let what = format!("{bytes} bytes of arguments do not fit");
         self.words(level, named, (bytes, &what), at)
     }
 
@@ -379,9 +379,7 @@ impl Lowering<'_> {
         }
         if level.names.values.contains_key(var) || level.names.live.contains(var) {
             let at = place.field("var");
-            return Err(
-                at.error(format!("`{var}` is declared twice"), "the name is already that of something else")
-            );
+            return Err(at.error(format!("`{var}` is declared twice"), "the name is already in use"));
         }
         let errors = self.errors.len();
         let suffix = level.suffix.clone();

@@ -160,7 +160,7 @@ fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic
                 let found =
                     if reason.values.is_empty() { "is false".into() } else { format!("found {reason}") };
                 needs.errors.push(Diagnostic::new(message, at.span(), found).with_help(
-                    "a `Choice` names graphs in order of preference, and draws the first whose needs hold",
+                    "a `Choice` names graphs in order of preference, and draws the first whose requirements are met",
                 ));
                 needs.unmet.push(Unmet { needs: words, reason });
                 needs.preference &= requirement.preference;

@@ -27,7 +27,11 @@ impl Lowering<'_> {
             if !is_identifier(name) {
                 let at = root.field(list).field(name).key();
                 let message = format!("`{name}` cannot name a resource");
-                self.errors.push(Diagnostic::new(message, at, "letters, digits and `_`, not a digit first"));
+                self.errors.push(Diagnostic::new(
+                    message,
+                    at,
+                    "use letters, digits and `_`, without a leading digit",
+                ));
             }
         }
         for (name, import) in &graph.imports {
@@ -59,7 +63,7 @@ impl Lowering<'_> {
                     self.errors.push(Diagnostic::new(
                         format!("`{name}` is declared twice"),
                         place.key(),
-                        "the name is already that of a port or an import",
+                        "the name is already used by a port or an import",
                     ));
                 }
             }
@@ -110,7 +114,7 @@ impl Lowering<'_> {
                 .field("from")
                 .error(format!("nothing is called `{}`", import.from), "cannot be imported");
             let all = known().collect::<Vec<_>>().join(", ");
-            return Err(diagnostic.with_nearest(&import.from, known(), format!("there are {all}")));
+            return Err(diagnostic.with_nearest(&import.from, known(), format!("available: {all}")));
         };
         if planes > attribute.planes as u64 {
             let message = format!("`{}` has {} planes", import.from, attribute.planes);
@@ -180,7 +184,7 @@ impl Lowering<'_> {
                     Handle::Plain(vec![self.add(full.clone(), shape, Source::Transient, place.key())]);
                 if level.names.truth(history, &place.field("history"))? {
                     if format == Format::Depth32Float {
-                        let message = "an image of depths has no history";
+                        let message = "a depth image has no history";
                         return Err(place.field("history").error(message, "draws clear it first"));
                     }
                     self.add_history(full, shape, &handle, place.key());
@@ -222,7 +226,7 @@ impl Lowering<'_> {
             let diagnostic = place.error(format!("there is no format `{name}`"), "cannot be used");
             match Format::meant_by(name) {
                 Some(meant) => diagnostic.with_help(format!("did you mean `{}`?", meant.name())),
-                None => diagnostic.with_nearest(name, all, format!("there are {}", all.join(", "))),
+                None => diagnostic.with_nearest(name, all, format!("available: {}", all.join(", "))),
             }
         };
         if is_identifier(text) && !level.names.values.contains_key(text) {

@@ -30,8 +30,8 @@ impl<'a> Lowering<'a> {
         let known = || level.graph.outputs.keys().map(String::as_str);
         for name in self.asked().filter(|name| known().all(|other| other != *name)).collect::<Vec<_>>() {
             let label = match level.graph.outputs.len() {
-                0 => "gives its picture alone".to_owned(),
-                _ => format!("gives {} besides its picture", known().collect::<Vec<_>>().join(", ")),
+                0 => "outputs only its picture".to_owned(),
+                _ => format!("outputs {} besides its picture", known().collect::<Vec<_>>().join(", ")),
             };
             let error = Diagnostic::new(no_output(name), level.root.head(), label);
             self.errors.push(error.with_nearest(name, known(), ""));
@@ -64,7 +64,7 @@ impl<'a> Lowering<'a> {
         match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
             Ok(Some(id)) => match self.plan.resources[id.index()].shape {
                 Shape::Image { format: Format::Depth32Float, .. } => {
-                    let message = format!("`{}` holds depths of tests, not a picture", name.text);
+                    let message = format!("`{}` holds depth-test values, not a picture", name.text);
                     self.errors.push(at.error(message, "cannot be an output"));
                     None
                 }
@@ -88,7 +88,7 @@ impl<'a> Lowering<'a> {
         match id.and_then(|id| self.histories.iter().find(|history| history.previous_frame == id)) {
             None => Ok(id),
             Some(history) => Err(at
-                .error("a frame's results are what it leaves itself", "contents of the previous frame")
+                .error("a frame's results must come from the frame itself", "contents of the previous frame")
                 .with_help(format!(
                     "name `{0}`, or copy `last({0})` to another resource in a pass",
                     history.name
@@ -100,7 +100,7 @@ impl<'a> Lowering<'a> {
     pub(super) fn stats(&mut self, level: &Level) {
         for (name, (buffer, offset)) in &level.graph.stats {
             let at = level.root.field("stats").field(name);
-            let word = format!("the word of `{name}` does not stand");
+            let word = format!("the word of `{name}` does not fit");
             let found = self.words(level, (buffer, offset), (4, &word), &at).and_then(|found| {
                 self.of_this_frame(found.map(|(id, _)| id), &at.index(0))?;
                 match self.stats.iter().find(|(stat, _)| stat.name == *name) {

@@ -161,7 +161,7 @@ impl Names {
                     span,
                     "has no value when the plan is built",
                 )
-                .with_help("declare it `Const` where sizes, conditions or repeats depend on it"));
+                .with_help("declare it `Const` if sizes, conditions or repeats depend on it"));
             }
         }
         expr.eval(self).map_err(show)
@@ -241,6 +241,6 @@ pub(super) fn describe(value: &Value) -> String {
         Value::Bool(v) => v.to_string(),
         Value::Int(v) => format!("the integer {v}"),
         Value::Float(v) => format!("the number {v:?}"),
-        Value::Text(v) => format!("the text '{v}'"),
+        Value::Text(v) => format!("the string '{v}'"),
     }
 }

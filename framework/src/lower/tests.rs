@@ -111,8 +111,8 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     );
     let said: Vec<String> = found.fallbacks.iter().map(ToString::to_string).collect();
     let expected = [
-        "`middle` stands in for `wide`, which needs dispatches of 70000 workgroups (device.max_groups_x = 65535)",
-        "`narrow` stands in for `middle`, which needs wide subgroups (device.subgroup_size = 8)",
+        "`middle` is used instead of `wide`, which needs dispatches of 70000 workgroups (device.max_groups_x = 65535)",
+        "`narrow` is used instead of `middle`, which needs wide subgroups (device.subgroup_size = 8)",
     ];
     assert_eq!(said, expected);
     assert!(found.fallbacks.iter().all(|fallback| !fallback.preference));
@@ -227,7 +227,7 @@ fn a_parameter_that_two_includes_share_has_one_default() {
     files.extend(parts.iter().map(|(name, text)| (*name, text.as_str())));
     files.push(("often.ron", often));
     let refused = plan_of(&files, &[]).unwrap_err();
-    assert!(refused.contains("this graph has the parameter `times` already"), "{refused}");
+    assert!(refused.contains("this graph already has the parameter `times`"), "{refused}");
 }
 
 #[test]
@@ -539,5 +539,5 @@ fn an_output_is_a_result_where_it_is_asked_for_and_elsewhere_leaves_nothing_in_t
         error.contains("this graph has no output `dept`") && error.contains("did you mean `depth`?"),
         "{error}"
     );
-    assert!(error.contains("gives depth, alpha besides its picture"), "{error}");
+    assert!(error.contains("outputs depth, alpha besides its picture"), "{error}");
 }

@@ -93,7 +93,7 @@ fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), St
     let buffers = places.free + u32::from(sizes);
     let most = Msl::MOST_BUFFERS;
     if buffers > most {
-        return Err(format!("expected at most {most} buffers, push constants among them, found {buffers}"));
+        return Err(format!("expected at most {most} buffers, including push constants, found {buffers}"));
     }
     let textures = places.arguments.iter().filter(|argument| argument.texture).count();
     let most = Msl::MOST_TEXTURES;

@@ -123,8 +123,8 @@ fn thirty_buffers_and_push_constants_are_translated_and_one_more_is_refused_by_i
     assert_eq!(
         texts,
         [
-            "the shader `paint.comp` cannot be translated to Metal's language: expected at most 31 buffers, push constants \
-          among them, found 32"
+            "the shader `paint.comp` cannot be translated to Metal's language: expected at most 31 buffers, including push \
+          constants, found 32"
         ]
     );
 }

@@ -149,7 +149,7 @@ impl<'de> Deserialize<'de> for Number {
             fn visit_u64<E: Error>(self, v: u64) -> Result<Number, E> {
                 i64::try_from(v)
                     .map(|v| Number::Literal(Value::Int(v)))
-                    .map_err(|_| E::custom(format!("{v} does not fit 64 bits with a sign")))
+                    .map_err(|_| E::custom(format!("{v} does not fit in a signed 64-bit integer")))
             }
             fn visit_f64<E: Error>(self, v: f64) -> Result<Number, E> {
                 if !v.is_finite() {

@@ -54,7 +54,7 @@ impl Causes {
             };
             let skipped = || {
                 let pass = passes.iter().find(|pass| pass.params.skipped.contains(&param))?;
-                Some(format!("the shader of `{}` uses it where an `#if` does not hold", pass.pass.name))
+                Some(format!("the shader of `{}` uses it only where an `#if` is false", pass.pass.name))
             };
             if used.contains(&param) {
                 None

@@ -202,7 +202,7 @@ fn never_written(
         )
         .with_label(passes[*first].span, "the first to write it")
         .with_help(
-            "where several passes write a resource, the order of the file holds: move the reader down",
+            "if several passes write a resource, they keep the order of the file: move the reader down",
         ),
     };
     let mut diagnostic = diagnostic.with_label(lowered.declaration(resource).span, "declared here");

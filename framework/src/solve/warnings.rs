@@ -113,10 +113,10 @@ fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec
             include.span,
             format!("`{name}` is given to it"),
         )
-        .with_label(reader_span, format!("reads `{name}` all the same"));
+        .with_label(reader_span, format!("reads `{name}` anyway"));
         found.push(diagnostic.with_help(match given.len() {
             2 => "they write the half that is not read: is a `Swap` missing?",
-            _ => "where several passes write a resource, the order of the file holds: does the reader stand above?",
+            _ => "if several passes write a resource, they keep the order of the file: is the reader above them?",
         }));
     }
     found

@@ -138,7 +138,7 @@ impl NotFound {
             None => "no such file".to_string(),
         };
         Diagnostic::new(self.sentence(), span, label)
-            .with_help(format!("it was looked for in {}", self.tried.join(", ")))
+            .with_help(format!("searched in {}", self.tried.join(", ")))
     }
 
     fn sentence(&self) -> String {
@@ -370,8 +370,7 @@ impl SourceMap {
         };
         if from.is_some() && !self.allows(&roots, &canonical) {
             let folder = roots.first().map_or("it".into(), |root| root.display().to_string());
-            let why =
-                format!("lies outside of the graph's folder, {folder} (`--include-root` allows others)");
+            let why = format!("is outside the graph's folder, {folder} (`--include-root` allows others)");
             return (Content::at(path), Err(why));
         }
         let file = match opened {
@@ -497,7 +496,10 @@ fn cannot_be_read(error: &std::io::Error) -> String {
 /// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error is a phrase for [`NotFound::why`].
 fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     let text = String::from_utf8(bytes).map_err(|error| {
-        format!("is not UTF-8 text (the first wrong byte is at offset {})", error.utf8_error().valid_up_to())
+        format!(
+            "is not UTF-8 text (the first invalid byte is at offset {})",
+            error.utf8_error().valid_up_to()
+        )
     })?;
     Ok(match text.strip_prefix('\u{feff}') {
         Some(text) => text.to_string(),

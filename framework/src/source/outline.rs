@@ -293,7 +293,7 @@ impl<'a> Parser<'a> {
             _ => return Err(self.expected("a field, as those before it: `name: value`")),
         };
         if self.peek_kind(0) != Some(&TokenKind::Colon) {
-            return Err(self.expected(&format!("`:` behind `{name}`")));
+            return Err(self.expected(&format!("`:` after `{name}`")));
         }
         self.at += 1;
         Ok((name, place))
@@ -343,7 +343,7 @@ impl<'a> Parser<'a> {
         let is_text = |token: &Token| matches!(token.kind, TokenKind::Text(_));
         // `name: "a, shader: "b"`: a quote meant to open a string closed one.
         if before.end == next.start && (is_text(before) || is_text(next)) {
-            return Box::new(error.with_help("or a quote is missing or too many, here or before"));
+            return Box::new(error.with_help("or there is a missing or extra quote, here or earlier"));
         }
         error
     }
@@ -352,7 +352,7 @@ impl<'a> Parser<'a> {
     fn expected(&mut self, what: &str) -> Box<Diagnostic> {
         let Some(token) = self.peek(0) else { return self.expected_more(what) };
         let found = match &token.kind {
-            TokenKind::Text(_) => "a text".to_string(),
+            TokenKind::Text(_) => "a string".to_string(),
             TokenKind::Attribute => "an attribute".to_string(),
             _ => format!("`{}`", &self.text[token.start..token.end]),
         };
@@ -369,12 +369,10 @@ impl<'a> Parser<'a> {
                 let span = Span { file: self.file, start: opener.start, end: opener.end };
                 Box::new(error.with_label(span, format!("this `{opened}` is still open")))
             }
-            (TokenKind::Colon, Some(opener)) if opener.kind == TokenKind::Open('[') => {
-                Box::new(error.with_help("names and values stand in `{...}` or `(...)`, a list in `[...]`"))
-            }
-            (TokenKind::Attribute, _) => {
-                Box::new(error.with_help("attributes stand at the start of the file"))
-            }
+            (TokenKind::Colon, Some(opener)) if opener.kind == TokenKind::Open('[') => Box::new(
+                error.with_help("names and values are written in `{...}` or `(...)`, a list in `[...]`"),
+            ),
+            (TokenKind::Attribute, _) => Box::new(error.with_help("attributes go at the start of the file")),
             _ => error,
         }
     }
@@ -406,7 +404,7 @@ impl<'a> Parser<'a> {
 /// Returns the error for an expression that lacks its quotes.
 pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
     Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
-        .with_help(format!("write it as a text: `\"{name}\"`"))
+        .with_help(format!("write it as a string: `\"{name}\"`"))
 }
 
 fn closing(bracket: char) -> char {

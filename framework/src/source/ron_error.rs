@@ -116,7 +116,7 @@ impl Translator<'_> {
             }
             Error::IntegerOutOfBounds => {
                 let label = "too large or too small";
-                self.error("this integer is out of the range of its type", self.value_at_cursor(), label)
+                self.error("this integer is out of range for its type", self.value_at_cursor(), label)
             }
             Error::Message(message) => self.error(message.as_str(), self.value_at_cursor(), ""),
             Error::ExceededRecursionLimit => self.error(
@@ -134,7 +134,7 @@ impl Translator<'_> {
             Error::ExpectedComma if self.cursor_is_inside_a_number() => self.wrong_kind_before("an integer"),
             Error::ExpectedStructLike => {
                 let place = self.value_at_cursor();
-                let message = format!("`{}` needs parentheses behind it", &self.text[place.clone()]);
+                let message = format!("`{}` needs parentheses after it", &self.text[place.clone()]);
                 self.error(message, place, "expected `(` after this")
             }
             Error::ExpectedStructLikeEnd if self.node_at_cursor().is_some() => {
@@ -162,7 +162,7 @@ impl Translator<'_> {
         };
         let help = match expected {
             [] => format!("there are no {what} here"),
-            [only] => format!("there is only `{only}`"),
+            [only] => format!("the only one is `{only}`"),
             _ => format!("the {what} are {}", expected.join(", ")),
         };
         self.error(message, place, &label).with_help(help)
@@ -181,7 +181,7 @@ impl Translator<'_> {
         };
         let head = &self.text[node.head.clone()];
         let found = match &node.content {
-            Content::Text(_) => "a text".to_string(),
+            Content::Text(_) => "a string".to_string(),
             Content::Scalar | Content::Record { bracket: '(', .. } | Content::List { bracket: '(', .. }
                 if !head.starts_with('(') =>
             {
@@ -195,7 +195,7 @@ impl Translator<'_> {
             self.error(format!("expected {wanted}, found {found}"), place, &format!("expected {wanted}"));
         let Content::Text(text) = &node.content else { return error };
         if wanted == NAME {
-            return error.with_help(format!("names have no quotes: `{}`", text.value));
+            return error.with_help(format!("names are written without quotes: `{}`", text.value));
         }
         error
     }
@@ -278,7 +278,7 @@ fn wanted(error: &Error) -> Option<String> {
         Error::ExpectedNamedStructLike("") => "`(...)`",
         Error::ExpectedNamedStructLike(name) => return Some(format!("`{name}(...)`")),
         Error::ExpectedUnit => "`()`",
-        Error::ExpectedString => "a text in double quotes",
+        Error::ExpectedString => "a string in double quotes",
         Error::ExpectedIdentifier => NAME,
         Error::ExpectedComma => "a comma",
         Error::ExpectedArrayEnd => "`]`",

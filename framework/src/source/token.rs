@@ -138,7 +138,7 @@ impl<'a> Lexer<'a> {
                 let mut error = self.error(
                     start..start + c.len_utf8(),
                     format!("unexpected `{}`", c.escape_debug()),
-                    "this means nothing here",
+                    "not valid here",
                 );
                 match c {
                     '=' => error.help.push("a field is written `name: value`".into()),
@@ -279,7 +279,7 @@ impl<'a> Lexer<'a> {
                     "this is not one character",
                     "single quotes hold one character",
                 )
-                .with_help("a text stands between double quotes"),
+                .with_help("a string is written in double quotes"),
             ));
         }
         self.at += 1;
@@ -316,7 +316,7 @@ impl<'a> Lexer<'a> {
 
     fn unclosed(&self, start: usize, inside: usize) -> Box<Diagnostic> {
         let quote = start..inside;
-        self.error(quote, "a text is not closed", "it starts here and has no closing quote")
+        self.error(quote, "a string is not closed", "it starts here and has no closing quote")
     }
 
     /// Reads the rest of an escape after its backslash.
@@ -324,10 +324,10 @@ impl<'a> Lexer<'a> {
         let start = self.at - 1;
         let wrong = |lexer: &Lexer, end: usize, label: &str| {
             let end = (start + 1..=lexer.text.len()).find(|i| *i >= end && lexer.text.is_char_boundary(*i));
-            lexer.error(start..end.unwrap_or(lexer.text.len()), "this escape means nothing", label)
+            lexer.error(start..end.unwrap_or(lexer.text.len()), "unknown escape", label)
         };
         let Some(c) = self.rest().chars().next() else {
-            return Err(wrong(self, start + 1, "the text ends here"));
+            return Err(wrong(self, start + 1, "the string ends here"));
         };
         self.at += c.len_utf8();
         Ok(match c {
@@ -354,7 +354,7 @@ impl<'a> Lexer<'a> {
                     }
                     match self.hex_byte().filter(|_| more) {
                         Some(byte) => bytes.push(byte),
-                        None => return Err(wrong(self, self.at, "these bytes are no UTF-8 character")),
+                        None => return Err(wrong(self, self.at, "these bytes are not a UTF-8 character")),
                     }
                 }
             }
@@ -399,7 +399,7 @@ impl<'a> Lexer<'a> {
         let inside = self.at;
         let Some(length) = self.rest().find(&closing) else {
             return Err(Box::new(
-                self.unclosed(start, inside).with_help(format!("this text ends with `{closing}`")),
+                self.unclosed(start, inside).with_help(format!("this string ends with `{closing}`")),
             ));
         };
         let value = self.rest()[..length].to_string();

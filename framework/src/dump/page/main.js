@@ -28,7 +28,7 @@ function fillHeader() {
         `barriers in ${total.frame.calls} calls`,
         `${total.frame.memory_barriers} on all memory, ${total.frame.image_barriers} on images`,
       ),
-      tile(total.frame.dependencies, "dependencies", "that the frame's barriers stand for"),
+      tile(total.frame.dependencies, "dependencies", "that the frame's barriers cover"),
       tile(bytes(total.transient_bytes), "own memory", "bytes of the memory blocks"),
       tile(
         bytes(total.saved_bytes),
@@ -73,8 +73,8 @@ function fillHeader() {
     [sample(mark("read", 9, 9)), "reads"],
     [sample(mark("write", 9, 9, grey)), "writes"],
     [sample(mark("both", 9, 9, grey)), "both"],
-    [line("memory", badge("ReadAfterWrite", 9, 9)), "barrier, data flows"],
-    [line("memory", badge("WriteAfterRead", 9, 9)), "kept apart"],
+    [line("memory", badge("ReadAfterWrite", 9, 9)), "barrier: data dependency"],
+    [line("memory", badge("WriteAfterRead", 9, 9)), "barrier: ordering only"],
     [line("image", badge("WriteAfterRead", 9, 9, true)), "image layout"],
   ];
   for (const [icon, text] of entries) $("legend").append(h("li", {}, icon, text));

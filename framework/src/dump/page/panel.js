@@ -20,8 +20,8 @@ function bar(kind, names, name) {
   return h(
     "div",
     { class: "bar" },
-    button("◂", names[at - 1], "the one before"),
-    button("▸", names[at + 1], "the next"),
+    button("◂", names[at - 1], "previous"),
+    button("▸", names[at + 1], "next"),
     h("button", { type: "button", "data-select": "", title: "close (Escape)" }, "close"),
   );
 }
@@ -48,7 +48,7 @@ function barrierPanel(barrier) {
     h("p", {}, ...subjectOf(barrier)),
     h("h3", {}, "as recorded"),
     masks(barrier),
-    h("h3", {}, `what it stands against (${barrier.dependencies.length})`),
+    h("h3", {}, `hazards resolved (${barrier.dependencies.length})`),
     ...barrier.dependencies.map((dependency) => dependencyCard(barrier, dependency)),
   ];
 }
@@ -64,14 +64,14 @@ function dependencyCard(barrier, d) {
   if (d.previous_frame) title.append(h("span", { class: "tag" }, "across frames"));
   if (d.alias) title.append(h("span", { class: "tag" }, "aliased memory"));
   const passOf = (p) => h("div", {}, link("pass", p.name), " ", origin(p.declared));
-  const after = d.after.length > 0 ? d.after.map(passOf) : [quiet("not touched before")];
+  const after = d.after.length > 0 ? d.after.map(passOf) : [quiet("not accessed before")];
   const before = [passOf(d.before)];
-  let when = d.previous_frame ? "of the frame before" : null;
+  let when = d.previous_frame ? "of the previous frame" : null;
   // The waiting pass is not the one right after the barrier: it runs later, or at the start of the next frame.
   if (barrier.before && barrier.before.name !== d.before.name) {
     const next = passes.get(d.before.name).index < passes.get(barrier.before.name).index;
     if (next && d.previous_frame) when = "of this frame";
-    before.push(quiet(`${next ? "of the next frame" : "later"}, with no call of its own`));
+    before.push(quiet(`${next ? "of the next frame" : "later"}, without its own call`));
   }
   return h(
     "div",
@@ -84,7 +84,7 @@ function dependencyCard(barrier, d) {
       row("", flags(d.target_stages, d.target_accesses)),
       barrier.image ? row("layouts", `${barrier.image.old} → ${barrier.image.new}`) : null,
       d.alias
-        ? row("alias", link("resource", d.alias.name), " stood in the same memory ", origin(d.alias.declared))
+        ? row("alias", link("resource", d.alias.name), " used the same memory ", origin(d.alias.declared))
         : null,
       row("declared", origin(d.resource.declared)),
     ),
@@ -92,7 +92,7 @@ function dependencyCard(barrier, d) {
 }
 
 function afterRow(d) {
-  const when = { Same: "", Prologue: " of the prologue", PreviousFrame: " of the frame before" }[d.since];
+  const when = { Same: "", Prologue: " of the prologue", PreviousFrame: " of the previous frame" }[d.since];
   const alias = d.alias ? [" in the memory of ", link("resource", d.alias.name)] : [];
   return row(link("pass", d.pass.name), `${HAZARDS[d.hazard]}: `, link("resource", d.resource.name), ...alias, quiet(when));
 }

@@ -99,8 +99,8 @@ fn the_text_says_once_what_is_the_same_for_all_iterations() {
         "  only in b (12): sort.histogram[4..7], sort.scan[4..7], sort.scatter[4..7]",
         "  sort.scan[1..3]\n    push shift: 8 -> 4, 16 -> 8, 24 -> 12",
         "  only in b: before sort.scan[4..7], on all memory",
-        "    - write after read on sort.totals, after sort.scan[3] of the frame before: COMPUTE STORAGE_READ -> CLEAR TRANSFER_WRITE\n",
-        "    + write after read on sort.totals, after sort.scan[7] of the frame before: COMPUTE STORAGE_READ -> CLEAR TRANSFER_WRITE\n",
+        "    - write after read on sort.totals, after sort.scan[3] of the previous frame: COMPUTE STORAGE_READ -> CLEAR TRANSFER_WRITE\n",
+        "    + write after read on sort.totals, after sort.scan[7] of the previous frame: COMPUTE STORAGE_READ -> CLEAR TRANSFER_WRITE\n",
         "  passes                                  22            34           +12",
     ] {
         assert!(text.contains(line), "no {line} in\n{text}");

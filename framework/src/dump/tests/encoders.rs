@@ -74,7 +74,7 @@ fn encoders_stand_beside_the_barriers_of_the_plan_and_the_reasons_below() {
         "wait for fence 0 before vertex stage",
         "update fence 1 after fragment stage",
         "every frame, encoder 1, fence 1",
-        "write after read on depth in the memory of color, after compose of the frame before, for project",
+        "write after read on depth in the memory of color, after compose of the previous frame, for project",
         "read after write on covariances, after covariance, for project",
     ] {
         assert!(words.iter().any(|words| words == line), "{line} is not in\n{text}");

@@ -190,7 +190,7 @@ fn the_text_names_every_pass_barrier_and_resource() {
         "read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ",
         "color in the memory of sort.table, after sort.scatter[3]: COMPUTE STORAGE_READ -> COLOR_OUTPUT COLOR_WRITE",
         "      after  project (visible), ",
-        "compose of the frame before (depth in the memory of color)",
+        "compose of the previous frame (depth in the memory of color)",
         "on image color, Undefined -> ColorTarget: ",
         "block 11 ",
         "history exposure",

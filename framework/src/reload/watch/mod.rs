@@ -231,8 +231,8 @@ fn reason(error: &notify::Error) -> String {
     match &error.kind {
         ErrorKind::Generic(text) => text.clone(),
         ErrorKind::MaxFilesWatch => "the system's limit on watched folders is reached".into(),
-        ErrorKind::Io(error) => format!("the system does not tell of changes ({error})"),
-        _ => format!("the system does not tell of changes ({error})"),
+        ErrorKind::Io(error) => format!("the system does not report changes ({error})"),
+        _ => format!("the system does not report changes ({error})"),
     }
 }
 

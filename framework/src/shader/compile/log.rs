@@ -123,14 +123,14 @@ impl IncludeFailure {
         match &self.why {
             IncludeProblem::Missing => match include.map(|i| &i.target) {
                 Some(Err(not_found)) => not_found.at(span),
-                _ => Diagnostic::new(format!("the include of `{}` is not understood", self.name), span, ""),
+                _ => Diagnostic::new(format!("the include of `{}` cannot be parsed", self.name), span, ""),
             },
             IncludeProblem::TooDeep(chain) => {
                 let target = include.and_then(|i| i.target.as_ref().ok());
                 let since = chain.iter().rposition(|unit| Some(unit) == target);
                 let Some(since) = since else {
                     let message = format!("includes are nested deeper than {MOST_DEPTH}");
-                    return Diagnostic::new(message, span, "the limit is passed here");
+                    return Diagnostic::new(message, span, "the limit is exceeded here");
                 };
                 let mut names: Vec<String> = Vec::new();
                 for unit in chain[since..].iter().chain(target) {
@@ -139,13 +139,13 @@ impl IncludeFailure {
                 }
                 let message = format!("{} includes itself", names[0]);
                 Diagnostic::new(message, span, "included again here")
-                    .with_help(format!("it goes round: {}", names.join(" includes ")))
+                    .with_help(format!("the cycle: {}", names.join(" includes ")))
                     .with_help("an include guard (`#ifndef`, `#define`, `#endif`) ends it")
             }
             IncludeProblem::TooMuch => {
                 let message =
                     format!("the included files together are more than {} MiB", MOST_INCLUDED_BYTES >> 20);
-                Diagnostic::new(message, span, "the limit is passed here")
+                Diagnostic::new(message, span, "the limit is exceeded here")
             }
         }
     }
@@ -334,7 +334,7 @@ fn described(name: &str) -> &'static str {
         "IDENTIFIER" => "a name",
         "TYPE_NAME" | "USER_TYPE" => "a type's name",
         "FIELD_SELECTION" => "a member's name",
-        "STRING_LITERAL" => "a text",
+        "STRING_LITERAL" => "a string",
         "$end" | "end of file" => "the end of the file",
         _ if name.ends_with("CONSTANT") && name != "CONSTANT" => "a number",
         _ => "",

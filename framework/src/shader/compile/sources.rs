@@ -79,10 +79,10 @@ impl Sources {
             if bytes > MOST_BYTES || sources.units.len() >= MOST_FILES {
                 let span = span_of(0..0, files);
                 let message = format!(
-                    "a shader and its includes can have {MOST_FILES} files and {} KiB of text, and this is more",
+                    "expected at most {MOST_FILES} files and {} KiB of text in a shader with its includes, found more",
                     MOST_BYTES >> 10
                 );
-                return Err(vec![Diagnostic::new(message, span, "the limit is passed with this file")]);
+                return Err(vec![Diagnostic::new(message, span, "the limit is exceeded with this file")]);
             }
             let scan = scan::scan(&text);
             if let Some(place) = scan.foreign {
@@ -160,7 +160,7 @@ impl Sources {
                         "declared again here",
                     )
                     .with_help(format!(
-                        "the graph gives it as a define, {value}: use that, or rename `{graph}` in the graph"
+                        "the graph defines it as {value}: use that, or rename `{graph}` in the graph"
                     )),
                 );
             }

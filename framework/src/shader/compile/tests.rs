@@ -230,7 +230,7 @@ fn includes_that_multiply_are_an_error_and_no_hang() {
     files.extend([("shaders/a.comp", shader.as_str()), ("shaders/40", "")]);
     assert_eq!(
         errors_of(&files, &[]),
-        ["shaders/31 1:11: 32 | includes are nested deeper than 32 | the limit is passed here"]
+        ["shaders/31 1:11: 32 | includes are nested deeper than 32 | the limit is exceeded here"]
     );
 }
 

@@ -172,11 +172,11 @@ impl Parent {
         let text = match lost {
             Lost::Ended(status) => match status.and_then(|status| status.code()) {
                 Some(OUT_OF_MEMORY) => format!(
-                    "the compiler ran out of its {} MiB of memory on this shader (macros that grow do that)",
+                    "the compiler ran out of its {} MiB of memory on this shader (growing macros can cause this)",
                     memory_bytes >> 20
                 ),
                 Some(OUT_OF_TIME) => format!(
-                    "the compiler ran out of its {} s on this shader (macros that grow do that)",
+                    "the compiler ran out of its {} s on this shader (growing macros can cause this)",
                     time.as_secs_f64()
                 ),
                 _ => return None,
@@ -195,7 +195,7 @@ impl Parent {
 
 fn crashed() -> Failure {
     Failure::Crash(
-        "ERROR: the compiler crashed on this shader (a name that is declared twice does that, and so does a low limit on the memory of processes)"
+        "ERROR: the compiler crashed on this shader (a name declared twice can cause this, and so can a low memory limit for processes)"
             .into(),
     )
 }

@@ -90,7 +90,7 @@ fn reachable(module: &Module) -> Result<Vec<Word>, String> {
     let mut next = 0;
     while let Some(function) = functions.get(next) {
         next += 1;
-        let body = &module.functions.get(function).ok_or("a function is called that is not there")?.body;
+        let body = &module.functions.get(function).ok_or("a function is called that does not exist")?.body;
         let calls = body.iter().filter(|i| i.class.opcode == Op::FunctionCall);
         for called in calls.map(|i| id(i, 0)).collect::<Result<Vec<_>, _>>()? {
             if seen.insert(called) {

@@ -129,7 +129,7 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
                 return Err(cannot_bind(&name, unsupported));
             }
             let format = image_format(*format).map_err(|format| {
-                format!("the image `{name}` has the format {format}, which graphs do not have")
+                format!("the image `{name}` has the format {format}, which graphs do not support")
             })?;
             (name, ReflectedKind::StorageImage { format })
         }
@@ -203,7 +203,7 @@ fn block(
     used: impl Fn(u32) -> bool,
 ) -> Result<(u32, Vec<Member>), String> {
     let info = module.type_of(block)?;
-    let Type::Struct { members: types } = &info.kind else { return Err(format!("{what} are no block")) };
+    let Type::Struct { members: types } = &info.kind else { return Err(format!("{what} are not a block")) };
     let mut members = Vec::new();
     for (index, id) in types.iter().enumerate() {
         let index = index as u32;

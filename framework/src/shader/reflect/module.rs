@@ -131,7 +131,7 @@ fn check_lengths(spirv: &[u32]) -> Result<(), String> {
     while at < spirv.len() {
         let words = (spirv[at] >> 16) as usize;
         if words == 0 || words > spirv.len() - at {
-            return Err("this is no SPIR-V: an instruction does not end".into());
+            return Err("this is not SPIR-V: an instruction does not end".into());
         }
         at += words;
     }
@@ -160,7 +160,7 @@ impl Module {
     pub fn parse(spirv: &[u32]) -> Result<Module, String> {
         check_lengths(spirv)?;
         let mut collect = Collect(Vec::new());
-        parse_words(spirv, &mut collect).map_err(|error| format!("this is no SPIR-V: {error}"))?;
+        parse_words(spirv, &mut collect).map_err(|error| format!("this is not SPIR-V: {error}"))?;
         let mut module = Module {
             stage: ShaderStage::Compute,
             entry: 0,
@@ -189,7 +189,7 @@ impl Module {
                 Op::Function => {
                     let id = i.result_id.ok_or("a function has no id")?;
                     if function.replace((id, Function::default())).is_some() {
-                        return Err("a function stands in a function".into());
+                        return Err("a function is nested in a function".into());
                     }
                 }
                 Op::FunctionEnd => {
@@ -265,7 +265,7 @@ impl Module {
                     let id = i.result_id.ok_or("a variable has no id")?;
                     let pointer = i.result_type.ok_or("a variable has no type")?;
                     let Type::Pointer { class, pointee } = module.type_of(pointer)?.kind else {
-                        return Err("a variable's type is no pointer".into());
+                        return Err("a variable's type is not a pointer".into());
                     };
                     module.variables.push(Variable { id, class, pointee });
                 }
@@ -299,7 +299,7 @@ impl Module {
             return Err(format!("the module has {entries} entry points, not one"));
         }
         if !module.functions.contains_key(&module.entry) {
-            return Err("the entry point is no function of the module".into());
+            return Err("the entry point is not a function of the module".into());
         }
         if let Some(ids) = workgroup_size.or(local_size_ids) {
             for (size, id) in module.local_size.iter_mut().zip(ids) {
@@ -353,7 +353,7 @@ impl Module {
     }
 
     pub fn type_of(&self, id: Word) -> Result<&TypeInfo, String> {
-        self.types.get(&id).ok_or_else(|| format!("id {id} is used as a type and is none"))
+        self.types.get(&id).ok_or_else(|| format!("id {id} is used as a type and is not one"))
     }
 
     fn type_info(&self, i: &Instruction, this: Word, constants: &Constants) -> Result<TypeInfo, String> {

@@ -100,7 +100,7 @@ fn a_define_counts_where_the_text_of_a_shader_depends_on_it() {
     };
     assert_eq!(with(&make(), "", "P"), "make");
     assert_eq!(with(&make(), "", "Q"), NONE);
-    let skipped = format!("{NONE}; the shader of `make` uses it where an `#if` does not hold");
+    let skipped = format!("{NONE}; the shader of `make` uses it only where an `#if` is false");
     assert_eq!(with(&make(), "", "#if 0 P"), skipped);
     assert_eq!(with(&make(), r#""half_p": "p / 2""#, "HALF_P"), "make");
     // A text has no define. Still, a shader that mentions the name counts as depending on its value.

@@ -12,7 +12,7 @@ fn a_pass_that_only_the_next_frame_reads_from_is_not_left_out() {
     assert_eq!(frame(&plan), ["show", "step", "export"], "{}", shown(&plan));
     assert_eq!(
         dependencies(&plan, "show")[1],
-        "ReadAfterWrite on a after step of the frame before",
+        "ReadAfterWrite on a after step of the previous frame",
         "{}",
         shown(&plan)
     );
@@ -32,7 +32,7 @@ fn a_reader_of_the_last_frame_comes_before_the_writer_wherever_it_stands() {
     assert_eq!(frame(&plan), ["use", "make", "show", "export"], "{}", shown(&plan));
     assert_eq!(plan.prologue.len(), 1, "zeros to begin with");
     assert!(matches!(plan.pass(plan.prologue[0]).work, Work::ClearHistory { .. }));
-    let expected = ["start(past) of the prologue", "make of the frame before"];
+    let expected = ["start(past) of the prologue", "make of the previous frame"];
     let expected = expected.map(|after| format!("ReadAfterWrite on past after {after}"));
     assert!(dependencies(&plan, "use").starts_with(&expected), "{}", shown(&plan));
     assert_eq!(dependencies(&plan, "make"), ["WriteAfterRead on past after use"], "{}", shown(&plan));
@@ -77,7 +77,7 @@ fn a_history_that_is_changed_in_place_is_its_own_reader() {
     )
     .unwrap();
     assert_eq!(frame(&plan), ["step", "show", "export"]);
-    let expected = "WriteAfterRead on past after show of the frame before".to_string();
+    let expected = "WriteAfterRead on past after show of the previous frame".to_string();
     assert!(dependencies(&plan, "step").contains(&expected), "{}", shown(&plan));
 }
 
@@ -127,7 +127,7 @@ fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
     let text = error(&[dispatch("show", "show.comp", r#""In": "last(a)", "Image": "image""#)]);
     assert!(text.contains("declared without `history: true`"), "{text}");
     let text = error(&[dispatch("show", "make.comp", r#""Out": "last(past)""#)]);
-    assert!(text.contains("of the frame before and can only be read"), "{text}");
+    assert!(text.contains("belongs to the previous frame and can only be read"), "{text}");
     let text = error(&[r#"Fill(name: "f", buffer: "last(past)", value: 0),"#.into()]);
     assert!(text.contains("cannot be filled"), "{text}");
     let text = error(&[

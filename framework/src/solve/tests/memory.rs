@@ -22,7 +22,7 @@ fn resources_that_are_never_alive_together_share_memory_and_the_next_alias_waits
     // `a` ends before `image` begins; `b` and `c` each overlap one of the two.
     assert_eq!(aliases(&plan), [["image", "a"]], "{}", shown(&plan));
     assert_eq!(plan.unshared_bytes() - plan.transient_bytes(), 256);
-    let expected = ["WriteAfterRead on a (image) after export of the frame before"];
+    let expected = ["WriteAfterRead on a (image) after export of the previous frame"];
     assert_eq!(dependencies(&plan, "make"), expected, "{}", shown(&plan));
     let apart = solved("", &passes);
     assert_eq!(aliases(&apart), Vec::<Vec<&str>>::new());

@@ -40,14 +40,14 @@ fn dependencies(plan: &Plan, pass: &str) -> Vec<String> {
     plan.dependencies_of(id).iter().map(|dependency| line(plan, dependency)).collect()
 }
 
-/// Formats a dependency: `WriteAfterRead on a (b) after make of the frame before`.
+/// Formats a dependency: `WriteAfterRead on a (b) after make of the previous frame`.
 fn line(plan: &Plan, dependency: &Dependency) -> String {
     let Dependency { hazard, first, since, resource, alias, .. } = *dependency;
     let alias = alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));
     let since = match since {
         Since::Same => "",
         Since::Prologue => " of the prologue",
-        Since::PreviousFrame => " of the frame before",
+        Since::PreviousFrame => " of the previous frame",
     };
     format!("{hazard:?} on {}{alias} after {}{since}", plan.resource(resource).name, plan.pass(first).name)
 }

@@ -222,7 +222,7 @@ fn a_missing_file_can_be_shown_where_it_is_named() {
     assert_eq!(diagnostic.primary.text, "did you mean `covariance.comp`?");
     assert_eq!(
         diagnostic.help,
-        ["it was looked for in pipelines/covarance.comp (built in), covarance.comp (built in), \
+        ["searched in pipelines/covarance.comp (built in), covarance.comp (built in), \
           shaders/covarance.comp (built in)"]
     );
 }
@@ -232,7 +232,7 @@ fn a_file_that_is_no_text_is_not_called_missing() {
     let folder = Folder::new(&[("a.ron", "")]);
     fs::write(folder.path("a.ron"), b"Graph(\xff)").unwrap();
     let error = library(&[]).find(None, &folder.path("a.ron"), Kind::Graph).unwrap_err();
-    assert_eq!(error.why.as_deref(), Some("is not UTF-8 text (the first wrong byte is at offset 6)"));
+    assert_eq!(error.why.as_deref(), Some("is not UTF-8 text (the first invalid byte is at offset 6)"));
     let path = folder.path("a.ron");
     assert_eq!(
         error.to_string(),
@@ -442,7 +442,7 @@ fn a_graph_names_no_files_outside_of_its_folders() {
             let sentence = error.to_string();
             assert!(!sentence.contains("root:") && error.nearest.is_none(), "{sentence}");
             // From another folder, some of the names lead nowhere.
-            let refused = error.why.is_some_and(|why| why.contains("lies outside of the graph's folder, "));
+            let refused = error.why.is_some_and(|why| why.contains("is outside the graph's folder, "));
             assert!(refused || from != graph && name.starts_with(".."), "{sentence}");
         }
     }

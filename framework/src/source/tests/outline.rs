@@ -229,10 +229,10 @@ fn missing_and_wrong_punctuation_is_pointed_at() {
     fails("[1 2]", "a comma is missing", "");
     fails("(a: 1, b = 2)", "unexpected `=`", "=");
     fails("(a: 1; b: 2)", "unexpected `;`", ";");
-    fails("(a: 1, b 2)", "expected `:` behind `b`, found `2`", "2");
+    fails("(a: 1, b 2)", "expected `:` after `b`, found `2`", "2");
     fails("(a: , b: 2)", "expected a value, found `,`", ",");
     fails("(a: 1,, b: 2)", "expected a field, as those before it: `name: value`, found `,`", ",");
-    fails("{\"a\" 1}", "expected `:` behind `a`, found `1`", "1");
+    fails("{\"a\" 1}", "expected `:` after `a`, found `1`", "1");
     fails("[a: 1]", "expected `,` or `]`, found `:`", ":");
     fails("(\"a\": 1)", "a field's name is in quotes: \"a\"", "\"a\"");
     fails("(a: 1, 2)", "expected a field, as those before it: `name: value`, found `2`", "2");
@@ -242,10 +242,10 @@ fn missing_and_wrong_punctuation_is_pointed_at() {
     fails(" // only a comment", "the file is empty", "");
     fails("[1, #![enable(x)] 2]", "expected a value, found an attribute", "#![enable(x)]");
     let error = fails("(a: b(scene.count), c: 1)", "`scene.count` is not in quotes", "scene.count");
-    assert_eq!(error.help, ["write it as a text: `\"scene.count\"`"]);
+    assert_eq!(error.help, ["write it as a string: `\"scene.count\"`"]);
     fails("[a .5]", "a comma is missing", "");
     let error = fails("(a: \"x, b: \"y\")", "a comma is missing", "");
-    assert_eq!(error.help, ["or a quote is missing or too many, here or before"]);
+    assert_eq!(error.help, ["or there is a missing or extra quote, here or earlier"]);
 }
 
 #[test]
@@ -277,9 +277,9 @@ fn an_open_bracket_is_pointed_at_with_what_closes_instead() {
 
 #[test]
 fn what_starts_and_never_ends_is_pointed_at_where_it_starts() {
-    fails("(a: \"x", "a text is not closed", "\"");
-    fails("(a: r#\"x\"", "a text is not closed", "r#\"");
-    fails("(a: \"x\\", "a text is not closed", "\"");
+    fails("(a: \"x", "a string is not closed", "\"");
+    fails("(a: r#\"x\"", "a string is not closed", "r#\"");
+    fails("(a: \"x\\", "a string is not closed", "\"");
     fails("(a: /* x", "a comment is not closed", "/*");
     fails("(a: 'xy')", "this is not one character", "'xy'");
     fails("(a: ')", "this is not one character", "')");
@@ -287,12 +287,12 @@ fn what_starts_and_never_ends_is_pointed_at_where_it_starts() {
 
 #[test]
 fn escapes_that_mean_nothing_are_pointed_at() {
-    fails(r#""a\q""#, "this escape means nothing", r"\q");
-    fails(r#""\xg0""#, "this escape means nothing", r"\xg0");
-    fails(r#""\u{}""#, "this escape means nothing", r"\u");
-    fails(r#""\u{110000}""#, "this escape means nothing", r"\u");
-    fails(r#""\é""#, "this escape means nothing", r"\é");
-    fails(r#""\xc3\x28""#, "this escape means nothing", r"\xc3\x28");
+    fails(r#""a\q""#, "unknown escape", r"\q");
+    fails(r#""\xg0""#, "unknown escape", r"\xg0");
+    fails(r#""\u{}""#, "unknown escape", r"\u");
+    fails(r#""\u{110000}""#, "unknown escape", r"\u");
+    fails(r#""\é""#, "unknown escape", r"\é");
+    fails(r#""\xc3\x28""#, "unknown escape", r"\xc3\x28");
 }
 
 #[test]

@@ -150,7 +150,7 @@ fn an_unclosed_bracket_is_pointed_at_where_it_was_opened() {
     assert_eq!(error.secondary[0].span.start, text.find("(name").unwrap());
     fails(
         "Graph(version: 1, summary: \"abc, passes: [])",
-        "a text is not closed",
+        "a string is not closed",
         "\"",
         "it starts here and has no closing quote",
     );
@@ -164,20 +164,20 @@ fn a_value_of_another_type_is_pointed_at() {
         let span = error.primary.span;
         assert_eq!((error.message.as_str(), &text[span.start..span.end]), (message, at), "{text}");
     };
-    wrong(in_graph("\"1\"", "[]"), "expected an integer, found a text", "1");
+    wrong(in_graph("\"1\"", "[]"), "expected an integer, found a string", "1");
     wrong(in_graph("1.5", "[]"), "expected an integer, found `1.5`", "1.5");
-    wrong(in_graph("-1", "[]"), "this integer is out of the range of its type", "-1");
-    wrong(in_graph("99999999999", "[]"), "this integer is out of the range of its type", "99999999999");
+    wrong(in_graph("-1", "[]"), "this integer is out of range for its type", "-1");
+    wrong(in_graph("99999999999", "[]"), "this integer is out of range for its type", "99999999999");
     wrong(in_graph("1", "{\"a\": 1}"), "expected a list `[...]`, found a map", "{");
-    wrong(in_graph("1", "[Swap(3)]"), "expected a text in double quotes, found `3`", "3");
-    wrong(in_graph("1", "[Swap([\"a\"])]"), "expected a text in double quotes, found a list", "[");
-    wrong(in_graph("1", "[Swap]"), "`Swap` needs parentheses behind it", "Swap");
+    wrong(in_graph("1", "[Swap(3)]"), "expected a string in double quotes, found `3`", "3");
+    wrong(in_graph("1", "[Swap([\"a\"])]"), "expected a string in double quotes, found a list", "[");
+    wrong(in_graph("1", "[Swap]"), "`Swap` needs parentheses after it", "Swap");
     wrong(in_graph("1", "[Swap(\"a\", \"b\")]"), "expected `)`", "b");
     wrong("Grph(version: 1, passes: [])".into(), "expected `Graph`, found `Grph`", "Grph");
     let param = |param: &str| format!("(version: 1, passes: [], params: {{{param}}})");
     wrong(param("\"a\": Const(Bool(default: 1))"), "expected `true` or `false`, found `1`", "1");
     wrong(param("\"a\": Const(Bool(default: maybe))"), "expected `true` or `false`, found `maybe`", "maybe");
-    wrong(param("a: Const(Bool(default: true))"), "expected a text in double quotes, found `a`", "a");
+    wrong(param("a: Const(Bool(default: true))"), "expected a string in double quotes, found `a`", "a");
     wrong(
         param("\"a\": Const(Int(default: 1, range: (1)))"),
         "expected a tuple of size 2, found 1 element",
@@ -189,8 +189,8 @@ fn a_value_of_another_type_is_pointed_at() {
 #[test]
 fn a_name_in_quotes_is_met_with_the_name() {
     let text = r#"Graph(version: 1, passes: [Dispatch(name: "a", shader: "b", run: "Once")])"#;
-    let error = fails(text, "expected a name, found a text", "Once", "expected a name");
-    assert_eq!(error.help, ["names have no quotes: `Once`"]);
+    let error = fails(text, "expected a name, found a string", "Once", "expected a name");
+    assert_eq!(error.help, ["names are written without quotes: `Once`"]);
 }
 
 #[test]
