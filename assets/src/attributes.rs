@@ -53,7 +53,7 @@ impl Scene {
             let all = || ATTRIBUTES.into_iter().chain(MESH_ATTRIBUTES);
             let near = nearest(name, all()).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
             let all: Vec<&str> = all().collect();
-            format!("there is no attribute {name} (there are {}){near}", all.join(", "))
+            format!("there is no attribute {name} (available: {}){near}", all.join(", "))
         })?;
         let planes = if name == "scene.sh" { MAX_SH_PLANES } else { 1 };
         if plane >= planes {

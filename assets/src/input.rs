@@ -288,7 +288,7 @@ pub(crate) fn archive<'a>(
     source: &'a Source<'a>,
 ) -> Result<ZipArchive<BufReader<SourceReader<'a>>>, SceneError> {
     ZipArchive::new(BufReader::new(SourceReader::new(source, 0))).map_err(|error| {
-        let message = format!("expected a whole archive, found damage: {error}");
+        let message = format!("expected an intact archive, found damage: {error}");
         SceneError::Part { part: "zip".into(), message }
     })
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 /// The error of a scene that does not fit in the host's memory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "expected a scene that fits in memory, found {count} splats of degree {degree}, which need {}{}: take fewer splats or a \
+    "expected a scene that fits in memory, found {count} splats of degree {degree}, which need {}{}: use fewer splats or a \
      lower degree of spherical harmonics, or free memory",
     display(*.needed), available_text(.available)
 )]

@@ -102,9 +102,9 @@ impl SceneFormat {
             Self::Sog => {
                 "PlayCanvas's SOG, version 2: 20 bytes per splat before packing, and a palette of harmonics"
             }
-            Self::Ksplat => "Mark Kellogg's .ksplat, is read alone",
-            Self::Rad => "Spark's .rad, is read alone",
-            Self::Usd => "OpenUSD's ParticleField3DGaussianSplat, is read alone",
+            Self::Ksplat => "Mark Kellogg's .ksplat, read-only",
+            Self::Rad => "Spark's .rad, read-only",
+            Self::Usd => "OpenUSD's ParticleField3DGaussianSplat, read-only",
             Self::Gltf => "glTF with KHR_gaussian_splatting, exact, sorted by distance",
         }
     }
@@ -148,7 +148,7 @@ impl SceneFormat {
                 "rotations: 9 bits and a sign per component",
                 "colours and opacities: 8 bits, colours of -0.44 to 1.44",
             ],
-            Self::Splat => vec!["rotations, colours and opacities: 8 bits, colours of 0 to 1 alone"],
+            Self::Splat => vec!["rotations, colours and opacities: 8 bits, colours of 0 to 1 only"],
         };
         match self {
             Self::CompressedPly if degree > 0 => losses.push("harmonics: 8 bits of -4 to 4"),

@@ -215,7 +215,7 @@ impl fmt::Display for Report {
         let (stored, effective, shown) =
             (self.stored_sh_degree, self.effective_sh_degree, self.shown_sh_degree);
         let above = match () {
-            () if shown < effective => ", the bands above are zero in every splat that can show",
+            () if shown < effective => ", the bands above are zero in every splat that can be visible",
             () if effective < stored => ", the bands above are all zero",
             () => "",
         };

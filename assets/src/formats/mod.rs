@@ -325,7 +325,7 @@ impl Scene {
             SceneFormat::Ksplat | SceneFormat::Rad | SceneFormat::Usd => {
                 let found = format.extension();
                 let text =
-                    format!("expected a format that can be written, found {found}, which is read alone");
+                    format!("expected a format that can be written, found {found}, which is read-only");
                 Err(std::io::Error::new(std::io::ErrorKind::Unsupported, text))
             }
         }

@@ -77,7 +77,7 @@ impl<'a> Column<'a> {
             .and_then(|last| last.checked_mul(stride)?.checked_add(byte_offset)?.checked_add(size));
         if end.is_none_or(|end| end > view.byte_length) {
             return Err(fault(format!(
-                "expected 1 to as many elements as {} bytes have, found {count}",
+                "expected 1 to as many elements as fit in {} bytes, found {count}",
                 view.byte_length
             )));
         }

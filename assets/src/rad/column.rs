@@ -39,7 +39,7 @@ impl Column {
             Some(Compression::Gz) => {
                 let mut bytes = Vec::new();
                 DeflateDecoder::new(&packed[..]).take(most + 1).read_to_end(&mut bytes).map_err(|error| {
-                    field(at, name, format!("expected a whole deflate stream, found damage: {error}"))
+                    field(at, name, format!("expected an intact deflate stream, found damage: {error}"))
                 })?;
                 bytes
             }

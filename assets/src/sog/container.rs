@@ -113,7 +113,9 @@ impl<'a> Container<'a> {
                 let packed = entry.compressed_size();
                 let mut bytes = Vec::new();
                 let read = (&mut entry).take(most + 1).read_to_end(&mut bytes);
-                read.map_err(|error| damaged(name, format!("expected a whole file, found damage: {error}")))?;
+                read.map_err(|error| {
+                    damaged(name, format!("expected an intact file, found damage: {error}"))
+                })?;
                 (bytes, packed)
             }
             Place::Folder(_, folder) => {

@@ -97,7 +97,7 @@ pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> 
         }
         // The decoder's kinds of errors. All others come from the system.
         ErrorKind::InvalidInput | ErrorKind::InvalidData | ErrorKind::Other => {
-            field(at, name, format!("expected a whole compressed stream, found damage: {error}"))
+            field(at, name, format!("expected an intact compressed stream, found damage: {error}"))
         }
         _ => SceneError::Io(error),
     }

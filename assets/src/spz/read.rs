@@ -129,7 +129,7 @@ fn coordinate_system(mut records: &[u8], start: u64) -> Result<u32, SceneError> 
     while !records.is_empty() {
         let at = start + length - records.len() as u64;
         let cut =
-            || field(at, "extensions", format!("expected a whole record, found {} bytes", records.len()));
+            || field(at, "extensions", format!("expected a complete record, found {} bytes", records.len()));
         let (head, rest) = records.split_at_checked(8).ok_or_else(cut)?;
         let word =
             |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("the slice has 4 bytes"));

@@ -110,7 +110,7 @@ fn an_extension_names_the_axes_and_others_are_skipped() {
     let said = position(&system(17)).unwrap_err().to_string();
     assert!(said.contains("byte 36, `extensions`: expected a coordinate system of 0 to 16"), "{said}");
     let said = position(&system(6)[..9]).unwrap_err().to_string();
-    assert!(said.contains("expected a whole record, found 9 bytes"), "{said}");
+    assert!(said.contains("expected a complete record, found 9 bytes"), "{said}");
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn damage_names_the_byte_and_the_field() {
     let at = whole.len() - 6;
     damaged[at] ^= 1;
     assert!(
-        said(&damaged).contains("expected a whole compressed stream, found damage"),
+        said(&damaged).contains("expected an intact compressed stream, found damage"),
         "{}",
         said(&damaged)
     );
@@ -234,7 +234,7 @@ fn damage_of_version_4_names_the_byte_and_the_field() {
     assert!(with(33, 1).starts_with("byte 32, `positions`: expected at most "));
     assert!(
         with(32 + 5 * 16, 0)
-            .contains("byte 112, `positions`: expected a whole compressed stream, found damage")
+            .contains("byte 112, `positions`: expected an intact compressed stream, found damage")
     );
     assert!(said(&[streams(0, &[]), vec![0]].concat()).contains("found 1 bytes"));
     let mut promise = streams(0, &[]);

@@ -103,8 +103,8 @@ const GENERATORS: [Generator; 26] = [
     extreme("far", "a cloud with outliers up to a million units away", extremes::far),
     extreme("ties", "eight planes of splats that all have exactly the same depth", extremes::ties),
     extreme("faint", "splats whose opacity is within a thousandth of the floor of 1/255", extremes::faint),
-    extreme("empty-view", "a cloud that is all behind the camera", extremes::empty_view),
-    extreme("giants", "scales from e^-30 to e^20, of each axis by itself", extremes::giants),
+    extreme("empty-view", "a cloud entirely behind the camera", extremes::empty_view),
+    extreme("giants", "scales from e^-30 to e^20, each axis independent", extremes::giants),
     Generator {
         default_count: 10_000,
         ..extreme("coincident", "splats that all have the same centre", extremes::coincident)

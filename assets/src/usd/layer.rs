@@ -246,7 +246,7 @@ impl Layer {
     pub(super) fn value(&self, prim: usize, name: &str) -> Result<Option<&Value>, SceneError> {
         match self.prims[prim].attributes.get(name) {
             Some(Attribute { value: None, animated: true }) => {
-                let text = "expected a default value, found values that change in time: one moment is drawn";
+                let text = "expected a default value, found only time samples";
                 Err(self.wrong(prim, name, text.into()))
             }
             found => Ok(found.and_then(|attribute| attribute.value.as_ref())),

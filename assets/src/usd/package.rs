@@ -26,7 +26,7 @@ pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<Str
         .map_err(|error| damaged(format!("expected a readable file of the archive, found: {error}")))?;
     let name: String = String::from_utf8_lossy(file.name_raw()).chars().take(60).collect();
     if file.compression() != CompressionMethod::Stored || file.encrypted() {
-        let message = "expected a file without compression, which the format demands, found another".into();
+        let message = "expected an uncompressed file, as the format requires, found another".into();
         return Err(SceneError::Part { part: name, message });
     }
     let (start, length) = (file.data_start(), file.size());

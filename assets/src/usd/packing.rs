@@ -66,7 +66,7 @@ impl Cursor<'_, '_> {
         let mut unpacked = Vec::new();
         grow(&mut unpacked, most.min(limit) as usize)?;
         let count = lz4_flex::block::decompress_into(block, &mut unpacked)
-            .map_err(|error| self.wrong(format!("expected a whole LZ4 block, found damage: {error}")))?;
+            .map_err(|error| self.wrong(format!("expected an intact LZ4 block, found damage: {error}")))?;
         unpacked.truncate(count);
         self.at += length;
         Ok(unpacked)

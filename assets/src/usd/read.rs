@@ -45,7 +45,7 @@ fn parse_text(bytes: &Bytes, memory: Option<u64>) -> Result<Layer, SceneError> {
     if let Some(memory) = memory.filter(|memory| needed > *memory) {
         let [needed, memory] = [needed, memory].map(memory::display);
         let message = format!(
-            "expected a text that fits in memory, found one that needs {needed}, of {memory} available"
+            "expected a text layer that fits in memory, found one that needs {needed}, of {memory} available"
         );
         return Err(SceneError::Part { part: "USD".into(), message });
     }
@@ -61,7 +61,7 @@ fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, L
         let layer = if is_binary { binary::parse(&bytes)? } else { parse_text(&bytes, memory)? };
         if let Some(arc) = &layer.arc {
             let message = format!(
-                "expected one layer without references to others, found {arc} (join them first, e.g. by `usdcat --flatten`)"
+                "expected a single layer without references to others, found {arc} (join them first, e.g. by `usdcat --flatten`)"
             );
             return Err(SceneError::Part { part: "USD".into(), message });
         }

@@ -141,7 +141,7 @@ fn what_is_not_drawn_is_refused_by_name() {
     assert!(found.contains("expected the attribute scales or scalesh, found none"), "{found}");
     let found = changed("opacities = [0.5, 1]", "opacities.timeSamples = { 0: [0.5, 1] }");
     assert!(
-        found.contains("/World/S.opacities`: expected a default value, found values that change in time"),
+        found.contains("/World/S.opacities`: expected a default value, found only time samples"),
         "{found}"
     );
     let found = changed("apiSchemas =", "prepend references = @a.usda@</A> (offset = 1)\n kinds =");
@@ -189,7 +189,9 @@ fn a_scene_larger_than_the_memory_is_refused_and_a_load_can_be_cancelled() {
     let source = Source::Bytes(&text);
     let found = super::parse(&Input { source: &source, memory: Some(10_000), progress: QUIET }).unwrap_err();
     assert!(
-        found.to_string().contains("expected a text that fits in memory, found one that needs 18.8 KiB"),
+        found
+            .to_string()
+            .contains("expected a text layer that fits in memory, found one that needs 18.8 KiB"),
         "{found}"
     );
     let cancelled = Scene::parse(&bytes, &|done, _| match done {

@@ -90,7 +90,7 @@ impl<'t> Parser<'t> {
         loop {
             match self.text.get(at..) {
                 None | Some([]) => {
-                    return Err(self.wrong("expected the end of a text, found the end of the file"));
+                    return Err(self.wrong("expected the end of a string, found the end of the file"));
                 }
                 Some([b'\\', ..]) if escapes => at += 2,
                 Some(rest) if rest.starts_with(close) => break,

@@ -38,7 +38,7 @@ pub enum BackendError {
         reason: String,
     },
     /// The driver was busy, or the window changed during the call.
-    #[error("{call} answered {answer}: try again")]
+    #[error("{call} returned {answer}: try again")]
     Busy {
         /// The call that failed.
         call: &'static str,
@@ -47,7 +47,7 @@ pub enum BackendError {
     },
     /// The window's surface was lost, and so was its replacement: the window or its display is gone.
     #[error(
-        "{call} answered that the window's surface is lost: the window was closed, or its display went away"
+        "{call} reported that the window's surface is lost: the window was closed, or its display went away"
     )]
     SurfaceLost {
         /// The call that failed.

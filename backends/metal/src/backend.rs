@@ -220,8 +220,8 @@ fn check_validation(validation: Validation) -> Result<(), BackendError> {
         return Ok(());
     }
     Err(BackendError::Unavailable(
-        "validation was asked for, which Metal turns on when a program starts: set MTL_DEBUG_LAYER=1 (and \
-         MTL_SHADER_VALIDATION=1 for the shaders); it ends the program at the first mistake, and says why on standard error"
+        "validation was requested, but Metal enables it only when a program starts: set MTL_DEBUG_LAYER=1 (and \
+         MTL_SHADER_VALIDATION=1 for the shaders); it ends the program at the first error, and prints the reason to standard error"
             .to_string(),
     ))
 }

@@ -29,13 +29,14 @@ pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
     let able =
         objc::pool(|| CaptureManager::shared().supports_destination(MTLCaptureDestination::GpuTraceDocument));
     if !able {
-        return Err("Metal captures nothing of this process: start the program with METAL_CAPTURE_ENABLED=1"
-            .to_string());
+        return Err(
+            "Metal cannot capture this process: start the program with METAL_CAPTURE_ENABLED=1".to_string()
+        );
     }
     let mut state = state();
     match *state {
         State::Idle => *state = State::Asked(path),
-        State::Asked(_) | State::Running => return Err("a frame is being captured already".to_string()),
+        State::Asked(_) | State::Running => return Err("a frame is already being captured".to_string()),
     }
     Ok(())
 }

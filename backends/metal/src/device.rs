@@ -50,7 +50,7 @@ fn describe(raw: Device, index: usize) -> Physical {
             available: Some(told.working_set.saturating_sub(objc::allocated_bytes(&raw))),
         },
         unfit: (!fit).then(|| {
-            "it is of an older family than Apple 7, the first of Macs with Apple silicon".to_string()
+            "its family is older than Apple 7, the first family in Macs with Apple silicon".to_string()
         }),
     };
     Physical { raw, info, told }

@@ -88,7 +88,7 @@ mod tests {
             "change                       barrier: buffers",
             "wait for fence 0 before vertex stage",
             "update fence 1 after fragment stage",
-            "write after read on x, after draw of the frame before, for make",
+            "write after read on x, after draw of the previous frame, for make",
             "read after write on x, after make, for change",
         ] {
             assert!(lines.contains(&line), "{line} is not in\n{text}");

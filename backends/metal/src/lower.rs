@@ -198,7 +198,7 @@ fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendErr
         if needed > available {
             return Err(BackendError::Limit(LimitExceeded {
                 what: format!(
-                    "the number of {what} of shader `{name}`, its push constants and sizes among them"
+                    "the number of {what} of shader `{name}`, including its push constants and sizes"
                 ),
                 needed: needed.into(),
                 available: available.into(),

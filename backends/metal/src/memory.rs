@@ -63,7 +63,7 @@ impl Memory {
             }
         };
         let Some(backing) = backing else {
-            let reason = "Metal made no object".to_string();
+            let reason = "Metal created no object".to_string();
             return Err(BackendError::OutOfMemory { name: name.to_string(), bytes, reason });
         };
         gpu.allocated.fetch_add(bytes, Ordering::Relaxed);

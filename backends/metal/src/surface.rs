@@ -22,13 +22,11 @@ impl Surface {
     pub fn new(window: Arc<dyn Window>, device: &metal::DeviceRef) -> Result<Surface, BackendError> {
         let handle = window.window_handle().map_err(no_handle)?.as_raw();
         let RawWindowHandle::AppKit(handle) = handle else {
-            return Err(BackendError::Unavailable(
-                "Metal shows pictures in windows of AppKit alone".to_string(),
-            ));
+            return Err(BackendError::Unavailable("Metal shows pictures only in AppKit windows".to_string()));
         };
         if !objc::is_main_thread() {
             return Err(BackendError::Invalid(
-                "a window's device was opened on another thread than the main one".to_string(),
+                "a window's device was opened on a thread other than the main one".to_string(),
             ));
         }
         let layer = MetalLayer::new();

@@ -26,7 +26,7 @@ pub fn choose(devices: &[&DeviceInfo], wanted: Option<&str>) -> Result<usize, Ba
         let listed: Vec<String> = devices.iter().map(|d| format!("{}: {}", d.index, d.name)).collect();
         let wanted = wanted.map(|text| format!(" `{text}`")).unwrap_or_default();
         return Err(BackendError::Unavailable(format!(
-            "there is no device{wanted}; there are {}",
+            "there is no device{wanted}; available: {}",
             listed.join(", ")
         )));
     };
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(chosen(&all, Some("LLVM")), Ok(0));
         assert_eq!(chosen(&all, Some("4090")), Ok(1));
         let missing = chosen(&all, Some("radeon")).unwrap_err();
-        assert!(missing.contains("`radeon`; there are 0: llvmpipe, 1: RTX 4090"), "{missing}");
+        assert!(missing.contains("`radeon`; available: 0: llvmpipe, 1: RTX 4090"), "{missing}");
     }
 
     #[test]

@@ -261,7 +261,7 @@ impl<G: Gpu> Device for Executor<G> {
         self.shared.check_lost()?;
         let Ready { mut compiled, executor } = ready;
         if executor != self.id {
-            return invalid(format!("`{}` was made ready for another executor", compiled.plan.name));
+            return invalid(format!("`{}` was prepared for another executor", compiled.plan.name));
         }
         let histories = self.compiled.as_ref().map(CompiledPlan::histories).unwrap_or_default();
         compiled.follow(&self.shared.gpu, self.plans, &histories);

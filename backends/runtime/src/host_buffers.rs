@@ -80,7 +80,7 @@ impl<G: Gpu> HostBuffer<G> {
                 let Some(found) = shared.outputs.find(picture) else {
                     return invalid(format!(
                         "host buffer `{}` was given the picture {}, which does not exist: its executor has shared another \
-                         since or was dropped, or it is of another device",
+                         since or was dropped, or it belongs to another device",
                         resource.name, picture.id
                     ));
                 };
@@ -176,7 +176,7 @@ fn rows(resource: &Resource, picture: &Picture, first: u32, count: u32) -> Resul
     }
     if !from.is_multiple_of(ROWS_ALIGNMENT) || resource.usage.contains(Usage::INDIRECT) && from > 0 {
         return invalid(format!(
-            "host buffer `{name}` was given rows from byte {from} of a picture on: expected a multiple of {ROWS_ALIGNMENT}, and \
+            "host buffer `{name}` was given rows of a picture starting at byte {from}: expected a multiple of {ROWS_ALIGNMENT}, and \
              0 for arguments of indirect calls"
         ));
     }
@@ -215,7 +215,7 @@ mod tests {
             said(4, 37).is_some_and(|text| text.contains("37 rows from row 4 on, of a picture of 40 rows"))
         );
         assert!(said(u32::MAX, u32::MAX).is_some() && said(0, 0).is_some());
-        assert!(said(3, 1).is_some_and(|text| text.contains("from byte 192")));
+        assert!(said(3, 1).is_some_and(|text| text.contains("at byte 192")));
         resource.usage |= Usage::INDIRECT;
         assert!(rows(&resource, &picture, 4, 1).is_err() && rows(&resource, &picture, 0, 1).is_ok());
     }

@@ -21,7 +21,7 @@ impl Messages {
         if messages.len() < MOST_MESSAGES {
             messages.push(message);
         } else if messages.len() == MOST_MESSAGES {
-            messages.push(format!("more than {MOST_MESSAGES} messages: the rest is not kept"));
+            messages.push(format!("more than {MOST_MESSAGES} messages: the rest is dropped"));
         }
     }
 }

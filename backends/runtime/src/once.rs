@@ -66,7 +66,7 @@ impl UsedOnce {
                 name: format!("the plan `{}`", plan.name),
                 bytes: needed,
                 reason: format!(
-                    "expected at most {} of the device's memory, which the driver says this process can still take",
+                    "expected at most {} of the device's memory, which the driver says this process can still allocate",
                     display_bytes(available)
                 ),
             });

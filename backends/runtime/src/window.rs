@@ -196,11 +196,11 @@ impl<G: Gpu> Swapchain<G> {
 fn check_output(format: Format, blit: bool) -> Result<(), BackendError> {
     let name = format.name();
     if format == Format::Depth32Float {
-        return invalid("the plan's output holds depths of tests, not a picture".to_string());
+        return invalid("the plan's output holds depth-test values, not a picture".to_string());
     }
     if format == Format::R32Uint {
         return invalid(format!(
-            "the plan's output has the format {name}, whose integers are no colours: it cannot be shown in a window"
+            "the plan's output has the format {name}, whose integers are not colours: it cannot be shown in a window"
         ));
     }
     if !blit {
@@ -219,7 +219,7 @@ mod tests {
     fn an_output_that_is_no_picture_or_cannot_be_blitted_is_refused_by_its_format() {
         assert!(check_output(Format::Rgba16Float, true).is_ok());
         let integers = check_output(Format::R32Uint, true).unwrap_err().to_string();
-        assert!(integers.contains("r32ui") && integers.contains("no colours"), "{integers}");
+        assert!(integers.contains("r32ui") && integers.contains("not colours"), "{integers}");
         let unable = check_output(Format::Rgba32Float, false);
         assert!(unable.unwrap_err().to_string().contains("rgba32f, which this device cannot blit"));
     }

@@ -75,7 +75,7 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
     let mut robustness = Robustness::default();
     if basic.api_version < API_VERSION {
         unfit = Some(format!(
-            "it offers Vulkan {}.{}, and 1.3 is needed",
+            "it supports Vulkan {}.{}, but 1.3 is needed",
             vk::api_version_major(basic.api_version),
             vk::api_version_minor(basic.api_version)
         ));

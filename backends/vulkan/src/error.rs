@@ -14,7 +14,7 @@ pub(crate) fn api(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
             vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
                 BackendError::OutOfMemory { name: call.to_string(), bytes: 0, reason: text }
             }
-            vk::Result::ERROR_DEVICE_LOST => BackendError::DeviceLost(format!("{call} answered {text}")),
+            vk::Result::ERROR_DEVICE_LOST => BackendError::DeviceLost(format!("{call} returned {text}")),
             vk::Result::TIMEOUT | vk::Result::NOT_READY | vk::Result::ERROR_OUT_OF_DATE_KHR => {
                 BackendError::Busy { call, answer: text }
             }

@@ -182,7 +182,7 @@ fn check_version(entry: &ash::Entry) -> Result<(), BackendError> {
         .unwrap_or(vk::API_VERSION_1_0);
     if version < API_VERSION {
         return Err(BackendError::Unavailable(format!(
-            "the Vulkan loader is of version {}.{}, and 1.3 is needed",
+            "the Vulkan loader has version {}.{}, but 1.3 is needed",
             vk::api_version_major(version),
             vk::api_version_minor(version)
         )));
@@ -197,7 +197,7 @@ fn validation_layer(entry: &ash::Entry) -> Result<Vec<vk::ExtensionProperties>, 
         .map_err(api("vkEnumerateInstanceLayerProperties"))?;
     if !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(LAYER)) {
         return Err(BackendError::Unavailable(
-            "validation was asked for, and VK_LAYER_KHRONOS_validation is not installed; on Debian and Ubuntu it is \
+            "validation was requested, but VK_LAYER_KHRONOS_validation is not installed; on Debian and Ubuntu it is \
              in the package `vulkan-validationlayers`"
                 .to_string(),
         ));
@@ -215,7 +215,7 @@ fn instance_extensions(
             // The loader returns this for manifests that it cannot read.
             vk::Result::ERROR_OUT_OF_HOST_MEMORY => BackendError::Unavailable(format!(
                 "expected manifests of drivers and layers that the Vulkan loader can read, found one that it cannot, or too \
-                 little memory for it (vkEnumerateInstanceExtensionProperties answered {answer:?}; VK_LOADER_DEBUG=all names the files)"
+                 little memory for it (vkEnumerateInstanceExtensionProperties returned {answer:?}; VK_LOADER_DEBUG=all names the files)"
             )),
             answer => api("vkEnumerateInstanceExtensionProperties")(answer),
         })

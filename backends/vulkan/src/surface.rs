@@ -16,7 +16,7 @@ use std::sync::Arc;
 pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, BackendError> {
     let display = window.display_handle().map_err(no_handle)?;
     let names = ash_window::enumerate_required_extensions(display.as_raw()).map_err(|_| {
-        BackendError::Unavailable("Vulkan knows no surfaces for windows of this window system".to_string())
+        BackendError::Unavailable("Vulkan does not support surfaces for this window system".to_string())
     })?;
     // SAFETY: the names are constants of `ash`.
     Ok(names.iter().map(|&name| unsafe { CStr::from_ptr(name) }).collect())
@@ -88,7 +88,7 @@ pub(crate) fn window(call: &'static str) -> impl Fn(vk::Result) -> BackendError 
     move |answer| match answer {
         vk::Result::ERROR_SURFACE_LOST_KHR => BackendError::SurfaceLost { call },
         vk::Result::ERROR_NATIVE_WINDOW_IN_USE_KHR => BackendError::Unavailable(format!(
-            "{call} answered that something else draws in this window already"
+            "{call} reported that something else already draws in this window"
         )),
         _ => api(call)(answer),
     }

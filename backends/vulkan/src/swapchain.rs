@@ -46,8 +46,9 @@ pub struct Swapchain {
 
 /// Returns the surface of the device's window.
 fn window_surface(gpu: &VulkanGpu) -> Result<Arc<Surface>, BackendError> {
-    let none =
-        || BackendError::Unavailable("this device was not opened in a window, or that is gone".to_string());
+    let none = || {
+        BackendError::Unavailable("this device was not opened in a window, or the window is gone".to_string())
+    };
     gpu.instance.surface().ok_or_else(none)
 }
 
@@ -74,7 +75,7 @@ impl Swapchain {
         let capabilities = surface.capabilities(gpu.physical)?;
         if !capabilities.supported_usage_flags.contains(vk::ImageUsageFlags::TRANSFER_DST) {
             return Err(BackendError::Unavailable(
-                "this window's images cannot be copied to, so that no picture can be shown in it".to_string(),
+                "this window's images cannot be copied to, so no picture can be shown in it".to_string(),
             ));
         }
         let functions = khr::swapchain::Device::new(&gpu.instance.raw, &gpu.device);

@@ -114,7 +114,7 @@ impl<'a> Checker<'a> {
         let resource = self.resources(id, user)?;
         if !resource.usage.contains(usage) {
             return invalid(format!(
-                "`{user}` uses `{}` as {usage:?}, for which it is not made",
+                "`{user}` uses `{}` as {usage:?}, for which it was not created",
                 resource.name
             ));
         }
@@ -171,7 +171,7 @@ impl<'a> Checker<'a> {
                 let resource = self.resources(id, &format!("block {index}"))?;
                 if resource.block != Some(BlockId(index as u32)) || !seen.insert(id) {
                     return invalid(format!(
-                        "block {index} has an alias `{}` that is not its",
+                        "block {index} has an alias `{}` that does not belong to it",
                         resource.name
                     ));
                 }
@@ -181,7 +181,7 @@ impl<'a> Checker<'a> {
             let transient = resource.source == Source::Transient;
             let housed = seen.contains(&ResourceId(index as u32));
             if transient != resource.block.is_some() || transient != housed {
-                let text = if transient { "stands in no block" } else { "is not the plan's own" };
+                let text = if transient { "is in no block" } else { "is not the plan's own" };
                 return invalid(format!("`{}` {text}, and names {:?}", resource.name, resource.block));
             }
         }
@@ -317,7 +317,7 @@ impl<'a> Checker<'a> {
                 }
                 Ok(shader)
             }
-            _ => invalid(format!("pass `{user}` names shader {}, which is no {stage:?} shader", id.0)),
+            _ => invalid(format!("pass `{user}` names shader {}, which is not a {stage:?} shader", id.0)),
         }
     }
 
@@ -370,7 +370,7 @@ impl<'a> Checker<'a> {
                 u64::from(lanes) * u64::from(limits.max_per_group)
             )
         } else {
-            "this device lets no pipeline ask for a size".to_string()
+            "this device does not let pipelines request a size".to_string()
         };
         Err(BackendError::Unsupported(format!(
             "shader `{}` uses subgroup operations and was compiled for subgroups of {lanes} lanes, but the driver may run it \
@@ -399,7 +399,10 @@ impl<'a> Checker<'a> {
         for target in targets {
             let resource = self.resource_for(target.image, Usage::COLOR_TARGET, user)?;
             let Shape::Image { width, height, .. } = resource.shape else {
-                return invalid(format!("pass `{user}` draws into `{}`, which is no image", resource.name));
+                return invalid(format!(
+                    "pass `{user}` draws into `{}`, which is not an image",
+                    resource.name
+                ));
             };
             sizes.push((width, height));
         }

@@ -138,7 +138,11 @@ fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_
     let too_many = with(several, [512, 1, 1]);
     assert!(too_many.contains("at most 256 invocations"), "{too_many}");
     let fixed = SubgroupLimits { selectable: false, ..several };
-    assert!(with(fixed, [64, 1, 1]).contains("lets no pipeline ask"), "{}", with(fixed, [64, 1, 1]));
+    assert!(
+        with(fixed, [64, 1, 1]).contains("does not let pipelines request"),
+        "{}",
+        with(fixed, [64, 1, 1])
+    );
     // With a single possible size, no size has to be requested.
     let one = SubgroupLimits { max_size: 32, ..fixed };
     assert_eq!(with(one, [16, 16, 1]), "");
@@ -169,7 +173,7 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
                 plan.resources[id.index()].history = Some("past".to_string());
             }
         }),
-        ("no Compute shader", |plan| {
+        ("not a Compute shader", |plan| {
             plan.passes[1].work = Work::Dispatch { shader: ShaderId(1), groups: Groups::Direct([1; 3]) };
         }),
         ("0 elements", |plan| buffer(plan, WORDS, 0)),
@@ -195,8 +199,8 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
         ("layout Undefined", |plan| {
             plan.layout_changes = vec![changed(COLOR, Layout::General, Layout::Undefined)];
         }),
-        ("alias `args` that is not its", |plan| plan.blocks[0].aliases.push(ARGS)),
-        ("`words` stands in no block", |plan| plan.blocks[0].aliases.clear()),
+        ("alias `args` that does not belong to it", |plan| plan.blocks[0].aliases.push(ARGS)),
+        ("`words` is in no block", |plan| plan.blocks[0].aliases.clear()),
     ];
     for (expected, alter) in alterations {
         let text = said(|plan, _| alter(plan));

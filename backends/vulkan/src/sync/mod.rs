@@ -41,7 +41,7 @@ const MOST_ROUNDS: usize = 8;
 /// [`BackendError::Invalid`] if no valid barriers were found, which would be a bug in this module.
 pub fn barriers(plan: &Plan) -> Result<Barriers, BackendError> {
     let none = || {
-        let text = "no list of barriers was found that suits every frame of the plan: please report this mistake with the graph";
+        let text = "no list of barriers was found that is valid for every frame of the plan: please report this bug with the graph";
         BackendError::Invalid(text.to_string())
     };
     place(plan).ok_or_else(none)

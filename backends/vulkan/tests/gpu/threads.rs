@@ -131,7 +131,7 @@ fn a_plan_belongs_to_the_executor_whose_loader_made_it() {
     let mut second = new_context(&first);
     let mut other = open();
     let error = error_of(second.swap(prepare(first.loader(), growing("count", 1))));
-    assert!(error.contains("`hand-made` was made ready for another executor"), "{error}");
+    assert!(error.contains("`hand-made` was prepared for another executor"), "{error}");
     assert!(error_of(other.swap(prepare(first.loader(), growing("count", 1)))).contains("another executor"));
     drop(second);
     finish(first);

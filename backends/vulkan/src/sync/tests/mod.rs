@@ -51,7 +51,7 @@ fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
     let reasons = barrier.causes.iter().map(|(d, _)| {
         let after: Vec<&str> = d.after.iter().map(|id| plan.pass(*id).name.as_str()).collect();
         let alias = d.alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));
-        let frame = if d.previous_frame { " of the frame before" } else { "" };
+        let frame = if d.previous_frame { " of the previous frame" } else { "" };
         let before = match step.is_none_or(|step| step == d.before) {
             true => String::new(),
             false => format!(", for {}", plan.pass(d.before).name),

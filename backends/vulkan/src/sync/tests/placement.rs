@@ -41,7 +41,7 @@ fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
     assert_eq!(
         before(&plan, "export"),
         [
-            "COMPUTE -> COMPUTE: WriteAfterRead on a after show of the frame before, for make",
+            "COMPUTE -> COMPUTE: WriteAfterRead on a after show of the previous frame, for make",
             "COMPUTE STORAGE_WRITE -> COPY TRANSFER_READ [image General -> TransferSource]: ReadAfterWrite on image after show"
         ],
         "{}",
@@ -133,7 +133,7 @@ fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_read
         before(&plan, "draw"),
         [
             "COMPUTE STORAGE_WRITE -> VERTEX STORAGE_READ: ReadAfterWrite on a after make",
-            "COMPUTE -> COLOR_OUTPUT COLOR_WRITE [color Undefined -> ColorTarget]: WriteAfterRead on color after filter of the frame before",
+            "COMPUTE -> COLOR_OUTPUT COLOR_WRITE [color Undefined -> ColorTarget]: WriteAfterRead on color after filter of the previous frame",
         ],
         "{}",
         shown(&plan)
@@ -142,7 +142,7 @@ fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_read
         before(&plan, "filter"),
         [
             "COLOR_OUTPUT COLOR_WRITE -> COMPUTE STORAGE_READ [color ColorTarget -> General]: ReadAfterWrite on color after draw",
-            "COPY -> COMPUTE STORAGE_WRITE [image Undefined -> General]: WriteAfterRead on image after export of the frame before",
+            "COPY -> COMPUTE STORAGE_WRITE [image Undefined -> General]: WriteAfterRead on image after export of the previous frame",
         ],
         "{}",
         shown(&plan)
@@ -179,7 +179,7 @@ fn a_draw_that_tests_waits_at_both_tests_for_the_depths_that_another_wrote() {
     );
     // The next frame clears `depth` after this frame's depth tests.
     let mesh = before(&plan, "mesh").join("\n");
-    assert!(mesh.contains("WriteAfterRead on depth after splats of the frame before"), "{}", shown(&plan));
+    assert!(mesh.contains("WriteAfterRead on depth after splats of the previous frame"), "{}", shown(&plan));
 }
 
 #[test]
@@ -191,7 +191,7 @@ fn a_fill_and_an_atomic_use_of_it_are_apart_in_both_directions() {
     ]);
     assert_eq!(
         before(&plan, "export")[0],
-        "COMPUTE -> CLEAR: WriteAfterRead on a after show of the frame before, for clear",
+        "COMPUTE -> CLEAR: WriteAfterRead on a after show of the previous frame, for clear",
         "{}",
         shown(&plan)
     );
@@ -247,7 +247,7 @@ fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_
     );
     assert_eq!(
         before(&plan, "export")[0],
-        "COMPUTE -> COMPUTE: WriteAfterRead on color after filter of the frame before, for paint",
+        "COMPUTE -> COMPUTE: WriteAfterRead on color after filter of the previous frame, for paint",
         "{}",
         shown(&plan)
     );
@@ -301,7 +301,7 @@ fn the_statistics_are_copied_for_the_host_and_made_visible_to_it() {
     assert_eq!(
         before(&plan, "host"),
         [
-            "COPY TRANSFER_WRITE -> COMPUTE|HOST HOST_READ: ReadAfterWrite on host(stats) after export, WriteAfterRead on a after show+export of the frame before, for make"
+            "COPY TRANSFER_WRITE -> COMPUTE|HOST HOST_READ: ReadAfterWrite on host(stats) after export, WriteAfterRead on a after show+export of the previous frame, for make"
         ],
         "{}",
         shown(&plan)
