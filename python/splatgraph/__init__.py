@@ -6,7 +6,7 @@
     renderer = splatgraph.Renderer(scene)
     picture = renderer.render(splatgraph.Camera.framing(scene))
 
-`rasterization` is the call that users of gsplat write. docs/python.md has the whole.
+`rasterization` is gsplat's function. docs/python.md documents the whole package.
 """
 
 import sys as _sys

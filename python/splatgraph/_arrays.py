@@ -1,4 +1,4 @@
-"""Takes arrays of numpy, torch and others as numpy's."""
+"""Converts arrays of numpy, torch and other libraries to numpy's."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 
 def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtype: Any = np.float32) -> np.ndarray:
-    """Returns `value` as a C-contiguous array of `dtype`, without a copy where it is one.
+    """Returns `value` as a C-contiguous array of `dtype`, without a copy if it already is one.
 
-    `value` is an array of numpy, anything with `__dlpack__` in the CPU's memory, or what `numpy.asarray` takes. `name` is the argument's, for
-    errors; a length of `None` in `shape` is any.
+    `value` is an array of numpy, anything with `__dlpack__` in the CPU's memory, or anything that `numpy.asarray` accepts. `name` is the
+    argument's name, for errors. `None` in `shape` matches any length.
     """
     if getattr(value, "requires_grad", False):
         # Its gradient would silently be none.

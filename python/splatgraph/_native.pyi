@@ -9,31 +9,31 @@ from numpy.typing import NDArray
 __version__: str
 
 class Error(RuntimeError):
-    """Base class of the errors of splatgraph."""
+    """Base class of splatgraph's errors."""
 
 class SceneError(Error):
-    """A scene's or a camera's file cannot be read or written."""
+    """A scene or camera file cannot be read or written."""
 
 class DeviceError(Error):
-    """There is no fit device, or it failed."""
+    """No suitable device was found, or the device failed."""
 
 class GraphError(Error):
     """A graph or its shaders have errors."""
 
-    #: Path of the file with the first error, as it was named.
+    #: Path of the file with the first error, as it was given.
     file: str
     #: Its line, from 1.
     line: int
     #: Its column, from 1, in characters.
     column: int
-    #: All errors, drawn with the source text.
+    #: All errors, rendered with the source text.
     text: str
-    #: Each error: file, line, column, end_line, end_column, severity, message, label, help.
+    #: The errors, each with file, line, column, end_line, end_column, severity, message, label, help.
     errors: list[dict[str, Any]]
 
 @final
 class Scene:
-    """A 3D Gaussian Splatting scene: its splats, activated. Scenes do not change; renderers share them."""
+    """A 3D Gaussian Splatting scene: splats with activated opacities and scales. Scenes are immutable; renderers share them."""
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Scene: ...
@@ -109,7 +109,7 @@ class Plan:
 
 @final
 class Pending:
-    """A picture that was asked for."""
+    """A requested picture."""
 
     def result(self) -> tuple[NDArray[np.float32], dict[str, NDArray[Any]]]: ...
 

@@ -25,7 +25,7 @@ class Comparison:
 
 
 def compare(a: Any, b: Any) -> Comparison:
-    """Measures the difference between two pictures of one size.
+    """Measures the difference between two pictures of the same size.
 
     Args:
         a: display-encoded colours of which 0 is black and 1 is white, float32 [height, width, 3].
@@ -38,7 +38,7 @@ def compare(a: Any, b: Any) -> Comparison:
 
 
 def png(picture: Any) -> bytes:
-    """Returns the bytes of a PNG file, 8 bits a channel, for a file or `IPython.display.Image`.
+    """Returns the bytes of a PNG file, 8 bits per channel, for a file or `IPython.display.Image`.
 
     Args:
         picture: display-encoded colours of which 0 is black and 1 is white, float32 [height, width, 3].

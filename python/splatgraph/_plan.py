@@ -16,14 +16,14 @@ def plan(
     size: tuple[int, int] = (960, 540),
     subgroup_size: int = 32,
 ) -> Plan:
-    """Builds the plan of a graph, for the smallest device that is supported; none is opened.
+    """Builds the plan of a graph, for the least capable supported device; no device is opened.
 
     Args:
         pipeline: name of a built-in graph, or a path.
         params: values of the graph's parameters.
-        scene: the scene that is drawn; without one, a million splats with harmonics of degree 3.
+        scene: the scene to draw; without one, a million splats with harmonics of degree 3.
         size: width and height of the pictures, in pixels.
-        subgroup_size: the device's invocations in a subgroup: 32 on most GPUs, 4 to 16 on CPUs, 64 on some GPUs.
+        subgroup_size: number of invocations in a subgroup: 32 on most GPUs, 4 to 16 on CPUs, 64 on some GPUs.
 
     Raises:
         GraphError: the graph or a shader has errors.

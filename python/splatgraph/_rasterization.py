@@ -1,7 +1,7 @@
-"""The call that users of gsplat write, drawn by splatgraph.
+"""gsplat's `rasterization`, drawn by splatgraph.
 
-gsplat's rules differ from the published rasteriser's, which the graphs follow by default, in two numbers: the near plane is a
-parameter, and a fragment's alpha ends at 0.999. The second is a parameter of the graphs, too. For the first, the world is scaled so that
+gsplat's rules differ in two numbers from the published rasteriser's, which the graphs follow by default: the near plane is a parameter,
+and a fragment's alpha is capped at 0.999. The alpha cap is also a parameter of the graphs. For the near plane, the world is scaled so that
 `near_plane` lies at the graphs' own near plane; the picture is the same at any scale. Other camera models are the graphs' projections, with
 gsplat's order: by z, not by the distance from the camera.
 """
@@ -34,16 +34,16 @@ PROJECTIONS = {"pinhole": "pinhole", "ortho": "orthographic", "fisheye": "fishey
 RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
 _MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 
-#: One renderer for each device that was asked for, with the lock of whoever draws with it.
+#: One renderer for each requested device, with the lock that a call holds while it draws.
 _renderers: dict[str | None, tuple[Renderer, threading.Lock]] = {}
 _renderers_lock = threading.Lock()
 
 
 class Meta(dict[str, Any]):
-    """What gsplat's `meta` holds, of those numbers that splatgraph knows."""
+    """The entries of gsplat's `meta` that splatgraph knows."""
 
     def __missing__(self, key: str) -> Any:
-        raise KeyError(f"{key}: intermediate results stay on the device; there are {', '.join(self)}")
+        raise KeyError(f"{key}: intermediate results stay on the device; available: {', '.join(self)}")
 
 
 def rasterization(
@@ -86,8 +86,8 @@ def rasterization(
 ) -> tuple[Any, Any, Meta]:
     """Draws Gaussians with gsplat 1.5.3's names, shapes and conventions. There are no gradients.
 
-    Arrays are numpy's, or have `__dlpack__` and lie in the CPU's memory, as torch's do; `...` are any batch dimensions. To draw one scene
-    from many cameras, pass them in one call, or use `Renderer`, which leaves the scene on the device.
+    Arrays are numpy's, or have `__dlpack__` and are in CPU memory, such as torch's; `...` stands for any batch dimensions. To draw one
+    scene from many cameras, pass them in one call, or use `Renderer`, which keeps the scene on the device.
 
     Args:
         means: centres in world units, [..., N, 3].
@@ -101,30 +101,30 @@ def rasterization(
             picture. Focal lengths are pixels per world unit for "ortho", and pixels per radian for "fisheye".
         width: width of the pictures, in pixels.
         height: height of the pictures, in pixels.
-        near_plane: least depth of a centre that is drawn, in world units, above 0.
-        far_plane: greatest depth of a centre that is drawn, in world units.
-        radius_clip: 0 alone.
+        near_plane: minimum depth of a drawn centre, in world units, above 0.
+        far_plane: maximum depth of a drawn centre, in world units.
+        radius_clip: only 0 is supported.
         eps2d: added to the variances in the picture, in square pixels: 0.3 or 0.
-        sh_degree: degree of the harmonics that are evaluated, 0 to 3; (sh_degree + 1)^2 <= K.
+        sh_degree: degree of the harmonics to evaluate, 0 to 3; (sh_degree + 1)^2 <= K.
         backgrounds: colours behind the Gaussians, [..., C, D]. Depths have none.
-        render_mode: "RGB" for colours, "D" for depths, each the sum of its Gaussians' by their share of the pixel, "ED" for depths
-            divided by alpha, or "RGB+D" or "RGB+ED" for both, depth last. Depths are along z, in world units.
-        rasterize_mode: "antialiased" takes back the opacity that `eps2d` adds.
+        render_mode: "RGB" for colours, "D" for depths (the sum of the Gaussians' depths, weighted by their share of the pixel), "ED" for
+            depths divided by alpha, or "RGB+D" or "RGB+ED" for both, depth last. Depths are along z, in world units.
+        rasterize_mode: "antialiased" compensates for the opacity that `eps2d` adds.
         camera_model: "pinhole"; "ortho", which draws (x, y, z) at (fx x + cx, fy y + cy); or "fisheye", equidistant, without distortion.
         covars: covariances in square world units instead of `quats` and `scales`, [..., N, 3, 3].
         device: a part of the device's name, or its index in `splatgraph devices`.
-        packed, tile_size, channel_chunk, segmented: ignored, as they change no picture.
+        packed, tile_size, channel_chunk, segmented: ignored, because they do not affect pictures.
         sparse_grad, absgrad, distributed, with_ut, with_eval3d, radial_coeffs, tangential_coeffs, thin_prism_coeffs,
-            ftheta_coeffs, rolling_shutter, viewmats_rs: not supported; their defaults alone.
+            ftheta_coeffs, rolling_shutter, viewmats_rs: not supported except for the defaults.
 
     Returns:
-        Colours [..., C, height, width, X] and alphas [..., C, height, width, 1], float32, of the library that `means` is of, and a
+        Colours [..., C, height, width, X] and alphas [..., C, height, width, 1], float32, in the array library of `means`, and a
         dict with sizes and counts. X is D, 1 or D + 1 by `render_mode`.
 
     Raises:
-        NotImplementedError: an argument has a value that is not supported, by name.
-        ValueError: an argument has a wrong shape or range, by name.
-        DeviceError: there is no fit device, or it failed.
+        NotImplementedError: the named argument has an unsupported value.
+        ValueError: the named argument has a wrong shape or range.
+        DeviceError: no suitable device was found, or the device failed.
     """
     _refuse_unsupported(
         {
@@ -234,7 +234,7 @@ def _refuse_unsupported(arguments: dict[str, Any]) -> None:
 
 
 def _axes(covars: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the rotations (w, x, y, z) and the standard deviations that covariances are made of."""
+    """Decomposes covariances into rotations (w, x, y, z) and standard deviations."""
     variances, axes = np.linalg.eigh(covars)
     # The sign of an axis does not matter, so that they can be a right hand's.
     axes[..., 0] *= np.sign(np.linalg.det(axes))[..., None]
@@ -282,7 +282,7 @@ def _camera(view: np.ndarray, K: np.ndarray, size: tuple[int, int], projection: 
 
 
 def _harmonics(colors: np.ndarray, sh_degree: int | None, is_shown: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Lists the harmonics of colours, three channels at a time: the first channel, the harmonics, and what was taken off each channel."""
+    """Lists the harmonics of colours, three channels at a time: first channel, harmonics, and the value subtracted from each channel."""
     if is_shown and sh_degree is not None:
         yield 0, colors[:, : (sh_degree + 1) ** 2], np.zeros(3, np.float32)
         return
@@ -313,7 +313,7 @@ def _renderer(device: str | int | None, params: dict[str, Any], outputs: list[st
 
 
 def _like(given: Any, values: np.ndarray) -> Any:
-    """Returns an array of the library that `given` is of, where that takes numpy's."""
+    """Converts to an array of `given`'s library, if that can import numpy's."""
     library = sys.modules.get(type(given).__module__.partition(".")[0])
     convert = None if isinstance(given, np.ndarray) else getattr(library, "from_dlpack", None)
     return values if convert is None else convert(values)

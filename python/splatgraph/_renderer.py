@@ -19,34 +19,34 @@ Setting = bool | int | float | str
 
 @dataclasses.dataclass(frozen=True)
 class Param:
-    """A parameter that a graph declares, with its value in the present plan."""
+    """A parameter that a graph declares, with its value in the current plan."""
 
     name: str
     value: Setting
-    #: The value where nothing sets it.
+    #: The value if it is not set.
     default: Setting
-    #: The value that costs no accuracy, where the graph names one.
+    #: The value that costs no accuracy, if the graph names one.
     exact: Setting | None
     #: "bool", "int", "float" or "str".
     kind: str
-    #: The least and the greatest number.
+    #: Minimum and maximum.
     range: tuple[float, float] | None
-    #: The distance between two positions of a slider.
+    #: Step of a slider.
     step: float | None
-    #: The names that it may take.
+    #: The allowed names.
     choices: tuple[str, ...] | None
-    #: True if a change needs no new shaders.
+    #: True if a change needs no new plan.
     live: bool
     #: True if the value grows with what frames need.
     grows: bool
     #: A short name.
     label: str
-    #: A sentence, or nothing.
+    #: A sentence; may be empty.
     help: str
 
 
 class Params(Mapping[str, Param]):
-    """The parameters of a renderer's graph, by name, as attributes too: `params.digit_bits.range`. Set them with `Renderer.set`."""
+    """The parameters of a renderer's graph, by name, also as attributes: `params.digit_bits.range`. Set them with `Renderer.set`."""
 
     def __init__(self, params: Iterable[Param]) -> None:
         self._params = {param.name: param for param in params}
@@ -64,7 +64,7 @@ class Params(Mapping[str, Param]):
         try:
             return self.__dict__["_params"][name]
         except KeyError:
-            raise AttributeError(f"no parameter {name!r}; there are {', '.join(self.__dict__.get('_params', ()))}") from None
+            raise AttributeError(f"no parameter {name!r}; available: {', '.join(self.__dict__.get('_params', ()))}") from None
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._params]
@@ -74,7 +74,7 @@ class Params(Mapping[str, Param]):
 
 
 def texts(params: Mapping[str, Setting] | None) -> list[tuple[str, str]]:
-    """Returns settings as the command line's `--set` has them."""
+    """Returns settings as text, as for the command line's `--set`."""
     return [(name, _text(value)) for name, value in (params or {}).items()]
 
 
@@ -86,15 +86,14 @@ def _text(value: Setting) -> str:
     return str(value)
 
 
-#: Renderers with a thread, which must end before the interpreter does.
+#: Renderers with a running thread, which must end before the interpreter does.
 _open: weakref.WeakSet[Renderer] = weakref.WeakSet()
 
 
 class Renderer:
-    """Draws a scene with a graph, on a device of its own.
+    """Draws a scene with a graph, on its own device.
 
-    Calls from several threads are answered in their order; the device is busy while any waits. Python's lock is free meanwhile, and
-    Ctrl-C ends a call.
+    Calls from several threads are served in order, one at a time. The GIL is released while a call waits, and Ctrl-C ends a call.
 
     Args:
         scene: the scene.
@@ -107,8 +106,8 @@ class Renderer:
         validation: check every call of the graphics API, for tests.
 
     Raises:
-        GraphError: the graph cannot be read, or a parameter does not fit. `render` and `plan` tell of other mistakes in it.
-        DeviceError: there is no fit device.
+        GraphError: the graph cannot be read, or a parameter is invalid. `render` and `plan` report other errors in it.
+        DeviceError: no suitable device was found.
     """
 
     def __init__(
@@ -139,12 +138,12 @@ class Renderer:
     def render_many(self, cameras: Iterable[Camera], ahead: int = 4) -> Iterator[np.ndarray]:
         """Draws a picture of each camera, in order, as `render` does.
 
-        Up to `ahead` cameras beyond the one that is taken are asked for already, so that the device draws while Python works.
+        Up to `ahead` further pictures are requested in advance, so the device draws while Python works.
         """
         return (picture for picture, _ in self._results(cameras, ahead))
 
     def _results(self, cameras: Iterable[Camera], ahead: int = 4) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
-        """Draws a picture of each camera, with the outputs that the engine was asked for."""
+        """Draws a picture of each camera, with the requested outputs."""
         pending: collections.deque[_native.Pending] = collections.deque()
         for camera in cameras:
             pending.append(self._submit(camera))
@@ -170,10 +169,10 @@ class Renderer:
         return Params(Param(**{**one, "range": _tuple(one["range"]), "choices": _tuple(one["choices"])}) for one in found)
 
     def set(self, **params: Setting) -> None:
-        """Sets parameters of the graph, as `set(digit_bits=4)`; the others stay.
+        """Sets parameters of the graph, for example `set(digit_bits=4)`; the others stay unchanged.
 
         Raises:
-            GraphError: a name or a value does not fit. Everything is as before then.
+            GraphError: a name or a value is invalid. Nothing is changed then.
         """
         changed = {**self._set, **params}
         self._engine.set_graph(self._pipeline, texts(changed), self._size())
@@ -183,7 +182,7 @@ class Renderer:
         """Draws with another graph from now on.
 
         Raises:
-            GraphError: the graph cannot be read, or a parameter does not fit. Everything is as before then.
+            GraphError: the graph cannot be read, or a parameter is invalid. Nothing is changed then.
         """
         if (pipeline, dict(params or {})) == (self._pipeline, self._set):
             return
@@ -202,7 +201,7 @@ class Renderer:
 
     @property
     def stats(self) -> dict[str, Any] | None:
-        """Times in milliseconds, counts and memory in bytes of the last picture that was taken, as `splatgraph render --json` has them."""
+        """Times in milliseconds, counts and memory in bytes of the last returned picture, as in `splatgraph render --json`."""
         return self._engine.stats
 
     @property
@@ -230,6 +229,6 @@ def _tuple(values: list[Any] | None) -> tuple[Any, ...] | None:
 
 @atexit.register
 def _close_all() -> None:
-    # A thread that draws while the process ends would use a driver that is gone.
+    # A thread that draws while the process ends would use an unloaded driver.
     for renderer in list(_open):
         renderer.close()

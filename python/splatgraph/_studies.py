@@ -13,7 +13,7 @@ from . import _native
 from ._native import Camera, Scene
 from ._renderer import Setting, texts
 
-#: Called with the task, the steps done, all steps, and the name of the next step. An exception ends the study.
+#: Called with the task, the number of steps done, the total, and the name of the next step. An exception ends the study.
 Progress = Callable[[str, int, int, str], object]
 
 
@@ -23,7 +23,7 @@ class Share:
 
     #: The median of the rounds.
     median: float
-    #: The least and the greatest that the median can be (99 %); None with fewer than 8 rounds.
+    #: 99 % confidence interval of the median; None with fewer than 8 rounds.
     range: tuple[float, float] | None
 
 
@@ -43,7 +43,7 @@ class Line:
     psnr_db: float
     #: The same over the pixels that a splat covers.
     covered_psnr_db: float
-    #: Least SSIM of a view; None for pictures below 11 x 11 pixels.
+    #: Lowest SSIM of a view; None for pictures below 11 x 11 pixels.
     ssim: float | None
     #: Mean of NVIDIA's FLIP, 0 for equal pictures.
     flip: float
@@ -53,13 +53,13 @@ class Line:
     off: float
     #: Pairs of visible splats in the wrong order, in all views; None if the graph has no order.
     inversions: int | None
-    #: Least share of the host's time in which the device drew, 0 to 1.
+    #: Lowest share of the host's time during which the device drew, 0 to 1.
     busy: float | None
     #: Most bytes on the device.
     gpu_bytes: int
     #: Each phase: a name, the mean of the views' milliseconds, and the largest spread of a view.
     phases: tuple[tuple[str, float, float], ...]
-    #: On the Pareto front: "best", "likely" (too noisy to tell), "unlikely", "beaten"; "hidden" where still views hide the cost.
+    #: On the Pareto front: "best", "likely" (too noisy to tell), "unlikely", "beaten"; "hidden" if still views hide the cost.
     mark: Literal["best", "likely", "unlikely", "beaten", "hidden"]
 
 
@@ -75,7 +75,7 @@ class Ledger:
     rows: tuple[dict[str, Any], ...]
     #: The device and its driver.
     device: str
-    #: What people should know: what is too noisy to tell, or not measured.
+    #: Notes on what is too noisy to tell, or not measured.
     notes: tuple[str, ...]
     #: All lines as CSV, with all digits.
     csv: str = dataclasses.field(repr=False)
@@ -97,7 +97,7 @@ class Ledger:
         for line in self.lines:
             if line.setting == setting:
                 return line
-        raise KeyError(f"{setting}; there are {', '.join(line.setting for line in self.lines)}")
+        raise KeyError(f"{setting}; available: {', '.join(line.setting for line in self.lines)}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,19 +120,19 @@ class Tried:
 class Advice:
     """What a scene needs, and the best setting within a budget. `str(advice)` describes the scene."""
 
-    #: The best setting within the budget; None without a budget, or if no setting is within it for sure.
+    #: The best setting within the budget; None without a budget, or if no setting is within it with certainty.
     best: Tried | None
-    #: All settings that were measured.
+    #: All measured settings.
     tried: tuple[Tried, ...]
     #: Settings that may be better: too noisy to tell.
     hidden: tuple[Tried, ...]
     #: Names of settings that may save time within the noise, and were not combined.
     unsure: tuple[str, ...]
-    #: For each mapping of depth to keys, the bits at which overlapping splats stay in order; None if 32 are too few.
+    #: For each mapping of depth to keys, the number of bits that keeps overlapping splats in order; None if 32 are too few.
     key_bits: dict[str, int | None]
     #: How much each band of harmonics adds to a colour of 0 to 1, root mean square: band 0 first, up to the scene's degree.
     band_rms: tuple[float, ...]
-    #: Statistics of the scene, as the command line's `advise --json` has them.
+    #: Statistics of the scene, as in the command line's `advise --json`.
     report: dict[str, Any]
     _text: str = dataclasses.field(repr=False)
 
@@ -155,29 +155,29 @@ def trade(
     backend: str | None = None,
     device: str | int | None = None,
 ) -> Ledger:
-    """Measures what each setting of a graph saves, and what it costs in accuracy, as the command `trade`.
+    """Measures what each setting of a graph saves, and what it costs in accuracy, like the command `trade`.
 
-    Every parameter is changed alone, from its exact value; the graph's defaults and all presets are measured, too. Frames are
-    interleaved with frames of the exact settings, and pictures compared with the exact renderer's.
+    Each parameter is changed alone, from its exact value; the graph's defaults and all presets are also measured. Frames are
+    interleaved with frames of the exact settings, and pictures are compared with the exact renderer's.
 
     Args:
         scene: the scene.
         cameras: one view, or several, in the size of the pictures.
         pipeline: the graph whose parameters are changed.
         params: values that parameters have in every setting.
-        only: beginnings of the names of the settings to measure, such as "key_bits"; the exact ones are always measured.
+        only: prefixes of the names of the settings to measure, such as "key_bits"; the exact ones are always measured.
         truths: true pictures, one for each camera, float32 [height, width, 3], display-encoded; by default, the exact renderer's.
-        rounds: most rounds of frames; below 8, all differences in time count as noise.
-        frames: frames in a round; by default 1 to 30, from the time of a frame.
-        file: path of a ledger.json, which grows with each row and from which an interrupted study goes on.
-        progress: called with (task, done, of, step); `print` will do.
+        rounds: maximum number of rounds of frames; below 8, all differences in time count as noise.
+        frames: frames per round; by default 1 to 30, from the frame time.
+        file: path of a ledger.json, which grows with each row and from which an interrupted study resumes.
+        progress: called with (task, done, of, step), for example `print`.
         backend: "vulkan" or "metal".
         device: a part of the device's name, or its index in `splatgraph devices`.
 
     Raises:
-        ValueError: no setting has a name of `only`, or an argument has a wrong shape.
+        ValueError: `only` matches no setting, or an argument has a wrong shape.
         GraphError: the graph has errors.
-        DeviceError: there is no fit device, or it failed.
+        DeviceError: no suitable device was found, or the device failed.
     """
     found = _native.trade(
         scene,
@@ -221,9 +221,9 @@ def advise(
     backend: str | None = None,
     device: str | int | None = None,
 ) -> Advice:
-    """Finds what a scene needs, and the best setting within a budget, as the command `advise`.
+    """Finds what a scene needs, and the best setting within a budget, like the command `advise`.
 
-    With `psnr`, the fastest setting that has it in every view; with `ms` alone, the most accurate one within the time. Without
+    With `psnr`, finds the fastest setting that reaches it in every view; with `ms` alone, the most accurate one within the time. Without
     either, the scene is described and no device is used.
 
     Args:
@@ -231,14 +231,14 @@ def advise(
         cameras: one view, or several, in the size of the pictures.
         pipeline: the graph whose parameters are changed; presets are tried unchanged.
         params: values that parameters have in every setting.
-        psnr: least PSNR of every view against the exact renderer, in dB.
-        ms: greatest mean time of a frame on the device, in milliseconds.
+        psnr: lowest allowed PSNR of any view against the exact renderer, in dB.
+        ms: highest allowed mean time of a frame on the device, in milliseconds.
         errors: pairs of overlapping splats that a depth key may leave in the wrong order in a view.
         rounds, frames, progress, backend, device: see `trade`.
 
     Raises:
         GraphError: the graph has errors.
-        DeviceError: there is no fit device, or it failed.
+        DeviceError: no suitable device was found, or the device failed.
     """
     for name, limit in (("psnr", psnr), ("ms", ms)):
         if limit is not None and not 0.0 < limit < math.inf:
@@ -283,5 +283,5 @@ def _tried(found: dict[str, Any]) -> Tried:
     return Tried(setting["name"], setting["pipeline"], dict(setting["set"]), psnr, found["gpu_ms"], _share(found["share"]))
 
 
-# A study that was interrupted finishes its step, with a driver that must not be gone.
+# An interrupted study finishes its step, and needs the driver for it.
 atexit.register(_native._join_studies)

@@ -1,7 +1,7 @@
 """Draws and measures the views of scenes on many devices, with Ray: `python -m splatgraph.ray render scene.ply -c cameras.json -o out/`.
 
-Each device gets an actor, which loads a scene once and does batches of its views by the command's own code (`_native.Job`). Results are files in
-a folder that all nodes share: a view whose file is there is not done again, so that any run can be ended and started again.
+Each device gets an actor, which loads a scene once and draws batches of its views with the command's own code (`_native.Job`). Results are
+files in a folder that all nodes share. A view whose file exists is skipped, so any run can be interrupted and resumed.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ try:
 except ImportError:
     raise (SystemExit if __name__ == "__main__" else ImportError)("splatgraph.ray needs Ray: pip install 'splatgraph[ray]'") from None
 
-#: Tries of a view, and starts of workers without any success, before they are given up.
+#: Attempts per view, and consecutive failed starts of workers, before giving up.
 TRIES = 3
-#: Batches that a worker has: the next one waits there while one is drawn.
+#: Batches assigned to a worker: one is drawn, the next one waits there.
 AHEAD = 2
-#: Most views of a batch.
+#: Maximum number of views in a batch.
 LARGEST = 64
-#: Seconds between lines of progress where standard error is no terminal.
+#: Seconds between lines of progress if standard error is not a terminal.
 EVERY = 10.0
 
 
 class Worker:
-    """Does views on the device that Ray gave; an actor's class."""
+    """The actor that draws views on the device assigned by Ray."""
 
     def __init__(self, folder: str) -> None:
-        # Paths are the driver's.
+        # Paths are relative to the driver's folder.
         os.chdir(folder)
         self._device = _device(ray.get_gpu_ids())
         self._arguments: list[str] = []
@@ -51,7 +51,7 @@ class Worker:
         return f"pid {os.getpid()} on {ray.util.get_node_ip_address()}"
 
     def run(self, arguments: list[str], views: list[int]) -> tuple[list[int], list[int], list[tuple[int, str]]]:
-        """Does views of a command: see `_native.Job.run`. The scene stays for the next call with the same arguments."""
+        """Draws views of a command: see `_native.Job.run`. The scene stays loaded for the next call with the same arguments."""
         if self._job is None or self._arguments != arguments:
             if self._job is not None:
                 self._job.close()
@@ -61,12 +61,12 @@ class Worker:
 
 
 def _device(ids: list[Any]) -> list[str]:
-    """Returns the option that names the device of a worker; nothing on the CPU."""
+    """Returns the option that names a worker's device; empty on the CPU."""
     if not ids:
         return []
     command = [sys.executable, "-m", "splatgraph", "devices", "--json"]
     found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    # Vulkan does not look at CUDA_VISIBLE_DEVICES. Both number the GPUs of a machine by their place on the bus.
+    # Vulkan ignores CUDA_VISIBLE_DEVICES. Both number the GPUs of a machine by bus position.
     gpus = [one for one in found if one["kind"] in ("discrete", "integrated", "virtual") and not one["unfit"]]
     index = int(ids[0])
     if index >= len(gpus):
@@ -76,22 +76,22 @@ def _device(ids: list[Any]) -> list[str]:
 
 @dataclasses.dataclass
 class Scene:
-    """A scene's views that are not done."""
+    """A scene's unfinished views."""
 
     name: str
     arguments: list[str]
     folder: str
     views: list[str]
-    #: Views in batches, those to do first at the left.
+    #: Views in batches; the leftmost batch is next.
     todo: collections.deque[list[int]]
     tries: collections.Counter[int] = dataclasses.field(default_factory=collections.Counter)
-    #: Why the scene could not be opened, each time since it last could.
+    #: Reasons for the failed attempts to open the scene since the last success.
     closed: list[str] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass
 class Running:
-    """A batch that a worker has."""
+    """A batch assigned to a worker."""
 
     scene: Scene
     views: list[int]
@@ -106,11 +106,11 @@ class Run:
         self.start, self.capacity, self.batch = start, capacity, batch
         self.all = sum(len(scene.views) for scene in scenes)
         self.done = self.kept = 0
-        #: Views that were given up: scene, view, reason.
+        #: Failed views: scene, view, reason.
         self.failed: list[tuple[str, str, str]] = []
-        #: Workers by the references that tell that they have started.
+        #: Workers by the references that become ready once they have started.
         self.starting: dict[Any, Any] = {}
-        #: The batches of each worker that has started, by their references.
+        #: The batches of each started worker, by their references.
         self.workers: dict[Any, dict[Any, Running]] = {}
         self.names: dict[Any, str] = {}
         self.bad_starts: list[str] = []
@@ -118,7 +118,7 @@ class Run:
         self._told = 0.0
 
     def drive(self) -> None:
-        """Does all views."""
+        """Draws all views."""
         for scene in self.scenes:
             views = [view for batch in scene.todo for view in batch]
             scene.todo = collections.deque(views[i : i + self.batch] for i in range(0, len(views), self.batch))
@@ -139,7 +139,7 @@ class Run:
         self._tell(last=True)
 
     def _top_up(self) -> None:
-        """Starts workers where the cluster has room, if there are batches for them."""
+        """Starts workers if the cluster has room and there are batches for them."""
         waiting = sum(len(scene.todo) for scene in self.scenes)
         busy = sum(bool(own) for own in self.workers.values())
         wanted = min(self.capacity(), busy + waiting)
@@ -161,7 +161,7 @@ class Run:
         _say(f"worker {len(self.names)} ({self.names[worker]}) has started")
 
     def _assign(self) -> None:
-        """Gives batches to workers: of the scene that each has, then of the scene with the most left."""
+        """Assigns batches to workers: of each worker's current scene first, then of the scene with the most batches left."""
         for depth in range(1, AHEAD + 1):
             for worker, own in self.workers.items():
                 left = [scene for scene in self.scenes if scene.todo]
@@ -202,17 +202,17 @@ class Run:
             self._retry(scene, view, reason)
 
     def _bury(self, worker: Any, reference: Any, reason: str | None) -> None:
-        """Forgets a worker, whose batches others do; the view of a batch of one was tried if it had begun."""
+        """Removes a worker and reassigns its batches. The view of a started batch of one counts as an attempt."""
         own = self.workers.pop(worker)
         begun = next(iter(own))
         lost = sum(len(running.views) for running in own.values())
         if reason is not None:
-            _say(f"a worker ({self.names[worker]}) died: {lost} views are done by others")
+            _say(f"a worker ({self.names[worker]}) died: {lost} views are reassigned")
         for other, running in own.items():
             if reason is not None and other == begun and len(running.views) == 1:
                 self._retry(running.scene, running.views[0], reason)
             elif reason is not None and other == begun:
-                # If one of them ends workers, it is found alone. Those that were written are not done again.
+                # If one view kills workers, a batch of one finds it. Views that were written are not drawn again.
                 running.scene.todo.extendleft([view] for view in reversed(running.views))
             else:
                 running.scene.todo.appendleft(running.views)
@@ -225,7 +225,7 @@ class Run:
             self.failed.append((scene.name, scene.views[view], reason))
 
     def _give_up(self, scene: Scene, reason: str) -> None:
-        """Reports what is left of a scene that cannot be opened."""
+        """Fails the remaining views of a scene that cannot be opened."""
         for batch in scene.todo:
             self.failed.extend((scene.name, scene.views[view], reason) for view in batch)
         scene.todo.clear()
@@ -240,8 +240,8 @@ class Run:
         left = self.all - self.done - self.kept - len(self.failed)
         text = f"{self.done + self.kept} of {self.all} views"
         if self.kept:
-            text += f" ({self.kept} were there)"
-        text += f", {rate:.1f} a second"
+            text += f" ({self.kept} already there)"
+        text += f", {rate:.1f} per second"
         if left and self.done:
             text += f", {_duration(left / rate)} left"
         text += f", {len(self.workers)} workers"
@@ -269,12 +269,12 @@ def _reason(error: BaseException) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m splatgraph.ray",
-        description="Do the views of scenes on all devices of a Ray cluster; without one, on this machine's.",
+        description="Draw or measure the views of scenes on all devices of a Ray cluster; without a cluster, on this machine's.",
         epilog="Other options are the command's own, after the scenes, such as --size, --set or --format: see `splatgraph COMMAND --help`.",
         allow_abbrev=False,
     )
     parser.add_argument("command", choices=["render", "trade", "sweep", "evaluate"], help="the command")
-    parser.add_argument("scenes", nargs="+", metavar="SCENE", help="scene files; each is drawn alone")
+    parser.add_argument("scenes", nargs="+", metavar="SCENE", help="scene files; each is drawn separately")
     parser.add_argument(
         "-c", "--cameras", nargs="+", required=True, metavar="CAMERAS", help="cameras of all scenes, or one file or folder for each"
     )
@@ -283,18 +283,18 @@ def _parser() -> argparse.ArgumentParser:
         "--output",
         required=True,
         metavar="DIR",
-        help="folder of the results, which all nodes share; several scenes get one each in it",
+        help="folder of the results, shared by all nodes; several scenes get a subfolder each",
     )
     parser.add_argument("--address", help="address of a cluster, or `auto`; by default, Ray is started on this machine")
-    parser.add_argument("--cpus", type=int, default=4, metavar="N", help="CPUs of a worker where the cluster has no GPUs [default: 4]")
+    parser.add_argument("--cpus", type=int, default=4, metavar="N", help="CPUs per worker if the cluster has no GPUs [default: 4]")
     parser.add_argument(
-        "--batch", type=int, metavar="N", help=f"views of a batch [default: a quarter of a worker's share, at most {LARGEST}]"
+        "--batch", type=int, metavar="N", help=f"views per batch [default: a quarter of a worker's share, at most {LARGEST}]"
     )
     return parser
 
 
 def _folders(scenes: list[str], output: str) -> list[str]:
-    """Returns a folder for each scene: the output for one; for several, one in it with as much of the path as tells them apart."""
+    """Returns a folder for each scene: the output for one; for several, a subfolder with as much of the path as distinguishes them."""
     if len(scenes) == 1:
         return [output]
     paths = [pathlib.Path(os.path.abspath(scene)) for scene in scenes]
@@ -308,7 +308,7 @@ def _folders(scenes: list[str], output: str) -> list[str]:
 
 
 def _scenes(options: argparse.Namespace, more: list[str]) -> Iterator[Scene]:
-    """Makes the work of each scene; an error of the command line ends the program here."""
+    """Makes the work of each scene. A command-line error ends the program."""
     cameras = options.cameras * len(options.scenes) if len(options.cameras) == 1 else options.cameras
     if len(cameras) != len(options.scenes):
         raise SystemExit(f"error: expected cameras of all scenes, or for each of {len(options.scenes)} scenes, found {len(cameras)}")
@@ -322,12 +322,12 @@ def _scenes(options: argparse.Namespace, more: list[str]) -> Iterator[Scene]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs a command line; returns the exit code: 1 if a view failed or is missing."""
+    """Runs a command line. Returns the exit code: 1 if a view failed or is missing."""
     options, more = _parser().parse_known_args(arguments)
     if options.cpus < 1 or (options.batch is not None and options.batch < 1):
         raise SystemExit("error: --cpus, --batch: expected numbers above 0")
     scenes = list(_scenes(options, more))
-    # Lines of the workers are told here already.
+    # This process already reports the workers' lines.
     ray.init(
         address=options.address, log_to_driver=False, logging_level=logging.ERROR, include_dashboard=False if not options.address else None
     )
@@ -336,7 +336,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             run.drive()
         except KeyboardInterrupt:
-            _say("interrupted; the same command goes on from here")
+            _say("interrupted; the same command resumes here")
             return 130
         for name, view, reason in run.failed:
             _say(f"{name}: {view} failed {TRIES} times: {reason}")
@@ -349,11 +349,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(scenes: list[Scene], options: argparse.Namespace) -> Run:
-    """Chooses the workers: one for each GPU of the cluster, or for some CPUs where it has none."""
+    """Chooses the workers: one per GPU of the cluster, or per group of CPUs if it has no GPU."""
     has_gpus = ray.cluster_resources().get("GPU", 0) >= 1
     nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
     cpus = min(options.cpus, int(max(node.get("CPU", 1) for node in nodes)))
-    # A worker on a CPU keeps to its share, which else each of them would take all of.
+    # Each CPU worker is limited to its share; otherwise each would use all CPUs.
     threads = {name: str(cpus) for name in ("RAYON_NUM_THREADS", "LP_NUM_THREADS")}
     resources = {"num_gpus": 1, "num_cpus": 1} if has_gpus else {"num_cpus": cpus, "runtime_env": {"env_vars": threads}}
     actor = ray.remote(Worker).options(max_restarts=0, max_task_retries=0, scheduling_strategy="SPREAD", **resources)

@@ -1,7 +1,7 @@
-"""Shows a scene in browsers, drawn here: `python -m splatgraph.viser scene.ply`, or a `Viewer` in a notebook.
+"""Shows a scene in browsers, drawn on this machine: `python -m splatgraph.viser scene.ply`, or a `Viewer` in a notebook.
 
-A browser sends its camera and gets pictures: small ones while it moves, one in full size when it rests. `render_fn` makes the function that
-viewers by viser's contract take, such as nerfview's.
+A browser sends its camera and receives pictures: small ones while the camera moves, and one in full size when it stops. `render_fn` makes
+the render function for viewers with viser's interface, such as nerfview's.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ try:
 except ImportError:
     raise (SystemExit if __name__ == "__main__" else ImportError)("splatgraph.viser needs viser: pip install 'splatgraph[viser]'") from None
 
-#: Seconds without a new camera after which a picture in full size is drawn.
+#: Seconds without a new camera before a picture in full size is drawn.
 REST = 0.15
 
 
 def camera(c2w: np.ndarray, fov: float, size: tuple[int, int]) -> Camera:
-    """Returns the camera of viser's numbers.
+    """Converts viser's camera parameters to a camera.
 
     Args:
         c2w: camera to world with x to the right, y down and z forward, [4, 4].
@@ -53,7 +53,7 @@ def render_fn(renderer: Renderer) -> Callable[[Any, Any], np.ndarray]:
     """Returns the function `(camera_state, size) -> uint8 [height, width, 3]` that draws with a renderer.
 
     `camera_state` has `c2w` [4, 4] and `fov` in radians. `size` is a width and a height in pixels, or an object with `viewer_width` and
-    `viewer_height`, as nerfview's.
+    `viewer_height`, as in nerfview.
     """
 
     def draw(camera_state: Any, size: Any) -> np.ndarray:
@@ -72,14 +72,14 @@ class Viewer:
         scene: the scene.
         pipeline: name of a built-in graph, or a path.
         params: values of the graph's parameters.
-        host: address to listen on; only this machine's programs reach the default.
-        port: port to listen on; the next free one is taken if it is not free.
-        largest: width and height of the largest pictures, in pixels.
+        host: address to listen on; by default, only programs on this machine can connect.
+        port: port to listen on; if it is in use, the next free one.
+        largest: maximum width and height of pictures, in pixels.
         device: a part of the device's name, or its index in `splatgraph devices`.
 
     Raises:
         GraphError: the graph has errors.
-        DeviceError: there is no fit device.
+        DeviceError: no suitable device was found.
     """
 
     def __init__(
@@ -174,7 +174,7 @@ class Viewer:
 
 
 class _View:
-    """The pictures of one browser, drawn on a thread of their own: the latest camera counts."""
+    """Draws the pictures of one browser on its own thread, always for the latest camera."""
 
     def __init__(self, client: Any, draw: Callable[[Any, Any], np.ndarray], largest: int) -> None:
         self._client, self._draw, self._largest = client, draw, largest
@@ -202,7 +202,7 @@ class _View:
                     self._show(1.0, 95)
 
     def _show(self, share: float, quality: int) -> None:
-        """Draws the present camera at a share of the browser's size."""
+        """Draws the current camera at a share of the browser's size."""
         own = self._client.camera
         width, height = own.image_width, own.image_height
         scale = share * min(1.0, self._largest / max(width, height, 1))
@@ -219,7 +219,7 @@ class _View:
 
 
 class _State:
-    """A camera as nerfview has it."""
+    """A camera state as in nerfview."""
 
     def __init__(self, c2w: np.ndarray, fov: float) -> None:
         self.c2w, self.fov = c2w, fov
@@ -231,7 +231,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("scene", metavar="SCENE", help="a scene file")
     parser.add_argument("-p", "--pipeline", default="auto", metavar="NAME", help="the graph: the name of a built-in one, or a path")
     parser.add_argument("-s", "--set", action="append", default=[], metavar="NAME=VALUE", help="set a parameter; may be repeated")
-    parser.add_argument("--host", default="127.0.0.1", help="address to listen on; 0.0.0.0 for other machines, too [default: 127.0.0.1]")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on; 0.0.0.0 accepts other machines [default: 127.0.0.1]")
     parser.add_argument("--port", type=int, default=8080, help="port to listen on, or the next free one [default: 8080]")
     parser.add_argument("--device", help="a part of the device's name, or its index in `splatgraph devices`")
     options = parser.parse_args(arguments)

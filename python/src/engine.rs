@@ -239,7 +239,7 @@ impl Pending {
     fn result<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyDict>)> {
         let receiver = self.receiver.lock().unwrap_or_else(PoisonError::into_inner).take();
         let Some(mut receiver) = receiver else {
-            return Err(Error::new_err("the picture was taken already"));
+            return Err(Error::new_err("the result was already returned"));
         };
         let answer = wait::receive(py, &mut receiver).inspect_err(|_| self.abandon())?;
         let Drawn { pixels, outputs, stats } = answer.map_err(|error| errors::session(py, &error))?;

@@ -9,9 +9,9 @@ use splatgraph::draw::session::SessionError;
 use splatgraph::studies::study::StudyError;
 use splatgraph_api::BackendError;
 
-create_exception!(splatgraph, Error, PyRuntimeError, "Base class of the errors of splatgraph.");
-create_exception!(splatgraph, SceneError, Error, "A scene's or a camera's file cannot be read or written.");
-create_exception!(splatgraph, DeviceError, Error, "There is no fit device, or it failed.");
+create_exception!(splatgraph, Error, PyRuntimeError, "Base class of splatgraph's errors.");
+create_exception!(splatgraph, SceneError, Error, "A scene or camera file cannot be read or written.");
+create_exception!(splatgraph, DeviceError, Error, "No suitable device was found, or the device failed.");
 create_exception!(
     splatgraph,
     GraphError,
@@ -19,11 +19,11 @@ create_exception!(
     "A graph or its shaders have errors.
 
 Attributes:
-    file (str): path of the file with the first error, as it was named.
+    file (str): path of the file with the first error, as it was given.
     line (int): its line, from 1.
     column (int): its column, from 1, in characters.
-    text (str): all errors, drawn with the source text.
-    errors (list[dict]): each error: file, line, column, end_line, end_column, severity, message, label, help."
+    text (str): all errors, rendered with the source text.
+    errors (list[dict]): the errors, each with file, line, column, end_line, end_column, severity, message, label, help."
 );
 
 /// Converts an error of a session to an exception.

@@ -76,7 +76,7 @@ def test_every_picture_is_there_after_a_worker_is_killed_and_a_node_taken_away(t
     log = "".join(lines)
     print(log)
     assert run.returncode == 0, log
-    assert f"a worker (pid {killed} on" in log and log.count(") died: ") >= 2 and f"{views} of {views} views are there" in log
+    assert f"a worker (pid {killed} on" in log and log.count(") died: ") >= 2 and f"{views} of {views} views are present" in log
     assert pictures(tmp_path / "many") == pictures(tmp_path / "one")
 
     # It goes on from what is there, and does nothing twice.
@@ -85,7 +85,7 @@ def test_every_picture_is_there_after_a_worker_is_killed_and_a_node_taken_away(t
     (many / "view007.png").unlink()
     again = started(tmp_path, *render, "-o", "many", "--cpus", "2", address=cluster.address)
     log = again.communicate(timeout=120)[1]
-    assert again.returncode == 0 and f"{views} of {views} views ({views - 1} were there)" in log, log
+    assert again.returncode == 0 and f"{views} of {views} views ({views - 1} already there)" in log, log
     assert pictures(many) == pictures(tmp_path / "one")
     assert all(path.stat().st_mtime_ns == kept[path.name] for path in many.glob("*.png") if path.name != "view007.png")
 

@@ -260,5 +260,5 @@ def test_equal_pictures_are_identical_and_others_measured():
     b[3, 5, 1] += 0.5
     other = splatgraph.compare(a, b)
     assert other.worst_pixel == (5, 3) and abs(other.worst - 0.5) < 1e-6 and not other.identical
-    with pytest.raises(ValueError, match="expected pictures of one size"):
+    with pytest.raises(ValueError, match="expected pictures of the same size"):
         splatgraph.compare(a, a[:8])

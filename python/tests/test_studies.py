@@ -31,7 +31,7 @@ def test_a_ledger_has_a_line_for_each_setting_with_its_cost(scene, cameras):
     assert "sh_degree = 0" in str(found) and found.csv.startswith("setting,gpu_ms") and found.html.startswith("<!doctype html>")
     with pytest.raises(KeyError, match="there are exact"):
         found["nothing"]
-    with pytest.raises(ValueError, match="expected the begin of a setting's name"):
+    with pytest.raises(ValueError, match="expected a prefix of one of these settings' names"):
         splatgraph.trade(scene, cameras, only=["nothing"])
     with pytest.raises(ValueError, match="cameras: expected at least one"):
         splatgraph.trade(scene, [])
