@@ -96,7 +96,9 @@ fn splats_below_the_alpha_floor_count_neither_for_keys_nor_for_harmonics() {
     assert_eq!(bits(&hidden, "float_bits"), Some(8), "{text}");
     assert!(text.contains("none: sh_degree=0 draws the same picture"), "{text}");
     assert!(
-        text.contains("degree 3 stored, 0 in use, the bands above are zero in every splat that can show"),
+        text.contains(
+            "degree 3 stored, 0 in use, the bands above are zero in every splat that can be visible"
+        ),
         "{text}"
     );
     assert_eq!(

@@ -39,7 +39,10 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
     assert!(report["device"].as_str().is_some_and(|name| name.contains("llvmpipe")), "{}", report["device"]);
     // On a CPU, a copy does not bound passes, and pass times are not meaningful.
     assert_eq!((&report["is_cpu"], &report["copy"]), (&true.into(), &serde_json::Value::Null));
-    assert!(text.contains("trust GPU ms of whole frames") && !text.contains("copy limit"), "{text}");
+    assert!(
+        text.contains("only the GPU ms of whole frames are reliable") && !text.contains("copy limit"),
+        "{text}"
+    );
     assert_eq!(report["scenes"][0]["cameras"].as_array().map(Vec::len), Some(2));
     let places: Vec<(u64, u64, &str)> = rows(&report)
         .iter()
@@ -157,7 +160,7 @@ fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_
             ("scene.ply --pipelines splat,splta", 1, "there is no graph `splta`"),
             ("scene.ply --set digit_bitz=4", 1, "did you mean `digit_bits`"),
             ("scene.ply --set key_bits=99", 1, "99 is not in 8 to 32"),
-            ("scene.ply --pipelines splat,splat", 2, "expected each once, found `splat` twice"),
+            ("scene.ply --pipelines splat,splat", 2, "expected each value once, found `splat` twice"),
             ("scene.ply --pipelines splat,,key16", 2, "found an empty one"),
             ("scene.ply --sizes 64x48,64", 2, "expected WIDTHxHEIGHT"),
             ("scene.ply --splats 0", 2, "0 is not in 1.."),

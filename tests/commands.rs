@@ -233,14 +233,14 @@ fn check_refuses_what_no_barrier_can_mend_and_results_of_another_frame() {
     let next = r#"Dispatch(name: "next", shader: "next.comp", size: Indirect("words", 0), bind: { "Words": "words" }),"#;
     let last = SHOW.replace("\"Words\": \"words\"", "\"Words\": \"last(past)\"");
     let cases = [
-        (format!("{CLEAR} {next} {SHOW}"), "image", "which its own arguments are in"),
-        (draw("flat", r#"Indirect("words", 16)"#), "image", "which its own arguments are in"),
+        (format!("{CLEAR} {next} {SHOW}"), "image", "which holds its own arguments"),
+        (draw("flat", r#"Indirect("words", 16)"#), "image", "which holds its own arguments"),
         (
             draw("half", "Direct(vertices: 3, instances: 1)"),
             "image",
             "`half.vert` reads `Words` while `half.frag`",
         ),
-        (format!("{CLEAR} {SHOW}"), "last(image)", "a frame's results are what it leaves itself"),
+        (format!("{CLEAR} {SHOW}"), "last(image)", "a frame's results must come from the frame itself"),
         (last, "image", "`show` reads `past`, which no pass writes"),
     ];
     for (passes, output, expected) in cases {
@@ -293,7 +293,8 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
         (errors, place.json("stats.json")[0].clone())
     };
     let (errors, stats) = draw("either.ron");
-    let told = "`splat` stands in for `odd`, which needs a device without workgroups (device.max_groups_x = ";
+    let told =
+        "`splat` is used instead of `odd`, which needs a device without workgroups (device.max_groups_x = ";
     assert_eq!(errors.matches(told).count(), 1, "{errors}");
     assert_eq!(
         (&stats["pipeline"], &stats["fallbacks"][0]["taken"]),
@@ -301,12 +302,12 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
     );
     assert!(stats["phases"]["draw"].is_number(), "quads are drawn: {stats}");
     let text = place.done("dump either.ron");
-    assert!(text.contains("\n`splat` stands in for `odd`, which needs"), "{text}");
+    assert!(text.contains("\n`splat` is used instead of `odd`, which needs"), "{text}");
     let text = place.done("check odd.ron");
     assert!(text.starts_with("odd.ron: not for the least capable supported device\n"), "{text}");
 
     let (errors, stats) = draw("auto");
-    assert!(!errors.contains("stands in"), "{errors}");
+    assert!(!errors.contains("is used instead of"), "{errors}");
     let fallback = &stats["fallbacks"][0];
     let reason = match stats["based_on"][0].as_str() {
         Some("tiled_cpu") => &fallback["unmet"][0]["reason"],
@@ -356,7 +357,7 @@ fn the_backend_that_executes_nothing_draws_black_pictures_is_measured_and_compar
     assert!(measured.to_string().contains("\"null"), "the device is named: {measured}");
 
     for command in ["trade", "sweep", "advise", "popping", "experiment order"] {
-        place.refuses(command, &[(null, 2, "found null: pictures are compared")]);
+        place.refuses(command, &[(null, 2, "found null: it draws no pictures to compare")]);
     }
     place.refuses(
         render,

@@ -139,8 +139,11 @@ fn a_plan_without_outputs_has_nothing_for_them_and_one_with_some_has_their_passe
     }
     let error = plan("splat", &["normal"]).expect_err("quads have no normals").to_string();
     assert!(error.contains("this graph has no output `normal`"), "{error}");
-    assert!(error.contains("gives alpha, depth, expected_depth besides its picture"), "{error}");
-    assert!(error.contains("built-in graphs that give it, with their presets: tiled, tiled_cpu"), "{error}");
+    assert!(error.contains("outputs alpha, depth, expected_depth besides its picture"), "{error}");
+    assert!(
+        error.contains("built-in graphs with this output, and their presets: tiled, tiled_cpu"),
+        "{error}"
+    );
     let error = plan("tiled", &["dept"]).expect_err("no output").to_string();
     assert!(error.contains("`depth`"), "{error}");
 }

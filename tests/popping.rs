@@ -101,7 +101,7 @@ fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
     place.refuses(
         "popping scene.ply",
         &[
-            ("-c sizes.json", 1, "expected pictures of one size along the path"),
+            ("-c sizes.json", 1, "expected pictures of the same size along the path"),
             ("-p splatt", 1, "splatt"),
             ("--with key_bits", 2, "NAME=VALUE"),
             ("--with key_bitz=8", 1, "key_bitz"),

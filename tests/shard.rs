@@ -49,16 +49,16 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     let one = files(&place, "out");
     fs::remove_dir_all(place.at("out")).expect("it is there");
     let told = run(&place, line, &["out", "--shard", "0/2"], 0);
-    assert!(told.contains("shard 0/2: 2 of 3 views: 2 done, 0 were there, 0 failed"), "{told}");
+    assert!(told.contains("shard 0/2: 2 of 3 views: 2 done, 0 already there, 0 failed"), "{told}");
     let told = run(&place, "merge out", &[], 1);
-    assert!(told.contains("2 of 3 views are there\n") && told.contains("missing: two\n"), "{told}");
+    assert!(told.contains("2 of 3 views are present\n") && told.contains("missing: two\n"), "{told}");
     // As if a process had been killed: one of its pictures is missing.
     fs::remove_file(place.at("out/three.png")).expect("it is there");
     let told = run(&place, line, &["out", "--shard", "0/1"], 0);
-    assert!(told.contains("3 of 3 views: 2 done, 1 were there"), "{told}");
+    assert!(told.contains("3 of 3 views: 2 done, 1 already there"), "{told}");
     let mut many = files(&place, "out");
     assert!(many.remove("job.json").is_some() && many == one);
-    assert_eq!(run(&place, "merge out", &[], 0), "3 of 3 views are there\n");
+    assert_eq!(run(&place, "merge out", &[], 0), "3 of 3 views are present\n");
     for (more, code, why) in [
         (&["out", "--shard", "0/1", "--background", "1,1,1"][..], 1, "differ in kind of picture"),
         (&["out", "--shard", "0/1", "-p", "splat"], 1, "differ in graph"),
@@ -102,7 +102,7 @@ fn a_view_that_fails_costs_no_other() {
     cameras[1]["height"] = 32_768.into();
     place.write("cameras.json", cameras.to_string());
     let told = run(&place, "render scene.ply -c cameras.json -o out --shard 0/1", &[], 1);
-    assert!(told.contains("3 of 3 views: 2 done, 0 were there, 1 failed\ntwo: "), "{told}");
+    assert!(told.contains("3 of 3 views: 2 done, 0 already there, 1 failed\ntwo: "), "{told}");
     assert!(place.at("out/three.png").exists() && !place.at("out/two.png").exists());
 }
 
@@ -121,7 +121,7 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
             run(&place, &line, &["-o", &format!("of-{}", &shard[..1]), "--shard", shard], 0);
         }
         let told = run(&place, "merge of-1", &["-o", "part"], 1);
-        assert!(told.contains("1 of 3 views are there\nmissing: one\nmissing: three\n"), "{told}");
+        assert!(told.contains("1 of 3 views are present\nmissing: one\nmissing: three\n"), "{told}");
         run(&place, "merge of-1 of-0 -o many", &[], 0);
         let (one, many) = (files(&place, "one"), files(&place, "many"));
         assert!(one.keys().eq(many.keys()), "{:?} {:?}", one.keys(), many.keys());

@@ -69,11 +69,11 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
     place.refuses(
         &short,
         &[
-            ("nothing", 2, "expected the begin of a setting's name"),
+            ("nothing", 2, "expected a prefix of one of these settings' names"),
             ("defaults --truth missing", 1, "expected the picture one.npy, .exr or .png in missing"),
             ("defaults --truth true --size 32x32", 1, "expected 32 x 32 pixels"),
             ("defaults --rounds 0", 2, "--rounds"),
-            ("defaults --truth ledger/pictures", 2, "name another --output"),
+            ("defaults --truth ledger/pictures", 2, "choose another --output"),
         ],
     );
 }
@@ -101,7 +101,7 @@ fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
     place.done(&format!("{TRUTH} --background 1,1,1"));
     let errors = trade(against);
     assert!(
-        errors.contains("rows of an earlier run are measured anew: measured with another truth")
+        errors.contains("rows of an earlier run are measured again: measured with another truth")
             && !errors.contains("are kept"),
         "{errors}"
     );
@@ -136,7 +136,7 @@ fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no
     place.write("pipelines/digit8.ron", "Preset(graph: \"splat\", summary: \"Nothing\", set: {})");
     let only = "--only defaults --only 'preset digit8' --only 'preset stale_order'";
     let (table, errors) = place.said(&format!("{SHORT} -p splat {only}"));
-    assert!(errors.contains("not measured: `preset digit8` has the plan of `defaults`"), "{errors}");
+    assert!(errors.contains("not measured: `preset digit8` has the same plan as `defaults`"), "{errors}");
     let row = table.lines().find(|line| line.contains("preset stale_order")).expect("a row");
     assert!(row.starts_with(' ') && row.ends_with("still views hide its cost"), "{table}");
     assert!(table.contains("`preset stale_order` is not judged"), "{table}");

@@ -75,15 +75,15 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
     fs::write(at(2), "half a picture").expect("written");
     fs::copy(at(0), at(3)).expect("copied");
     let said = drawn(&place, "frames");
-    assert!(said.contains("(2 were there)") && said.contains("; 2 drawn in"), "{said}");
+    assert!(said.contains("(2 already there)") && said.contains("; 2 drawn in"), "{said}");
     let after: Vec<Vec<u8>> = (0..4).map(|index| fs::read(at(index)).expect("written")).collect();
     assert!(after[..3] == before[..3]);
     assert!(after[3] == before[0]);
 
-    let other = "film.json is of another film (samples is 1 there and 2 here)";
+    let other = "film.json belongs to another film (samples is 1 there and 2 here)";
     place.refuses(
         LINE,
-        &[("frames --samples=2", 1, other), ("frames --set=cutoff=2", 1, "of another film (plan is")],
+        &[("frames --samples=2", 1, other), ("frames --set=cutoff=2", 1, "to another film (plan is")],
     );
     fs::remove_file(place.at("frames/film.json")).expect("removed");
     place.refuses(LINE, &[("frames", 1, "expected film.json beside frames/00000.png")]);
@@ -158,7 +158,7 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
     fs::write(place.at("lens.json"), with(["fisheye", "pinhole"])).expect("written");
     place.refuses(
         film,
-        &[("film.gif -p fisheye", 1, "a path needs one lens: expected cameras of one projection, found ")],
+        &[("film.gif -p fisheye", 1, "camera path: expected cameras with one projection, found ")],
     );
 }
 

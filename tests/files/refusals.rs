@@ -45,11 +45,11 @@ fn no_output_goes_over_an_input_or_over_another_output() {
         ("render scene.ply -p graph.ron --json ./graph.ron", "overwrite the graph"),
         ("render scene.ply -o a.png --json a.png", "--json and --output name one file"),
         ("render scene.ply -o - --json -", "standard output"),
-        ("render scene.ply -o z --json z", "which is inside of the file of --json"),
+        ("render scene.ply -o z --json z", "which is inside the file of --json"),
         ("render scene.ply --inspect a@b=k.npy --inspect c@d=./k.npy", "two outputs of --inspect"),
         ("render scene.ply -c cameras.json --inspect a@b=k.npy -o . --json k-one.npy", "one file"),
         ("render scene.ply -c cameras.json -o -", "expected one camera"),
-        (&format!("render scene.ply -o {long}.png"), "the file system takes 255"),
+        (&format!("render scene.ply -o {long}.png"), "the file system allows 255"),
         (
             &format!("render scene.ply -c cameras.json --inspect {long_keys}"),
             "no room for the cameras' names",

@@ -205,7 +205,7 @@ fn shared_memory_is_no_more_and_held_by_one_at_a_time() {
 fn tenants_take_turns(plan: &Plan) -> Result<(), String> {
     for (resource, block) in plan.resources.iter().filter_map(|r| Some((r, r.block?))) {
         if resource.source != Source::Transient || block.index() >= plan.blocks.len() {
-            return Err(format!("`{}` stands in no block that there is", resource.name));
+            return Err(format!("`{}` is in no block that there is", resource.name));
         }
     }
     for block in plan.blocks.iter().filter(|block| block.aliases.len() > 1) {

@@ -25,7 +25,7 @@ fn a_dispatch_that_writes_the_buffer_of_its_own_arguments_is_refused() {
             sketch.passes[at].indirect = Some((what, 0));
             let files = render(&sketch, Style::default());
             match plan(&files, sketch.settings[0], true) {
-                Err(error) if error.contains("which its own arguments are in") => {
+                Err(error) if error.contains("which holds its own arguments") => {
                     refused.fetch_add(1, Relaxed);
                 }
                 Err(error) => return Err(format!("another error: {error}\nof\n{}", files.graph)),

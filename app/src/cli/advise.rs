@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 /// noise.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  splatgraph advise scene.ply -c cameras.json                # what the scene is like
+  splatgraph advise scene.ply -c cameras.json                # a report on the scene
   splatgraph advise scene.ply -c cameras.json --psnr 45      # the fastest setting with 45 dB in every view
   splatgraph advise scene.ply --ms 2 --size 1920x1080        # the most accurate within 2 ms
   splatgraph advise --psnr 50 --json advice.json             # the demo scene")]
@@ -157,8 +157,8 @@ fn narrowest(needs: &[Need]) -> Option<(Mapping, u32)> {
 
 pub(super) fn keys_text(needs: &[Need], errors: u64) -> String {
     let wrong = match errors {
-        0 => "no two splats that overlap change places".to_owned(),
-        errors => format!("at most {errors} pairs of splats that overlap change places in a view"),
+        0 => "no two overlapping splats change places".to_owned(),
+        errors => format!("at most {errors} pairs of overlapping splats change places in a view"),
     };
     let mut text = format!("  depth keys            bits at which {wrong}: ");
     let of = |need: &Need| match need.bits {
@@ -176,7 +176,7 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     let of = |band: &Band| {
         let share = 100.0 * band.share;
         format!(
-            "  band {:<17}adds {:.4} to a colour in the mean (rms), {share:.1} % of the view-dependent energy\n",
+            "  band {:<17}adds {:.4} to a colour on average (rms), {share:.1} % of the view-dependent energy\n",
             band.band, band.rms
         )
     };
@@ -252,7 +252,7 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     args.device.words().iter().for_each(|word| add(word));
     ["-o", if is_one { "advised.png" } else { "advised/" }].into_iter().for_each(&mut add);
     format!(
-        "\n{command}\n  PSNR by view: {} dB\n  {}\n  the best of {} settings that were measured\n",
+        "\n{command}\n  PSNR by view: {} dB\n  {}\n  the best of {} measured settings\n",
         list(&found.psnr_db),
         time(found),
         tried.len()
@@ -267,7 +267,7 @@ fn nothing(tried: &[Tried], budget: &Budget) -> String {
     let limits =
         [budget.psnr.map(|db| format!("at least {db} dB")), budget.ms.map(|ms| format!("at most {ms} ms"))];
     let mut text = format!(
-        "\nno setting of {} that were measured has {}\n",
+        "\nnone of the {} measured settings has {}\n",
         tried.len(),
         limits.into_iter().flatten().collect::<Vec<_>>().join(" and ")
     );
@@ -278,7 +278,7 @@ fn nothing(tried: &[Tried], budget: &Budget) -> String {
         }
     }
     if budget.psnr.is_some() && accurate.is_some_and(|best| best.setting.name == EXACT) {
-        text += "  what is left there is the graph's own: see docs/accuracy.md\n";
+        text += "  the remaining error is inherent in the graph: see docs/accuracy.md\n";
     }
     text
 }
@@ -300,7 +300,7 @@ mod tests {
         let all = [tried(EXACT, 80.0, 10.0), tried("target = h", 60.0, 2.5)];
         let text = nothing(&all, &Budget { psnr: Some(90.0), ms: Some(1.0) });
         assert!(
-            text.contains("no setting of 2 that were measured has at least 90 dB and at most 1 ms"),
+            text.contains("none of the 2 measured settings has at least 90 dB and at most 1 ms"),
             "{text}"
         );
         assert!(text.contains("most accurate: exact: 80.00, 81.00 dB, 10.000 ms, 100.0 ± 1.0 %"), "{text}");

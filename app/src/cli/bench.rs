@@ -129,7 +129,7 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) ->
                 write_plot(folder, name, &plot)?;
             }
         }
-        say(format!("{} has every number", folder.join(CSV).display()));
+        say(format!("all numbers are in {}", folder.join(CSV).display()));
     }
     Ok(report.drawn().next().is_some())
 }
@@ -152,7 +152,7 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
         if let Some(plot) = report.plot() {
             write_plot(folder, SORT_PLOT, &plot)?;
         }
-        say(format!("{} has every number", folder.join(CSV).display()));
+        say(format!("all numbers are in {}", folder.join(CSV).display()));
     }
     Ok(!report.is_empty())
 }
@@ -258,7 +258,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     }
     refuse_options_of_others(args)?;
     if args.pipelines.iter().any(|name| name.trim().is_empty()) {
-        bail!(Usage("--pipelines: expected names with a comma between them, found an empty one".into()));
+        bail!(Usage("--pipelines: expected names separated by commas, found an empty one".into()));
     }
     once("--pipelines", &args.pipelines, |name| format!("`{name}`"))?;
     once("--sizes", &args.sizes, |size| size_text(Some(*size)))?;
@@ -283,7 +283,9 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
 fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> Result<(), Usage> {
     let again = list.iter().enumerate().find(|(at, item)| list[..*at].contains(item));
     match again {
-        Some((_, item)) => Err(Usage(format!("{option}: expected each once, found {} twice", text(item)))),
+        Some((_, item)) => {
+            Err(Usage(format!("{option}: expected each value once, found {} twice", text(item))))
+        }
         None => Ok(()),
     }
 }
@@ -308,7 +310,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             }
             match args.set.iter().find(|(name, _)| sort::OWN_PARAMETERS.contains(&name.as_str())) {
                 Some((name, _)) => Err(Usage(format!(
-                    "--set {name}: --suite sort sets it itself (--pairs names the numbers)"
+                    "--set {name}: --suite sort sets it itself (--pairs lists the numbers of pairs)"
                 ))),
                 None => Ok(()),
             }

@@ -78,7 +78,7 @@ pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
 pub fn tell_off_center(dataset: &Dataset) {
     if dataset.off_center > 0.5 {
         say(format!(
-            "principal points are up to {:.1} pixels from the middle of the pictures; they are drawn in the middle, as by the 3DGS reference",
+            "principal points are up to {:.1} pixels off the centre of the pictures; they are treated as central, as in the 3DGS reference implementation",
             dataset.off_center
         ));
     }

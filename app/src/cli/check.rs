@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Ok(Verdict::Wrong(violations)) => {
                 say(violations);
                 options::print(&format!(
-                    "{title}: its barriers do not hold; please report this with the graph"
+                    "{title}: its barriers failed verification; please report this with the graph"
                 ))?;
             }
             Err(errors) => {
@@ -181,7 +181,7 @@ fn as_json(
 ) -> Value {
     let verdict = match result {
         Ok(Verdict::Right(verdict) | Verdict::Lacking(verdict)) => verdict.clone(),
-        Ok(Verdict::Wrong(violations)) => format!("its barriers do not hold: {violations}"),
+        Ok(Verdict::Wrong(violations)) => format!("its barriers failed verification: {violations}"),
         Err(errors) => {
             found.splice(0..0, errors.found.iter().cloned());
             "errors".to_owned()
@@ -509,7 +509,7 @@ mod tests {
         let text = checked(&either.display().to_string());
         assert!(text.starts_with("OK\n  4, 8"), "{text}");
         let last = text.lines().last().expect("a line");
-        assert!(last.starts_with("  64 lanes: `splat` stands in for `"), "{text}");
+        assert!(last.starts_with("  64 lanes: `splat` is used instead of `"), "{text}");
         assert!(
             last.ends_with("narrow.ron`, which needs narrow subgroups (device.subgroup_size = 64)"),
             "{text}"

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 ///
 /// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian window of
 /// 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the pixels, 0 for equal
-/// pictures. It is computed of the values themselves and of the values in 8 bits, as in `trade`. The worst pixel has the largest
+/// pictures. It is computed from the values themselves and from the values in 8 bits, as in `trade`. The worst pixel has the largest
 /// difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are clamped to 0..1.
 ///
 /// All measures are computed in f64, also for float64 arrays.
@@ -237,7 +237,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     }
     let list: Vec<String> = alone.iter().map(|p| format!("\n  {}", p.display())).collect();
     let hint = if pairs.is_empty() && !args.by_number {
-        "\nno two names are equal; --by-number matches by the number at the end"
+        "\nno two names match; --by-number matches by the number at the end"
     } else {
         ""
     };
@@ -486,7 +486,7 @@ mod tests {
             std::fs::write(path, &bytes[..200]).unwrap();
         }
         let error = format!("{:#}", compared(&a, &b, &[]).unwrap_err());
-        assert!(error.contains("expected pictures of one size, found 12 x 12 and 13 x 12"), "{error}");
+        assert!(error.contains("expected pictures of the same size, found 12 x 12 and 13 x 12"), "{error}");
     }
 
     #[test]

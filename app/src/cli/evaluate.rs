@@ -109,7 +109,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let chosen: Vec<_> = if args.all { dataset.views.iter().collect() } else { dataset.test_views() };
     if chosen.is_empty() {
         bail!(
-            "{}: expected at least one test view, found none among {} views; --all scores these",
+            "{}: expected at least one test view, found none among {} views; --all scores all of them",
             args.cameras.display(),
             dataset.views.len()
         );
@@ -275,7 +275,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     if !args.all && views.len() == 1 {
         say(format!(
-            "one view alone was scored: of fewer than {} views, the first is the test",
+            "only one view was scored: with fewer than {} views, the first is the only test view",
             TEST_EVERY + 1
         ));
     }

@@ -289,7 +289,7 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     let views = shard.views(job.views().len());
     let Ran { done, kept, failed } = job.run(&views)?;
     say(format!(
-        "shard {}/{}: {} of {} views: {} done, {} were there, {} failed",
+        "shard {}/{}: {} of {} views: {} done, {} already there, {} failed",
         shard.index,
         shard.count,
         views.len(),
@@ -367,7 +367,7 @@ pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
 pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
     match given.iter().find(|(_, given)| *given) {
         Some((option, _)) => {
-            Err(Usage(format!("expected no {option} with --shard, which does a part of the views")))
+            Err(Usage(format!("expected no {option} with --shard, which processes only part of the views")))
         }
         None => Ok(()),
     }

@@ -101,7 +101,7 @@ impl LookAtArgs {
         let factor = f64::from(camera.height) / height / camera.fy;
         let scaled = Camera { fx: camera.fx * factor, fy: camera.fy * factor, ..camera };
         match scaled.fault() {
-            Some(fault) => Err(Usage(format!("--ortho-height makes no camera: {fault}"))),
+            Some(fault) => Err(Usage(format!("--ortho-height gives no valid camera: {fault}"))),
             None => Ok(scaled),
         }
     }
@@ -133,7 +133,9 @@ impl LookAtArgs {
         let eye =
             self.eye.map_or_else(|| DVec3::from(Camera::framing(scene, size.0, size.1).position), local);
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
-            return Err(Usage(format!("expected two places for --eye and --target, found one: {eye}")));
+            return Err(Usage(format!(
+                "expected different points for --eye and --target, found the same: {eye}"
+            )));
         }
         let up = DVec3::from(self.up.unwrap_or(scene.up()));
         if up.try_normalize().is_none() {
@@ -141,7 +143,7 @@ impl LookAtArgs {
         }
         let start = self.start([eye, target, up], size, scene, projection)?;
         if let Some(fault) = start.fault() {
-            return Err(Usage(format!("--eye, --target and --fov make no camera: {fault}")));
+            return Err(Usage(format!("--eye, --target and --fov give no valid camera: {fault}")));
         }
         Ok(Orbit { start, around: target.into(), axis: up.into() })
     }
@@ -161,11 +163,11 @@ impl LookAtArgs {
                 Ok(Camera { projection, fx: focal, fy: focal, ..at(60.0) })
             }
             (Projection::Equirectangular, Some(fov)) => Err(Usage(format!(
-                "expected no --fov for an equirectangular view, which has 360 degrees, found {fov}"
+                "expected no --fov for an equirectangular view, which covers 360 degrees, found {fov}"
             ))),
             (_, Some(fov)) if fov > 179.0 => {
                 let text = format!("--fov: expected 0.1 to 179 degrees for a {projection} view, found {fov}");
-                Err(Usage(format!("{text}; --pipeline fisheye has up to 360")))
+                Err(Usage(format!("{text}; --pipeline fisheye allows up to 360")))
             }
             (_, fov) => Ok(at(fov.unwrap_or(60.0)).projected(projection, scene)),
         }
@@ -251,7 +253,7 @@ mod tests {
         };
         assert!(
             said("--eye 1,2,3 --target 1,2,3")
-                .contains("expected two places for --eye and --target, found one")
+                .contains("expected different points for --eye and --target, found the same")
         );
         assert!(said("--up 0,0,0 --eye 1,2,3").contains("expected a direction for --up"));
         assert!(said("--eye 1e30,0,0").contains("expected a position within 1e18"));

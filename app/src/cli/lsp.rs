@@ -16,7 +16,7 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Use standard input and output. This is always so; some editors pass the option
+    /// Use standard input and output. This is the only mode; some editors pass the option
     #[arg(long)]
     stdio: bool,
 }

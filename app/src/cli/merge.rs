@@ -18,9 +18,9 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph render scene.ply -c garden/ -o out/ --shard 0/2   # on one machine
-  splatgraph render scene.ply -c garden/ -o out/ --shard 1/2   # on another, with the same disk
+  splatgraph render scene.ply -c garden/ -o out/ --shard 1/2   # on another, sharing the disk
   splatgraph merge out/                                        # are all pictures there?
-  splatgraph merge ledger-0/ ledger-1/ -o ledger/              # of machines with disks of their own")]
+  splatgraph merge ledger-0/ ledger-1/ -o ledger/              # from machines with their own disks")]
 pub struct Args {
     /// Folders of --output
     #[arg(required = true, value_name = "DIR")]
@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             None => missing.push(view.as_str()),
         }
     }
-    say(format!("{} of {} views are there", found.len(), first.views.len()));
+    say(format!("{} of {} views are present", found.len(), first.views.len()));
     for view in &missing {
         say(format!("missing: {}", one_line(view)));
     }

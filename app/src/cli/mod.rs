@@ -72,7 +72,7 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn interleaved
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
-  splatgraph merge pictures/                        # what several processes did (--shard)
+  splatgraph merge pictures/                        # join the results of several processes (--shard)
   splatgraph sweep scene.ply                        # quality and time as splats are removed
   splatgraph experiment order                       # a page on the order of splats
   splatgraph popping                                # the error that changes from frame to frame
@@ -177,7 +177,7 @@ pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
     let words = [OsString::from("splatgraph")].into_iter().chain(arguments.iter().cloned());
     let cli = Cli::try_parse_from(words)?;
     if cli.command.shard().is_some() {
-        return Err(Usage("expected no --shard, as workers are given views".into()).into());
+        return Err(Usage("expected no --shard: workers are assigned their views".into()).into());
     }
     Ok(Job::new(cli.command.work()?))
 }

@@ -85,7 +85,7 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
         .collect();
     if !args.force && !there.is_empty() {
         return Err(Usage(format!(
-            "expected a name that is free, found {}: take another, or overwrite with --force",
+            "expected an unused name, found {}: choose another, or overwrite with --force",
             there.join(", ")
         )));
     }

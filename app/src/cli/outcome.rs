@@ -41,7 +41,7 @@ pub fn validated(asked: bool, messages: &[String]) -> Outcome {
             Outcome::Done
         }
         (true, count) => {
-            say(format!("error: the validation layer gave {count} messages"));
+            say(format!("error: the validation layer reported {count} messages"));
             Outcome::Failed
         }
     }

@@ -10,7 +10,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph source splat                      # the graph of the preset `splat`
   splatgraph source parts/sort                 # a part that graphs include
   splatgraph source sort/scatter.comp          # a shader
-  splatgraph source filters/edges > my.ron     # a copy to change; `splatgraph new` writes commented starts";
+  splatgraph source filters/edges > my.ron     # a copy to change; `splatgraph new` writes commented templates";
 
 /// Print a built-in graph, part or shader
 ///

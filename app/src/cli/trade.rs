@@ -34,8 +34,8 @@ use std::sync::Arc;
 /// affects both. A parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
 /// earlier one is not measured either.
 ///
-/// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; the share in milliseconds on
-/// the GPU, from one time of the exact settings, with the spread over the rounds; PSNR over all pixels and over the pixels that a
+/// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; that share in milliseconds on
+/// the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR over all pixels and over the pixels that a
 /// splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal pictures); the largest difference of a channel; the
 /// share of pixels that are off by more than 1/255; pairs of visible splats in the wrong order; and memory on the device. A `*`
 /// marks the Pareto front: every setting that is at least as accurate takes at least 2 % longer, beyond the noise. The noise is
@@ -275,7 +275,7 @@ fn usage(error: StudyError) -> anyhow::Error {
     match error {
         StudyError::UnknownSetting { name, known } => {
             let known = known.join(", ");
-            Usage(format!("--only {name}: expected the begin of a setting's name, of: {known}")).into()
+            Usage(format!("--only {name}: expected a prefix of one of these settings' names: {known}")).into()
         }
         error => error.into(),
     }
@@ -295,7 +295,7 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     {
         let (truth, output) = (truth.display(), args.output.display());
         return Err(Usage(format!(
-            "--truth {truth}: pictures of the settings would go into this folder: name another --output than {output}"
+            "--truth {truth}: the settings' pictures would be written into this folder: choose another --output than {output}"
         )));
     }
     Ok(())

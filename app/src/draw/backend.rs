@@ -108,8 +108,8 @@ impl Api {
 /// Formats the error about an API that is not in `names`, with the reason if it is known.
 fn refusal(name: &str, names: &[&str]) -> String {
     let why = match name {
-        "metal" => ": Metal is on Apple's systems alone",
-        "null" => ": pictures are compared",
+        "metal" => ": Metal exists only on Apple's systems",
+        "null" => ": it draws no pictures to compare",
         _ => "",
     };
     format!("expected {}, found {name}{why}", alternatives(names))
@@ -341,7 +341,7 @@ impl Device for Backend {
             #[cfg(target_vendor = "apple")]
             (Backend::Metal(device), Ready::Metal(ready)) => device.swap(ready),
             (Backend::Null(device, _), Ready::Null(ready)) => device.swap(ready),
-            _ => Err(BackendError::Invalid("a plan was made ready for a device of another API".to_owned())),
+            _ => Err(BackendError::Invalid("a plan was prepared for a device of another API".to_owned())),
         }
     }
 
@@ -409,15 +409,15 @@ mod tests {
     #[cfg(not(target_vendor = "apple"))]
     #[test]
     fn a_backend_that_is_not_there_is_refused_with_those_that_are_and_the_reason() {
-        let expected = "expected vulkan or null, found metal: Metal is on Apple's systems alone";
+        let expected = "expected vulkan or null, found metal: Metal exists only on Apple's systems";
         assert_eq!(Api::parse("metal").unwrap_err(), expected);
         let expected = "expected vulkan, null or reference, found opengl";
         assert_eq!(Api::refusal("opengl", &["reference"]), expected);
         assert_eq!(Api::default(), Api::Vulkan);
         assert_eq!(Api::parse_drawing("vulkan"), Ok(Api::Vulkan));
         let refused = |name| Api::parse_drawing(name).unwrap_err();
-        assert_eq!(refused("null"), "expected vulkan, found null: pictures are compared");
-        assert_eq!(refused("metal"), "expected vulkan, found metal: Metal is on Apple's systems alone");
+        assert_eq!(refused("null"), "expected vulkan, found null: it draws no pictures to compare");
+        assert_eq!(refused("metal"), "expected vulkan, found metal: Metal exists only on Apple's systems");
     }
 
     #[test]
@@ -429,7 +429,7 @@ mod tests {
         assert_eq!(opened("null").unwrap(), "null");
         assert_eq!(opened("0").unwrap(), "null");
         let error = opened("llvmpipe").unwrap_err().to_string();
-        assert!(error.contains("there is no device `llvmpipe`; there are 0: null"), "{error}");
+        assert!(error.contains("there is no device `llvmpipe`; available: 0: null"), "{error}");
         let validated = Options { validation: Validation::Synchronization, ..Options::default() };
         let error = Backend::open(Api::Null, &validated).err().expect("refused").to_string();
         assert!(error.contains("expected a backend with validation, found null"), "{error}");

@@ -119,10 +119,10 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
         ("contributors" | "index", Format::Png | Format::Exr) => {
-            "expected the extension .npy: other formats hold no integers of 32 bits"
+            "expected the extension .npy: other formats cannot store 32-bit integers"
         }
         ("depth" | "expected_depth" | "median_depth", Format::Png) => {
-            "expected the extension .npy or .exr: the levels of a PNG end at 1, and depths do not"
+            "expected the extension .npy or .exr: PNG values end at 1, and depths exceed it"
         }
         _ => return Ok(()),
     };

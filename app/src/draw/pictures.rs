@@ -65,10 +65,7 @@ impl<T: Send + 'static> Pictures<T> {
     /// The picture's work failed.
     pub fn wait(&mut self) -> Result<Option<T>> {
         let Some(oldest) = self.unfinished.pop_front() else { return Ok(None) };
-        oldest
-            .recv()
-            .map_err(|_| anyhow!("a thread that writes a picture ended by a mistake of its own"))?
-            .map(Some)
+        oldest.recv().map_err(|_| anyhow!("a thread that writes a picture panicked"))?.map(Some)
     }
 }
 

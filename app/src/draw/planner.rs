@@ -219,7 +219,7 @@ impl Planner {
 fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     let graphs = builtin::giving(output).join(", ");
     for error in errors.iter_mut().filter(|error| !graphs.is_empty() && error.message == no_output(output)) {
-        error.help.push(format!("built-in graphs that give it, with their presets: {graphs}"));
+        error.help.push(format!("built-in graphs with this output, and their presets: {graphs}"));
     }
 }
 

@@ -26,7 +26,7 @@ pub struct ProjectionError {
 
 /// Cameras that have no projection in common.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected cameras of one projection, found {} and {}", named(.0), named(.1))]
+#[error("expected cameras with one projection, found {} and {}", named(.0), named(.1))]
 pub struct MixedProjections((String, Projection), (String, Projection));
 
 fn named((name, projection): &(String, Projection)) -> String {
@@ -175,7 +175,7 @@ mod tests {
         let error = shared(&[left, right, plan]).unwrap_err().to_string();
         assert_eq!(
             error,
-            "expected cameras of one projection, found left.png (fisheye) and camera 2 (orthographic)"
+            "expected cameras with one projection, found left.png (fisheye) and camera 2 (orthographic)"
         );
     }
 }

@@ -142,7 +142,7 @@ impl CameraStats {
         }
         line += &format!(" on {}", self.device);
         if let Some(busy) = self.busy.filter(|busy| *busy < BUSY) {
-            line += &format!(", which rested for {:.0} % of the time", 100.0 * (1.0 - busy));
+            line += &format!(", which was idle for {:.0} % of the time", 100.0 * (1.0 - busy));
         }
         let once: Vec<&str> =
             self.passes.iter().filter(|p| p.run == Run::Once).map(|p| p.phase.as_str()).collect();
@@ -159,11 +159,11 @@ impl CameraStats {
     }
 }
 
-/// Formats the statistic `unordered`: `12 pairs in the order of the file`. `None` if it is 0.
+/// Formats the statistic `unordered`: `12 pairs left unsorted`. `None` if it is 0.
 ///
 /// Tiles leave pairs of a splat and a bin unsorted if too many pairs of the bin have nearly the same depth.
 pub(crate) fn unordered(pairs: u64) -> Option<String> {
-    (pairs > 0).then(|| format!("{} pairs in the order of the file", grouped(pairs)))
+    (pairs > 0).then(|| format!("{} pairs left unsorted", grouped(pairs)))
 }
 
 /// Collects the reasons for a plan's parameter values, by name.
@@ -260,6 +260,6 @@ mod tests {
     #[test]
     fn unordered_pairs_are_told_where_there_are_any() {
         assert_eq!(unordered(0), None);
-        assert_eq!(unordered(1234).as_deref(), Some("1,234 pairs in the order of the file"));
+        assert_eq!(unordered(1234).as_deref(), Some("1,234 pairs left unsorted"));
     }
 }

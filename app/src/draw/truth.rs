@@ -44,7 +44,7 @@ impl fmt::Display for TruthStats {
         let TruthStats { covered, mean_contributors, most_contributors, cpu_ms, .. } = self;
         write!(
             f,
-            "exact, {:.1} % covered, {mean_contributors:.1} splats to a pixel (at most {most_contributors}), {:.1} s on the CPU",
+            "exact, {:.1} % covered, {mean_contributors:.1} splats per pixel (at most {most_contributors}), {:.1} s on the CPU",
             100.0 * covered,
             cpu_ms / 1000.0
         )

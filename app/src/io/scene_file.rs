@@ -123,7 +123,7 @@ impl Original {
             losses.push(format!("{} splats that cannot be drawn: {dropped}", grouped(dropped.total())));
         }
         if let Some(degree) = self.notes.cut_degree {
-            losses.push(format!("harmonics: cut from degree {degree} to 3, the most that is read"));
+            losses.push(format!("harmonics: cut from degree {degree} to 3, the highest that is read"));
         }
         losses.extend(self.notes.left_out());
         let (from, to) = (self.degree, written.stored_degree());
@@ -136,7 +136,9 @@ impl Original {
             }
         }
         if format == SceneFormat::Gltf && written.notes().key_of == SortKey::Depth {
-            losses.push("the order by depth: the format has the distance from the camera alone".into());
+            losses.push(
+                "the order by depth: the format only supports order by distance from the camera".into(),
+            );
         }
         let largest = match format {
             SceneFormat::Spz => 1.0,

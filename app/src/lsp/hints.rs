@@ -58,11 +58,11 @@ fn after(pass: &DumpPass) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let causes = pass.barriers.iter().flat_map(|barrier| &barrier.dependencies);
     for dependency in causes.map(|cause| &cause.conflict) {
-        let frame = if dependency.previous_frame { " of the frame before" } else { "" };
+        let frame = if dependency.previous_frame { " of the previous frame" } else { "" };
         let mut passes: Vec<String> =
             dependency.after.iter().map(|place| format!("{}{frame}", place.name)).collect();
         if passes.is_empty() {
-            passes.push(format!("a new layout of {}", dependency.resource.name));
+            passes.push(format!("a layout transition of {}", dependency.resource.name));
         }
         passes.retain(|name| !names.contains(name));
         names.extend(passes);

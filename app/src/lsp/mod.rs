@@ -217,14 +217,14 @@ impl Server {
             }),
             Rename::METHOD => answered(params, |params: RenameParams| {
                 let Some((path, offset)) = self.any_place(&params.text_document_position) else {
-                    return Err("expected a file that the editor has open, found another".to_owned());
+                    return Err("expected a file open in the editor, found another".to_owned());
                 };
                 let files = self.workspace.rename((&path, offset), &params.new_name, &self.open)?;
                 let changes = files.into_iter().map(|(uri, edits)| (uri.as_str().to_owned(), json!(edits)));
                 Ok(json!({ "changes": changes.collect::<serde_json::Map<_, _>>() }))
             }),
             InlayHintRequest::METHOD => answered(params, |params: InlayHintParams| Ok(self.hints(&params))),
-            method => Err((ErrorCode::MethodNotFound, format!("the method {method} is not offered"))),
+            method => Err((ErrorCode::MethodNotFound, format!("method {method} is not supported"))),
         };
         match result {
             Ok(result) => Response::new_ok(id, result),

@@ -401,7 +401,7 @@ fn hints_show_the_barrier_before_a_pass_and_the_value_of_a_let() {
         (found.as_array().expect("a list").iter().map(hint).collect::<Vec<_>>(), found)
     };
     let (found, all) = hints(&mut editor, "outer.ron", (0, 20));
-    assert_eq!(found[0], (5, "waits for inner.show, export of the frame before".into()));
+    assert_eq!(found[0], (5, "waits for inner.show, export of the previous frame".into()));
     assert_eq!(found[1], (1, "= 4".into()));
     let tooltip = all[0]["tooltip"].as_str().expect("text");
     assert!(tooltip.contains("read after write on inner.table, after inner.show"), "{tooltip}");

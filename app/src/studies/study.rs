@@ -170,7 +170,7 @@ pub enum StudyError {
     #[error("{0}")]
     Input(String),
     /// No setting has a name that begins with the given text.
-    #[error("expected the begin of a setting's name, of: {}; found `{name}`", known.join(", "))]
+    #[error("expected a prefix of one of these settings' names: {}; found `{name}`", known.join(", "))]
     UnknownSetting {
         /// The text that was given.
         name: String,

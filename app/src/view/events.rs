@@ -232,9 +232,9 @@ impl fmt::Display for Event {
             Event::DeviceLost { error } => write!(f, "{error}"),
             Event::Problem { text } => f.write_str(text),
             Event::Slow { place } => write!(f, "{place} has been running for more than a second"),
-            Event::DeviceOpened { name, attempts: 1 } => write!(f, "{name} was opened again"),
+            Event::DeviceOpened { name, attempts: 1 } => write!(f, "{name} was reopened"),
             Event::DeviceOpened { name, attempts } => {
-                write!(f, "{name} was opened again at attempt {attempts}")
+                write!(f, "{name} was reopened at attempt {attempts}")
             }
             Event::Screenshot { path } | Event::Saved { path } => write!(f, "{} written", path.display()),
             Event::Marked { selected, hidden } => {

@@ -47,7 +47,10 @@ impl Exporter {
     /// unknown, or the system cannot start a thread.
     pub fn start(&mut self, scene: Arc<Scene>, splats: Arc<SplatSet>, path: &Path) -> Result<(), String> {
         if self.busy() {
-            return Err(format!("expected the end of {}, which is still being written", self.path.display()));
+            return Err(format!(
+                "expected {} to be finished, found it still being written",
+                self.path.display()
+            ));
         }
         if splats.is_empty() {
             return Err("expected at least one splat to write, found none".to_owned());

@@ -134,7 +134,7 @@ impl<D: Device> Recovery<D> {
             shell.viewer.hold(&loss.error.to_string());
         }
         shell.panels.show_notice(format!(
-            "{}. The device was opened again and the scene uploaded; contents of histories began anew.",
+            "{}. The device was reopened, the scene uploaded again and all histories reset.",
             loss.error
         ));
         self.opened = Some(Instant::now());

@@ -175,7 +175,7 @@ impl<D: Device> Viewport<D> {
         })
     }
 
-    /// Describes the newest finished frame if a list overflowed: `drawn in part: 1,234 of 5,678 entries`.
+    /// Describes the newest finished frame if a list overflowed: `partially drawn: 1,234 of 5,678 entries`.
     ///
     /// `None` for a complete frame, or if the window does not show the frame.
     pub fn in_part(&self) -> Option<String> {
@@ -185,7 +185,7 @@ impl<D: Device> Viewport<D> {
     /// Describes the newest finished frame if a list overflowed, shown or not.
     fn part(&self) -> Option<String> {
         let short: Vec<String> = self.short.iter().map(Overflow::to_string).collect();
-        (!short.is_empty()).then(|| format!("drawn in part: {}", short.join(", ")))
+        (!short.is_empty()).then(|| format!("partially drawn: {}", short.join(", ")))
     }
 
     /// Describes the newest finished frame if it was incomplete, and capacity cannot grow to complete the next ones.

@@ -200,7 +200,7 @@ impl EditArgs {
             let left = kept.without(&removed);
             if left.is_empty() {
                 return Err(Usage(format!(
-                    "expected a splat that --keep and --remove leave, found none of {count}"
+                    "expected --keep and --remove to leave a splat, found none left of {count}"
                 ))
                 .into());
             }
@@ -223,7 +223,7 @@ impl EditArgs {
             let kept: Vec<u32> = kept?.into_iter().flatten().collect();
             if kept.is_empty() {
                 return Err(Usage(format!(
-                    "expected a splat that --crop and --where keep, found none of {}",
+                    "expected --crop and --where to keep a splat, found none kept of {}",
                     scene.count()
                 ))
                 .into());
@@ -292,7 +292,7 @@ mod tests {
         assert_eq!(edit(&["--keep", &some, "--remove", &one]).unwrap().count(), 2);
         let none = edit(&["--keep", &one, "--remove", &some]).unwrap_err();
         assert!(
-            none.contains("expected a splat that --keep and --remove leave, found none of 400"),
+            none.contains("expected --keep and --remove to leave a splat, found none left of 400"),
             "{none}"
         );
         std::fs::write(at("some.json"), "{\"splats\":3,\"indices\":[]}").unwrap();
@@ -324,7 +324,7 @@ mod tests {
         assert!(said(&["--where", "1.5"]).contains("expected a condition, found `1.5`"));
         assert!(
             said(&["--where", "opacity > 2"])
-                .contains("expected a splat that --crop and --where keep, found none of 400")
+                .contains("expected --crop and --where to keep a splat, found none kept of 400")
         );
         assert!(
             said(&["--crop", "sphere:1,2,3"])

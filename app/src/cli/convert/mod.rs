@@ -130,7 +130,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (path, to) = (output.display(), format.extension());
     let count = u64::from(scene.count());
     let splats = if count == before.count { String::new() } else { format!("{} splats, ", grouped(count)) };
-    tell(format!("{path}: {to}, {splats}{} bytes, {percent:.1} % of them", grouped(bytes)));
+    tell(format!("{path}: {to}, {splats}{} bytes, {percent:.1} % of the original", grouped(bytes)));
     for loss in before.losses(scene, format) {
         tell(format!("  lost: {loss}"));
     }

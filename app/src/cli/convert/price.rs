@@ -64,7 +64,7 @@ impl PriceArgs {
 fn table(prices: &[Price]) -> String {
     let number =
         |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));
-    let head = ["format", "bytes", "per splat", "load ms", "least PSNR dB", "PSNR dB", "SSIM", "FLIP"];
+    let head = ["format", "bytes", "per splat", "load ms", "lowest PSNR dB", "PSNR dB", "SSIM", "FLIP"];
     let mut rows = vec![head.map(String::from).to_vec()];
     rows.extend(prices.iter().map(|price| {
         let mean = &price.scores.mean;

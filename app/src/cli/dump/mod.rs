@@ -21,7 +21,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph dump splat --set digit_bits=11 --format json
   splatgraph dump my/graph.ron --format dot | dot -Tsvg > graph.svg
 
-What a run took, in the page:
+A run's GPU times, on the page:
   splatgraph render scene.ply -o out.png --json stats.json
   splatgraph dump splat --scene scene.ply --device 0 --times stats.json --format html -o splat.html
 
@@ -177,14 +177,14 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
     if found == 0 {
-        anyhow::bail!("the times are of other passes: none of them is in {}", timed.graph);
+        anyhow::bail!("the times belong to other passes: none of them is in {}", timed.graph);
     }
     if times.pipeline != timed.graph {
-        say(format!("the times are of {}, the plan is of {}", times.pipeline, timed.graph));
+        say(format!("the times are for {}, the plan is for {}", times.pipeline, timed.graph));
     }
     if missing > 0 || found < times.passes.len() {
         say(format!(
-            "{missing} passes have no time, and {} times have no pass: the file may be of another device or of other parameters",
+            "{missing} passes have no time, and {} times have no pass: the file may be from another device or for other parameters",
             times.passes.len() - found
         ));
     }

@@ -79,7 +79,7 @@ pub struct Args {
     /// Record where the time goes: a trace for https://ui.perfetto.dev, and a summary on standard error
     ///
     /// The trace has a track for each thread, one for the passes on the GPU by their timestamps, and one for each frame in flight. A
-    /// line of the summary is the time of a step without the steps within it.
+    /// line of the summary is the time of a step, excluding nested steps.
     #[arg(long, value_name = "FILE.json")]
     pub timeline: Option<PathBuf>,
     /// Number of frames per camera; times are their medians. If N is above 1, the device is first warmed up for a fifth of a
@@ -138,9 +138,7 @@ fn repeat(text: &str) -> Result<u32, String> {
     const MOST: u32 = 100_000;
     match text.parse() {
         Ok(frames @ 1..=MOST) => Ok(frames),
-        _ => {
-            Err(format!("expected 1 to {MOST} frames, as the times of all of them are kept for the medians"))
-        }
+        _ => Err(format!("expected 1 to {MOST} frames, because all their times are kept for the medians")),
     }
 }
 

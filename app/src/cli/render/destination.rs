@@ -47,11 +47,11 @@ const OUTPUT_HELP: &str = "\
 Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
 
 A name without one of these extensions is a folder for one picture per camera, named after the camera's img_name.
-Characters that a file name cannot have become `_`, and cameras of equal names get their index appended.
+Characters that a file name cannot have become `_`, and cameras with equal names get their index appended.
 `-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
 
-NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture of that name.) Those of the built-in
-graphs, of which quads (`splat`) give the first three, are defined in docs/splatting.md:";
+NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) The built-in
+graphs have these outputs, defined in docs/splatting.md; quads (`splat`) have only the first three:";
 
 /// Destination and format of the pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]

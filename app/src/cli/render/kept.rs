@@ -116,7 +116,7 @@ mod tests {
             (stats.frames, stats.gpu_ms, stats.record_ms, stats.busy),
             (4, Some(1.0), 1.0, Some(0.25))
         );
-        assert!(stats.line().contains("on device, which rested for 75 % of the time"), "{}", stats.line());
+        assert!(stats.line().contains("on device, which was idle for 75 % of the time"), "{}", stats.line());
         // If only one frame is drawn, all its passes count.
         let mut kept = Kept::default();
         kept.add(frame(5.0, true), &plan, true);

@@ -388,10 +388,10 @@ impl Job<'_> {
         let bytes = bytes.map_or_else(String::new, |found| format!(", {} bytes", grouped(found.len())));
         let there = match frames as usize - drawn {
             0 => String::new(),
-            there => format!(" ({there} were there)"),
+            there => format!(" ({there} already there)"),
         };
         let gpu =
-            ms.filter(|_| drawn > 0).map(|ms| format!(", {:.2} ms of the device each", ms / drawn as f64));
+            ms.filter(|_| drawn > 0).map(|ms| format!(", {:.2} ms of GPU time each", ms / drawn as f64));
         format!(
             "{name}: {frames} frames of {width} x {height}{there}, {duration:.1} s at {} fps{bytes}; {drawn} drawn in {seconds:.1} s{}",
             self.args.fps,

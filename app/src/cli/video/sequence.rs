@@ -50,7 +50,7 @@ impl Sequence {
                 let found: Value = serde_json::from_str(&text).with_context(|| file.display().to_string())?;
                 if let Some(difference) = difference(&found, record) {
                     bail!(
-                        "{} is of another film ({difference}): name another folder, or remove this one",
+                        "{} belongs to another film ({difference}): name another folder, or remove this one",
                         file.display()
                     );
                 }
@@ -59,7 +59,7 @@ impl Sequence {
                 let stray = (0..frames).map(|frame| self.picture(frame)).find(|path| path.exists());
                 if let Some(path) = stray {
                     bail!(
-                        "expected film.json beside {}, which says what it shows: name another folder, or remove this one",
+                        "expected film.json beside {}, which describes the film: name another folder, or remove this one",
                         path.display()
                     );
                 }

@@ -28,7 +28,7 @@ pub const DEFAULT_SECONDS: f64 = 10.0;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum KeyError {
     /// The camera is unusable.
-    #[error("expected a sound camera as key {index}: {fault}")]
+    #[error("expected a valid camera as key {index}: {fault}")]
     Unsound {
         /// Index of the key in the list.
         index: usize,
@@ -36,7 +36,7 @@ pub enum KeyError {
         fault: String,
     },
     /// The cameras of a file have several projections.
-    #[error("a path needs one lens: {0}")]
+    #[error("camera path: {0}")]
     Mixed(#[from] MixedProjections),
 }
 

@@ -294,7 +294,7 @@ fn keys_are_edited_and_unusable_ones_refused() {
     assert_eq!(order(&path), [150.0, 400.0, 220.0, 300.0, 200.0]);
     let broken = Camera { position: [f64::NAN, 0.0, 0.0], ..keys()[0].clone() };
     let error = path.insert(1, broken.clone()).unwrap_err().to_string();
-    assert!(error.starts_with("expected a sound camera as key 1: expected a position"), "{error}");
+    assert!(error.starts_with("expected a valid camera as key 1: expected a position"), "{error}");
     assert!(path.set_keys(vec![keys()[0].clone(), broken]).is_err());
     assert_eq!(path.keys().len(), 5);
     for (asked, seconds) in [(3.0, 3.0), (f64::NAN, 3.0), (0.0, 0.1), (f64::INFINITY, 86_400.0)] {
@@ -337,7 +337,8 @@ fn the_lens_is_the_one_that_all_keys_share() {
     mixed[3].img_name = "plan".into();
     let mut path = path(keys(), false);
     let error = path.set_keys(mixed).unwrap_err().to_string();
-    let text = "a path needs one lens: expected cameras of one projection, found camera 0 (fisheye) and plan (orthographic)";
+    let text =
+        "camera path: expected cameras with one projection, found camera 0 (fisheye) and plan (orthographic)";
     assert_eq!((error.as_str(), path.keys()), (text, &keys()[..]));
     // A viewer records a file's camera beside its own.
     path.insert(9, with(Projection::Fisheye).remove(2)).unwrap();

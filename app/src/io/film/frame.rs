@@ -29,7 +29,7 @@ pub trait Writer {
 
 /// Makes the error for a frame that was encoded for another format.
 pub(super) fn mixed() -> Cause {
-    "a frame of another format".into()
+    "expected a frame of this film's format, found another".into()
 }
 
 /// A frame rate: frames per second, as a fraction.

@@ -51,7 +51,7 @@ impl Image {
         }
         let (mut decoder, (width, height)) = header(path)?;
         let bytes = decoder.decode().map_err(|error| {
-            ImageError::because(path, format!("expected a whole JPEG, found damage: {error}"))
+            ImageError::because(path, format!("expected an intact JPEG, found damage: {error}"))
         })?;
         let expected = 3 * width * height;
         if bytes.len() != expected {

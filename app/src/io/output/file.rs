@@ -236,7 +236,7 @@ pub(super) fn resolve(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)
             Err(error) => return Err(error),
         }
     }
-    Err(io::Error::other("too many links lead to it"))
+    Err(io::Error::other("too many symbolic links"))
 }
 
 /// Returns the folder of a path; `.` for a bare name.

@@ -105,7 +105,7 @@ impl OutputGuard {
                 let folder = Identity::New(root.clone(), parts[..length].to_vec());
                 if let Some(other) = self.outputs.get(&folder) {
                     return Err(Conflict(format!(
-                        "{what} names {}, which is inside of the file of {other}",
+                        "{what} names {}, which is inside the file of {other}",
                         path.display()
                     )));
                 }
@@ -131,7 +131,7 @@ fn place(what: &str, path: &Path) -> Result<Option<Identity>, Conflict> {
     };
     if path.as_os_str().len() >= MAX_PATH_BYTES {
         return Err(Conflict(format!(
-            "{what} names a path of {} bytes; expected less than {MAX_PATH_BYTES}",
+            "{what} names a path of {} bytes; expected fewer than {MAX_PATH_BYTES}",
             path.as_os_str().len()
         )));
     }
@@ -153,7 +153,7 @@ fn place(what: &str, path: &Path) -> Result<Option<Identity>, Conflict> {
 
 fn too_long(what: &str, path: &Path, found: usize, most: usize) -> Conflict {
     Conflict(format!(
-        "{what} names {}, with a part of {found} bytes; the file system takes {most}",
+        "{what} names {}, with a component of {found} bytes; the file system allows {most}",
         path.display()
     ))
 }
@@ -170,7 +170,7 @@ fn new(
     let (root, found) = loop {
         let Some(Component::Normal(name)) = rest.components().next_back() else {
             // There is no file name, or `..` follows a folder that does not exist.
-            return Err(Conflict(format!("{what} names {}; expected the name of a file", path.display())));
+            return Err(Conflict(format!("{what} names {}; expected a file name", path.display())));
         };
         parts.push(spelling(name.to_owned()));
         rest = folder_of(rest);
@@ -178,7 +178,7 @@ fn new(
             Ok(found) if found.is_dir() => break (rest, found),
             Ok(_) => {
                 return Err(Conflict(format!(
-                    "{what} names {}, but {} is no folder",
+                    "{what} names {}, but {} is not a folder",
                     path.display(),
                     rest.display()
                 )));
@@ -259,7 +259,7 @@ mod tests {
         }
         let mut guard = OutputGuard::default();
         guard.output("-o", &at("z")).unwrap();
-        assert!(refused(&mut guard, "--json", &at("z/stats.json")).contains("inside of the file of -o"));
+        assert!(refused(&mut guard, "--json", &at("z/stats.json")).contains("inside the file of -o"));
         let mut guard = OutputGuard::default();
         guard.output("-o", &at("z/a.png")).unwrap();
         assert!(refused(&mut guard, "--json", &at("z")).contains("the folder of -o"));
@@ -275,12 +275,12 @@ mod tests {
         fs::write(at("file"), "").unwrap();
         for (name, why) in [
             ("", "is a folder"),
-            ("file/a.png", "is no folder"),
-            ("file/b/a.png", "is no folder"),
-            ("new/..", "the name of a file"),
-            (&"x".repeat(256), "256 bytes; the file system takes 255"),
+            ("file/a.png", "is not a folder"),
+            ("file/b/a.png", "is not a folder"),
+            ("new/..", "expected a file name"),
+            (&"x".repeat(256), "256 bytes; the file system allows 255"),
             (&format!("{}/a.png", "x".repeat(256)), "256 bytes"),
-            (&"x/".repeat(2048), "expected less than 4096"),
+            (&"x/".repeat(2048), "expected fewer than 4096"),
         ] {
             let text = refused(&mut OutputGuard::default(), "-o", &at(name));
             // Some paths fail in a system call, with the system's message.

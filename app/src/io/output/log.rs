@@ -56,7 +56,7 @@ impl Log {
                 self.out = None;
                 if error.kind() != ErrorKind::BrokenPipe {
                     terminal::say(format!(
-                        "error: {} cannot be written further: {error}",
+                        "error: {} can no longer be written: {error}",
                         self.path.display()
                     ));
                 }

@@ -21,9 +21,9 @@ pub fn head(origin: &Origin, timed: bool) -> String {
             copy.gpu_ms.median
         );
     }
-    text += "MB: what is read and what is written, each once, at its declared size: an upper bound where fewer splats are visible\n";
+    text += "MB: declared sizes of what a pass reads plus what it writes, each once; overestimates when splats are culled\n";
     if origin.is_cpu {
-        text += "this device is a CPU, whose driver may note the time of a pass before the pass is done: trust GPU ms of whole frames\n";
+        text += "this device is a CPU, whose driver may write a pass's timestamp before the pass ends: only the GPU ms of whole frames are reliable\n";
     }
     if !timed {
         text += "this device has no timestamps: times are those of the host\n";
@@ -124,7 +124,7 @@ fn resting(row: &Row, found: &Found) -> String {
     let busy = found.mean.gpu_ms.zip(found.mean.wall_ms).map(|(gpu, wall)| gpu.median / wall.median);
     match busy.filter(|busy| *busy < BUSY) {
         Some(busy) => format!(
-            "{}: the device rests for {:.0} % of the time between frames, which are drawn alone: its clock may be lower than under load\n",
+            "{}: the device is idle for {:.0} % of the time when frames are drawn alone: its clock may be lower than under load\n",
             row.pipeline,
             100.0 * (1.0 - busy)
         ),
@@ -237,7 +237,7 @@ mod tests {
         let mut report = report(vec![("splat", 1000, Ok(found(Some(2.0))))]);
         report.origin.is_cpu = true;
         let text = tables(&report);
-        assert!(text.contains("trust GPU ms of whole frames"), "{text}");
+        assert!(text.contains("only the GPU ms of whole frames are reliable"), "{text}");
         let pass = text.lines().find(|line| line.starts_with("draw")).expect("a pass");
         let cells: Vec<&str> = pass.split_whitespace().collect();
         assert_eq!(cells[..6], ["draw", "draw", "2.000", "0.250", "4.00", "-"], "{text}");

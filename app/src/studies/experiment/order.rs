@@ -105,7 +105,7 @@ pub fn page(found: &Order) -> Result<Page, StudyError> {
     let mut page = Page::new("The order of splats");
     page.text(&found.view);
     page.text(
-        "Splats are translucent, so that the order in which they are blended is part of the picture. With the splats of a pixel \
+        "Splats are translucent, so the picture depends on the order in which they are blended. With the splats of a pixel \
          numbered from near to far, with alphas a_i and colours c_i, the pixel's colour is",
     );
     page.formula(r"C = \sum_i c_i a_i \prod_{j < i} (1 - a_j)");
@@ -118,9 +118,9 @@ pub fn page(found: &Order) -> Result<Page, StudyError> {
     keys(&mut page, found)?;
     page.heading("Sources");
     page.text(
-        "The operators `over` and `under`: T. Porter, T. Duff, Compositing Digital Images, SIGGRAPH 1984. The exact pictures are \
-         of `splatgraph render --backend reference`, in 64-bit floats; the others have every parameter of the graph `splat` at \
-         its exact value, apart from those that are named.",
+        "The operators `over` and `under`: T. Porter, T. Duff, Compositing Digital Images, SIGGRAPH 1984. The exact pictures \
+         were drawn by `splatgraph render --backend reference`, in 64-bit floats; the others by the graph `splat`, with every \
+         parameter at its exact value except for those named.",
     );
     Ok(page)
 }
@@ -160,11 +160,11 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), StudyError> {
         None => "some of them".into(),
     };
     page.text(&format!(
-        "`wrong in the list` counts the pairs of visible splats that stand in the order buffer in another order than that of \
-         their depth. `wrong as blended` counts those in which the farther splat dims the nearer: a sorted list that is blended \
-         from its wrong end has all of its pairs wrong, and the order of the file has {}. A pair matters as far as its splats \
-         overlap, so that the errors do not follow from these numbers alone. Where a sorted list has pairs wrong at all, their \
-         depths are equal or differ in the last bits of 32, which a device that rounds `fma` twice may get otherwise.",
+        "`wrong in the list` counts the pairs of visible splats in the order buffer that are not in depth order. `wrong as \
+         blended` counts those in which the farther splat dims the nearer: a sorted list that is blended from the wrong end \
+         has all of its pairs wrong, and the order of the file has {}. A pair matters only where its splats overlap, so the \
+         errors do not follow from these numbers alone. Where a sorted list has wrong pairs, their depths are equal or differ \
+         in the last bits of 32, which a device that rounds `fma` twice may compute differently.",
         share(&found.ways[0])
     ));
     page.text(&format!("Differences from the exact picture, {GAIN} times as large:"));
@@ -193,7 +193,7 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), StudyError> {
     page.heading("Two splats, step by step");
     let [near, far] = two.layers;
     page.text(&format!(
-        "An orange splat covers a part of a blue one. At the pixel in the middle of the picture the near one has a_1 = {:.4} and \
+        "An orange splat covers part of a blue one. At the pixel in the middle of the picture, the near one has a_1 = {:.4} and \
          c_1 = {}, the far one a_2 = {:.4} and c_2 = {}; both were read from exact pictures of each splat alone. The file has the \
          blue one first.",
         near.alpha,
@@ -231,15 +231,15 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), StudyError> {
             "way",
             "C after each step, by the formula",
             "C as drawn",
-            "off from the formula",
-            "off from the exact",
+            "difference from the formula",
+            "difference from the exact renderer",
         ],
         &rows,
     );
     page.text(&format!(
-        "The exact renderer has {}. Both right ways reach it by different steps: `over` dims what it has by the splat that it \
-         adds, `under` dims the splat that it adds by the transmittance T of what it has. Two splats have one wrong order, so \
-         that both wrong ways agree here; n splats have n! orders, and of these the naive way has the reversed one.",
+        "The exact renderer computes {}. Both correct ways reach it by different steps: `over` dims the sum so far by the \
+         splat that it adds, `under` dims the splat that it adds by the transmittance T of the sum so far. Two splats have one \
+         wrong order, so both wrong ways agree here; n splats have n! orders, and the naive way uses the reversed one.",
         triple(two.exact)
     ));
     Ok(())
@@ -248,9 +248,9 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), StudyError> {
 fn keys(page: &mut Page, found: &Order) -> Result<(), StudyError> {
     page.heading("How much of the order is wrong");
     page.text(
-        "Splats are sorted by a key made of their depth. A key of fewer bits takes less time to sort, and makes equal what is \
-         close in depth: equal keys keep the order of the file. The error grows with the number of pairs that this turns around, \
-         but each of these pairs is close in depth, so that it takes many of them.",
+        "Splats are sorted by a key computed from their depth. A key with fewer bits takes less time to sort, and maps close \
+         depths to equal keys, which keep the order of the file. The error grows with the number of pairs swapped by this, but \
+         the splats of each pair are close in depth, so it takes many pairs to matter.",
     );
     let on = |drawn: &Drawn, name: &str| {
         let (wrong, db) = (drawn.wrong?, drawn.error.psnr_db?);
@@ -273,7 +273,7 @@ fn keys(page: &mut Page, found: &Order) -> Result<(), StudyError> {
     let note = match right.as_slice() {
         [] => String::new(),
         widths => format!(
-            " Keys of {} bits have no pair wrong, and no place on this axis; their error is that of the quads.",
+            " Keys of {} bits have no wrong pairs and cannot be shown on a logarithmic axis; their error is that of the quads.",
             widths.join(", ")
         ),
     };

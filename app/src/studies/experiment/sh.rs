@@ -154,16 +154,16 @@ pub fn page(found: &Sh) -> Result<Page, StudyError> {
     let mut page = Page::new("Bands of spherical harmonics");
     page.text(&found.view);
     page.text(
-        "A splat's colour depends on the direction v that it is seen from. Each channel is a sum of real spherical harmonics; band \
+        "A splat's colour depends on the viewing direction v. Each channel is a sum of real spherical harmonics; band \
          l has 2 l + 1 of them, and a scene of degree D stores the bands up to D:",
     );
     page.formula(
         r"\text{colour}(v) = \max\left(0, \frac{1}{2} + \sum_{l=0}^{D} \sum_{m=-l}^{l} c_{lm} Y_{lm}(v)\right)",
     );
     page.text(
-        "Band 0 is one colour for all directions, band 1 adds a slope, and the higher bands finer and finer lobes. Leaving bands out \
-         makes the file and the work smaller. The functions Y_lm are orthonormal over the sphere, so that all products of two \
-         different ones vanish in the mean, and what is left out is known in advance:",
+        "Band 0 is one colour for all directions, band 1 adds a slope, and the higher bands add finer and finer lobes. Leaving \
+         out bands reduces file size and work. The functions Y_lm are orthonormal over the sphere, so all products of two \
+         different ones average to 0, and the error is known in advance:",
     );
     page.formula(
         r"\frac{1}{4 \pi} \int \left(\sum_{l > d} \sum_m c_{lm} Y_{lm}(v)\right)^2 dv = \frac{1}{4 \pi} \sum_{l > d} \sum_m c_{lm}^2",
@@ -182,8 +182,8 @@ pub fn page(found: &Sh) -> Result<Page, StudyError> {
     page.text(
         "The energy of a function in bands, and how few of them a smooth one needs: R. Ramamoorthi, P. Hanrahan, An Efficient \
          Representation for Irradiance Environment Maps, SIGGRAPH 2001. The basis: P.-P. Sloan, Efficient Spherical Harmonic \
-         Evaluation, JCGT 2(2), 2013. The exact pictures are of `splatgraph render --backend reference`; the others have every \
-         parameter of the graph `splat` at its exact value, apart from `sh_degree`.",
+         Evaluation, JCGT 2(2), 2013. The exact pictures were drawn by `splatgraph render --backend reference`; the others by \
+         the graph `splat`, with every parameter except `sh_degree` at its exact value.",
     );
     Ok(page)
 }
@@ -192,9 +192,9 @@ fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), StudyE
     let Glossy { part, overview, directions } = glossy;
     page.heading("The glossiest part");
     page.text(&format!(
-        "The frame marks the window of a third of the picture's sides in which bands 1 to 3 have the most energy: columns {} to {}, \
-         rows {} to {}. Each splat counts by its opacity, by its area in pixels and by what is in front of it, because the exact \
-         renderer drew the energies in place of the colours.",
+        "The frame marks the window, a third of the picture in each direction, in which bands 1 to 3 have the most energy: \
+         columns {} to {}, rows {} to {}. Each splat is weighted by its opacity, by its area in pixels and by the splats in \
+         front of it, because the exact renderer drew the energies in place of the colours.",
         part.corner[0],
         part.corner[0] + part.size[0] - 1,
         part.corner[1],
@@ -207,9 +207,9 @@ fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), StudyE
 
     page.heading("What each band adds");
     page.text(&format!(
-        "Rows: the directions that the part is seen from. Columns: the highest band that is drawn; under each picture its difference \
-         from the one with all bands, {GAIN} times as large. With band 0 alone the colours of a surface stay as the camera moves, \
-         as if they were painted on."
+        "Rows: viewing directions of the part. Columns: the highest band drawn; below each picture, its difference from the \
+         one with all bands, {GAIN} times as large. With band 0 alone, surface colours do not change as the camera moves, as \
+         if they were painted on."
     ));
     for Direction { name, exact, degrees } in directions {
         let columns = degrees.len();
@@ -257,13 +257,13 @@ fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
         .collect();
     page.table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows);
     page.text(
-        "`left out, from the sum` is the mean square over all directions of the bands above, of the splats that show in the window; \
-         `left out, measured` is the mean squared difference of the pictures above from those with all bands, over these directions \
-         only. With the weights that splats have in this view, the pictures cannot lose more than the sum says, in the mean over \
-         all directions: a pixel is a sum of splats with weights of at most 1 in all, whose square is at most the weighted sum of \
-         the squares (Jensen), and the floor at 0 and the limits of the display bring values only closer. They lose less where the \
-         lobes of neighbours differ and cancel. From a few directions it can be more: a highlight is in all of the picture, or \
-         in none of it.",
+        "`left out, from the sum` is the mean square of the higher bands over all directions, for the splats visible in the \
+         window; `left out, measured` is the mean squared difference of the pictures above from those with all bands, over \
+         these directions only. With the weights that splats have in this view, the mean error over all directions cannot \
+         exceed the sum: a pixel is a weighted sum of splats, with a total weight of at most 1, so its square is at most the \
+         weighted sum of the squares (Jensen), and clamping at 0 and at the limits of the display only brings values closer. \
+         The error is smaller where the lobes of neighbours differ and cancel. Over a few directions it can be larger: a \
+         highlight may fill the picture or be absent.",
     );
 }
 
@@ -301,8 +301,8 @@ fn energies(page: &mut Page, found: &Sh) {
     page.table(&header, &rows);
     page.text(&format!(
         "The energy of a band is its mean square over the sphere, 1 / (4 pi) = {:.5} times the sum of its squared coefficients, \
-         as the mean of the three channels. `all splats` is the mean over the file. In the picture and in the window, each splat \
-         counts by what shows of it.",
+         averaged over the three channels. `all splats` is the mean over the file. In the picture and in the window, each \
+         splat is weighted by its visible part.",
         1.0 / (4.0 * PI)
     ));
 }

@@ -29,8 +29,8 @@ pub const WAYS: [Way; 4] = [
         under: false,
         sum: r"\sum_i c_i a_i \prod_{p(j) < p(i)} (1 - a_j)",
         why: "The order of the file permutes the index set of the product: splat j dims splat i if it comes before i in the \
-              file (p is the place in the file), whichever of the two is nearer. Of each pair, chance decides which covers \
-              the other.",
+              file (p is the place in the file), whichever of the two is nearer. Which splat of a pair covers the other is \
+              left to chance.",
     },
     Way {
         name: "back to front",

@@ -103,7 +103,7 @@ fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, V
     for (setting, plan) in all {
         match kept.iter().find(|(_, other)| plan.is_some() && *other == plan) {
             Some((other, _)) => {
-                lines.push(format!("not measured: `{}` has the plan of `{}`", setting.name, other.name));
+                lines.push(format!("not measured: `{}` has the same plan as `{}`", setting.name, other.name));
             }
             None => kept.push((setting, plan)),
         }
@@ -147,7 +147,7 @@ mod tests {
         let names: Vec<&str> = kept.iter().map(|(setting, _)| setting.name.as_str()).collect();
         assert_eq!(
             (names, lines),
-            (vec!["a", "b", "d", "e"], vec!["not measured: `c` has the plan of `a`".to_owned()])
+            (vec!["a", "b", "d", "e"], vec!["not measured: `c` has the same plan as `a`".to_owned()])
         );
     }
 }

@@ -60,7 +60,7 @@ pub struct WorstPixel {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricError {
     /// The sizes differ.
-    #[error("expected pictures of one size, found {a_width} x {a_height} and {b_width} x {b_height}")]
+    #[error("expected pictures of the same size, found {a_width} x {a_height} and {b_width} x {b_height}")]
     Sizes {
         /// Width of the first picture, in pixels.
         a_width: usize,
@@ -322,7 +322,7 @@ mod tests {
     #[test]
     fn pictures_of_other_sizes_or_with_nan_cannot_be_compared() {
         let message = compare(&grey(2, 3, 0.0), &grey(3, 2, 0.0)).unwrap_err().to_string();
-        assert_eq!(message, "expected pictures of one size, found 2 x 3 and 3 x 2");
+        assert_eq!(message, "expected pictures of the same size, found 2 x 3 and 3 x 2");
         let mut bad = grey(3, 2, 0.0);
         bad.rgb[4][1] = f32::NAN;
         bad.rgb[5][2] = f32::INFINITY;

@@ -63,7 +63,7 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
     };
     if let Some(other) = cameras.iter().find(|camera| size(camera) != size(first)) {
         return refused(format!(
-            "expected pictures of one size along the path, found {:?} and {:?} pixels: --size makes them equal",
+            "expected pictures of the same size along the path, found {:?} and {:?} pixels: --size makes them equal",
             size(first),
             size(other)
         ));
@@ -72,7 +72,7 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
     let bytes = pixels.saturating_mul(size_of::<[f32; 3]>() as u64);
     if bytes > MOST_BYTES {
         return refused(format!(
-            "expected true pictures of at most {} MiB in all, found {} MiB: take a smaller --size or fewer --frames",
+            "expected true pictures of at most {} MiB in all, found {} MiB: use a smaller --size or fewer --frames",
             MOST_BYTES >> 20,
             bytes >> 20
         ));

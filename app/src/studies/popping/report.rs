@@ -62,11 +62,11 @@ pub fn summary(track: &Track) -> Summary {
 
 /// Explanation of the table's numbers, in lines below it.
 pub const NOTES: &str = "\
-pop: of steps of this many degrees. At another step, kinds of error may change places: one that drifts falls with the step, one that jumps \
-falls less.
-per °: the same for each degree that the camera turns. Compare it at one step.
-0 by definition: the published order, in which the exact renderer draws, too. It sorts by depth, and pops where two splats change places; \
-that is in no number here.
+pop: for steps of this many degrees. With another step, the ranking may change: an error that drifts shrinks with the step, \
+one that jumps shrinks less.
+per °: pop per degree of camera rotation. Compare only equal steps.
+0 by definition: the published order, in which the exact renderer also draws. It sorts by depth, and pops where two splats \
+change places; these pops are not counted here.
 ";
 
 /// Formats summaries as a table for a terminal.

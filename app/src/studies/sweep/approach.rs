@@ -83,7 +83,7 @@ pub fn measure<D: Device>(
     let rules = Rules { stop: Rules::PUBLISHED.stop.filter(|_| stops), ..Rules::of(session.scene()) };
     let mut found = Vec::new();
     for (camera, (distance, _)) in cameras.iter().zip(STEPS) {
-        progress.next("a camera comes closer")?;
+        progress.next("moving the camera closer")?;
         let size = (camera.width, camera.height);
         session.prepare(size, &mut |_| {})?;
         let picture = render(session.scene(), camera, [0.0; 3], &rules, &|_, _| {});

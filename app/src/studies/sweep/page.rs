@@ -153,11 +153,11 @@ impl Swept {
             let (least, most) =
                 fragments.fold((f64::INFINITY, 0.0), |(a, b), f| (f64::min(a, f), f64::max(b, f)));
             let on = |f: f64| (f / 1e6, fit.fixed_ms + fit.ns_per_fragment * f / 1e6);
-            series.push(Series::line("fixed cost + cost of a fragment", [on(least), on(most)]));
+            series.push(Series::line("fixed cost + cost per fragment", [on(least), on(most)]));
         }
         Plot {
             bars: Vec::new(),
-            title: "A camera that comes closer: cost against covered pixels x overlap".into(),
+            title: "Camera approach: cost against covered pixels x overlap".into(),
             x: Axis { label: "fragments blended, millions".into(), logarithmic: false },
             y: Axis { label: "GPU time of the blending, ms".into(), logarithmic: false },
             series,
@@ -173,16 +173,16 @@ impl Swept {
             ),
             (
                 self.times(),
-                "What is chosen before the keys are made spares every phase; what is cut after the sort spares what comes after it alone.",
+                "Choosing splats before keys are made saves time in every phase; cutting them after the sort saves time only in later phases.",
             ),
             (self.trade(), "Up and left is better."),
             (
                 self.shares(),
-                "The phases grow with different things: the sort with splats, blending with the pixels that they cover.",
+                "The sort's time depends on the number of splats, the blending's on the pixels that they cover.",
             ),
             (
                 self.approach(),
-                "Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. What is bound by fragments lies on one line.",
+                "Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. Times bound by fragments lie on one line.",
             ),
         ];
         let named = PLOTS.into_iter().zip(all).map(|(name, (plot, caption))| (name, plot, caption));
@@ -279,11 +279,11 @@ impl Swept {
             self.series(),
         ));
         page.text(
-            "`file order` keeps the first splats of the file, which says nothing about their worth. `opacity x world size` and \
+            "`file order` keeps the first splats of the file, regardless of their importance. `opacity x world size` and \
              `opacity x screen size` are the usual heuristics for levels of detail: the product of opacity and of the two longest \
              semi-axes, in the world or on the screen of each view; both are applied before keys are made. `nearest, after \
-             the sort` draws the nearest visible splats and so saves no work before the sort, which is one of splats and not of their pairs with \
-             bins there.",
+             the sort` draws the nearest visible splats and so saves no work before the sort, which here sorts splats rather \
+             than pairs of a splat and a bin.",
         );
         for text in self.findings() {
             page.text(&text);
@@ -292,7 +292,7 @@ impl Swept {
             page.plot(&plot, caption)?;
         }
         page.heading("The approach");
-        page.text("A camera moves towards the middle of what the first view sees, then its picture becomes smaller. `fragments` is covered pixels times overlap.");
+        page.text("A camera moves towards the centre of the first view, then its picture shrinks. `fragments` is covered pixels times overlap.");
         if let Some(Fit { fixed_ms, ns_per_fragment, r_squared }) = self.fit {
             page.text(&format!(
                 "Blending = {fixed_ms:.3} ms + {ns_per_fragment:.3} ns x fragments explains {:.1} % of the variance.",

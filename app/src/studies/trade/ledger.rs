@@ -118,7 +118,7 @@ impl Book {
     ) -> (Book, Option<String>) {
         let bytes = path.as_ref().and_then(|path| fs::read(path).ok());
         let found: Option<Ledger> = bytes.as_ref().and_then(|bytes| serde_json::from_slice(bytes).ok());
-        let mut lost = bytes.is_some().then(|| "it is of another version of the program".to_owned());
+        let mut lost = bytes.is_some().then(|| "it was written by another version of the program".to_owned());
         let mut rows = Vec::new();
         if let Some(found) = found {
             let changes = found.origin.changes(&origin);
@@ -136,7 +136,7 @@ impl Book {
             }
         }
         let lost = lost.zip(path.as_ref()).map(|(why, path)| {
-            format!("{}: rows of an earlier run are measured anew: {why}", path.display())
+            format!("{}: rows of an earlier run are measured again: {why}", path.display())
         });
         (Book { ledger: Ledger { command: String::new(), origin, rows }, path }, lost)
     }

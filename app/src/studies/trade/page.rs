@@ -45,7 +45,11 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
         },
         y: Axis { label: "PSNR against the truth, dB".into(), logarithmic: false },
         series: vec![
-            Series { name: "beaten in time and error by another".into(), form: Form::Muted, points: muted },
+            Series {
+                name: "dominated, probably dominated, or not judged".into(),
+                form: Form::Muted,
+                points: muted,
+            },
             Series { name: "Pareto front".into(), form: Form::Line, points: front },
             Series { name: named("too noisy to tell"), form: Form::Points, points: likely },
         ],
@@ -60,7 +64,7 @@ fn about(column: &str) -> &'static str {
              `*` marks the Pareto front: every setting that is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front"
         }
         "GPU ms" => {
-            "milliseconds of a frame on the GPU: the share `of exact`, of one time of the exact settings on a warm device"
+            "milliseconds of a frame on the GPU: `of exact` times the exact settings' time on a warm device"
         }
         "spread" => "maximum minus minimum of the rounds, in milliseconds; the largest of the views",
         "of exact" => {
@@ -71,7 +75,7 @@ fn about(column: &str) -> &'static str {
         "covered" => "PSNR over the pixels that a splat covers",
         "SSIM" => "structural similarity, the lowest of the views; 1 is equal",
         "FLIP" => "NVIDIA's FLIP, mean; 0 is equal",
-        "worst" => "largest difference of a channel, of 1",
+        "worst" => "largest difference of a channel (range 0 to 1)",
         "off" => "pixels that differ by more than 1/255",
         "inversions" => "pairs of visible splats in the wrong order",
         "MiB" => "memory on the device",
@@ -109,7 +113,7 @@ pub fn page(
         page.block(&ledger.command);
     }
     if let Some(plot) = plot(ledger, lines) {
-        page.plot(&plot, "Left is faster, up is closer to the truth. A bar is what the time can be with 99 % confidence. Of the grey settings, another is at least as fast and as accurate.")?;
+        page.plot(&plot, "Left is faster, up is closer to the truth. Bars are 99 % confidence intervals. For a dominated setting, another is at least as fast and as accurate.")?;
     }
     let row = |line: &Line| {
         let mut cells = cells(line).to_vec();

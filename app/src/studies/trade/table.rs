@@ -89,7 +89,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
                 100.0 * low,
                 100.0 * high
             ),
-            None => format!("a range takes at least {LEAST_ROUNDS} rounds"),
+            None => format!("a range needs at least {LEAST_ROUNDS} rounds"),
         };
         let of = likely.len() + unlikely.len();
         notes.push(format!(
@@ -106,14 +106,14 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
         && busy < BUSY
     {
         notes.push(format!(
-            "the device rests for {:.0} % of the time between frames, which are drawn alone: its clock may be lower than under load, and \
-             milliseconds longer; shares are of frames interleaved, and not concerned",
+            "the device is idle for {:.0} % of the time when frames are drawn alone: its clock may be lower than under load, \
+             and milliseconds higher; shares compare interleaved frames and are not affected",
             100.0 * (1.0 - busy)
         ));
     }
     for name in names(Mark::Hidden) {
         notes.push(format!(
-            "`{name}` is not judged: it draws from what the frame before left, and still views do not show what that costs (`popping` does)"
+            "`{name}` is not judged: it reads the previous frame, and still views do not show the resulting error (`popping` does)"
         ));
     }
     notes
@@ -207,7 +207,7 @@ mod tests {
         assert!(notes.contains("`stale` is not judged") && notes.contains("`popping` does"), "{notes}");
         assert_eq!(super::notes(&lines[..1]), [""; 0]);
         let rests = [Line { busy: Some(0.25), ..lines[0].clone() }];
-        assert!(super::notes(&rests)[0].starts_with("the device rests for 75 % of the time"));
+        assert!(super::notes(&rests)[0].starts_with("the device is idle for 75 % of the time"));
         let csv = csv(&lines);
         assert_eq!(csv.lines().count(), 5);
         assert!(csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms\n"), "{csv}");
@@ -220,6 +220,6 @@ mod tests {
         let exact = Line { share: Some(unknown), ..line("exact", 4.0, 90.0, Mark::Best) };
         let lines = [exact, Line { share: Some(unknown), ..line("fast", 2.0, 80.0, Mark::Unlikely) }];
         assert!(table(&lines).contains("50.0 ± ? %"), "{}", table(&lines));
-        assert!(notes(&lines)[0].ends_with("a range takes at least 8 rounds"), "{:?}", notes(&lines));
+        assert!(notes(&lines)[0].ends_with("a range needs at least 8 rounds"), "{:?}", notes(&lines));
     }
 }

@@ -130,10 +130,10 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
             record(viewer);
         }
         write_button(ui, viewer, controls, "path", count > 0, Viewer::write_path);
-        read_button(ui, CameraRole::Path, "Makes the cameras of a cameras.json the keys", controls);
+        read_button(ui, CameraRole::Path, "Replaces the keys by the cameras of a cameras.json", controls);
     });
     if count < 2 {
-        ui.weak("Two keys or more make a path.");
+        ui.weak("A path needs at least two keys.");
         return;
     }
     ui.horizontal(|ui| {
@@ -160,7 +160,7 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
         viewer.seek_path(at);
     }
     ui.label(RichText::new(format!("{at:.2} s")).family(theme::strong()));
-    fact(ui, "Speed", "constant, turns count as ways");
+    fact(ui, "Speed", "constant, rotation included");
 }
 
 /// Draws the button that opens the file dialog for cameras.

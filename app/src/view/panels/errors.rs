@@ -39,7 +39,7 @@ impl State {
             if renderer.plan().is_none() {
                 goes_on = "No plan yet";
             } else if renderer.trouble().is_some() {
-                goes_on = "The last picture stays, and drawing is tried again";
+                goes_on = "The last picture stays while drawing is retried";
             }
         }
         texts.extend(window_failure.map(str::to_owned));

@@ -108,7 +108,7 @@ fn show_pass<D: Device>(
         }
         against_copy(ui, (read + written) as f64, ms.median, target);
         if viewport.history.is_mostly_unattributed() {
-            ui.weak("This driver's timestamps do not tell passes apart.");
+            ui.weak("This driver's timestamps do not separate passes.");
         }
         let series = viewport.history.pass_series(&pass.phase);
         if let Some(series) = series.into_iter().find(|series| series.name == pass.name) {
@@ -235,7 +235,7 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
     }
     let Masks { source_stages, source_accesses, target_stages, target_accesses } = barrier.masks;
     fact(ui, "Waits for", format!("{source_stages} {source_accesses}").trim_end());
-    fact(ui, "Holds up", format!("{target_stages} {target_accesses}").trim_end());
+    fact(ui, "Blocks", format!("{target_stages} {target_accesses}").trim_end());
     heading(ui, format!("Hazards resolved: {}", barrier.dependencies.len()));
     for cause in &barrier.dependencies {
         let (kind, dependency) = (dump::cause_line(barrier, cause), &cause.conflict);

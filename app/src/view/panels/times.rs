@@ -42,7 +42,7 @@ pub fn show<D: Device>(
         row(ui, |ui| hint(ui.label(name), about), |ui| numbers(ui, ms, false));
     };
     line("GPU, frame", "From the first command of a frame to its last.", history.total());
-    line("CPU, recording", "Time of the host for recording and submitting a frame.", history.record());
+    line("CPU, recording", "Host time for recording and submitting a frame.", history.record());
     line(
         "GPU, window",
         "Time for drawing this window: pictures, split line, user interface.",
@@ -54,7 +54,7 @@ pub fn show<D: Device>(
     ui.separator();
     if unreliable {
         let why = "This driver writes the timestamps of compute passes when the whole frame ends, as Mesa's does on a CPU.";
-        let text = "More than half of a frame belongs to no pass: the times below say little.";
+        let text = "More than half of a frame belongs to no pass: the times below mean little.";
         hint(ui.colored_label(Palette::of(ui).caution, text), why);
     } else {
         choose(ui, &phases, plotted);
@@ -64,7 +64,7 @@ pub fn show<D: Device>(
     table(ui, &history.table(), &phases, unreliable);
     if let Some(rest) = history.unattributed().filter(|ms| *ms > 0.0) {
         let about =
-            "Time of a frame that no pass accounts for: between passes, or where timestamps do not tell.";
+            "Time of a frame that no pass accounts for: between passes, or where timestamps are too coarse.";
         let ms = Quantiles { median: rest, p99: f64::NAN };
         row(ui, |ui| hint(ui.label("unattributed"), about), |ui| numbers(ui, Some(ms), false));
     }

@@ -236,7 +236,7 @@ impl Panels {
             let continuous = self
                 .controls
                 .seen("continuous", ui.checkbox(&mut viewer.continuous, "Draw continuously (C)"));
-            hint(continuous, "Draws every frame, also while nothing changes, to measure times");
+            hint(continuous, "Draws every frame, even if nothing changes, to measure times");
             if ui.checkbox(&mut self.vsync, "Wait for the display (V)").changed() {
                 self.controls.commands.push(Command::Vsync(self.vsync));
             }

@@ -142,8 +142,8 @@ impl Failure {
             }
             Failure::Cancelled => "error: the build was cancelled".to_owned(),
             Failure::Held(loss) => format!(
-                "error: {loss}\nThe device was lost again and again. This graph is drawn again after the next change of its \
-                 files, its parameters or the scene."
+                "error: {loss}\nThe device was lost repeatedly. This graph is not drawn until its files, its parameters or the \
+                 scene change."
             ),
         }
     }

@@ -107,7 +107,7 @@ fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
         script.viewer().a.renderer.set_param("entries", Some(Value::Int(250)));
         script.until("a frame in part", |script| script.viewer().a.in_part().is_some());
         let text = script.viewer().a.in_part();
-        assert_eq!(text.as_deref(), Some("drawn in part: 250 of 300 entries"));
+        assert_eq!(text.as_deref(), Some("partially drawn: 250 of 300 entries"));
         assert!(script.viewer().busy(), "a plan with room is on its way");
         script.settle();
         assert_eq!(entries(script), Value::Int(375));
@@ -166,7 +166,7 @@ fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons()
         script.settle();
         let a = &script.viewer().a;
         let said = a.fallback().expect("a fallback");
-        assert!(said.starts_with("`chosen.ron` stands in for `wide.ron`, "), "{said}");
+        assert!(said.starts_with("`chosen.ron` is used instead of `wide.ron`, "), "{said}");
         assert!(
             said.ends_with(&format!("which needs wide subgroups (device.subgroup_size = {lanes})")),
             "{said}"
@@ -192,7 +192,7 @@ fn where_the_device_refuses_more_room_frames_stay_in_part_and_the_viewer_says_wh
         }
         assert_eq!(entries(script), Value::Int(200));
         let said = script.viewer().a.stays_in_part().expect("it stays");
-        assert!(said.starts_with("the picture is drawn in part: 200 of 1,000,000 entries\n"), "{said}");
+        assert!(said.starts_with("the picture is partially drawn: 200 of 1,000,000 entries\n"), "{said}");
         assert!(said.contains("`keys` has 5 MiB"), "{said}");
         // The next change is drawn with the available capacity, and requests more again.
         script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
@@ -201,7 +201,7 @@ fn where_the_device_refuses_more_room_frames_stay_in_part_and_the_viewer_says_wh
         script.viewer().a.want_picture();
         script.until("a picture", |script| script.viewer().a.has_picture());
         let picture = script.viewer().a.take_picture().expect("it is there");
-        assert!(picture.is_err_and(|error| error.contains("drawn in part")), "no file is written of it");
+        assert!(picture.is_err_and(|error| error.contains("partially drawn")), "no file is written of it");
     });
     assert_eq!(causes(&events), ["start", "digits"]);
     assert_eq!(events.iter().find(|event| matches!(event, Event::Failed { .. })), None);
@@ -215,7 +215,7 @@ fn at_the_end_of_the_range_frames_stay_in_part() {
         assert_eq!(entries(script), Value::Int(8_388_608));
         assert_eq!(
             script.viewer().a.stays_in_part().as_deref(),
-            Some("the picture is drawn in part: 8,388,608 of 10,000,000 entries (the end of the range)")
+            Some("the picture is partially drawn: 8,388,608 of 10,000,000 entries (the end of the range)")
         );
     });
     assert_eq!(causes(&events), ["start", "growth of entries"]);

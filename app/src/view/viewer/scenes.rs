@@ -80,7 +80,7 @@ impl<D: Device> Viewer<D> {
     /// Watches a viewport's scene file, if it places several scenes.
     pub(super) fn follow_scenes(&mut self, id: RendererId, path: &Path) {
         if let Err(error) = self.placed.follow(id, path, &self.wake) {
-            self.events.push(Event::Problem { text: format!("changes are not noticed: {error}") });
+            self.events.push(Event::Problem { text: format!("changes are not detected: {error}") });
         }
     }
 

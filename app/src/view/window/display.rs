@@ -95,7 +95,7 @@ impl Panic {
         let Panic { whose, message, place } = self;
         match whose {
             Whose::Program => format!(
-                "internal error at {place}: {message}\nThis is a bug of splatgraph. Please report it with this text."
+                "internal error at {place}: {message}\nThis is a bug in splatgraph. Please report it with this text."
             ),
             Whose::Library => {
                 format!("the display is gone, or the window library failed: {message} ({place})")
@@ -258,7 +258,7 @@ mod tests {
         let error = guarded(|| own(|| panic!("this panic is part of a test"))).unwrap_err().to_string();
         assert!(error.starts_with("internal error at ") && error.contains(PLACE), "{error}");
         assert!(error.contains(": this panic is part of a test\n"), "{error}");
-        assert!(error.contains("This is a bug of splatgraph"), "{error}");
+        assert!(error.contains("This is a bug in splatgraph"), "{error}");
         // A caught panic must not be reported as the cause of the event loop's end.
         let error = guarded(|| {
             let caught = catch_unwind(|| own(|| panic!("this panic is part of a test, too")));

@@ -448,7 +448,7 @@ impl Running {
         let viewer = &self.shell.viewer;
         if viewer.is_empty() && self.frames >= MANY {
             bail!(
-                "what was asked for cannot be shown\nerror: the window has no room for a picture beside its panels"
+                "cannot show what was requested\nerror: the window has no room for a picture beside its panels"
             );
         }
         let reads = viewer.a.inspection.as_ref().is_some_and(|inspection| inspection.found.is_none());
@@ -459,7 +459,7 @@ impl Running {
         }
         match problem {
             None => Ok(true),
-            Some(problem) => bail!("what was asked for cannot be shown\n{problem}"),
+            Some(problem) => bail!("cannot show what was requested\n{problem}"),
         }
     }
 
@@ -478,7 +478,7 @@ impl Running {
         }
         let slow = self.shell.stalled().filter(|running| running.time >= SLOW).cloned();
         let state = match (&slow, self.recovery.loss()) {
-            (_, Some(loss)) => Some(format!("{loss}; opening the device again")),
+            (_, Some(loss)) => Some(format!("{loss}; reopening the device")),
             (Some(slow), _) => Some(format!("{} has been running for {} s", slow.place, slow.time.as_secs())),
             (None, None) => self.shell.window().problem(false),
         };
@@ -569,7 +569,7 @@ impl Running {
         if let Some(path) = &self.kept
             && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context().theme())
         {
-            say(format!("the arrangement of the window is not kept: {error}"));
+            say(format!("the window layout is not saved: {error}"));
         }
         let end = Instant::now() + CLOSING;
         let finished = self.shell.finish(CLOSING);
