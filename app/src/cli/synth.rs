@@ -148,7 +148,7 @@ fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     }
     let world: Vec<Camera> =
         cameras.iter().map(|camera| camera.relative_to(scene.offset().map(|v| -v))).collect();
-    for (name, text) in Dataset::colmap_text(&world, "png") {
+    for (name, text) in Dataset::colmap_text(&world, "png")? {
         output::write_bytes(&folder.join("sparse/0").join(name), text.as_bytes())?;
     }
     note(format!("{}: {} photographs of {width} x {height}", folder.display(), paths.len()));

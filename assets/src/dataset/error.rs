@@ -1,6 +1,7 @@
 //! Defines the errors that reading and writing cameras can have.
 
 use crate::error::SceneError;
+use crate::projection::Projection;
 use std::path::PathBuf;
 
 /// Maximum size of a `cameras.json` or `transforms.json`, in bytes: enough for half a million cameras.
@@ -87,6 +88,14 @@ pub enum CameraError {
         count: usize,
         /// Names of the first cameras in the file, at most eight.
         names: Vec<String>,
+    },
+    /// COLMAP has no model for the camera's projection.
+    #[error("camera `{name}`: expected pinhole or fisheye, which COLMAP has a model for, found {projection}")]
+    NoModel {
+        /// The camera's `img_name`.
+        name: String,
+        /// The camera's projection.
+        projection: Projection,
     },
     /// The file has no cameras.
     #[error("{} has no cameras", path.display())]

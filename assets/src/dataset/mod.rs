@@ -137,7 +137,13 @@ impl Dataset {
     /// points.
     ///
     /// A photograph's name is its camera's `img_name` and `extension`.
-    pub fn colmap_text(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
+    ///
+    /// # Errors
+    /// A camera is neither a pinhole nor a fisheye.
+    pub fn colmap_text(
+        cameras: &[Camera],
+        extension: &str,
+    ) -> Result<[(&'static str, String); 3], CameraError> {
         colmap::text::write(cameras, extension)
     }
 }

@@ -419,7 +419,7 @@ fn a_written_model_is_read_as_it_was() {
         })
         .collect();
     let folder = tempfile::tempdir().unwrap();
-    for (name, text) in Dataset::colmap_text(&cameras, "png") {
+    for (name, text) in Dataset::colmap_text(&cameras, "png").unwrap() {
         std::fs::write(folder.path().join(name), text).unwrap();
     }
     let back = Dataset::load(folder.path()).unwrap();
@@ -434,6 +434,25 @@ fn a_written_model_is_read_as_it_was() {
                 && near(a.rotation.as_flattened(), b.camera.rotation.as_flattened())
         );
         assert_eq!(b.photograph, format!("{}.png", a.img_name));
+    }
+}
+
+#[test]
+fn a_written_fisheye_is_read_as_one_and_projections_without_a_model_are_refused() {
+    let of = |projection| {
+        let mut camera = Camera::looking_at([1.0, 2.0, 3.0], [0.0; 3], 60.0, (64, 48));
+        (camera.img_name, camera.projection) = ("a".into(), projection);
+        camera
+    };
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in Dataset::colmap_text(&[of(Projection::Fisheye)], "png").unwrap() {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let camera = &Dataset::load(folder.path()).unwrap().views[0].camera;
+    assert_eq!((camera.projection, camera.fx), (Projection::Fisheye, of(Projection::Fisheye).fx));
+    for projection in [Projection::Orthographic, Projection::Equirectangular] {
+        let said = Dataset::colmap_text(&[of(projection)], "png").unwrap_err().to_string();
+        assert!(said.ends_with(&format!("found {projection}")), "{said}");
     }
 }
 

@@ -498,7 +498,8 @@ fn colmap_binary() -> [Vec<u8>; 2] {
 #[test]
 fn damaged_models_of_colmap_are_read_or_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let text = Dataset::colmap_text(&synth::demo_cameras(), "png").map(|(_, text)| text.into_bytes());
+    let text = Dataset::colmap_text(&synth::demo_cameras(), "png").unwrap();
+    let text = text.map(|(_, text)| text.into_bytes());
     let [text_lenses, text_images, _] = text;
     let [lenses, images] = colmap_binary();
     for (form, whole) in [("txt", [text_lenses, text_images]), ("bin", [lenses, images])] {

@@ -5,6 +5,7 @@ use crate::camera::Camera;
 use crate::dataset::error::CameraError;
 use crate::dataset::view::Dataset;
 use crate::error::nearest;
+use crate::projection::Projection;
 use glam::{DMat3, DQuat, DVec3};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -144,8 +145,14 @@ pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Res
     Ok(())
 }
 
-/// Formats the files of a model, with their names. Each camera gets its own lens, a pinhole.
-pub(in crate::dataset) fn write(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
+/// Formats the files of a model, with their names. Each camera gets its own lens.
+///
+/// # Errors
+/// A camera is neither a pinhole nor a fisheye.
+pub(in crate::dataset) fn write(
+    cameras: &[Camera],
+    extension: &str,
+) -> Result<[(&'static str, String); 3], CameraError> {
     let mut lenses = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
     let mut images = String::from(
         "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n",
@@ -156,11 +163,19 @@ pub(in crate::dataset) fn write(cameras: &[Camera], extension: &str) -> [(&'stat
         let to_camera = DMat3::from_cols_array_2d(&camera.rotation);
         let DQuat { x, y, z, w } = DQuat::from_mat3(&to_camera);
         let [tx, ty, tz] = (to_camera * -DVec3::from(camera.position)).to_array();
+        // The coefficients of a fisheye are zero: COLMAP's model without distortion is equidistant.
+        let (model, coefficients) = match camera.projection {
+            Projection::Pinhole => ("PINHOLE", ""),
+            Projection::Fisheye => ("OPENCV_FISHEYE", " 0 0 0 0"),
+            projection @ (Projection::Orthographic | Projection::Equirectangular) => {
+                return Err(CameraError::NoModel { name: camera.img_name.clone(), projection });
+            }
+        };
         // Writing to a string cannot fail.
-        _ = writeln!(lenses, "{id} PINHOLE {width} {height} {fx} {fy} {cx} {cy}");
+        _ = writeln!(lenses, "{id} {model} {width} {height} {fx} {fy} {cx} {cy}{coefficients}");
         let name = &camera.img_name;
         _ = writeln!(images, "{id} {w} {x} {y} {z} {tx} {ty} {tz} {id} {name}.{extension}\n");
     }
     let points = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n".into();
-    [("cameras.txt", lenses), ("images.txt", images), ("points3D.txt", points)]
+    Ok([("cameras.txt", lenses), ("images.txt", images), ("points3D.txt", points)])
 }
