@@ -159,7 +159,14 @@ impl Scene {
         degree: u32,
         splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let mut columns = Columns::zeroed(count as usize, degree.min(3))?;
+        let degree = degree.min(3);
+        let low = u64::from(count) * Columns::LOW_BYTES;
+        SceneMemoryError::check(
+            count.into(),
+            degree,
+            Self::host_bytes(count.into(), degree).saturating_add(low),
+        )?;
+        let mut columns = Columns::zeroed(count as usize, degree)?;
         columns.widen()?;
         Ok(Self::filled(columns, |rows| {
             for index in 0..rows.len() {
@@ -434,6 +441,15 @@ mod tests {
         assert_eq!((a.position, a.opacity, &a.sh[..12]), (b.position, b.opacity, &b.sh[..12]));
         assert_eq!(a.sh[12..], [0.0; 36]);
         assert_eq!(scene.cut_to_degree(9).unwrap().stored_degree(), 3);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_wide_scene_beyond_the_memory_is_refused_before_any_allocation() {
+        let error =
+            Scene::try_generate_wide(u32::MAX, 3, |i| (splat(i), [0.0; 3])).map(|scene| scene.count());
+        let needed = Scene::host_bytes(u32::MAX.into(), 3) + u64::from(u32::MAX) * Columns::LOW_BYTES;
+        assert_eq!(error.unwrap_err().needed, needed);
     }
 
     #[test]
