@@ -13,15 +13,18 @@ use crate::scene::Scene;
 /// Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place. A further copy moves by `R (s * u)`, with
 /// the splat's rotation R and its scales s. Each component of u is uniform in -sqrt(3) to sqrt(3), which has deviation
 /// 1, from the top 24 bits of `splitmix64(3 k + axis)`. All scales are multiplied by `sqrt(count / n)`. An `n` below
-/// the count takes the first `n` splats. The mesh and the tags are not copied.
+/// the count takes the first `n` splats, and a scene without splats stays empty. The tags and the offset are copied;
+/// the mesh is not.
 ///
 /// # Errors
 /// The new scene does not fit in memory.
 pub fn enlarge(scene: &Scene, n: u32) -> Result<Scene, SceneMemoryError> {
     let count = scene.count() as usize;
+    let n = if count == 0 { 0 } else { n };
     let shrink = (count as f64 / f64::from(n)).sqrt();
-    let enlarged = Scene::try_generate(n, scene.stored_degree(), |k| {
+    let copy = |k: usize| {
         let mut splat = scene.splat(k % count);
+        let mut position = scene.position(k % count);
         if k >= count {
             let offset: [f64; 3] = std::array::from_fn(|axis| {
                 let t = (splitmix64(3 * k as u64 + axis as u64) >> 40) as f64 / (1u64 << 24) as f64;
@@ -29,18 +32,23 @@ pub fn enlarge(scene: &Scene, n: u32) -> Result<Scene, SceneMemoryError> {
             });
             let [w, x, y, z] = splat.rotation.map(f64::from);
             let turned = glam::DQuat::from_xyzw(x, y, z, w) * glam::DVec3::from(offset);
-            let moved = |axis: usize| (f64::from(splat.position[axis]) + turned[axis]) as f32;
-            splat.position = std::array::from_fn(moved);
+            position = std::array::from_fn(|axis| position[axis] + turned[axis]);
+            splat.position = position.map(|v| v as f32);
         }
         splat.scale = splat.scale.map(|s| (f64::from(s) * shrink) as f32);
-        splat
-    })?;
-    Ok(enlarged.with_offset(scene.offset()))
+        (splat, position)
+    };
+    let enlarged = match scene.is_wide() {
+        true => Scene::try_generate_wide(n, scene.stored_degree(), copy),
+        false => Scene::try_generate(n, scene.stored_degree(), |k| copy(k).0),
+    };
+    Ok(enlarged?.with_offset(scene.offset()).with_notes(scene.notes()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{FileNotes, Filter, SortKey};
     use crate::testing::splat;
 
     #[test]
@@ -58,6 +66,31 @@ mod tests {
             let reach: f32 = 3.0 * original.scale.iter().map(|s| s * s).sum::<f32>();
             assert!(moved <= reach * 1.001 && (k < 50) == (moved == 0.0));
         }
+    }
+
+    #[test]
+    fn tags_and_wide_positions_stay_and_an_empty_scene_stays_empty() {
+        let notes = FileNotes {
+            low_pass: Filter::Mip,
+            key_of: SortKey::Distance,
+            up: Some([0.0, 0.0, 1.0]),
+            ..FileNotes::default()
+        };
+        let far = |i: usize| [1e7 * (i % 2) as f64 + 0.001 * i as f64, 0.0, 0.0];
+        let base = Scene::try_generate_wide(20, 0, |i| {
+            let mut splat = splat(i);
+            (splat.scale, splat.rotation) = ([0.01; 3], [1.0, 0.0, 0.0, 0.0]);
+            (splat, far(i))
+        });
+        let base = base.unwrap().with_notes(notes);
+        let large = enlarge(&base, 50).unwrap();
+        assert!(base.is_wide() && large.is_wide());
+        assert_eq!(large.notes(), notes);
+        for k in 0..50 {
+            let moved = large.position(k)[0] - base.position(k % 20)[0];
+            assert!(moved.abs() <= 0.01 * 1.7321 && (k < 20) == (moved == 0.0), "{k}: {moved}");
+        }
+        assert_eq!(enlarge(&Scene::generate(0, 1, splat), 5).unwrap().count(), 0);
     }
 
     #[test]
