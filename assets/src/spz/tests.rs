@@ -149,6 +149,16 @@ fn a_header_that_promises_too_much_and_a_bomb_are_refused_without_their_memory()
 }
 
 #[test]
+fn equal_splats_are_read_however_far_they_are_compressed() {
+    let scene = Scene::generate(200_000, 0, |_| crate::testing::splat(0));
+    for version in [SpzVersion::V3, SpzVersion::V4] {
+        let mut bytes = Vec::new();
+        write(&scene, version, &mut bytes).unwrap();
+        assert_eq!(parse(&bytes).unwrap().count(), 200_000, "{version:?}, {} bytes", bytes.len());
+    }
+}
+
+#[test]
 fn a_scene_beyond_2048_units_is_written_with_coarser_steps() {
     let scene = Scene::generate(2, 0, |i| crate::scene::Splat {
         position: [5000.0 * i as f32, -1.25, 0.5],
