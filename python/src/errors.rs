@@ -36,9 +36,19 @@ pub fn session(py: Python<'_>, error: &SessionError) -> PyErr {
 }
 
 /// Converts an error of a study: a session's as [`session`] does, invalid input to `ValueError`, others to `Error`.
+///
+/// The error of one setting or view keeps its type and attributes; its text begins with the name.
 pub fn study(py: Python<'_>, error: &StudyError) -> PyErr {
     match error {
         StudyError::Session(error) => session(py, error),
+        StudyError::Of { name, error } => {
+            let exception = study(py, error);
+            let value = exception.value(py);
+            match value.setattr("args", (format!("{name}: {value}"),)) {
+                Ok(()) => exception,
+                Err(error) => error,
+            }
+        }
         StudyError::Input(_) | StudyError::UnknownSetting { .. } | StudyError::Metric(_) => {
             PyValueError::new_err(error.to_string())
         }

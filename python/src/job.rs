@@ -1,11 +1,12 @@
 //! Wraps a command's views, for the workers of a cluster.
 
 use crate::errors::{Error, with_causes};
+use crate::wait;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use splatgraph::cli;
 use std::ffi::OsString;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Indices of the views done now, indices of the views done before, and failed views with the reason.
 type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
@@ -16,7 +17,7 @@ type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
 #[pyclass(frozen, module = "splatgraph._native")]
 pub struct Job {
     /// The job; `None` once closed.
-    job: Mutex<Option<cli::Job>>,
+    job: Arc<Mutex<Option<cli::Job>>>,
     /// File names of the views, without extension.
     #[pyo3(get)]
     views: Vec<String>,
@@ -27,14 +28,15 @@ impl Job {
     #[new]
     fn new(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Job> {
         crate::configure();
-        let job = py.detach(|| cli::job(&arguments));
+        let job = wait::run(py, move || cli::job(&arguments))?;
         let job = job.map_err(|error| PyValueError::new_err(with_causes(&error)))?;
-        Ok(Job { views: job.views().to_vec(), job: Mutex::new(Some(job)) })
+        Ok(Job { views: job.views().to_vec(), job: Arc::new(Mutex::new(Some(job))) })
     }
 
     /// Processes the views with these indices, except for views whose files exist.
     ///
-    /// Returns: The indices done now, the indices done before, and the failed indices with the reason.
+    /// Returns: The indices done now, the indices done before, and the failed indices with the reason. After Ctrl-C, the
+    /// views are finished in the background.
     fn run(&self, py: Python<'_>, views: Vec<usize>) -> PyResult<Ran> {
         if let Some(view) = views.iter().find(|view| **view >= self.views.len()) {
             return Err(PyValueError::new_err(format!(
@@ -42,20 +44,23 @@ impl Job {
                 self.views.len()
             )));
         }
-        let ran = py.detach(|| {
-            let mut job = self.job.lock().unwrap_or_else(PoisonError::into_inner);
+        let job = Arc::clone(&self.job);
+        let ran = wait::run(py, move || {
+            let mut job = job.lock().unwrap_or_else(PoisonError::into_inner);
             job.as_mut().map(|job| job.run(&views))
-        });
+        })?;
         let ran = ran.ok_or_else(|| Error::new_err("the job is closed"))?;
         let cli::Ran { done, kept, failed } = ran.map_err(|error| Error::new_err(with_causes(&error)))?;
         Ok((done, kept, failed))
     }
 
-    /// Closes the device.
-    fn close(&self, py: Python<'_>) {
-        py.detach(|| {
-            let job = self.job.lock().unwrap_or_else(PoisonError::into_inner).take();
+    /// Closes the device, after the views that are still drawn.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let job = Arc::clone(&self.job);
+        wait::run(py, move || {
+            let job = job.lock().unwrap_or_else(PoisonError::into_inner).take();
             job.map(|mut job| job.close())
-        });
+        })?;
+        Ok(())
     }
 }
