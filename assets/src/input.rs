@@ -230,9 +230,10 @@ impl Source<'_> {
         }
     }
 
-    /// Reads the first bytes, `limit` at most.
+    /// Reads the first bytes, `limit` at most. A lack of memory is an error.
     pub(crate) fn head(&self, limit: usize) -> io::Result<Vec<u8>> {
-        let mut head = vec![0; usize::try_from(self.length()).unwrap_or(limit).min(limit)];
+        let mut head = Vec::new();
+        grow(&mut head, usize::try_from(self.length()).unwrap_or(limit).min(limit))?;
         self.read(0, &mut head)?;
         Ok(head)
     }

@@ -16,6 +16,9 @@ use std::path::{Path, PathBuf};
 #[cfg(test)]
 mod tests;
 
+/// Maximum size of a mesh's file, in bytes: the length of a GLB has 32 bits.
+const MOST_MESH: u64 = u32::MAX as u64;
+
 /// Recognises the format of the bytes. The extension of `path` identifies formats without a magic number.
 fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneError> {
     recognise::format(path, &source.head(HEAD)?, source.length())
@@ -112,9 +115,22 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     Ok(!text.windows(name.len()).any(|window| window == name))
 }
 
+/// Refuses a mesh's file of more than [`MOST_MESH`] bytes, or one that does not fit twice in the `available` memory: the
+/// parser copies its binary chunk.
+fn check_mesh(length: u64, available: Option<u64>) -> Result<(), SceneError> {
+    let most = available.map_or(MOST_MESH, |bytes| MOST_MESH.min(bytes / 2));
+    if length > most {
+        let message = format!("expected a file of at most {most} bytes, found {length}");
+        return Err(SceneError::Part { part: "mesh".into(), message });
+    }
+    Ok(())
+}
+
 /// Reads a mesh, with the buffers and images beside its file.
 fn mesh(source: &Source, path: &Path) -> Result<Mesh, SceneError> {
-    let bytes = source.head(usize::try_from(source.length()).unwrap_or(usize::MAX))?;
+    let length = source.length();
+    check_mesh(length, memory::available())?;
+    let bytes = source.head(usize::try_from(length).unwrap_or(usize::MAX))?;
     Mesh::parse(&bytes, Some(path.parent().unwrap_or(Path::new(""))))
 }
 

@@ -269,3 +269,17 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     assert_eq!((header.count, header.stored_degree), (600, 3));
     assert!(names_scenes(&at("both.ron")) && !names_scenes(&at("a.ply")) && !names_scenes(&at("none")));
 }
+
+#[cfg(unix)]
+#[test]
+fn a_mesh_that_is_too_long_or_beyond_the_memory_is_refused_before_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.glb");
+    std::fs::write(&path, b"glTF\x02\0\0\0").unwrap();
+    // A sparse file, which takes no space.
+    std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(1 << 40).unwrap();
+    let said = Scene::load_any(&path, None, crate::QUIET).unwrap_err().to_string();
+    assert!(said.ends_with("bytes, found 1099511627776") && said.contains("expected a file of"), "{said}");
+    assert!(check_mesh(1000, Some(2000)).is_ok() && check_mesh(1000, Some(1999)).is_err());
+    assert!(check_mesh(MOST_MESH, None).is_ok() && check_mesh(MOST_MESH + 1, None).is_err());
+}
