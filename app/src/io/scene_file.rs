@@ -140,6 +140,10 @@ impl Original {
                 "the order by depth: the format only supports order by distance from the camera".into(),
             );
         }
+        let rounding = written.position_rounding(format);
+        if rounding > 0.0 {
+            losses.push(format!("positions: rounded to 32 bits, by {rounding:.1e} at most"));
+        }
         let largest = match format {
             SceneFormat::Spz => 1.0,
             SceneFormat::CompressedPly => 4.0,

@@ -10,6 +10,7 @@ use crate::scene::Scene;
 use crate::similarity::Similarity;
 use crate::spz::SpzVersion;
 use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
+use rayon::prelude::*;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -316,10 +317,28 @@ impl Scene {
         spz::write(self, version, out)
     }
 
+    /// Computes the largest rounding error of a coordinate in a format that stores positions as f32, in world units.
+    ///
+    /// Returns 0 for formats that store positions exactly, and for those that quantise them, whose steps
+    /// [`SceneFormat::losses`] describes.
+    pub fn position_rounding(&self, format: SceneFormat) -> f64 {
+        let stored: fn(&Self, usize) -> [f64; 3] = match format {
+            // The node's translation is the offset.
+            SceneFormat::Gltf if self.is_wide() => Self::position,
+            SceneFormat::Splat => Self::world_position,
+            _ => return 0.0,
+        };
+        let indices = (0..self.count() as usize).into_par_iter();
+        let rounding = |v: f64| (v - f64::from(v as f32)).abs();
+        let errors = indices.map(|index| stored(self, index).map(rounding).into_iter().fold(0.0, f64::max));
+        errors.reduce(|| 0.0, f64::max)
+    }
+
     /// Writes the scene in a format, in the world's coordinates.
     ///
     /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`]
-    /// describes how. Only [`SceneFormat::Sog`] calls `progress`, with the palette's entries found so far and in total.
+    /// describes how. [`SceneFormat::Gltf`] rounds only wide positions: see [`Scene::position_rounding`].
+    /// Only [`SceneFormat::Sog`] calls `progress`, with the palette's entries found so far and in total.
     ///
     /// # Errors
     /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), the format cannot store

@@ -283,3 +283,24 @@ fn a_mesh_that_is_too_long_or_beyond_the_memory_is_refused_before_it_is_read() {
     assert!(check_mesh(1000, Some(2000)).is_ok() && check_mesh(1000, Some(1999)).is_err());
     assert!(check_mesh(MOST_MESH, None).is_ok() && check_mesh(MOST_MESH + 1, None).is_err());
 }
+
+#[test]
+fn the_rounding_of_positions_is_that_of_the_file() {
+    let two_clouds = Scene::try_generate_wide(40, 0, |index| {
+        let splat = Splat { scale: [0.01; 3], ..crate::testing::splat(index) };
+        let rotation = [1.0, 0.0, 0.0, 0.0];
+        (Splat { rotation, ..splat }, [1e7 * (index % 2) as f64 + 0.3 * index as f64, 0.0, 0.0])
+    });
+    let two_clouds = two_clouds.unwrap().with_offset([2e6, 0.0, 0.0]);
+    for format in [SceneFormat::Gltf, SceneFormat::Splat] {
+        let back = read(&written(&two_clouds, format)).unwrap();
+        let error =
+            |index: usize| (back.world_position(index)[0] - two_clouds.world_position(index)[0]).abs();
+        let largest = (0..40).map(error).fold(0.0, f64::max);
+        let expected = two_clouds.position_rounding(format);
+        assert!(largest > 0.1 && (largest - expected).abs() < 1e-6, "{format:?}: {largest}, {expected}");
+    }
+    assert_eq!(two_clouds.position_rounding(SceneFormat::Ply), 0.0);
+    let near = varied(40, 0);
+    assert!(SceneFormat::ALL.iter().all(|format| near.position_rounding(*format) == 0.0));
+}
