@@ -8,6 +8,7 @@ use super::declared::{Exposed, Known};
 use super::defines::{Constants, defines};
 use super::document::Opened;
 use super::lowered::{Declaration, LoweredInclude, LoweredPass, RemovedPass, RemovedUse, SkippedUse};
+use super::params::is_identifier;
 use super::require::Choices;
 use super::scope::Names;
 use crate::ir::{EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
@@ -165,6 +166,12 @@ impl<'a> Lowering<'a> {
             if names.values.contains_key(name) || names.live.contains(name) {
                 let taken = "the name is already used by a parameter, a fact or a `let`";
                 self.errors.push(Diagnostic::new(format!("`{name}` is declared twice"), place.key(), taken));
+                continue;
+            }
+            if !is_identifier(name) {
+                let message = format!("`{name}` cannot name a `let`");
+                let rule = "letters, digits and `_`, not a digit first";
+                self.errors.push(Diagnostic::new(message, place.key(), rule));
                 continue;
             }
             let (value, read) = names.traced(|| names.evaluate(number, &place));

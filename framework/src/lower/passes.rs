@@ -5,6 +5,7 @@ use indexmap::IndexMap;
 use super::include::Written;
 use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName};
 use super::lowering::{Level, Lowering, MAX_PASSES};
+use super::params::is_identifier;
 use super::scope::{Notes, describe};
 use crate::ir::{
     DepthTarget, DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value, Work,
@@ -380,6 +381,10 @@ impl Lowering<'_> {
         if level.names.values.contains_key(var) || level.names.live.contains(var) {
             let at = place.field("var");
             return Err(at.error(format!("`{var}` is declared twice"), "the name is already in use"));
+        }
+        if !is_identifier(var) {
+            let message = format!("`{var}` cannot name the counter of a repeat");
+            return Err(place.field("var").error(message, "letters, digits and `_`, not a digit first"));
         }
         let errors = self.errors.len();
         let suffix = level.suffix.clone();
