@@ -214,7 +214,8 @@ pub struct DumpRepeat {
     /// Name of the include around the repeat, or the first pass's name without index. A number makes it unique:
     /// `sort (2)`.
     pub name: String,
-    /// Number of distinct indices among the passes: how often the body runs; for nested repeats, the product.
+    /// How often the innermost bodies run: the number of distinct indices among the passes. For nested repeats, this is
+    /// the product, and a pass beside an inner repeat adds nothing.
     pub iterations: usize,
     /// Index of the first pass in [`Dump::passes`].
     pub first: usize,

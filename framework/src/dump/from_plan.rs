@@ -9,8 +9,8 @@ use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
     Source, Use, Value, Work,
 };
-use crate::plan::{Cause, Dependency, Plan, Warning};
-use std::collections::HashMap;
+use crate::plan::{Cause, Dependency, Plan, Resource, Warning};
+use std::collections::{HashMap, HashSet};
 
 /// Returns the plan with names in place of numbers.
 ///
@@ -82,9 +82,6 @@ fn parameter_of(plan: &Plan, param: &crate::ir::Param) -> DumpParameter {
 }
 
 fn totals(plan: &Plan) -> Totals {
-    let bytes = |wanted: fn(&Source) -> bool| {
-        plan.resources.iter().filter(|r| wanted(&r.source)).map(|r| r.bytes()).sum()
-    };
     let (transient_bytes, unshared_bytes) = (plan.transient_bytes(), plan.unshared_bytes());
     Totals {
         passes: plan.prologue.len() + plan.frame.len(),
@@ -93,11 +90,21 @@ fn totals(plan: &Plan) -> Totals {
         transient_bytes,
         unshared_bytes,
         saved_bytes: unshared_bytes.saturating_sub(transient_bytes),
-        scene_bytes: bytes(|s| matches!(s, Source::Scene { .. })),
-        freed_bytes: plan.used_once().iter().map(|id| plan.resource(*id).bytes()).sum(),
-        host_bytes: bytes(Source::is_per_frame),
+        scene_bytes: once_each(plan.resources.iter().filter(|r| matches!(r.source, Source::Scene { .. }))),
+        freed_bytes: once_each(plan.used_once().into_iter().map(|id| plan.resource(id))),
+        host_bytes: plan.resources.iter().filter(|r| r.source.is_per_frame()).map(|r| r.bytes()).sum(),
         ..Totals::default()
     }
+}
+
+/// Sums the sizes of resources. A plane of the scene counts once, however often the graph and its includes import it.
+fn once_each<'a>(resources: impl Iterator<Item = &'a Resource>) -> u64 {
+    let mut planes = HashSet::new();
+    let is_new = |resource: &&'a Resource| match &resource.source {
+        Source::Scene { attribute, plane } => planes.insert((attribute, *plane)),
+        _ => true,
+    };
+    resources.filter(is_new).map(Resource::bytes).sum()
 }
 
 fn blocks(plan: &Plan) -> Vec<DumpBlock> {

@@ -70,12 +70,15 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
                 _ => break,
             }
         }
-        let iterations: BTreeSet<&[u32]> = members.iter().map(|(_, index)| index.as_slice()).collect();
-        let count = members.len();
-        if iterations.len() > 1 {
+        let indices: BTreeSet<&[u32]> = members.iter().map(|(_, index)| index.as_slice()).collect();
+        // A pass beside an inner repeat has the start of its passes' indices. In this order, its index comes just before
+        // them.
+        let ordered: Vec<&[u32]> = indices.into_iter().collect();
+        let outer = ordered.windows(2).filter(|pair| pair[1].starts_with(pair[0])).count();
+        let (iterations, count) = (ordered.len() - outer, members.len());
+        if iterations > 1 {
             let wanted = if scope.is_empty() { members[0].0.clone() } else { scope };
             let name = unique(wanted, &mut taken);
-            let iterations = iterations.len();
             repeats.push(DumpRepeat { name: name.clone(), iterations, first, passes: count });
             for (pass, (member, index)) in passes[first..].iter_mut().zip(members) {
                 pass.repeat = Some(Iteration { group: name.clone(), member, index });

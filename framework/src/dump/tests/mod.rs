@@ -6,8 +6,8 @@ mod example;
 mod schema;
 
 use super::*;
-use crate::ir::{Accesses, Hazard, Run, Source, Value};
-use crate::plan::Plan;
+use crate::ir::{Accesses, Hazard, ResourceId, Run, Source, Use, Value};
+use crate::plan::{Plan, Resource};
 use crate::testing;
 use example::dump;
 
@@ -82,6 +82,26 @@ fn totals_count_every_barrier_and_dependency() {
 }
 
 #[test]
+fn a_plane_that_is_imported_twice_counts_once() {
+    let mut plan = example::splat(4, 1000);
+    let before = dump(&plan).totals;
+    // `position` is read by every frame, `scale` by the prologue only.
+    let ids = ["position", "scale"].map(|name| plan.find_resource(name).expect("it is there"));
+    for id in ids {
+        let again = ResourceId(plan.resources.len() as u32);
+        let resource = plan.resource(id).clone();
+        plan.resources.push(Resource { name: format!("include.{}", resource.name), ..resource });
+        for pass in &mut plan.passes {
+            let uses: Vec<Use> = pass.uses.iter().filter(|used| used.resource == id).copied().collect();
+            pass.uses.extend(uses.into_iter().map(|used| Use { resource: again, ..used }));
+        }
+    }
+    let after = dump(&plan).totals;
+    assert_eq!((after.scene_bytes, after.freed_bytes), (before.scene_bytes, before.freed_bytes));
+    assert!(before.freed_bytes > 0);
+}
+
+#[test]
 fn resources_in_one_block_know_each_other_and_live_one_after_another() {
     let dump = dump(&example::splat(4, 1000));
     let depth = resource(&dump, "depth");
@@ -123,13 +143,31 @@ fn names_say_which_passes_a_repeat_made() {
     assert_eq!(dump.pass("sort.clear").unwrap().repeat, None);
 }
 
-/// Returns the repeat that each of these passes belongs to.
-fn grouped(names: &[&str]) -> Vec<Option<String>> {
+/// Returns passes of these names, with their repeats, and the list of repeats.
+fn repeated(names: &[&str]) -> (Vec<DumpPass>, Vec<DumpRepeat>) {
     let any = dump(&example::splat(4, 1000)).passes[2].clone();
     let mut passes: Vec<DumpPass> =
         names.iter().map(|name| DumpPass { name: name.to_string(), ..any.clone() }).collect();
-    repeats::find(&mut passes);
-    passes.into_iter().map(|p| p.repeat.map(|r| r.group)).collect()
+    let repeats = repeats::find(&mut passes);
+    (passes, repeats)
+}
+
+/// Returns the repeat that each of these passes belongs to.
+fn grouped(names: &[&str]) -> Vec<Option<String>> {
+    repeated(names).0.into_iter().map(|p| p.repeat.map(|r| r.group)).collect()
+}
+
+#[test]
+fn a_pass_beside_an_inner_repeat_is_no_iteration_of_its_own() {
+    let iterations = |names: &[&str]| -> Vec<usize> {
+        repeated(names).1.into_iter().map(|repeat| repeat.iterations).collect()
+    };
+    let two =
+        ["level[0].clear", "level[0].blur[0]", "level[0].blur[1]", "level[1].clear", "level[1].blur[0]"];
+    assert_eq!(iterations(&two), [3]);
+    assert_eq!(iterations(&["t[0][0]", "t[0][1]", "t[1][0]", "t[1][1]", "last[1]"]), [4]);
+    assert_eq!(iterations(&["clear[0]", "t[0][0]"]), [0; 0], "the body runs once");
+    assert_eq!(iterations(&["clear[1]", "t[1][0]", "clear[10]", "t[10][0]"]), [2]);
 }
 
 #[test]
