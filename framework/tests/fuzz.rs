@@ -302,9 +302,18 @@ fn fuzz<'a, Attempt>(
     assert!(built > cases / 20 && errors > cases / 3, "{built} accepted, {errors} errors");
 }
 
-/// Returns true for graphs with an output, and for presets; false for parts and choices.
+/// Returns true for graphs with an output, for presets and for choices of graphs; false for parts.
 fn draws(text: &str) -> bool {
-    text.contains("output:") || text.contains("Preset(")
+    let is_choice = || text.lines().any(|line| line.starts_with("Choice("));
+    text.contains("output:") || text.contains("Preset(") || is_choice()
+}
+
+#[test]
+fn all_shipped_graphs_that_draw_are_built_themselves() {
+    let files = texts("pipelines");
+    for (name, text) in files.iter().filter(|(name, _)| name.ends_with(".ron")) {
+        assert_eq!(draws(text), !name.starts_with("pipelines/parts/"), "{name}");
+    }
 }
 
 #[test]
@@ -316,7 +325,7 @@ fn damaged_graphs_are_plans_or_errors_with_a_place() {
     fuzz("graphs", &files, RON, |random| {
         let name = names[random.below(names.len())];
         let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
-            // For a part or a choice, `splat` is built, which may include the damaged file.
+            // For a part, `splat` is built, which may include the damaged file.
             let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
             let graph = if own.is_ok_and(|text| draws(&text)) { name } else { "pipelines/splat.ron" };
             let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory: true };
