@@ -172,7 +172,7 @@ impl Parent {
         let text = match lost {
             Lost::Ended(status) => match status.and_then(|status| status.code()) {
                 Some(OUT_OF_MEMORY) => format!(
-                    "the compiler ran out of its {} MiB of memory on this shader (growing macros can cause this)",
+                    "the compiler took over {} MiB of memory for this shader (growing macros can cause this)",
                     memory_bytes >> 20
                 ),
                 Some(OUT_OF_TIME) => format!(
