@@ -114,6 +114,8 @@ impl Compilers {
         let (mut current, mut begun) = (None, Instant::now());
         let told = loop {
             match messages.recv_timeout(ASK_EVERY) {
+                // Quick pipelines leave no time for the timeout below.
+                Ok(Message::Next(_)) if cancel.is_requested() => break None,
                 Ok(Message::Next(next)) => {
                     let NextPipeline { done, of, shader, .. } = next;
                     progress(Progress::Pipeline { done, of, shader: &plan.shader(shader).name });

@@ -97,6 +97,26 @@ fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines(
 }
 
 #[test]
+fn a_load_that_nobody_wants_any_more_ends_between_quick_pipelines() {
+    let (null, journal) = hanging([]);
+    let wanted_no_more = Arc::new(AtomicBool::new(false));
+    let cancel = Cancel::new({
+        let asked = wanted_no_more.clone();
+        move || asked.load(Ordering::Relaxed)
+    });
+    let mut seen = Vec::new();
+    let mut progress = |step: Progress| {
+        seen.push(format!("{step:?}"));
+        wanted_no_more.store(true, Ordering::Relaxed);
+    };
+    let prepared = null.loader().cancelled_by(cancel).prepare(plan(), &Zeros::default(), &mut progress);
+    assert_eq!(error_of(prepared), BackendError::Cancelled);
+    assert_eq!(seen.len(), 1, "{seen:?}");
+    drop(null);
+    until(&journal, Object::Device, 0);
+}
+
+#[test]
 fn compilers_without_an_end_do_not_pile_up() {
     let (mut null, journal) = hanging(0..100);
     let mut errors = Vec::new();
