@@ -20,7 +20,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 /// Refuses a plan that is inconsistent ([`BackendError::Invalid`]) or exceeds a limit ([`BackendError::Limit`]).
 ///
 /// In an accepted plan, the ids of resources, passes, shaders and blocks are in range, and resources suit the work that
-/// names them. Not checked are the ids in the plan's dependencies, and the declared usage of bound resources.
+/// names them. The declared usage of bound resources is not checked.
 pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     let checker = Checker { plan, limits };
     let mut histories = HashSet::new();
@@ -45,6 +45,7 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
         }
         checker.pass(pass)?;
     }
+    checker.dependencies()?;
     checker.layout_changes()?;
     checker.order()?;
     checker.output()
@@ -198,6 +199,20 @@ impl<'a> Checker<'a> {
             format!("the size of all resources{}", largest.unwrap_or_default())
         };
         within_bytes(what, total, self.limits.heap_bytes)
+    }
+
+    /// Checks the ids of the dependencies, and that they are sorted by the later pass.
+    fn dependencies(&self) -> Result<(), BackendError> {
+        for Dependency { first, second, resource, alias, .. } in &self.plan.dependencies {
+            let user = &self.passes(*second)?.name;
+            self.passes(*first)?;
+            self.resources(*resource, user)?;
+            alias.map(|alias| self.resources(alias, user)).transpose()?;
+        }
+        if !self.plan.dependencies.is_sorted_by_key(|dependency| dependency.second) {
+            return invalid("the plan's dependencies are not sorted by their later pass".to_string());
+        }
+        Ok(())
     }
 
     fn layout_changes(&self) -> Result<(), BackendError> {

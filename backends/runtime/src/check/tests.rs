@@ -152,10 +152,31 @@ fn changed(image: ResourceId, old: Layout, new: Layout) -> LayoutChange {
     LayoutChange { image, old, new, before: PassId(1), handover: false }
 }
 
+/// Returns a dependency of `second` on a write of `first`.
+fn needs(first: PassId, second: PassId, resource: ResourceId, alias: Option<ResourceId>) -> Dependency {
+    let masks = Masks {
+        source_stages: Stages::COMPUTE,
+        source_accesses: Accesses::STORAGE_WRITE,
+        target_stages: Stages::COMPUTE,
+        target_accesses: Accesses::STORAGE_READ,
+    };
+    Dependency {
+        hazard: Hazard::ReadAfterWrite,
+        first,
+        second,
+        since: Since::Same,
+        resource,
+        alias,
+        bytes: 0..4,
+        changes_layout: false,
+        masks,
+    }
+}
+
 #[test]
 fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
     type Alteration = fn(&mut Plan);
-    let alterations: [(&str, Alteration); 24] = [
+    let alterations: [(&str, Alteration); 29] = [
         ("pass 9", |plan| plan.frame[0] = PassId(9)),
         ("runs twice", |plan| plan.frame[0] = PassId(0)),
         ("needs 64-bit floats (shaderFloat64), which the device does not have", |plan| {
@@ -201,6 +222,15 @@ fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
         }),
         ("alias `args` that does not belong to it", |plan| plan.blocks[0].aliases.push(ARGS)),
         ("`words` is in no block", |plan| plan.blocks[0].aliases.clear()),
+        ("pass 9", |plan| plan.dependencies = vec![needs(PassId(9), PassId(1), WORDS, None)]),
+        ("pass 9", |plan| plan.dependencies = vec![needs(PassId(0), PassId(9), WORDS, None)]),
+        ("resource 77", |plan| plan.dependencies = vec![needs(PassId(0), PassId(1), ResourceId(77), None)]),
+        ("resource 77", |plan| {
+            plan.dependencies = vec![needs(PassId(0), PassId(1), WORDS, Some(ResourceId(77)))];
+        }),
+        ("not sorted by their later pass", |plan| {
+            plan.dependencies = [2, 1].map(|second| needs(PassId(0), PassId(second), WORDS, None)).to_vec();
+        }),
     ];
     for (expected, alter) in alterations {
         let text = said(|plan, _| alter(plan));
