@@ -170,7 +170,7 @@ impl<'a> Lowering<'a> {
             }
             if !is_identifier(name) {
                 let message = format!("`{name}` cannot name a `let`");
-                let rule = "letters, digits and `_`, not a digit first";
+                let rule = "use letters, digits and `_`, without a leading digit";
                 self.errors.push(Diagnostic::new(message, place.key(), rule));
                 continue;
             }

@@ -384,7 +384,9 @@ impl Lowering<'_> {
         }
         if !is_identifier(var) {
             let message = format!("`{var}` cannot name the counter of a repeat");
-            return Err(place.field("var").error(message, "letters, digits and `_`, not a digit first"));
+            return Err(place
+                .field("var")
+                .error(message, "use letters, digits and `_`, without a leading digit"));
         }
         let errors = self.errors.len();
         let suffix = level.suffix.clone();
