@@ -14,7 +14,7 @@ use tracing::info_span;
 ///
 /// ```
 /// use splatgraph_framework::build;
-/// use splatgraph_framework::ir::{Catalog, DeviceFacts, Features, Request};
+/// use splatgraph_framework::ir::{Catalog, DeviceFacts, Request};
 /// use splatgraph_framework::shader::Glslang;
 /// use splatgraph_framework::source::{Library, SourceMap, render};
 ///
@@ -33,20 +33,9 @@ use tracing::info_span;
 /// let memory = memory.map(|(path, text)| (path.to_string(), text.to_string())).into();
 /// let mut files = SourceMap::new(Library { memory, ..Library::default() });
 ///
-/// let device = DeviceFacts {
-///     subgroup_size: 32,
-///     max_storage_bytes: 128 << 20,
-///     max_groups_x: 65_535,
-///     max_groups_y: 65_535,
-///     max_groups_z: 65_535,
-///     shared_bytes: 16 << 10,
-///     max_invocations: 256,
-///     rounds_half: true,
-///     fused_fma: true,
-///     features: Features::empty(),
-/// };
+/// let (facts, catalog) = (DeviceFacts::typical(32).into(), Catalog::default());
 /// let request =
-///     Request { graph: "paint", set: &[], capacities: &[], facts: &device.into(), catalog: &Catalog::default(), share_memory: true };
+///     Request { graph: "paint", set: &[], capacities: &[], facts: &facts, catalog: &catalog, share_memory: true };
 /// let plan = build(&request, &mut files, &mut Glslang::default())
 ///     .map_err(|errors| render(&files, &errors, false))?;
 ///

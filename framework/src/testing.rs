@@ -129,16 +129,10 @@ pub fn facts() -> Facts {
     let ints =
         [("scene.count", 1000), ("scene.sh_degree", 2), ("viewport.width", 64), ("viewport.height", 32)];
     let device = DeviceFacts {
-        subgroup_size: 8,
-        max_storage_bytes: 128 << 20,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
         rounds_half: false,
-        fused_fma: true,
-        features: Features::all(),
+        ..DeviceFacts::typical(8)
     };
     Facts { device, host: ints.map(|(k, v)| (k.to_string(), Value::Int(v))).into() }
 }

@@ -88,16 +88,10 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
     let host = [("scene.count", 1000), ("viewport.width", 64), ("viewport.height", 32)]
         .map(|(name, value)| (name.to_string(), Value::Int(value)));
     let device = DeviceFacts {
-        subgroup_size: 8,
         max_storage_bytes: u64::MAX,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
         shared_bytes: u32::MAX,
         max_invocations: u32::MAX,
-        rounds_half: true,
-        fused_fma: true,
-        features: Features::all(),
+        ..DeviceFacts::typical(8)
     };
     let mut facts = Facts { device, host: host.into() };
     let (mut graph, mut set, mut effects) = (name.to_string(), Vec::new(), false);

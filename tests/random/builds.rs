@@ -2,7 +2,7 @@
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner};
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Features, PassId, Request, Value};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, PassId, Request, Value};
 use splatgraph_framework::oracle;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::ShaderCompiler;
@@ -24,18 +24,7 @@ use crate::common::long;
 /// Returns the facts of a plain device.
 fn facts() -> Facts {
     let ints = [("scene.count", 1000), ("viewport.width", 16), ("viewport.height", 8)];
-    let device = DeviceFacts {
-        subgroup_size: 8,
-        max_storage_bytes: 128 << 20,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
-        shared_bytes: u32::MAX,
-        max_invocations: u32::MAX,
-        rounds_half: false,
-        fused_fma: true,
-        features: Features::all(),
-    };
+    let device = DeviceFacts { shared_bytes: u32::MAX, max_invocations: u32::MAX, ..DeviceFacts::typical(8) };
     Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
 }
 

@@ -307,20 +307,8 @@ impl Views {
 }
 
 impl job::Work for Views {
-    fn command(&self) -> &'static str {
-        COMMAND
-    }
-
-    fn folder(&self) -> &Path {
-        &self.folder
-    }
-
-    fn views(&self) -> &[String] {
-        &self.work.stems
-    }
-
-    fn file(&self, view: &str) -> PathBuf {
-        job::part(view)
+    fn outputs(&self) -> job::Outputs {
+        job::Outputs::parts(COMMAND, &self.folder, &self.work.stems)
     }
 
     fn open(&mut self) -> Result<job::Origin> {

@@ -62,19 +62,30 @@ pub struct ShardArgs {
 /// Inputs that determine the results of views, by the name that messages show.
 pub type Origin = Map<String, Json>;
 
+/// Names of a command's views, and where their results are written.
+pub struct Outputs {
+    /// The command's name.
+    pub command: &'static str,
+    /// Folder of the results.
+    pub folder: PathBuf,
+    /// File names of the views, unique and without extension.
+    pub views: Vec<String>,
+    /// Result file of each view, relative to the folder: the last file that is written for the view.
+    pub files: Vec<PathBuf>,
+}
+
+impl Outputs {
+    /// Names the results of a study: a JSON file for each view, which [`write_part`] writes.
+    pub fn parts(command: &'static str, folder: &Path, views: &[String]) -> Outputs {
+        let files = views.iter().map(|view| part(view)).collect();
+        Outputs { command, folder: folder.into(), views: views.to_vec(), files }
+    }
+}
+
 /// A command whose views several processes can share.
 pub trait Work: Send {
-    /// Returns the command's name.
-    fn command(&self) -> &'static str;
-
-    /// Returns the folder of the results.
-    fn folder(&self) -> &Path;
-
-    /// Returns the file names of the views, which are unique and have no extension.
-    fn views(&self) -> &[String];
-
-    /// Returns the path of a view's result, relative to the folder. The result is the last file written for a view.
-    fn file(&self, view: &str) -> PathBuf;
+    /// Names the views, and the files of their results. [`Job::new`] calls it once.
+    fn outputs(&self) -> Outputs;
 
     /// Loads the scene and opens the device. Returns the inputs that determine the results.
     ///
@@ -197,6 +208,7 @@ pub struct Ran {
 /// The views of a command, to be done by this process in any order.
 pub struct Job {
     work: Box<dyn Work>,
+    outputs: Outputs,
     opened: bool,
     messages: Vec<String>,
 }
@@ -204,12 +216,12 @@ pub struct Job {
 impl Job {
     /// Wraps the views of a command. The first [`Job::run`] loads the scene and opens the device.
     pub fn new(work: Box<dyn Work>) -> Job {
-        Job { work, opened: false, messages: Vec::new() }
+        Job { outputs: work.outputs(), work, opened: false, messages: Vec::new() }
     }
 
     /// Returns the file names of the views, without extension.
     pub fn views(&self) -> &[String] {
-        self.work.views()
+        &self.outputs.views
     }
 
     /// Does the views that have no result yet. A failed view does not stop the others; see [`Ran::failed`].
@@ -254,7 +266,7 @@ impl Job {
     }
 
     fn has(&self, view: usize) -> bool {
-        self.work.folder().join(self.work.file(&self.work.views()[view])).exists()
+        self.outputs.folder.join(&self.outputs.files[view]).exists()
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
@@ -267,9 +279,9 @@ impl Job {
             return Ok(());
         }
         let origin = self.work.open()?;
-        let views = self.work.views().to_vec();
-        let files = views.iter().map(|view| self.work.file(view)).collect();
-        Manifest { command: self.work.command().into(), origin, views, files }.claim(self.work.folder())?;
+        let Outputs { command, folder, views, files } = &self.outputs;
+        let (views, files) = (views.clone(), files.clone());
+        Manifest { command: (*command).into(), origin, views, files }.claim(folder)?;
         self.opened = true;
         Ok(())
     }
@@ -392,20 +404,8 @@ mod tests {
     struct Some(PathBuf, Vec<String>, &'static [usize], Cell<u32>);
 
     impl Work for Some {
-        fn command(&self) -> &'static str {
-            "render"
-        }
-
-        fn folder(&self) -> &Path {
-            &self.0
-        }
-
-        fn views(&self) -> &[String] {
-            &self.1
-        }
-
-        fn file(&self, view: &str) -> PathBuf {
-            part(view)
+        fn outputs(&self) -> Outputs {
+            Outputs::parts("render", &self.0, &self.1)
         }
 
         fn open(&mut self) -> Result<Origin> {

@@ -1,7 +1,7 @@
 //! Runs `splatgraph sweep`: measures quality and time as splats are removed.
 
 use super::console::Console;
-use super::job::{self, Origin, ShardArgs, Work};
+use super::job::{self, Origin, Outputs, ShardArgs, Work};
 use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
@@ -174,20 +174,8 @@ impl Views {
 }
 
 impl Work for Views {
-    fn command(&self) -> &'static str {
-        COMMAND
-    }
-
-    fn folder(&self) -> &Path {
-        &self.args.output
-    }
-
-    fn views(&self) -> &[String] {
-        &self.stems
-    }
-
-    fn file(&self, view: &str) -> PathBuf {
-        job::part(view)
+    fn outputs(&self) -> Outputs {
+        Outputs::parts(COMMAND, &self.args.output, &self.stems)
     }
 
     fn open(&mut self) -> Result<Origin> {

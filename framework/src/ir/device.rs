@@ -30,6 +30,22 @@ pub struct DeviceFacts {
 }
 
 impl DeviceFacts {
+    /// Returns the facts of a common desktop GPU with every feature, for plans without a device.
+    pub fn typical(subgroup_size: u32) -> DeviceFacts {
+        DeviceFacts {
+            subgroup_size,
+            max_storage_bytes: 128 << 20,
+            max_groups_x: 65_535,
+            max_groups_y: 65_535,
+            max_groups_z: 65_535,
+            shared_bytes: 32 << 10,
+            max_invocations: 1024,
+            rounds_half: true,
+            fused_fma: true,
+            features: Features::all(),
+        }
+    }
+
     /// Returns the maximum number of workgroups of a dispatch in x, y and z.
     pub fn max_groups(&self) -> [u32; 3] {
         [self.max_groups_x, self.max_groups_y, self.max_groups_z]

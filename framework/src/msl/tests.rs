@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::build;
-use crate::ir::{Catalog, DeviceFacts, Features, Request};
+use crate::ir::{Catalog, DeviceFacts, Request};
 use crate::shader::Glslang;
 use crate::source::{Library, SourceMap, render};
 
@@ -30,19 +30,7 @@ fn plan(shader: &str, buffers: usize) -> Plan {
     let memory =
         [("pipelines/one.ron".to_string(), graph), ("shaders/paint.comp".to_string(), shader.to_string())];
     let mut files = SourceMap::new(Library { memory: memory.into(), ..Library::default() });
-    let device = DeviceFacts {
-        subgroup_size: 32,
-        max_storage_bytes: 1 << 27,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
-        shared_bytes: 32 << 10,
-        max_invocations: 1024,
-        rounds_half: true,
-        fused_fma: true,
-        features: Features::all(),
-    };
-    let (facts, catalog) = (device.into(), Catalog::default());
+    let (facts, catalog) = (DeviceFacts::typical(32).into(), Catalog::default());
     let request = Request {
         graph: "one",
         set: &[],

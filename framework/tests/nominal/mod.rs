@@ -1,6 +1,6 @@
 //! A nominal scene and device, for plans without a real one: their facts and importable data.
 
-use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
+use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Value};
 
 /// Bytes of the camera's uniform block.
 pub const CAMERA_BYTES: u64 = 256;
@@ -8,18 +8,6 @@ pub const CAMERA_BYTES: u64 = 256;
 /// Returns the facts of a scene of `count` splats of degree 3, drawn at a size in pixels by a device of 32 lanes with
 /// every feature.
 pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
-    let device = DeviceFacts {
-        subgroup_size: 32,
-        max_storage_bytes: 1 << 27,
-        max_groups_x: 65_535,
-        max_groups_y: 65_535,
-        max_groups_z: 65_535,
-        shared_bytes: 32 << 10,
-        max_invocations: 1024,
-        rounds_half: true,
-        fused_fma: true,
-        features: Features::all(),
-    };
     let ints = [
         ("scene.count", count),
         ("scene.sh_degree", 3),
@@ -37,7 +25,7 @@ pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
     let bools = [("scene.wide", false), ("mesh.possible", true)];
     let bools = bools.map(|(name, value)| (name.to_string(), Value::Bool(value)));
     let host = ints.into_iter().chain(texts).chain(bools).collect();
-    Facts { device, host }
+    Facts { device: DeviceFacts::typical(32), host }
 }
 
 /// Returns the importable data of a scene of `count` splats: its attributes, and the camera.

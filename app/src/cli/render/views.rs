@@ -44,21 +44,18 @@ impl Views {
 }
 
 impl job::Work for Views {
-    fn command(&self) -> &'static str {
-        COMMAND
-    }
-
-    fn folder(&self) -> &Path {
-        &self.folder
-    }
-
-    fn views(&self) -> &[String] {
-        &self.work.stems
-    }
-
-    fn file(&self, view: &str) -> PathBuf {
-        let path = self.work.destination.as_ref().map(|destination| destination.path(view));
-        path.as_deref().and_then(Path::file_name).unwrap_or_default().into()
+    fn outputs(&self) -> job::Outputs {
+        let file = |stem: &String| {
+            let path = self.work.destination.as_ref().map(|destination| destination.path(stem));
+            path.as_deref().and_then(Path::file_name).unwrap_or_default().into()
+        };
+        let views = self.work.stems.clone();
+        job::Outputs {
+            command: COMMAND,
+            folder: self.folder.clone(),
+            files: views.iter().map(file).collect(),
+            views,
+        }
     }
 
     fn open(&mut self) -> Result<Origin> {
