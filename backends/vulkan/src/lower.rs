@@ -41,6 +41,16 @@ pub(crate) enum PipelineState {
     },
 }
 
+impl PipelineState {
+    /// Lists the shaders in the order of their stages.
+    pub(crate) fn shaders(&self) -> Vec<ShaderId> {
+        match *self {
+            PipelineState::Compute { shader, .. } => vec![shader],
+            PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
+        }
+    }
+}
+
 /// The subgroup requirements of a compute pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Subgroups {

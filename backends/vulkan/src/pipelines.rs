@@ -13,7 +13,10 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::NextPipeline;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::sync::Arc;
+use std::num::NonZero;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, mpsc};
+use std::thread;
 
 /// A pipeline layout, with its descriptor set layout.
 pub struct PipelineLayout {
@@ -38,7 +41,8 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// Creates the pipelines of all dispatches and draws of a plan; calls `next` before each.
+    /// Creates the pipelines of all dispatches and draws of a plan on several threads; calls `next` before the wait for
+    /// each.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,
@@ -48,48 +52,24 @@ impl Pipelines {
         let layouts: Vec<PipelineLayout> =
             lowered.interfaces.iter().map(|interface| layout(gpu, interface)).collect::<Result<_, _>>()?;
         // Needed only until the pipelines are created.
-        let mut modules = HashMap::new();
-        let mut pipelines = Vec::new();
-        for (done, (state, interface)) in lowered.pipelines.iter().enumerate() {
-            let shaders = match *state {
-                PipelineState::Compute { shader, .. } => vec![shader],
-                PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
-            };
-            let name = &plan.shader(shaders[0]).name;
-            next(NextPipeline::new(&lowered.of_pass, done, lowered.pipelines.len(), shaders[0]))?;
-            for shader in shaders {
-                if let Entry::Vacant(entry) = modules.entry(shader) {
-                    entry.insert(module(gpu, plan, shader)?);
-                }
-            }
-            let raw = match state {
-                PipelineState::Compute { shader, subgroups } => {
-                    compute(gpu, *modules[shader], *subgroups, *layouts[*interface].raw)
-                }
-                PipelineState::Draw { vertex, fragment, topology, targets, depth } => draw(
-                    gpu,
-                    [*modules[vertex], *modules[fragment]],
-                    *topology,
-                    (targets, *depth),
-                    *layouts[*interface].raw,
-                ),
-            };
-            let raw = Owned::new(
-                gpu,
-                raw.map_err(|answer| match api("vkCreatePipelines")(answer) {
-                    BackendError::Api { call, answer } => {
-                        BackendError::Api { call, answer: format!("{answer} for `{name}`") }
-                    }
-                    other => other,
-                })?,
-            );
-            gpu.name(*raw, name);
+        let modules = modules(gpu, plan, &lowered)?;
+        let create = |at: usize| create(gpu, plan, (&lowered.pipelines[at], &modules), &layouts);
+        let raw = in_parallel(lowered.pipelines.len(), create, |done| {
+            next(NextPipeline::new(
+                &lowered.of_pass,
+                done,
+                lowered.pipelines.len(),
+                lowered.pipelines[done].0.shaders()[0],
+            ))
+        })?;
+        let pipelines = raw.into_iter().zip(&lowered.pipelines).map(|(raw, (state, interface))| {
             let bind_point = match state {
                 PipelineState::Compute { .. } => vk::PipelineBindPoint::COMPUTE,
                 PipelineState::Draw { .. } => vk::PipelineBindPoint::GRAPHICS,
             };
-            pipelines.push(Pipeline { raw, bind_point, layout: *interface });
-        }
+            Pipeline { raw, bind_point, layout: *interface }
+        });
+        let pipelines = pipelines.collect();
         Ok(Pipelines { pipelines, layouts, lowered })
     }
 
@@ -104,6 +84,89 @@ impl Pipelines {
         let pipeline = self.lowered.of_pass[pass.index()]?;
         Some(&self.lowered.interfaces[self.lowered.pipelines[pipeline].1])
     }
+}
+
+/// Calls `create` for the numbers below `count`, on several threads, and returns the results in order.
+///
+/// Calls `next` with each number before it waits for that result, so a call that hangs is the last one announced. The
+/// first error of either stops the rest; calls that have begun are finished first.
+fn in_parallel<T: Send>(
+    count: usize,
+    create: impl Fn(usize) -> Result<T, BackendError> + Sync,
+    mut next: impl FnMut(usize) -> Result<(), BackendError>,
+) -> Result<Vec<T>, BackendError> {
+    let threads = thread::available_parallelism().map_or(1, NonZero::get).min(count);
+    let (begun, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let (sender, created) = mpsc::channel();
+    thread::scope(|scope| {
+        for _ in 0..threads {
+            let (sender, create, begun, stopped) = (sender.clone(), &create, &begun, &stopped);
+            scope.spawn(move || {
+                while !stopped.load(Ordering::Relaxed) {
+                    let at = begun.fetch_add(1, Ordering::Relaxed);
+                    if at >= count || sender.send((at, create(at))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut early = HashMap::new();
+        let mut in_order = |at| {
+            next(at)?;
+            loop {
+                if let Some(result) = early.remove(&at) {
+                    return result;
+                }
+                let (other, result) = created.recv().expect("a thread ends after it has sent its results");
+                early.insert(other, result);
+            }
+        };
+        let all = (0..count).map(&mut in_order).collect();
+        stopped.store(true, Ordering::Relaxed);
+        all
+    })
+}
+
+/// Creates the modules of all shaders that the pipelines use.
+fn modules(
+    gpu: &Arc<VulkanGpu>,
+    plan: &Plan,
+    lowered: &Lowered,
+) -> Result<HashMap<ShaderId, Owned<vk::ShaderModule>>, BackendError> {
+    let mut modules = HashMap::new();
+    for shader in lowered.pipelines.iter().flat_map(|(state, _)| state.shaders()) {
+        if let Entry::Vacant(entry) = modules.entry(shader) {
+            entry.insert(module(gpu, plan, shader)?);
+        }
+    }
+    Ok(modules)
+}
+
+/// Creates a pipeline and names it after its first shader. Can be called on several threads at once.
+fn create(
+    gpu: &Arc<VulkanGpu>,
+    plan: &Plan,
+    ((state, interface), modules): (&(PipelineState, usize), &HashMap<ShaderId, Owned<vk::ShaderModule>>),
+    layouts: &[PipelineLayout],
+) -> Result<Owned<vk::Pipeline>, BackendError> {
+    let layout = *layouts[*interface].raw;
+    let raw = match state {
+        PipelineState::Compute { shader, subgroups } => compute(gpu, *modules[shader], *subgroups, layout),
+        PipelineState::Draw { vertex, fragment, topology, targets, depth } => {
+            let modules = [*modules[vertex], *modules[fragment]];
+            draw(gpu, modules, *topology, (targets, *depth), layout)
+        }
+    };
+    let name = &plan.shader(state.shaders()[0]).name;
+    let raw = raw.map_err(|answer| match api("vkCreatePipelines")(answer) {
+        BackendError::Api { call, answer } => {
+            BackendError::Api { call, answer: format!("{answer} for `{name}`") }
+        }
+        other => other,
+    })?;
+    gpu.name(raw, name);
+    Ok(Owned::new(gpu, raw))
 }
 
 fn layout(gpu: &Arc<VulkanGpu>, interface: &Interface) -> Result<PipelineLayout, BackendError> {
@@ -245,5 +308,49 @@ fn single(
     match made {
         Ok(pipelines) => pipelines.first().copied().ok_or(vk::Result::ERROR_UNKNOWN),
         Err((_, answer)) => Err(answer),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    fn failure(call: usize) -> BackendError {
+        BackendError::Api { call: "test", answer: call.to_string() }
+    }
+
+    #[test]
+    fn results_of_several_threads_are_in_order_and_each_is_announced_before_its_wait() {
+        // Earlier calls take longer, so that later ones finish first.
+        let slow = |at: usize| {
+            thread::sleep(Duration::from_millis(8 - at as u64));
+            Ok(10 * at)
+        };
+        let mut announced = Vec::new();
+        let next = |at| {
+            announced.push(at);
+            Ok(())
+        };
+        assert_eq!(in_parallel(8, slow, next).expect("no failure"), [0, 10, 20, 30, 40, 50, 60, 70]);
+        assert_eq!(announced, [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert!(in_parallel(0, slow, |_| Ok(())).expect("nothing to do").is_empty());
+    }
+
+    #[test]
+    fn the_first_error_in_order_is_returned_and_an_error_of_the_caller_stops_the_rest() {
+        let odd = |at: usize| if at % 2 == 1 { Err(failure(at)) } else { Ok(at) };
+        let error = in_parallel(6, odd, |_| Ok(())).expect_err("the second call fails");
+        assert_eq!(error.to_string(), failure(1).to_string());
+        let begun = AtomicUsize::new(0);
+        let count = |at| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            thread::sleep(Duration::from_millis(1));
+            Ok(at)
+        };
+        let stop = |at| if at == 2 { Err(failure(at)) } else { Ok(()) };
+        let error = in_parallel(1000, count, stop).expect_err("the caller stops");
+        assert_eq!(error.to_string(), failure(2).to_string());
+        assert!(begun.into_inner() < 1000);
     }
 }
