@@ -168,7 +168,7 @@ def trade(
         only: prefixes of the names of the settings to measure, such as "key_bits"; the exact ones are always measured.
         truths: true pictures, one for each camera, float32 [height, width, 3], display-encoded; by default, the exact renderer's.
         rounds: maximum number of rounds of frames; below 8, all differences in time count as noise.
-        frames: frames per round; by default 1 to 30, from the frame time.
+        frames: frames per round; by default 1 to 3, from the frame time.
         file: path of a ledger.json, which grows with each row and from which an interrupted study resumes.
         progress: called with (task, done, of, step), for example `print`.
         backend: "vulkan" or "metal".

@@ -75,7 +75,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Names the results of a study: a JSON file for each view, which [`write_part`] writes.
+    /// Names the results of a command that writes a JSON file for each view with [`write_part`].
     pub fn parts(command: &'static str, folder: &Path, views: &[String]) -> Outputs {
         let files = views.iter().map(|view| part(view)).collect();
         Outputs { command, folder: folder.into(), views: views.to_vec(), files }

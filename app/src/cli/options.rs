@@ -402,7 +402,7 @@ pub struct EffortArgs {
     /// rounds, all differences in time count as noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// Frames per round; the baseline draws as many, interleaved [default: 1 to 30, from the frame time]
+    /// Frames per round; the baseline draws as many, interleaved [default: 1 to 3, from the frame time]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
 }

@@ -156,16 +156,20 @@ pub fn rounds<D: Device>(
     Ok(all)
 }
 
-/// Minimum duration of the warm-up. An idle device runs at a lower clock, so warm-up frames are not measured.
+/// Duration of a warm-up after a long pause. An idle device runs at a lower clock, so warm-up frames are not measured.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws interleaved frames for at least [`WARM_UP`] without measuring them.
+/// Draws interleaved frames for at least `least` without measuring them.
 ///
 /// Returns the host time of one frame of each session together, in milliseconds.
 ///
 /// # Errors
 /// The device fails.
-pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> Result<f64, SessionError> {
+pub fn warm_up<D: Device>(
+    sessions: &mut [&mut Session<D>],
+    camera: &Camera,
+    least: Duration,
+) -> Result<f64, SessionError> {
     let begun = Instant::now();
     let turn = Effort { rounds: 1, frames: 1 };
     let mut turns = 0;
@@ -174,7 +178,7 @@ pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> 
         rounds(sessions, camera, turn, Timestamps::Passes)?;
         turns += 1;
         // Draw at least two frames each: a graph may use the order of the previous frame.
-        if turns >= 2 && begun.elapsed() >= WARM_UP {
+        if turns >= 2 && begun.elapsed() >= least {
             return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
         }
     }

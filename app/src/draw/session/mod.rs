@@ -33,6 +33,7 @@ use splatgraph_framework::reload::Wanted;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tracing::info_span;
 
 /// Error of a session.
@@ -99,6 +100,8 @@ pub struct Session<D> {
     /// Frames in flight in the order of submission, with the inputs to repeat them.
     flying: Vec<Flight>,
     growths: u32,
+    /// Time at which the last frame was known to be complete.
+    completed: Option<Instant>,
 }
 
 /// A submitted frame without a result yet, with the inputs to repeat it.
@@ -150,6 +153,7 @@ impl<D: Device> Session<D> {
             frame: 0,
             flying: Vec::new(),
             growths: 0,
+            completed: None,
         }
     }
 
@@ -493,9 +497,15 @@ impl<D: Device> Session<D> {
         }
     }
 
+    /// Returns the time since the last frame was complete; `None` before the first.
+    pub fn idle(&self) -> Option<Duration> {
+        self.completed.map(|completed| completed.elapsed())
+    }
+
     /// Waits for a frame. If its plan is given, adds the frame to the timeline.
     fn land(&mut self, id: FrameId, plan: Option<&Plan>) -> Result<FrameResult, BackendError> {
         let result = info_span!("wait for a frame").in_scope(|| self.device.wait(id))?;
+        self.completed = Some(Instant::now());
         if let Some(plan) = plan {
             timeline::completed(id.0, |submitted, seen| timeline::Frame {
                 number: id.0,

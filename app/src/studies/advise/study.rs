@@ -7,7 +7,7 @@ use crate::draw::keys::{self, Need, Seen};
 use crate::draw::session::Session;
 use crate::studies::measurement::plans::{self, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
-use crate::studies::measurement::time::Baseline;
+use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR};
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use crate::studies::trade::measure::{Row, measure};
@@ -89,7 +89,7 @@ pub fn study<D: Device>(
     exact.prepare((first.width, first.height), &mut |_| {})?;
     let singles = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
     // Half as many frames as in a ledger, because there are many settings.
-    let effort = wanted.frames.choose(&mut exact, first, 8)?;
+    let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
     let views: Vec<View> = cameras.iter().map(|camera| View::exact(&subject.scene, camera)).collect();
 
     let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);

@@ -1,7 +1,7 @@
 //! Draws candidates interleaved, and measures the time, the bytes and the memory of each.
 
 use super::bytes;
-use crate::draw::interleaved::{self, Effort, Figure, Frames, Rounds, Timed, Timestamps};
+use crate::draw::interleaved::{self, Effort, Figure, Frames, Rounds, Timed, Timestamps, WARM_UP};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::{self, BufferSize};
 use crate::studies::study::{Setting, Steps, StudyError};
@@ -218,7 +218,7 @@ impl<D: Device> Bench<'_, D> {
         if sessions.is_empty() {
             return Ok(());
         }
-        let turn_ms = interleaved::warm_up(&mut sessions, camera)?;
+        let turn_ms = interleaved::warm_up(&mut sessions, camera, WARM_UP)?;
         let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
         let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;

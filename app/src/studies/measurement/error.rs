@@ -31,15 +31,24 @@ pub struct Error {
 /// # Errors
 /// The sizes differ, or a value is not finite.
 pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error, MetricError> {
-    let found = metrics::compare(picture, truth)?;
+    metrics::comparable(picture, truth)?;
+    let covers = |pixel: usize| covered[pixel];
+    let ((found, flip), (off, (covered_psnr_db, covered_off))) = rayon::join(
+        || rayon::join(|| metrics::compare(picture, truth), || flip::of_8_bits(truth, picture)),
+        || {
+            let of_covered = || (metrics::psnr_over(picture, truth, covers), off(picture, truth, covers));
+            rayon::join(|| off(picture, truth, |_| true), of_covered)
+        },
+    );
+    let found = found?;
     Ok(Error {
         psnr_db: found.psnr_db,
         ssim: found.ssim,
-        flip: flip::of_8_bits(truth, picture),
+        flip,
         worst: found.worst.difference,
-        off: off(picture, truth, |_| true),
-        covered_psnr_db: metrics::psnr_over(picture, truth, |pixel| covered[pixel]),
-        covered_off: off(picture, truth, |pixel| covered[pixel]),
+        off,
+        covered_psnr_db,
+        covered_off,
     })
 }
 

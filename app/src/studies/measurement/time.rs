@@ -1,7 +1,7 @@
 //! Measures the time of a frame as a share of a baseline's time. Frames of both are drawn interleaved.
 
 use super::noise::{self, Share};
-use crate::draw::interleaved::{self, Effort, Figure, Timed, Timestamps};
+use crate::draw::interleaved::{self, Effort, Figure, Timed, Timestamps, WARM_UP};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
@@ -43,6 +43,9 @@ pub struct Baseline<'a, D> {
     pub ms: Option<f64>,
 }
 
+/// Divisor of [`interleaved::Frames::choose`]: a round of shares needs fewer frames than a round of milliseconds.
+pub const FRAMES_DIVISOR: u32 = 10;
+
 /// Maximum duration of a setting's rounds, because on a busy machine the range may never become narrow.
 pub const LONGEST: Duration = Duration::from_secs(8);
 
@@ -62,7 +65,11 @@ pub fn time_in_turns<D: Device>(
 ) -> Result<Option<Time>, SessionError> {
     // A single round has no range and is not precise, so it needs no warm-up.
     if effort.rounds > 1 {
-        interleaved::warm_up(&mut [&mut *exact.session, &mut *session], camera)?;
+        // Shares depend on the clock much less than milliseconds. Once the baseline's milliseconds are known, the
+        // warm-up is only as long as the device was idle.
+        let idle = [exact.session.idle(), session.idle()].into_iter().flatten().min();
+        let least = idle.filter(|_| exact.ms.is_some()).map_or(WARM_UP, |idle| idle.min(WARM_UP));
+        interleaved::warm_up(&mut [&mut *exact.session, &mut *session], camera, least)?;
     }
     let begun = Instant::now();
     let one = Effort { rounds: 1, ..effort };
@@ -92,7 +99,7 @@ pub fn time_alone<D: Device>(
     effort: Effort,
 ) -> Result<Option<Time>, SessionError> {
     if effort.rounds > 1 {
-        interleaved::warm_up(&mut [&mut *session], camera)?;
+        interleaved::warm_up(&mut [&mut *session], camera, WARM_UP)?;
     }
     let frames = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;

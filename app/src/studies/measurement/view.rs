@@ -3,7 +3,7 @@
 use super::error::{self, Error};
 use super::plans;
 use super::time::{Baseline, Time, time_in_turns};
-use crate::draw::capture::{self, CaptureError};
+use crate::draw::capture::{self, Capture, CaptureError};
 use crate::draw::interleaved::{self, Effort};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::truth::Truth;
@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, depth_order};
+use std::panic::resume_unwind;
+use std::thread;
 use std::time::Duration;
 
 /// A camera with the true picture and the true order of the splats.
@@ -64,7 +66,8 @@ pub struct Measured {
 
 /// Draws a view with a prepared session, compares its picture with the truth, and measures its time.
 ///
-/// The time is measured interleaved with a baseline. Also returns the picture with its counts.
+/// The time is measured interleaved with a baseline. Unless the device is a CPU, the picture is compared meanwhile. Also
+/// returns the picture with its counts.
 ///
 /// # Errors
 /// The device fails. The inner error is the reason that the picture cannot be compared.
@@ -75,12 +78,28 @@ pub fn measure<D: Device>(
     effort: Effort,
     longest: Duration,
 ) -> Result<Result<(Measured, Drawn), String>, SessionError> {
-    let drawn = match draw(session, view)? {
+    let capture = match capture(session, view)? {
+        Ok(capture) => capture,
+        Err(text) => return Ok(Err(text)),
+    };
+    let on_cpu = session.device().info().kind == "cpu";
+    let time = || time_in_turns(session, baseline, &view.camera, effort, longest);
+    let (drawn, time) = match on_cpu {
+        // A comparison would slow down the frames, which run on the same cores.
+        true => (compare(capture, view), time()),
+        false => thread::scope(|scope| {
+            let comparison = scope.spawn(|| compare(capture, view));
+            let time = time();
+            (comparison.join().unwrap_or_else(|panic| resume_unwind(panic)), time)
+        }),
+    };
+    let time = time?;
+    let drawn = match drawn {
         Ok(drawn) => drawn,
         Err(text) => return Ok(Err(text)),
     };
     let found = Measured {
-        time: time_in_turns(session, baseline, &view.camera, effort, longest)?,
+        time,
         error: drawn.error.clone(),
         inversions: drawn.inversions,
         of_last_frame: session.plan().is_some_and(plans::uses_last_frame),
@@ -106,18 +125,32 @@ pub struct Drawn {
 /// # Errors
 /// The device fails. The inner error is the reason that the picture cannot be compared.
 pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
+    Ok(capture(session, view)?.and_then(|capture| compare(capture, view)))
+}
+
+fn capture<D: Device>(
+    session: &mut Session<D>,
+    view: &View,
+) -> Result<Result<Capture, String>, SessionError> {
     // Draws a first frame, so that a graph with the previous frame's order has one in the capture.
     interleaved::frame(session, &view.camera)?;
-    let capture = match capture::take(session, &view.camera) {
-        Ok(capture) => capture,
-        Err(CaptureError::Session(error)) => return Err(error),
-        Err(error) => return Ok(Err(error.to_string())),
-    };
-    let error = match error::measure(&capture.image, &view.picture, &view.covered) {
-        Ok(error) => error,
-        Err(error) => return Ok(Err(error.to_string())),
-    };
-    let order = capture.order.filter(|_| !view.order.is_empty());
-    let inversions = order.and_then(|order| capture::wrong_pairs(&view.order, &order));
-    Ok(Ok(Drawn { picture: capture.image, error, inversions, counts: capture.counts }))
+    match capture::take(session, &view.camera) {
+        Ok(capture) => Ok(Ok(capture)),
+        Err(CaptureError::Session(error)) => Err(error),
+        Err(error) => Ok(Err(error.to_string())),
+    }
+}
+
+/// Compares a picture and the order of its splats with the truth, on all processors.
+///
+/// # Errors
+/// The reason that the picture cannot be compared.
+fn compare(capture: Capture, view: &View) -> Result<Drawn, String> {
+    let Capture { image, order, counts } = capture;
+    let order = order.filter(|_| !view.order.is_empty());
+    let (error, inversions) = rayon::join(
+        || error::measure(&image, &view.picture, &view.covered).map_err(|error| error.to_string()),
+        || order.and_then(|order| capture::wrong_pairs(&view.order, &order)),
+    );
+    Ok(Drawn { error: error?, picture: image, inversions, counts })
 }

@@ -7,6 +7,7 @@ use super::page::{Shown, Swept, gather};
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
 use crate::io::image::Image;
+use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
 use splatgraph_api::Device;
@@ -105,7 +106,7 @@ impl<D: Device> Study<D> {
         // Without the true order: indices in a part of the scene are not those in the whole scene.
         let view = View::exact(self.whole.scene(), camera);
         self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
-        let effort = wanted.frames.choose(&mut self.whole, camera, 4)?;
+        let effort = wanted.frames.choose(&mut self.whole, camera, FRAMES_DIVISOR)?;
         let mut progress = self.progress(subject, at, listener);
         let (mut steps, mut shown): (Vec<Step>, Vec<Shown>) = (Vec::new(), Vec::new());
         let nearest = self.nearest.as_deref();
@@ -138,7 +139,7 @@ impl<D: Device> Study<D> {
         let first = subject.first()?;
         let closer = approach::cameras(self.whole.scene(), first);
         self.whole.prepare((first.width, first.height), &mut |_| {})?;
-        let effort = wanted.frames.choose(&mut self.whole, first, 4)?;
+        let effort = wanted.frames.choose(&mut self.whole, first, FRAMES_DIVISOR)?;
         let mut progress = self.progress(subject, subject.cameras.len(), listener);
         approach::measure(&mut self.whole, &closer, self.stops, effort, &mut progress)
     }

@@ -13,6 +13,7 @@ use crate::io::output::{self, OutputError};
 use crate::io::report::page::Linked;
 use crate::studies::metrics::{self, squared_error};
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+use rayon::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -46,12 +47,10 @@ impl Album {
             return Ok(());
         }
         let reduced = |image: &Image| if image.width > WIDTH { image.reduced(WIDTH) } else { image.clone() };
-        reduced(truth).save(&folder.join(truth_file(&row.camera)))?;
         let difference = metrics::difference(picture, truth, gain(found.error.psnr_db) as f32);
-        for (file, image) in files(&row.setting).into_iter().zip([picture, &difference]) {
-            reduced(image).save(&folder.join(file))?;
-        }
-        Ok(())
+        let [of_picture, of_difference] = files(&row.setting);
+        let all = [(truth_file(&row.camera), truth), (of_picture, picture), (of_difference, &difference)];
+        all.into_par_iter().try_for_each(|(file, image)| reduced(image).save(&folder.join(file)))
     }
 
     /// Copies the pictures of a setting in the view of `camera` from another album. Missing pictures are skipped.

@@ -9,7 +9,7 @@ use crate::io::image::Image;
 use crate::io::program;
 use crate::studies::measurement::plans::to_measure;
 use crate::studies::measurement::settings;
-use crate::studies::measurement::time::Baseline;
+use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR};
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::Device;
@@ -131,7 +131,7 @@ impl<D: Device> Study<D> {
             steps.skip(settings.len() - lacking);
             if lacking > 0 {
                 exact.prepare((camera.width, camera.height), &mut |_| {})?;
-                let effort = wanted.frames.choose(exact, camera, 4)?;
+                let effort = wanted.frames.choose(exact, camera, FRAMES_DIVISOR)?;
                 let picture = wanted.truths.as_ref().and_then(|(_, pictures)| pictures.get(index));
                 together.push((view(&subject.scene, camera, picture), effort));
             }
