@@ -30,7 +30,7 @@ use crate::numbers::Random;
 const CASES: (usize, usize) = (10_000, 1_000);
 
 /// Time after which a build counts as hung.
-const LONGEST: Duration = Duration::from_secs(120);
+const TIME_LIMIT: Duration = Duration::from_secs(120);
 
 impl Random {
     /// Returns a byte, mostly a character that graphs and shaders use.
@@ -254,7 +254,7 @@ impl Workshop {
 
     fn build(&self, job: &Build) -> Result<Outcome, String> {
         self.rebuilder.submit(job.clone());
-        if self.wakes.recv_timeout(LONGEST).is_err() {
+        if self.wakes.recv_timeout(TIME_LIMIT).is_err() {
             return Err("the build hangs".into());
         }
         self.rebuilder.poll().ok_or("there is no output")?.map_err(|panicked| panicked.to_string())
@@ -345,7 +345,7 @@ fn case(
             let text: String = found.iter().map(|(_, text)| text.as_str()).collect();
             counts.crashed.fetch_add(text.contains("crash").into(), Relaxed);
             shown.failed(attempt, text);
-            if shown.good() != Some(sound) || shown.error(now + LONGEST).is_none() {
+            if shown.good() != Some(sound) || shown.error(now + TIME_LIMIT).is_none() {
                 return Err(failed("the error is not shown beside the last good plan".into()));
             }
         }
@@ -360,7 +360,7 @@ fn case(
     if shown.good() != Some(sound) {
         return Err(failed("the mended file gives another plan".into()));
     }
-    match shown.error(now + LONGEST) {
+    match shown.error(now + TIME_LIMIT) {
         Some(error) => Err(failed(format!("the error is still shown:\n{error}"))),
         None => Ok(()),
     }

@@ -26,8 +26,8 @@ const PRESETS: [&str; 3] = ["splat", "front_to_back", "tiled"];
 ///
 /// Pictures on disk have 8 bits, which alone costs half a step, 59 dB. APIs may differ in the last bits of
 /// exponentials, and in the rounding of half-float targets, once per blended splat.
-const LEAST_DB: f64 = 50.0;
-const MOST_STEPS: f32 = 3.0;
+const MIN_DB: f64 = 50.0;
+const MAX_STEPS: f32 = 3.0;
 
 /// Environment variable: if it is set, the stored pictures are redrawn.
 const WRITE: &str = "SPLATGRAPH_WRITE_PARITY";
@@ -82,8 +82,8 @@ fn every_backend_of_the_machine_draws_the_pictures_of_vulkan() {
             let steps = worst(&drawn, &expected);
             println!("{preset} by {api}: {found:.1} dB, at most {steps:.2} steps of 8 bits");
             assert!(
-                found >= LEAST_DB && steps <= MOST_STEPS,
-                "{preset} by {api}: expected {LEAST_DB} dB and at most {MOST_STEPS} steps of 8 bits, found {found:.1} dB and \
+                found >= MIN_DB && steps <= MAX_STEPS,
+                "{preset} by {api}: expected {MIN_DB} dB and at most {MAX_STEPS} steps of 8 bits, found {found:.1} dB and \
                  {steps:.2} (after a change of the preset, draw Vulkan's anew: {WRITE}=1)"
             );
         }

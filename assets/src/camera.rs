@@ -158,11 +158,11 @@ impl Camera {
     /// scene's [`robust_bounds`](Scene::robust_bounds).
     pub fn with_projection(&self, projection: Projection, center: [f64; 3]) -> Camera {
         /// Minimum distance for the scale of an orthographic view, which would be infinite at the scene's centre.
-        const LEAST: f64 = 0.2;
+        const MIN_DISTANCE: f64 = 0.2;
         if projection == self.projection {
             return self.clone();
         }
-        let distance = || glam::DVec3::from(center).distance(self.position.into()).max(LEAST);
+        let distance = || glam::DVec3::from(center).distance(self.position.into()).max(MIN_DISTANCE);
         let scale = match (self.projection, projection) {
             (_, Projection::Orthographic) => 1.0 / distance(),
             (Projection::Orthographic, _) => distance(),
@@ -190,7 +190,7 @@ impl Camera {
         const TOLERANCE: f64 = 0.01;
         /// Minimum focal length, in pixels; its inverse is the maximum. Both, times 2^32 pixels, are within the range
         /// of f32.
-        const LEAST: f64 = 1e-20;
+        const MIN_FOCAL: f64 = 1e-20;
         /// Maximum coordinate, in world units. The squared distance between two such positions is within the range of
         /// f32.
         const FARTHEST: f64 = 1e18;
@@ -202,10 +202,10 @@ impl Camera {
                 return Some(format!("expected a positive {name}, found {focal}"));
             }
             // Renderers also multiply the inverse focal length by a number of pixels.
-            if !(LEAST..=1.0 / LEAST).contains(&focal) {
+            if !(MIN_FOCAL..=1.0 / MIN_FOCAL).contains(&focal) {
                 return Some(format!(
-                    "expected {name} from {LEAST:e} to {:e} pixels, found {focal:e}",
-                    1.0 / LEAST
+                    "expected {name} from {MIN_FOCAL:e} to {:e} pixels, found {focal:e}",
+                    1.0 / MIN_FOCAL
                 ));
             }
         }

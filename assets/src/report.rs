@@ -16,7 +16,7 @@ use std::fmt;
 pub const NEAR: f64 = 0.2;
 
 /// Largest finite half float.
-const LARGEST_HALF: f64 = 65_504.0;
+const MAX_HALF: f64 = 65_504.0;
 
 /// The statistics of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -229,7 +229,7 @@ impl fmt::Display for Report {
             line(f, "tag", format!("{name} {value}"))?;
         }
         let c = &self.color;
-        let beyond = if c.brightest > LARGEST_HALF { ", beyond half floats" } else { "" };
+        let beyond = if c.brightest > MAX_HALF { ", beyond half floats" } else { "" };
         line(
             f,
             "colours",

@@ -32,7 +32,7 @@ const CASES: (u64, u64) = (100_000, 1_500);
 const TOLD: u64 = 1_000;
 
 /// Time after which a case counts as hung: far beyond the limits of the compiler.
-const LONGEST: Duration = Duration::from_secs(120);
+const TIME_LIMIT: Duration = Duration::from_secs(120);
 
 /// Fragments of graphs to insert anywhere.
 const RON: &[&str] = &[
@@ -223,7 +223,7 @@ struct Outcome<'a> {
 /// Counts a case, after checking that it was accepted, or has errors with a place that can be shown.
 fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
     let Outcome { name, text, map, result, took } = outcome;
-    assert!(*took < LONGEST, "{what} case {case}: {name} took {took:?}\n{text}");
+    assert!(*took < TIME_LIMIT, "{what} case {case}: {name} took {took:?}\n{text}");
     let Err(found) = result else { return Counts { built: 1, slowest: *took, ..Counts::default() } };
     assert!(!found.is_empty(), "{what} case {case}: {name}: an error without a diagnostic\n{text}");
     let shown = render(map, found, false);

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 const LINES: (u64, u64) = (4_000, 150);
 
 /// Time after which a command counts as hung.
-const LONGEST: Duration = Duration::from_secs(120);
+const TIME_LIMIT: Duration = Duration::from_secs(120);
 
 /// Fills a folder with the files of [`words::FILES`].
 fn prepared(place: &Place) {
@@ -72,7 +72,7 @@ fn no_command_line_ends_the_program_otherwise_or_destroys_a_file_that_it_reads()
             if let Some(status) = child.try_wait().expect("asked") {
                 break status;
             }
-            if begun.elapsed() > LONGEST {
+            if begun.elapsed() > TIME_LIMIT {
                 let _ = child.kill();
                 panic!("line {number} hangs: {words:?}");
             }

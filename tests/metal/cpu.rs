@@ -122,7 +122,7 @@ impl<'a> Cpu<'a> {
             }
         };
         let msl = shader.msl.as_ref().expect("translated");
-        let mut buffers = vec![null_mut(); Msl::MOST_BUFFERS as usize];
+        let mut buffers = vec![null_mut(); Msl::MAX_BUFFERS as usize];
         let mut images = Vec::new();
         for argument in &msl.arguments {
             let bound =

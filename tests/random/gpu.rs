@@ -253,10 +253,10 @@ fn every_order_of_a_frame_gives_the_same_bytes() {
     if !compares_submissions("random::gpu::every_order_of_a_frame_gives_the_same_bytes") {
         return;
     }
-    const MOST: usize = 12;
+    const MAX_ORDERS: usize = 12;
     on_device("orders", SMALL, 300, |bench, _, _, plan| {
         let expected = bench.frames(plan)?;
-        for order in orders(plan, MOST) {
+        for order in orders(plan, MAX_ORDERS) {
             for share_memory in [true, false] {
                 let other = reorder(plan, &order, share_memory);
                 let found = bench.frames(&other).map_err(|e| format!("{e}\n{}", shown(&other)))?;

@@ -286,9 +286,9 @@ fn plans_of_one_graph_can_follow_each_other() {
 
 #[test]
 fn barriers_suit_every_order_of_a_frame() {
-    const MOST: usize = 200;
+    const MAX_ORDERS: usize = 200;
     for_all("orders", SMALL, 3000, |case| {
-        for order in orders::orders(&case.plan, MOST) {
+        for order in orders::orders(&case.plan, MAX_ORDERS) {
             for share_memory in [true, false] {
                 let plan = reorder(&case.plan, &order, share_memory);
                 case.count(&plan);

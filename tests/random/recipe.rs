@@ -33,11 +33,11 @@ pub struct Settings {
 
 impl Settings {
     pub fn all() -> impl Iterator<Item = Settings> {
-        (0..=MOST_STEPS).flat_map(|steps| [false, true].map(|flag| Settings { flag, steps }))
+        (0..=MAX_STEPS).flat_map(|steps| [false, true].map(|flag| Settings { flag, steps }))
     }
 }
 
-pub const MOST_STEPS: u32 = 4;
+pub const MAX_STEPS: u32 = 4;
 
 #[derive(Clone, Debug)]
 pub struct BufferWish {
@@ -102,7 +102,7 @@ impl Count {
         match self {
             Count::Literal(n) => n,
             Count::Steps => settings.steps,
-            Count::StepsLeft => MOST_STEPS - settings.steps,
+            Count::StepsLeft => MAX_STEPS - settings.steps,
         }
     }
 }
@@ -217,7 +217,7 @@ fn weighted(of: u32, times: u32) -> impl Strategy<Value = bool> + Clone {
 }
 
 fn settings() -> impl Strategy<Value = Settings> {
-    (any::<bool>(), 0..=MOST_STEPS).prop_map(|(flag, steps)| Settings { flag, steps })
+    (any::<bool>(), 0..=MAX_STEPS).prop_map(|(flag, steps)| Settings { flag, steps })
 }
 
 fn buffer() -> impl Strategy<Value = BufferWish> {
@@ -296,7 +296,7 @@ fn pass() -> impl Strategy<Value = PassWish> {
 
 fn count() -> impl Strategy<Value = Count> {
     prop_oneof![
-        3 => (0..=MOST_STEPS).prop_map(Count::Literal),
+        3 => (0..=MAX_STEPS).prop_map(Count::Literal),
         2 => Just(Count::Steps),
         1 => Just(Count::StepsLeft),
     ]

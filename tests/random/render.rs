@@ -143,13 +143,13 @@ struct Writer<'a> {
 }
 
 /// Maximum depth of nested includes.
-const MOST_DEPTH: usize = 3;
+const MAX_DEPTH: usize = 3;
 
 impl Writer<'_> {
     fn nodes(&mut self, mut nodes: &[Node], repeated: bool) {
         while let Some((first, rest)) = nodes.split_first() {
             let run = nodes.iter().take_while(|node| self.fits_a_part(node)).count();
-            if self.style.includes && self.style.depth < MOST_DEPTH && run > 0 {
+            if self.style.includes && self.style.depth < MAX_DEPTH && run > 0 {
                 self.part(&nodes[..run], repeated);
                 nodes = &nodes[run..];
             } else {

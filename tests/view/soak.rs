@@ -73,7 +73,7 @@ const PADDING_BYTES: u64 = 4 << 10;
 
 /// Maximum bytes of texels: a buffer per frame in flight, with a power of two bytes. egui packs its glyphs into at most
 /// 2048 x 2048 texels.
-const MOST_TEXELS: u64 = 2 * (32 << 20);
+const MAX_TEXELS: u64 = 2 * (32 << 20);
 
 /// Number of panics on any thread.
 static PANICS: AtomicUsize = AtomicUsize::new(0);
@@ -131,7 +131,7 @@ fn check_growth(references: &[Reference], noise: u64) {
             reference.listed, warm.listed,
             "what A, B and the window list: {reference}, and once {warm}"
         );
-        assert!(reference.texels <= MOST_TEXELS, "{reference}");
+        assert!(reference.texels <= MAX_TEXELS, "{reference}");
         let other = |reference: &Reference| reference.device.used - reference.texels;
         let more = other(reference).abs_diff(other(warm));
         assert!(more <= PADDING_BYTES, "{reference}, and once {warm}");

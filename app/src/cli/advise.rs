@@ -12,7 +12,7 @@ use crate::io::output::shell_word;
 use crate::studies::advise::harmonics::Band;
 use crate::studies::advise::search::{Best, Budget, Tried};
 use crate::studies::advise::{Advice, Description, Wanted, describe, study};
-use crate::studies::measurement::noise::LEAST_SAVING;
+use crate::studies::measurement::noise::MIN_SAVING;
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::study::Subject;
 use anyhow::{Context, Result};
@@ -212,7 +212,7 @@ fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String 
         text += &format!("  too noisy to tell whether these are {question}: {}\n", some(&names));
     }
     if !unsure.is_empty() {
-        let least = 100.0 * LEAST_SAVING;
+        let least = 100.0 * MIN_SAVING;
         text += &format!(
             "  too noisy to tell whether these save {least:.0} %, and not combined: {}\n",
             some(unsure)

@@ -15,7 +15,7 @@ use crate::studies::study::Subject;
 use crate::studies::sweep::approach::Closer;
 use crate::studies::sweep::choice::Choice;
 use crate::studies::sweep::measure::Step;
-use crate::studies::sweep::page::{PLOTS, Shown, Swept};
+use crate::studies::sweep::page::{PLOTS, Shown, SweepResult};
 use crate::studies::sweep::{Study, Wanted, study};
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
@@ -134,7 +134,7 @@ fn picture_of(choice: Option<Choice>, count: u32) -> PathBuf {
 }
 
 /// Prints a sweep and writes its files, except for the pictures.
-fn report(swept: &Swept, shown: &[Shown], output: &Path) -> Result<()> {
+fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
     options::write_text(None, &swept.table())?;
     let file = |name: &str| output.join(name);
     output::write_bytes(&file(CSV), swept.csv().as_bytes())?;
@@ -226,7 +226,7 @@ pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Pa
     let shown_steps = parts.first().map(|part| part.steps.clone()).unwrap_or_default();
     let closer = parts.iter().flat_map(|part| part.closer.clone()).collect();
     let steps = parts.into_iter().flat_map(|part| part.steps).collect();
-    let swept = Swept::of_parts(serde_json::from_value(empty)?, steps, closer);
+    let swept = SweepResult::of_parts(serde_json::from_value(empty)?, steps, closer);
     let mut shown = Vec::new();
     for step in
         shown_steps.iter().filter(|step| Some(&step.camera) == first.as_ref() && !swept.closer.is_empty())

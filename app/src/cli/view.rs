@@ -120,7 +120,7 @@ pub struct Args {
 }
 
 /// Maximum width and height of a window, in pixels. Window systems allow more, but no display is larger.
-const LARGEST: u32 = 16_384;
+const MAX_WINDOW_SIDE: u32 = 16_384;
 
 /// Window width, in pixels, below which two side panels leave no room for the picture.
 const SMALL: u32 = 900;
@@ -148,8 +148,10 @@ impl Args {
             within("the channels of --background", value, 0.0..=1.0)?;
         }
         let (width, height) = self.size();
-        if width.max(height) > LARGEST {
-            return Err(Usage(format!("expected --size up to {LARGEST}x{LARGEST}, found {width}x{height}")));
+        if width.max(height) > MAX_WINDOW_SIDE {
+            return Err(Usage(format!(
+                "expected --size up to {MAX_WINDOW_SIDE}x{MAX_WINDOW_SIDE}, found {width}x{height}"
+            )));
         }
         if self.frames == Some(0) {
             return Err(Usage("expected --frames of at least 1, found 0".to_owned()));

@@ -117,20 +117,20 @@ pub fn resident_bytes(plan: &Plan) -> u64 {
 /// and no plan needs to be built.
 pub fn may_exceed(count: u64, size: (u32, u32), device: &DeviceFacts, heap: &Heap) -> bool {
     let free = available(heap).unwrap_or(u64::MAX);
-    count.saturating_mul(LARGEST) > device.max_storage_bytes || usual_bytes(count, size) > free
+    count.saturating_mul(MAX_SPLAT_BYTES) > device.max_storage_bytes || usual_bytes(count, size) > free
 }
 
 /// Returns true if a scene of `count` splats [may exceed](may_exceed) the least capable supported device.
 pub fn may_exceed_any(count: u64, size: (u32, u32)) -> bool {
-    let heap = Heap { bytes: SMALLEST_MEMORY, available: None };
+    let heap = Heap { bytes: MIN_MEMORY, available: None };
     may_exceed(count, size, &Target::nominal().facts, &heap)
 }
 
 /// Upper estimate of the bytes per splat of a single buffer: twice the largest in the built-in graphs.
-const LARGEST: u64 = 96;
+const MAX_SPLAT_BYTES: u64 = 96;
 
 /// Assumed free memory of the least capable device, in bytes.
-const SMALLEST_MEMORY: u64 = 512 << 20;
+const MIN_MEMORY: u64 = 512 << 20;
 
 /// Estimates the bytes that stay on the device: an upper bound for every built-in graph.
 fn usual_bytes(count: u64, (width, height): (u32, u32)) -> u64 {
@@ -405,7 +405,10 @@ mod tests {
                 assert!(needs.total <= estimate, "{graph}, {count} splats: {} of {estimate}", needs.total);
                 let buffer = needs.storage.values().max().copied().unwrap_or(0);
                 // Bin and pair lists have a minimum size.
-                assert!(buffer <= (LARGEST * count).max(100 << 20), "{graph}, {count} splats: {buffer}");
+                assert!(
+                    buffer <= (MAX_SPLAT_BYTES * count).max(100 << 20),
+                    "{graph}, {count} splats: {buffer}"
+                );
                 largest = largest.max(needs.total as f64 / estimate as f64);
             }
         }

@@ -254,12 +254,12 @@ pub fn of_scene(bounds: &Bounds) -> u32 {
 /// Maximum number of tiles and pairs to examine for one width in one view.
 ///
 /// The limit prevents quadratic time for thousands of splats with equal keys, at one position or on a plane.
-const MOST_WORK: u64 = 20_000_000;
+const MAX_WORK: u64 = 20_000_000;
 
 /// Counts the pairs that overlap on the screen and are drawn in the wrong order. Stops above `limit`.
 ///
 /// Pairs count as overlapping if they touch a common tile; a few of these share no pixel. If counting takes more than
-/// [`MOST_WORK`], the result exceeds the limit, so that keys become too wide rather than too narrow.
+/// [`MAX_WORK`], the result exceeds the limit, so that keys become too wide rather than too narrow.
 fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
     let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
@@ -291,7 +291,7 @@ impl Ties<'_, '_> {
     /// Adds units of work. Returns true once there are too many units or wrong pairs.
     fn work(&mut self, units: u64) -> bool {
         self.work += units;
-        if self.work > MOST_WORK {
+        if self.work > MAX_WORK {
             self.count = self.limit + 1;
         }
         self.count > self.limit

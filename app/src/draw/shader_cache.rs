@@ -17,9 +17,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Environment variable that disables the cache if set to `off`.
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
 /// Total size of the cache, in bytes, above which the oldest files are deleted before another file is written.
-const MOST_BYTES: u64 = 64 << 20;
+const MAX_BYTES: u64 = 64 << 20;
 /// Maximum size of a file to read, in bytes. The shader of the longest allowed text is smaller.
-const MOST_FILE_BYTES: u64 = 16 << 20;
+const MAX_FILE_BYTES: u64 = 16 << 20;
 /// Magic number at the start of a file. It changes with the file's layout.
 const MAGIC: &[u8; 8] = b"sgspv001";
 
@@ -59,7 +59,7 @@ impl ShaderCache {
 
     fn read(&self, key: &[u8]) -> io::Result<Option<Vec<u32>>> {
         let mut bytes = Vec::new();
-        File::open(self.path(key))?.take(MOST_FILE_BYTES).read_to_end(&mut bytes)?;
+        File::open(self.path(key))?.take(MAX_FILE_BYTES).read_to_end(&mut bytes)?;
         let words = bytes.strip_prefix(&self.head(key)[..]).and_then(|rest| rest.split_last_chunk::<4>());
         let Some((words, sum)) = words.filter(|(words, _)| words.len() % 4 == 0) else { return Ok(None) };
         if crc32fast::hash(words) != u32::from_le_bytes(*sum) {
@@ -79,16 +79,16 @@ impl ShaderCache {
         Ok(())
     }
 
-    /// If the total size exceeds [`MOST_BYTES`], removes the oldest files until it is at most half of that.
+    /// If the total size exceeds [`MAX_BYTES`], removes the oldest files until it is at most half of that.
     fn prune(&self) {
         let mut files: Vec<(SystemTime, u64, PathBuf)> = found(&self.folder);
         let mut bytes: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
-        if bytes <= MOST_BYTES {
+        if bytes <= MAX_BYTES {
             return;
         }
         files.sort();
         for (_, length, path) in files {
-            if bytes <= MOST_BYTES / 2 {
+            if bytes <= MAX_BYTES / 2 {
                 break;
             }
             // Another process may have removed the file.
@@ -168,7 +168,7 @@ mod tests {
     fn the_oldest_shaders_go_when_all_are_too_large() {
         let folder = tempfile::tempdir().unwrap();
         let cache = cache(folder.path());
-        let words = vec![0; (MOST_BYTES / 5 / 4) as usize];
+        let words = vec![0; (MAX_BYTES / 5 / 4) as usize];
         for key in 0..6u8 {
             cache.store(&[key], &words);
             let file = File::options().append(true).open(cache.path(&[key])).unwrap();

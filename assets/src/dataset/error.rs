@@ -8,7 +8,7 @@ use std::path::PathBuf;
 pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
 
 /// Maximum number of cameras in a dataset, which bounds their memory to a gigabyte.
-pub(crate) const MOST_CAMERAS: usize = 1 << 20;
+pub(crate) const MAX_CAMERAS: usize = 1 << 20;
 
 /// An error while reading, writing or selecting cameras.
 #[derive(Debug, thiserror::Error)]

@@ -5,7 +5,7 @@
 //! <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
 use super::colmap::UNDISTORT;
-use super::error::{CameraError, MOST_CAMERAS};
+use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
 use super::view::{Dataset, View, stem};
 use crate::camera::Camera;
@@ -78,8 +78,8 @@ impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> Visitor<'de>
             if let Some(fault) = view.camera.fault() {
                 return Err(A::Error::custom(fault));
             }
-            if views.len() == MOST_CAMERAS {
-                return Err(A::Error::custom(format!("expected at most {MOST_CAMERAS} cameras, found more")));
+            if views.len() == MAX_CAMERAS {
+                return Err(A::Error::custom(format!("expected at most {MAX_CAMERAS} cameras, found more")));
             }
             views.push(view);
             self.reached.set(Some(views.len()));

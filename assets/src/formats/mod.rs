@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 mod tests;
 
 /// Maximum size of a mesh's file, in bytes: the length of a GLB has 32 bits.
-const MOST_MESH: u64 = u32::MAX as u64;
+const MAX_MESH: u64 = u32::MAX as u64;
 
 /// Recognises the format of the bytes. The extension of `path` identifies formats without a magic number.
 fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneError> {
@@ -106,20 +106,20 @@ fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
 /// Returns true for a glTF file whose JSON does not name the extension of Gaussian splats.
 fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     /// Maximum number of bytes that are searched.
-    const MOST: u64 = 1 << 26;
+    const MAX_SEARCHED: u64 = 1 << 26;
     let binary = head.starts_with(b"glTF");
     // GLB has a header of 12 bytes, followed by the length and the type of the JSON chunk.
     let length = head.get(12..16).map_or(0, |b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
     let end = if binary { length.saturating_add(20) } else { source.length() };
-    let text = source.head(end.min(source.length()).min(MOST) as usize)?;
+    let text = source.head(end.min(source.length()).min(MAX_SEARCHED) as usize)?;
     let name = b"KHR_gaussian_splatting";
     Ok(!text.windows(name.len()).any(|window| window == name))
 }
 
-/// Refuses a mesh's file of more than [`MOST_MESH`] bytes, or one that does not fit twice in the `available` memory: the
+/// Refuses a mesh's file of more than [`MAX_MESH`] bytes, or one that does not fit twice in the `available` memory: the
 /// parser copies its binary chunk.
 fn check_mesh(length: u64, available: Option<u64>) -> Result<(), SceneError> {
-    let most = available.map_or(MOST_MESH, |bytes| MOST_MESH.min(bytes / 2));
+    let most = available.map_or(MAX_MESH, |bytes| MAX_MESH.min(bytes / 2));
     if length > most {
         let message = format!("expected a file of at most {most} bytes, found {length}");
         return Err(SceneError::Part { part: "mesh".into(), message });

@@ -281,7 +281,7 @@ fn a_mesh_that_is_too_long_or_beyond_the_memory_is_refused_before_it_is_read() {
     let said = Scene::load_any(&path, None, crate::QUIET).unwrap_err().to_string();
     assert!(said.ends_with("bytes, found 1099511627776") && said.contains("expected a file of"), "{said}");
     assert!(check_mesh(1000, Some(2000)).is_ok() && check_mesh(1000, Some(1999)).is_err());
-    assert!(check_mesh(MOST_MESH, None).is_ok() && check_mesh(MOST_MESH + 1, None).is_err());
+    assert!(check_mesh(MAX_MESH, None).is_ok() && check_mesh(MAX_MESH + 1, None).is_err());
 }
 
 #[test]

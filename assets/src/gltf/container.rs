@@ -11,7 +11,7 @@ use std::path::{Component, Path};
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 
 /// Maximum size of the JSON, in bytes: parsing takes several times as much memory.
-const MOST_JSON: u64 = 16 << 20;
+const MAX_JSON: u64 = 16 << 20;
 
 /// Returns true if a text looks like the JSON of glTF.
 pub(crate) fn begins_as_json(head: &[u8]) -> bool {
@@ -93,8 +93,8 @@ pub(super) fn document(source: &Source) -> Result<Document, SceneError> {
 /// Reads the JSON of a file.
 pub(super) fn json(source: &Source) -> Result<Vec<u8>, SceneError> {
     let ((at, length), _) = chunks(source)?;
-    if length > MOST_JSON {
-        return Err(field(at, "JSON", format!("expected at most {MOST_JSON} bytes, found {length}")));
+    if length > MAX_JSON {
+        return Err(field(at, "JSON", format!("expected at most {MAX_JSON} bytes, found {length}")));
     }
     let mut text = vec![0; length as usize];
     source.read(at, &mut text)?;

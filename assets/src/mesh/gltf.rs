@@ -6,7 +6,7 @@
 //! targets, animations and cameras are ignored.
 
 use super::data::{Light, Mesh, MeshMaterial, Texture};
-use super::image::{self, MOST_TEXELS};
+use super::image::{self, MAX_TEXELS};
 use crate::error::SceneError;
 use crate::file;
 use base64::Engine;
@@ -20,10 +20,10 @@ use std::collections::HashMap;
 use std::path::{Component, Path};
 
 /// Maximum size of a buffer or an image in its own file, in bytes.
-const MOST_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 1 << 30;
 
 /// Maximum number of triangles, and of vertices, over all nodes.
-const MOST_ELEMENTS: usize = 1 << 26;
+const MAX_ELEMENTS: usize = 1 << 26;
 
 /// Returns true if a file begins as glTF: with its magic number, or with a JSON object that has an `asset`.
 pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
@@ -143,7 +143,7 @@ impl Files<'_> {
         let Some(folder) = self.folder.filter(|_| inside) else {
             return Err(wrong(part, format!("expected a file in the folder of the mesh, found {uri}")));
         };
-        file::read(folder.join(&name), MOST_BYTES).map_err(|error| wrong(part, format!("{name}: {error}")))
+        file::read(folder.join(&name), MAX_BYTES).map_err(|error| wrong(part, format!("{name}: {error}")))
     }
 }
 
@@ -208,9 +208,9 @@ impl<'a> Reader<'a> {
         };
         let triangles: Vec<[u32; 3]> = corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
         let (vertices, all) = (self.mesh.positions.len(), self.mesh.triangles.len() + triangles.len());
-        if vertices + 3 * positions.len() > MOST_ELEMENTS || all > MOST_ELEMENTS {
+        if vertices + 3 * positions.len() > MAX_ELEMENTS || all > MAX_ELEMENTS {
             let message =
-                format!("expected at most {MOST_ELEMENTS} vertices and triangles in all, found more");
+                format!("expected at most {MAX_ELEMENTS} vertices and triangles in all, found more");
             return Err(wrong(part, message));
         }
         let uvs = accessor(Semantic::TexCoords(0)).map(|uvs| self.floats::<2>(&uvs)).transpose()?;
@@ -391,7 +391,7 @@ impl<'a> Reader<'a> {
             }
             (None, None) => return Err(wrong(part, "expected a URI or a buffer view, found neither")),
         };
-        let left = MOST_TEXELS - self.mesh.texels.len() as u64;
+        let left = MAX_TEXELS - self.mesh.texels.len() as u64;
         let unpacked = image::unpack(&bytes, &part, left)?;
         let first = self.mesh.texels.len() as u32;
         let texture = Texture { first, width: unpacked.width, height: unpacked.height };

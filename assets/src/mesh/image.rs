@@ -7,9 +7,9 @@ use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Maximum width and height of an image, in texels.
-const MOST_SIDE: u32 = 16_384;
+const MAX_SIDE: u32 = 16_384;
 /// Maximum number of texels of all images of a mesh: 256 MiB.
-pub(super) const MOST_TEXELS: u64 = 1 << 26;
+pub(super) const MAX_TEXELS: u64 = 1 << 26;
 
 /// An unpacked image, row 0 at the top.
 pub(super) struct Unpacked {
@@ -22,12 +22,12 @@ pub(super) struct Unpacked {
 pub(super) fn unpack(bytes: &[u8], part: &str, most: u64) -> Result<Unpacked, SceneError> {
     let wrong = |message: String| SceneError::Part { part: part.to_owned(), message };
     let fits = |width: u32, height: u32| {
-        if ![width, height].iter().all(|side| (1..=MOST_SIDE).contains(side)) {
-            return Err(wrong(format!("expected 1 to {MOST_SIDE} texels a side, found {width} x {height}")));
+        if ![width, height].iter().all(|side| (1..=MAX_SIDE).contains(side)) {
+            return Err(wrong(format!("expected 1 to {MAX_SIDE} texels a side, found {width} x {height}")));
         }
         if u64::from(width) * u64::from(height) > most {
             return Err(wrong(format!(
-                "expected at most {MOST_TEXELS} texels in all images, found {width} x {height} more"
+                "expected at most {MAX_TEXELS} texels in all images, found {width} x {height} more"
             )));
         }
         Ok(())
@@ -53,8 +53,8 @@ pub(super) fn unpack(bytes: &[u8], part: &str, most: u64) -> Result<Unpacked, Sc
     }
     if bytes.starts_with(b"\xFF\xD8\xFF") {
         let options = DecoderOptions::default()
-            .set_max_width(MOST_SIDE as usize)
-            .set_max_height(MOST_SIDE as usize)
+            .set_max_width(MAX_SIDE as usize)
+            .set_max_height(MAX_SIDE as usize)
             .jpeg_set_out_colorspace(ColorSpace::RGB);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
         decoder.decode_headers().map_err(|error| wrong(error.to_string()))?;

@@ -10,7 +10,7 @@ use std::ops::Range;
 const PIECE: usize = 256 << 10;
 
 /// Maximum length of a line, in bytes. A splat's line has a few hundred.
-pub(crate) const LONGEST_LINE: usize = 16 << 20;
+pub(crate) const MAX_LINE: usize = 16 << 20;
 
 /// A position between two lines of a file.
 #[derive(Clone, Copy)]
@@ -53,7 +53,7 @@ impl<'a> Lines<'a> {
     /// Returns the next line that is not blank; `None` at the end of the file.
     ///
     /// # Errors
-    /// The file cannot be read, or the line is longer than [`LONGEST_LINE`].
+    /// The file cannot be read, or the line is longer than [`MAX_LINE`].
     pub(crate) fn next_row(&mut self) -> Result<Option<Line<'_>>, SceneError> {
         loop {
             let Some((line, cut)) = self.next_line()? else { return Ok(None) };
@@ -75,8 +75,8 @@ impl<'a> Lines<'a> {
             let (length, skip) = match end {
                 Some(end) => (end, 1),
                 None if left > 0 => {
-                    if searched >= LONGEST_LINE {
-                        let message = format!("expected a line of at most {LONGEST_LINE} bytes, found more");
+                    if searched >= MAX_LINE {
+                        let message = format!("expected a line of at most {MAX_LINE} bytes, found more");
                         return Err(error(self.place.number + 1, message));
                     }
                     self.read_more(left)?;

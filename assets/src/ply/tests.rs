@@ -349,10 +349,10 @@ fn elements_without_bytes_have_as_many_rows_as_they_like() {
 fn a_line_of_text_has_a_limit() {
     let ascii = Made { format: "ascii", degree: 0, ..PLAIN };
     let mut bytes = ascii.bytes();
-    bytes.extend(std::iter::repeat_n(b'7', super::ascii::LONGEST_LINE + 1));
+    bytes.extend(std::iter::repeat_n(b'7', super::ascii::MAX_LINE + 1));
     // Nothing after the last row is read.
     assert_eq!(parse(&bytes).unwrap().count(), 20);
-    let long = " ".repeat(super::ascii::LONGEST_LINE + 1);
+    let long = " ".repeat(super::ascii::MAX_LINE + 1);
     let text =
         String::from_utf8(ascii.bytes()).unwrap().replacen("end_header\n", &format!("end_header\n{long}"), 1);
     let said = error(text.as_bytes());

@@ -1,6 +1,6 @@
 //! Finds the chunks of a file, and unpacks their arrays.
 
-use super::column::{Column, MOST_PER_BYTE};
+use super::column::{Column, MAX_PER_BYTE};
 use super::document::{CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property};
 use crate::error::{SceneError, field};
 use crate::input::{Done, OpenFile, Source, beside, grow};
@@ -206,7 +206,7 @@ impl Chunk {
             let rows = if property.name.is_code() { entries } else { Some(count) };
             let row = (property.name.width() * property.encoding.bytes()) as u64;
             let most = match property.compression {
-                Some(_) => property.bytes.saturating_mul(MOST_PER_BYTE),
+                Some(_) => property.bytes.saturating_mul(MAX_PER_BYTE),
                 None => property.bytes,
             };
             let needed = rows.map_or(most, |rows| rows.saturating_mul(row));

@@ -7,7 +7,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::io::Read;
 
 /// Maximum compression ratio of deflate.
-pub(super) const MOST_PER_BYTE: u64 = 1032;
+pub(super) const MAX_PER_BYTE: u64 = 1032;
 
 /// An unpacked array of `rows` rows of `width` components.
 pub(super) struct Column {
@@ -33,7 +33,7 @@ impl Column {
         let row = property.name.width() * property.encoding.bytes();
         let most = match rows {
             Some(rows) => (rows * row) as u64,
-            None => packed.len() as u64 * MOST_PER_BYTE,
+            None => packed.len() as u64 * MAX_PER_BYTE,
         };
         let bytes = match property.compression {
             Some(Compression::Gz) => {

@@ -10,7 +10,7 @@ pub(crate) const MAGIC: &[u8; 4] = b"RAD0";
 pub(crate) const CHUNK_MAGIC: &[u8; 4] = b"RADC";
 
 /// Maximum length of a JSON text, in bytes. The file's text has about 100 bytes per chunk of 65,536 splats.
-const MOST_JSON: u64 = 16 << 20;
+const MAX_JSON: u64 = 16 << 20;
 
 /// The only version of files and of chunks.
 const VERSION: u32 = 1;
@@ -201,7 +201,7 @@ fn text<T: DeserializeOwned>(
         return Err(field(at, "magic", format!("expected {expected}, found {found}")));
     }
     let length = u64::from(u32::from_le_bytes(head[4..].try_into().expect("the slice has 4 bytes")));
-    let limit = (most - 8).min(MOST_JSON);
+    let limit = (most - 8).min(MAX_JSON);
     if length > limit {
         return Err(field(at + 4, "JSON", format!("expected at most {limit} bytes, found {length}")));
     }

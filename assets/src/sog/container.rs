@@ -13,7 +13,7 @@ use zip::result::ZipError;
 pub(crate) const MAGIC: &[u8; 4] = b"PK\x03\x04";
 
 /// Maximum length of `meta.json`, in bytes.
-pub(super) const MOST_META: u64 = 1 << 20;
+pub(super) const MAX_META: u64 = 1 << 20;
 
 /// Maximum number of padding rows: writers round a texture's height up to a multiple of 4.
 const PADDING: u64 = 4;
@@ -71,12 +71,12 @@ impl<'a> Container<'a> {
                     let found = "a ZIP archive without a meta.json (unpack it first)".into();
                     return Err(SceneError::NotScene { found });
                 }
-                self.read("meta.json", MOST_META)
+                self.read("meta.json", MAX_META)
             }
             Place::Folder(source, _) => {
                 let length = source.length();
-                if length > MOST_META {
-                    let message = format!("expected at most {MOST_META} bytes, found {length}");
+                if length > MAX_META {
+                    let message = format!("expected at most {MAX_META} bytes, found {length}");
                     return Err(damaged("meta.json", message));
                 }
                 self.sizes.push(("meta.json".into(), length));
@@ -160,8 +160,8 @@ impl<'a> Container<'a> {
     ) -> Result<Texture, SceneError> {
         // Generous limits: ZIP hardly compresses WebP, and a WebP file is hardly longer than its texels.
         let most = match &self.place {
-            Place::Archive(_, length) => 4 * length + MOST_META,
-            Place::Folder(..) => 8 * count + MOST_META,
+            Place::Archive(_, length) => 4 * length + MAX_META,
+            Place::Folder(..) => 8 * count + MAX_META,
         };
         let bytes = self.read(name, most)?;
         let unreadable = |error| damaged(name, format!("expected a WebP texture, found: {error}"));

@@ -21,7 +21,7 @@ use std::path::Path;
 const NAME: &str = "lod-meta.json";
 
 /// Maximum length of the document, in bytes. A scene of 259 million splats with ten levels has 4,096 leaves.
-const MOST_JSON: u64 = 64 << 20;
+const MAX_JSON: u64 = 64 << 20;
 
 /// The fields that a reader needs; others are ignored.
 #[derive(Deserialize)]
@@ -83,8 +83,8 @@ impl Node {
 impl Level {
     fn read(source: &Source, level: Option<u32>) -> Result<Self, SceneError> {
         let length = source.length();
-        if length > MOST_JSON {
-            return Err(wrong("length", format!("at most {MOST_JSON} bytes"), length));
+        if length > MAX_JSON {
+            return Err(wrong("length", format!("at most {MAX_JSON} bytes"), length));
         }
         let text = source.head(length as usize)?;
         let document: Document = serde_json::from_slice(&text).map_err(|error| malformed(NAME, &error))?;

@@ -12,7 +12,7 @@ use serde::Deserialize;
 pub(super) const CODES: usize = 256;
 
 /// Maximum number of palette entries, which 16-bit labels can address.
-pub(super) const MOST_ENTRIES: u32 = 1 << 16;
+pub(super) const MAX_ENTRIES: u32 = 1 << 16;
 
 /// The checked contents of `meta.json`.
 #[derive(Debug)]
@@ -155,7 +155,7 @@ impl Meta2 {
             if !(1..=3).contains(&palette.bands) {
                 return Err(wrong("shN.bands", "1 to 3", palette.bands));
             }
-            if !(1..=MOST_ENTRIES).contains(&palette.count) {
+            if !(1..=MAX_ENTRIES).contains(&palette.count) {
                 return Err(wrong("shN.count", "1 to 65536", palette.count));
             }
         }

@@ -19,12 +19,12 @@ const TEXEL: usize = 4;
 const ENTRIES_PER_ROW: u32 = 64;
 
 /// Maximum splats per byte of a file: 20 bytes of texels per splat, at an assumed maximum compression of 1032 to 1.
-const MOST_PER_BYTE: u64 = 1032 / 20;
+const MAX_PER_BYTE: u64 = 1032 / 20;
 
 fn meta(files: &mut Container) -> Result<Meta, SceneError> {
     let meta = Meta::parse(&files.meta()?)?;
     let length = files.bytes_of(meta.textures().into_iter().flatten());
-    let most = length.saturating_mul(MOST_PER_BYTE);
+    let most = length.saturating_mul(MAX_PER_BYTE);
     if u64::from(meta.count) > most {
         return Err(wrong("count", &format!("at most {most}, which {length} bytes can hold"), meta.count));
     }
@@ -61,7 +61,7 @@ fn coefficients(bands: u32) -> u32 {
 impl<'a> Entries<'a> {
     fn read(files: &mut Container, palette: &'a Palette) -> Result<Self, SceneError> {
         let width = |bands: u32| u64::from(ENTRIES_PER_ROW * coefficients(bands));
-        let most_rows = u64::from(super::meta::MOST_ENTRIES / ENTRIES_PER_ROW);
+        let most_rows = u64::from(super::meta::MAX_ENTRIES / ENTRIES_PER_ROW);
         let texture = files.texture(&palette.files[0], most_rows * width(3), |found, rows| {
             if let Some((count, bands)) = palette.size {
                 let (width, height) = (width(bands), u64::from(count.div_ceil(ENTRIES_PER_ROW)));

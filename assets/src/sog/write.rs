@@ -1,7 +1,7 @@
 //! Writes SOG version 2: splats in Morton order, textures as lossless WebP, stored in a ZIP archive.
 
 use super::codebook::Codebook;
-use super::meta::MOST_ENTRIES;
+use super::meta::MAX_ENTRIES;
 use super::palette::palette;
 use crate::activation::{largest_positive, logarithm, quantised};
 use crate::input::Progress;
@@ -18,11 +18,11 @@ use zip::{CompressionMethod, ZipWriter};
 const ENTRIES_PER_ROW: usize = 64;
 
 /// Maximum width and height of a WebP picture, in pixels.
-const MOST_SIDE: usize = 16_383;
+const MAX_SIDE: usize = 16_383;
 
 /// Bounds of the weights of splats in codebooks: no weight is 0, and no sum of squares overflows.
-const LEAST_WEIGHT: f32 = 1e-12;
-const MOST_WEIGHT: f32 = 1e12;
+const MIN_WEIGHT: f32 = 1e-12;
+const MAX_WEIGHT: f32 = 1e12;
 
 /// A texel of a splat or of a coefficient.
 type Texel = [u8; 4];
@@ -30,7 +30,7 @@ type Texel = [u8; 4];
 /// Returns the number of palette entries for `count` splats, as in PlayCanvas's writer.
 fn entries(count: usize) -> usize {
     let thousands = (count / 1024).max(1).ilog2().min(6);
-    ((1 << thousands) * 1024).min(count).min(MOST_ENTRIES as usize)
+    ((1 << thousands) * 1024).min(count).min(MAX_ENTRIES as usize)
 }
 
 /// An archive in progress, in memory.
@@ -48,9 +48,9 @@ impl Files {
     /// Adds a texture of `width` texels per row, and pads the last row.
     fn texture(&mut self, name: &str, width: usize, mut texels: Vec<Texel>) -> Result<()> {
         let height = texels.len().div_ceil(width);
-        if width.max(height) > MOST_SIDE {
+        if width.max(height) > MAX_SIDE {
             let text = format!(
-                "expected splats for textures of at most {MOST_SIDE} x {MOST_SIDE}, found {width} x {height}"
+                "expected splats for textures of at most {MAX_SIDE} x {MAX_SIDE}, found {width} x {height}"
             );
             return Err(Error::new(ErrorKind::InvalidInput, text));
         }
@@ -118,7 +118,7 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
     let weight = |at: usize| {
         let mut axes = scene.scales()[at];
         axes.sort_unstable_by(f32::total_cmp);
-        ((axes[1] * axes[2]).sqrt() * scene.opacities()[at]).clamp(LEAST_WEIGHT, MOST_WEIGHT)
+        ((axes[1] * axes[2]).sqrt() * scene.opacities()[at]).clamp(MIN_WEIGHT, MAX_WEIGHT)
     };
     let weighted = order.iter().flat_map(|at| scales(*at).map(|number| (number, weight(*at))));
     let scale_codes = Codebook::of(weighted.collect());

@@ -9,7 +9,7 @@ use flate2::bufread::GzDecoder;
 use std::io::{self, BufRead, BufReader, Read};
 
 /// Maximum size of all extension records, in bytes.
-const MOST_EXTENSIONS: u64 = 64 << 10;
+const MAX_EXTENSIONS: u64 = 64 << 10;
 
 /// Bytes read from the file at a time.
 const PIECE: usize = 64 << 10;
@@ -88,10 +88,10 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     }
     let end = HEADER as u64 + bytes;
     let mut records = Vec::new();
-    let rest = (&mut unpacker).take(MOST_EXTENSIONS + 1).read_to_end(&mut records);
+    let rest = (&mut unpacker).take(MAX_EXTENSIONS + 1).read_to_end(&mut records);
     rest.map_err(|error| unpacked(error, end, "extensions", 0))?;
-    if records.len() as u64 > MOST_EXTENSIONS {
-        let text = format!("expected at most {MOST_EXTENSIONS} bytes after the arrays, found more");
+    if records.len() as u64 > MAX_EXTENSIONS {
+        let text = format!("expected at most {MAX_EXTENSIONS} bytes after the arrays, found more");
         return Err(field(end, "extensions", text));
     }
     Ok(Unpacked { header, data, tables, fields, header_bytes, packing: "gzip", records: (records, end) })

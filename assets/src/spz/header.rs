@@ -13,10 +13,10 @@ use std::io::{self, ErrorKind, Read};
 use std::ops::RangeInclusive;
 
 /// Maximum ratio of unpacked to packed bytes in a gzip stream: 258 bytes in 2 bits (RFC 1951).
-const MOST_OF_GZIP: u64 = 1032;
+const MAX_OF_GZIP: u64 = 1032;
 
 /// Maximum ratio of unpacked to packed bytes in a Zstandard stream: a block of 128 KiB in 4 bytes (RFC 8878).
-const MOST_OF_ZSTD: u64 = (128 << 10) / 4;
+const MAX_OF_ZSTD: u64 = (128 << 10) / 4;
 
 /// Minimum growth of an array, in bytes.
 const PIECE: usize = 64 << 10;
@@ -65,7 +65,7 @@ impl Header {
         if header.count == 0 {
             return Err(expected(8, "numPoints", "at least one splat", 0));
         }
-        let ratio = if header.version < 4 { MOST_OF_GZIP } else { MOST_OF_ZSTD };
+        let ratio = if header.version < 4 { MAX_OF_GZIP } else { MAX_OF_ZSTD };
         let most = length.saturating_mul(ratio) / header.stride();
         if u64::from(header.count) > most {
             let text = format!("at most {most} splats, which {length} bytes can hold");

@@ -12,7 +12,7 @@ use std::io::{Error, ErrorKind, Result, Write};
 const FRACTIONAL_BITS: u32 = 12;
 
 /// Largest 24-bit integer.
-const MOST_FIXED: f64 = 8_388_607.0;
+const MAX_FIXED: f64 = 8_388_607.0;
 
 /// Compression level of Zstandard, as in the reference writer.
 const LEVEL: i32 = 12;
@@ -112,9 +112,9 @@ fn arrays(
 fn fractional_bits(scene: &Scene) -> Result<u32> {
     let coordinates = (0..scene.count() as usize).flat_map(|index| scene.world_position(index));
     let largest = coordinates.fold(0.0, |most: f64, value| most.max(value.abs()));
-    let fits = |bits: &u32| (largest * f64::from(1u32 << bits)).round() <= MOST_FIXED;
+    let fits = |bits: &u32| (largest * f64::from(1u32 << bits)).round() <= MAX_FIXED;
     (0..=FRACTIONAL_BITS).rev().find(fits).ok_or_else(|| {
-        let text = format!("expected coordinates up to {MOST_FIXED}, the largest of SPZ, found {largest}");
+        let text = format!("expected coordinates up to {MAX_FIXED}, the largest of SPZ, found {largest}");
         Error::new(ErrorKind::InvalidInput, text)
     })
 }

@@ -18,13 +18,13 @@ const HEADER: u64 = 88;
 const SECTION: usize = 32;
 
 /// Maximum number of sections.
-const MOST_SECTIONS: u64 = 64;
+const MAX_SECTIONS: u64 = 64;
 
 /// Maximum bytes of all tokens.
-const MOST_TOKENS: u64 = 64 << 20;
+const MAX_TOKENS: u64 = 64 << 20;
 
 /// Minimum number of elements of a compressed array.
-const SMALLEST_PACKED: u64 = 16;
+const MIN_PACKED: u64 = 16;
 
 /// Minor versions that are read: 0.7, the first that counts elements in 64 bits, to 0.13. Later ones add value types.
 const MINOR: std::ops::RangeInclusive<u8> = 7..=13;
@@ -143,8 +143,8 @@ impl<'a, 'b> Sections<'a, 'b> {
         cursor.at = contents;
         cursor.name = "sections";
         let count = cursor.long()?;
-        if count > MOST_SECTIONS {
-            return Err(cursor.wrong(format!("expected at most {MOST_SECTIONS} sections, found {count}")));
+        if count > MAX_SECTIONS {
+            return Err(cursor.wrong(format!("expected at most {MAX_SECTIONS} sections, found {count}")));
         }
         let mut places = Vec::new();
         for _ in 0..count {
@@ -191,10 +191,8 @@ impl<'a, 'b> Sections<'a, 'b> {
     fn tokens(mut cursor: Cursor) -> Result<Vec<String>, SceneError> {
         let count = cursor.count()?;
         let bytes = cursor.long()?;
-        if bytes > MOST_TOKENS {
-            return Err(
-                cursor.wrong(format!("expected at most {MOST_TOKENS} bytes of tokens, found {bytes}"))
-            );
+        if bytes > MAX_TOKENS {
+            return Err(cursor.wrong(format!("expected at most {MAX_TOKENS} bytes of tokens, found {bytes}")));
         }
         let unpacked = cursor.unpack(bytes)?;
         let text = unpacked.strip_suffix(b"\0").unwrap_or(&unpacked);
@@ -420,7 +418,7 @@ impl<'a, 'b> Sections<'a, 'b> {
         }
         let mut cursor = Cursor { layer: self.layer, at: rep.payload(), name: "array" };
         let count = cursor.long()?;
-        if rep.is_compressed() && width == 1 && count >= SMALLEST_PACKED {
+        if rep.is_compressed() && width == 1 && count >= MIN_PACKED {
             let numbers = Numbers::Memory(Self::packed(&mut cursor, count, component)?);
             return Ok(Array { count, numbers, bytes: cursor.at - rep.payload(), ..empty });
         }

@@ -5,7 +5,7 @@ use crate::error::{SceneError, field};
 use crate::input::grow;
 
 /// Maximum compression ratio of LZ4.
-const MOST_PER_BYTE: u64 = 255;
+const MAX_PER_BYTE: u64 = 255;
 
 /// A position in a binary layer, from which fields are read in order.
 pub(super) struct Cursor<'a, 'b> {
@@ -62,7 +62,7 @@ impl Cursor<'_, '_> {
             // Only data above 2 GiB has several chunks.
             return Err(self.wrong(format!("expected one LZ4 block, found {chunks}")));
         }
-        let limit = (block.len() as u64 + 1).saturating_mul(MOST_PER_BYTE);
+        let limit = (block.len() as u64 + 1).saturating_mul(MAX_PER_BYTE);
         let mut unpacked = Vec::new();
         grow(&mut unpacked, most.min(limit) as usize)?;
         let count = lz4_flex::block::decompress_into(block, &mut unpacked)

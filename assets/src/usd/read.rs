@@ -19,7 +19,7 @@ use std::f64::consts::FRAC_PI_2;
 const DEFAULT_DEGREE: f64 = 3.0;
 
 /// Highest degree of a file; the bands above 3 are cut off.
-const MOST_DEGREE: f64 = 8.0;
+const MAX_DEGREE: f64 = 8.0;
 
 /// The splats of a prim.
 struct Splats<'a> {
@@ -150,8 +150,8 @@ fn prim_splats(layer: &Layer, prim: usize, place: Similarity) -> Result<Splats<'
         Some(Value::Numbers(numbers)) => numbers.first().copied().unwrap_or(DEFAULT_DEGREE),
         _ => DEFAULT_DEGREE,
     };
-    if !(0.0..=MOST_DEGREE).contains(&degree) || degree.fract() != 0.0 {
-        return Err(layer.wrong(prim, degree_name, format!("expected 0 to {MOST_DEGREE}, found {degree}")));
+    if !(0.0..=MAX_DEGREE).contains(&degree) || degree.fract() != 0.0 {
+        return Err(layer.wrong(prim, degree_name, format!("expected 0 to {MAX_DEGREE}, found {degree}")));
     }
     let degree = degree as u32;
     for (at, (array, name)) in arrays.iter().enumerate() {

@@ -15,7 +15,7 @@ pub(crate) const MAGIC: &[u8; 6] = b"#usda ";
 const MODIFIERS: [&str; 8] = ["custom", "uniform", "varying", "config", "prepend", "append", "add", "delete"];
 
 /// Maximum number of numbers in a value that is not an array: the elements of a 4 x 4 matrix.
-const MOST_NUMBERS: usize = 16;
+const MAX_NUMBERS: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Token<'t> {
@@ -360,10 +360,8 @@ impl<'t> Parser<'t> {
                     } else if depth == 0 || !self.skip(b',') {
                         numbers.push(self.number()?);
                     }
-                    if numbers.len() > MOST_NUMBERS {
-                        return Err(
-                            self.wrong(format!("expected at most {MOST_NUMBERS} numbers, found more"))
-                        );
+                    if numbers.len() > MAX_NUMBERS {
+                        return Err(self.wrong(format!("expected at most {MAX_NUMBERS} numbers, found more")));
                     }
                     if depth == 0 {
                         return Ok(Value::Numbers(numbers));

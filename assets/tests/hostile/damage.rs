@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 const CASES: (u64, u64) = (100_000, 1_500);
 
 /// Time limit of a case.
-const LONGEST: Duration = Duration::from_secs(30);
+const TIME_LIMIT: Duration = Duration::from_secs(30);
 
 impl Random {
     fn pick<'a>(&mut self, from: &[&'a str]) -> &'a str {
@@ -158,7 +158,7 @@ pub fn run(
         let started = Instant::now();
         let (answer, taken) = counted(|| read(&bytes));
         let time = started.elapsed();
-        assert!(time < LONGEST, "case {case} of {name} took {time:?}");
+        assert!(time < TIME_LIMIT, "case {case} of {name} took {time:?}");
         assert!(
             taken < memory + 64 * bytes.len(),
             "case {case} of {name} took {taken} bytes of memory for {} bytes of file",

@@ -24,7 +24,7 @@ pub struct ArgumentTables {
 pub(crate) struct Table {
     pub arguments: Vec<(ArgumentSlot, Argument)>,
     /// For each stage that needs buffer sizes, the sizes in bytes, by buffer index.
-    pub sizes: Vec<(Stage, [u32; Msl::MOST_BUFFERS as usize])>,
+    pub sizes: Vec<(Stage, [u32; Msl::MAX_BUFFERS as usize])>,
 }
 
 /// An object to set in an argument slot.
@@ -99,7 +99,7 @@ impl Table {
         }
         let known = self.sizes.iter().position(|(stage, _)| *stage == place.stage);
         let known = known.unwrap_or_else(|| {
-            self.sizes.push((place.stage, [0; Msl::MOST_BUFFERS as usize]));
+            self.sizes.push((place.stage, [0; Msl::MAX_BUFFERS as usize]));
             self.sizes.len() - 1
         });
         // The limits keep bindings below 4 GiB.

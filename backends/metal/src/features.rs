@@ -23,7 +23,7 @@ pub struct Told {
 
 impl Told {
     /// Limits of the smallest Mac of family Apple 7, for plans built without a device.
-    pub const LEAST: Told = Told {
+    pub const APPLE_7: Told = Told {
         max_buffer_bytes: 4 << 30,
         threadgroup_bytes: 32 << 10,
         max_threads: [1024; 3],
@@ -38,13 +38,13 @@ pub const LANES: u32 = 32;
 /// Returns the limits that plans are checked against, for a device that reports `told`.
 pub fn limits(told: &Told) -> Limits {
     // Push constants and the buffer sizes take one entry each.
-    let buffers = Msl::MOST_BUFFERS - 2;
+    let buffers = Msl::MAX_BUFFERS - 2;
     Limits {
         // Shaders receive the sizes of buffers as 32-bit words.
         max_storage_bytes: told.max_buffer_bytes.min(u64::from(u32::MAX)),
         max_uniform_bytes: 64 << 10,
         max_buffer_bytes: told.max_buffer_bytes,
-        max_push_bytes: Msl::MOST_PUSH_BYTES,
+        max_push_bytes: Msl::MAX_PUSH_BYTES,
         // Metal documents no limit. Shaders split larger counts into x and y, on every backend.
         max_groups: [65535; 3],
         max_local_size: told.max_threads,
@@ -54,7 +54,7 @@ pub fn limits(told: &Told) -> Limits {
         max_targets: 8,
         max_storage_buffers: buffers,
         max_uniform_buffers: buffers,
-        max_storage_images: Msl::MOST_TEXTURES,
+        max_storage_images: Msl::MAX_TEXTURES,
         heap_bytes: told.working_set,
         device_memory_types: 1,
         // Buffers and images have no granularity beyond their own alignment.
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn graphs_are_told_of_simd_groups_of_32_lanes_and_32_kib() {
-        let facts = limits(&Told::LEAST).facts();
+        let facts = limits(&Told::APPLE_7).facts();
         assert_eq!((facts.subgroup_size, facts.shared_bytes, facts.max_invocations), (32, 32768, 1024));
         assert!(facts.features.contains(Features::SUBGROUP_BALLOT | Features::SUBGROUP_SHUFFLE));
         assert!(!facts.features.intersects(Features::FLOAT64 | Features::BUFFER_INT64_ATOMICS));
@@ -132,14 +132,14 @@ mod tests {
 
     #[test]
     fn a_binding_is_never_longer_than_the_word_that_tells_its_size() {
-        let told = Told { max_buffer_bytes: 64 << 30, ..Told::LEAST };
+        let told = Told { max_buffer_bytes: 64 << 30, ..Told::APPLE_7 };
         assert_eq!(limits(&told).max_storage_bytes, u64::from(u32::MAX));
         assert_eq!(limits(&told).max_buffer_bytes, 64 << 30);
     }
 
     #[test]
     fn workgroups_run_in_simd_groups_of_the_known_size_for_certain() {
-        let subgroup = limits(&Told::LEAST).subgroup;
+        let subgroup = limits(&Told::APPLE_7).subgroup;
         assert!(subgroup.has_certain_size([256, 1, 1]) && subgroup.has_certain_size([16, 16, 1]));
         assert!(!subgroup.can_request_size([256, 1, 1]));
     }

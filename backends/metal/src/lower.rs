@@ -193,7 +193,7 @@ fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendErr
         let own = [msl.push, msl.sizes].into_iter().flatten().filter(move |_| !texture);
         table.chain(own).map(|index| index + 1).max().unwrap_or(0)
     };
-    let tables = [("buffers", most(false), Msl::MOST_BUFFERS), ("textures", most(true), Msl::MOST_TEXTURES)];
+    let tables = [("buffers", most(false), Msl::MAX_BUFFERS), ("textures", most(true), Msl::MAX_TEXTURES)];
     for (what, needed, available) in tables {
         if needed > available {
             return Err(BackendError::Limit(LimitExceeded {
@@ -257,8 +257,8 @@ pub const CLEAR_THREADS: [u32; 2] = [16, 16];
 ///
 /// It never exceeds the limit in x: with fewer threads than words, the kernel loops.
 pub fn fill_groups(words: u64) -> u32 {
-    const MOST: u64 = 65535;
-    words.div_ceil(256).min(MOST) as u32
+    const MAX_GROUPS: u64 = 65535;
+    words.div_ceil(256).min(MAX_GROUPS) as u32
 }
 
 /// Returns the number of threadgroups in x and y that clear an image of this size.
@@ -277,14 +277,14 @@ pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bo
 }
 
 /// Maximum number of samples in a counter sample buffer: 32 KiB of 8 bytes each.
-pub const MOST_SAMPLES: u32 = 4096;
+pub const MAX_SAMPLES: u32 = 4096;
 
 /// Returns the index of the counter sample for a runtime timestamp; `None` if it has none.
 ///
 /// The first two timestamps, of the whole frame, come from the command buffer instead. Timestamps beyond the sample
 /// buffer's capacity have no sample.
 pub fn sample(timestamp: u32) -> Option<u32> {
-    timestamp.checked_sub(2).filter(|sample| *sample < MOST_SAMPLES)
+    timestamp.checked_sub(2).filter(|sample| *sample < MAX_SAMPLES)
 }
 
 /// Returns the value of a counter; `None` if it is 0, not sampled, or all ones, `MTLCounterErrorValue`.

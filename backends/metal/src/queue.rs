@@ -129,7 +129,7 @@ impl Timestamps {
     /// They are missing if the device cannot sample counters at the ends of encoders, or has no counter sample buffer
     /// left: macOS allows 32 (gpuweb issue 3652).
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
-        let samples = u64::from(count.saturating_sub(2).min(lower::MOST_SAMPLES));
+        let samples = u64::from(count.saturating_sub(2).min(lower::MAX_SAMPLES));
         let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {
             objc::pool(|| {
                 let descriptor = CounterSampleBufferDescriptor::new();

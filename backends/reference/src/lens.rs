@@ -12,11 +12,11 @@ use std::f64::consts::FRAC_PI_2;
 ///
 /// Straight behind the camera, a splat covers a ring in the picture, which no ellipse approximates. Within 14.5 degrees
 /// of that direction it is drawn narrower than it is, rather than as a streak across the picture.
-const LEAST_SINE: f64 = 0.25;
+const MIN_SINE: f64 = 0.25;
 
 /// Minimum of the cosine of the latitude in the Jacobian of an equirectangular camera. A splat at a pole covers the
 /// picture's whole width; the minimum keeps it from being infinitely wide.
-const LEAST_COSINE: f64 = 1e-3;
+const MIN_COSINE: f64 = 1e-3;
 
 /// Maps view space to the image of one camera.
 pub(crate) struct Lens {
@@ -97,7 +97,7 @@ impl Lens {
                 let outwards = [cosine * c, cosine * s, -sine].map(|v| v / distance);
                 let stretch = match angle {
                     0.0 => 1.0,
-                    _ if angle > FRAC_PI_2 => angle / sine.max(LEAST_SINE),
+                    _ if angle > FRAC_PI_2 => angle / sine.max(MIN_SINE),
                     _ => angle / sine,
                 };
                 let sideways = [-s, c, 0.0].map(|v| v * stretch / distance);
@@ -111,7 +111,7 @@ impl Lens {
                 let distance = length(p);
                 let (sin_lon, cos_lon) = x.atan2(z).sin_cos();
                 let (sin_lat, cos_lat) = y.atan2(x.hypot(z)).sin_cos();
-                let across = fx / (distance * cos_lat.max(LEAST_COSINE));
+                let across = fx / (distance * cos_lat.max(MIN_COSINE));
                 [
                     [across * cos_lon, 0.0, -across * sin_lon],
                     [-sin_lat * sin_lon, cos_lat, -sin_lat * cos_lon].map(|v| fy * v / distance),

@@ -15,7 +15,7 @@ use std::f64::consts::PI;
 const ROWS: usize = 8;
 
 /// Minimum roughness. Highlights of smoother surfaces would be smaller than a pixel.
-const LEAST_ROUGHNESS: f64 = 0.045;
+const MIN_ROUGHNESS: f64 = 0.045;
 
 /// Point of the mesh that a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -286,7 +286,7 @@ impl<'a> Caster<'a> {
         let between = unit(sum([1.0, 1.0], [to_camera, to_light]));
         let (nl, nv) = (dot(normal, to_light).max(0.0), dot(normal, to_camera).max(1e-4));
         let (nh, vh) = (dot(normal, between).max(0.0), dot(to_camera, between).max(0.0));
-        let alpha2 = roughness.max(LEAST_ROUGHNESS).powi(4);
+        let alpha2 = roughness.max(MIN_ROUGHNESS).powi(4);
         let distribution = alpha2 / (PI * (nh * nh * (alpha2 - 1.0) + 1.0).powi(2));
         let shadow = |a: f64, b: f64| a * (b * b * (1.0 - alpha2) + alpha2).sqrt();
         let visible = 0.5 / (shadow(nl, nv) + shadow(nv, nl) + 1e-7);

@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Maximum number of results kept for the caller. Older ones are dropped, so that a caller that never waits does not
 /// leak.
-const MOST_RESULTS: usize = 64;
+const MAX_RESULTS: usize = 64;
 
 /// Name of the memory entry for objects that only frames in flight still need.
 ///
@@ -159,7 +159,7 @@ impl<G: Gpu> Executor<G> {
                     .for_each(|c| c.end_prologue(&self.shared.gpu));
             }
             self.results.insert(frame, result);
-            if self.results.len() > MOST_RESULTS {
+            if self.results.len() > MAX_RESULTS {
                 self.results.pop_first();
             }
         }
@@ -188,7 +188,7 @@ impl<G: Gpu> Executor<G> {
         match self.results.remove(&frame) {
             Some(result) => Ok(result),
             None => invalid(format!(
-                "frame {} has no result: it was never submitted, its result was taken, or {MOST_RESULTS} newer results wait",
+                "frame {} has no result: it was never submitted, its result was taken, or {MAX_RESULTS} newer results wait",
                 frame.0
             )),
         }

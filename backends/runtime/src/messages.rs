@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 
 /// Maximum number of messages kept, so that an error repeated in every frame does not fill the memory.
-const MOST_MESSAGES: usize = 1000;
+const MAX_MESSAGES: usize = 1000;
 
 /// Messages of the API's validation, collected from any thread.
 #[derive(Debug, Default)]
@@ -18,10 +18,10 @@ impl Messages {
     /// Adds a message; drops it if a thousand are already kept.
     pub fn add(&self, message: String) {
         let mut messages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if messages.len() < MOST_MESSAGES {
+        if messages.len() < MAX_MESSAGES {
             messages.push(message);
-        } else if messages.len() == MOST_MESSAGES {
-            messages.push(format!("more than {MOST_MESSAGES} messages: the rest is dropped"));
+        } else if messages.len() == MAX_MESSAGES {
+            messages.push(format!("more than {MAX_MESSAGES} messages: the rest is dropped"));
         }
     }
 }

@@ -4,7 +4,7 @@
 //! pipeline takes longer than the compile patience, the load fails with an error that names the pass and the shader.
 //! If the load is cancelled, it ends at once. The thread checks for this between two pipelines and frees what it
 //! created; until then it holds the device open. While a thread abandoned for exceeding the patience lives, its plan is
-//! refused, so that repeated loads do not pile up threads. Once there are [`MOST_ABANDONED`] threads, any other plan
+//! refused, so that repeated loads do not pile up threads. Once there are [`MAX_ABANDONED`] threads, any other plan
 //! waits for one to end, and is refused if the oldest has exceeded the patience.
 
 use crate::gpu::{Gpu, NextPipeline};
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use tracing::info_span;
 
 /// Maximum number of abandoned compiler threads before other plans wait for one to end.
-const MOST_ABANDONED: usize = 8;
+const MAX_ABANDONED: usize = 8;
 
 /// Interval at which a wait for the compiler checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
@@ -147,7 +147,7 @@ impl Compilers {
         Err(error)
     }
 
-    /// Waits until fewer than [`MOST_ABANDONED`] abandoned threads run. Fails if the plan is refused or `cancel` is
+    /// Waits until fewer than [`MAX_ABANDONED`] abandoned threads run. Fails if the plan is refused or `cancel` is
     /// requested.
     fn wait_for_room(&self, plan: &Plan, cancel: &Cancel, patience: Duration) -> Result<(), BackendError> {
         while !self.has_room(plan, patience)? {
@@ -174,7 +174,7 @@ impl Compilers {
                 return Err(told.clone());
             }
         }
-        if abandoned.len() < MOST_ABANDONED {
+        if abandoned.len() < MAX_ABANDONED {
             return Ok(true);
         }
         match abandoned.first().and_then(|oldest| Some((oldest, oldest.plan.upgrade()?))) {

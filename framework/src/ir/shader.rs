@@ -45,18 +45,18 @@ impl Msl {
     ///
     /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the buffer argument table, per graphics or
     /// kernel function".
-    pub const MOST_BUFFERS: u32 = 31;
+    pub const MAX_BUFFERS: u32 = 31;
 
     /// Maximum number of textures of a function, in Metal.
     ///
     /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or
     /// kernel function".
-    pub const MOST_TEXTURES: u32 = 128;
+    pub const MAX_TEXTURES: u32 = 128;
 
     /// Maximum bytes of push constants, which Metal copies with the command (`setBytes`).
     ///
     /// Apple, documentation of `setBytes:length:atIndex:`: "data smaller than 4 KB".
-    pub const MOST_PUSH_BYTES: u32 = 4095;
+    pub const MAX_PUSH_BYTES: u32 = 4095;
 }
 
 /// Location of a binding in an argument table.

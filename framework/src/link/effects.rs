@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::linker::{LinkedPass, Linker, MOST_COMPILATIONS, PassParams};
+use super::linker::{LinkedPass, Linker, MAX_COMPILATIONS, PassParams};
 use crate::ir::{LIVE_BLOCK, ParamSet, ReflectedKind, ShaderId, ShaderStage, Stages};
 use crate::lower::{Lowered, LoweredPass, RemovedPass};
 use crate::shader::{ShaderCompiler, ShaderRequest};
@@ -39,7 +39,7 @@ fn behind<'a>(
 }
 
 /// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect,
-/// because the list only explains parameters without one. Passes after [`MOST_COMPILATIONS`] distinct shaders get no
+/// because the list only explains parameters without one. Passes after [`MAX_COMPILATIONS`] distinct shaders get no
 /// parameters.
 pub(super) fn mentioned(
     lowered: &Lowered,
@@ -57,7 +57,7 @@ pub(super) fn mentioned(
     let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {
-        if known.len() == MOST_COMPILATIONS {
+        if known.len() == MAX_COMPILATIONS {
             return ParamSet::new();
         }
         let names = known.entry((removed.file, name.clone())).or_insert_with(|| {

@@ -48,7 +48,7 @@ pub struct PassParams {
 }
 
 /// Maximum number of shader compilations of a graph: far beyond any real graph, but at most minutes of work.
-pub(super) const MOST_COMPILATIONS: usize = 500;
+pub(super) const MAX_COMPILATIONS: usize = 500;
 
 pub(super) type Defines = Vec<(String, String)>;
 

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::linker::{Linker, MOST_COMPILATIONS};
+use super::linker::{Linker, MAX_COMPILATIONS};
 use crate::ir::{Features, Groups, Shader, ShaderId, ShaderStage, Span, Work};
 use crate::lower::{Extent, LoweredPass, LoweredSize, ShaderName};
 use crate::shader::{Compiled, ShaderRequest};
@@ -21,7 +21,7 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
         };
         for shader in shaders {
             different.insert((pass.file, &shader.name, &pass.defines));
-            if different.len() > MOST_COMPILATIONS {
+            if different.len() > MAX_COMPILATIONS {
                 passed.get_or_insert(shader.span);
             }
         }
@@ -29,7 +29,7 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
     let Some(span) = passed else { return Ok(()) };
     let message = format!("this graph needs {} different compilations of its shaders", different.len());
     let diagnostic =
-        Diagnostic::new(message, span, format!("the limit of {MOST_COMPILATIONS} is exceeded here"));
+        Diagnostic::new(message, span, format!("the limit of {MAX_COMPILATIONS} is exceeded here"));
     Err(vec![
         diagnostic.with_help("pass values that differ between passes as push constants, not as defines"),
     ])

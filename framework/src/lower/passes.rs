@@ -14,7 +14,7 @@ use crate::schema::{Call, Expression, Number, PassDecl, Reference, Size, is_choi
 use crate::source::{Diagnostic, Place};
 
 /// Maximum length of a pass's name in the file, in bytes.
-const LONGEST_NAME: usize = 256;
+const MAX_NAME: usize = 256;
 
 /// Maximum number of errors before the walk stops.
 const MAX_ERRORS: usize = 20;
@@ -286,8 +286,8 @@ impl Lowering<'_> {
     ) -> Result<(), Diagnostic> {
         let name = format!("{}{}{}", level.prefix, head.name, level.suffix);
         let span = head.place.field("name").span();
-        if head.name.len() > LONGEST_NAME {
-            let found = format!("expected at most {LONGEST_NAME} bytes, found {}", head.name.len());
+        if head.name.len() > MAX_NAME {
+            let found = format!("expected at most {MAX_NAME} bytes, found {}", head.name.len());
             return Err(Diagnostic::new("the name of this pass is too long", span, found));
         }
         if let Some(first) = self.pass_names.insert(name.clone(), Some(span)) {

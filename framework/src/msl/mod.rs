@@ -91,16 +91,16 @@ fn places(reflection: &Reflection) -> Places {
 /// Checks the arguments against Metal's limits.
 fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), String> {
     let buffers = places.free + u32::from(sizes);
-    let most = Msl::MOST_BUFFERS;
+    let most = Msl::MAX_BUFFERS;
     if buffers > most {
         return Err(format!("expected at most {most} buffers, including push constants, found {buffers}"));
     }
     let textures = places.arguments.iter().filter(|argument| argument.texture).count();
-    let most = Msl::MOST_TEXTURES;
+    let most = Msl::MAX_TEXTURES;
     if textures > most as usize {
         return Err(format!("expected at most {most} images, found {textures}"));
     }
-    let most = Msl::MOST_PUSH_BYTES;
+    let most = Msl::MAX_PUSH_BYTES;
     match &reflection.push {
         Some(push) if push.bytes > most => {
             Err(format!("expected at most {most} bytes of push constants, found {}", push.bytes))

@@ -19,7 +19,7 @@ use crate::plan::{Block, Resource};
 
 /// Maximum number of blocks tried per resource, from the smallest that fits up, so that packing takes linear time.
 /// Hand-written graphs stay far below it.
-const MOST_TRIED: usize = 64;
+const MAX_TRIED: usize = 64;
 
 /// First and last use within the frame, as positions in it.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +56,7 @@ pub(super) fn place(
         let life = lives[i].filter(|_| share);
         // Blocks were created in descending size: the last are the smallest.
         let found = life.and_then(|life| {
-            open.iter_mut().rev().take(MOST_TRIED).find(|(_, aliases, images)| {
+            open.iter_mut().rev().take(MAX_TRIED).find(|(_, aliases, images)| {
                 // A layout change cannot wait for writes through another resource: an image only follows aliases whose
                 // contents were read.
                 let written = life.ends_written || aliases.values().any(|l| l.ends_written);

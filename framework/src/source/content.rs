@@ -6,7 +6,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Maximum size of a file to read, in bytes. Graphs and shaders are far smaller; larger files would only fill memory.
-pub(super) const LARGEST_FILE: u64 = 16 << 20;
+pub(super) const MAX_FILE: u64 = 16 << 20;
 
 /// The contents of a path, with a hash for the bytes of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -110,11 +110,11 @@ fn kind(metadata: &Metadata) -> &'static str {
     "something else"
 }
 
-/// Reads a whole file; `None` if it is larger than [`LARGEST_FILE`].
+/// Reads a whole file; `None` if it is larger than [`MAX_FILE`].
 pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
-    file.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
-    Ok((bytes.len() as u64 <= LARGEST_FILE).then_some(bytes))
+    file.take(MAX_FILE + 1).read_to_end(&mut bytes)?;
+    Ok((bytes.len() as u64 <= MAX_FILE).then_some(bytes))
 }
 
 /// Returns true for errors that mean the file does not exist, rather than that it is unreadable.

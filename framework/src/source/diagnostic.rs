@@ -71,7 +71,7 @@ impl std::error::Error for Diagnostic {}
 
 /// Maximum length of a name to compare, in characters. Longer names are no typing mistakes, and comparing them takes
 /// long.
-const LONGEST_NAME: usize = 256;
+const MAX_NAME: usize = 256;
 
 /// Returns the candidate most similar to `name`, for a "did you mean" suggestion.
 ///
@@ -82,7 +82,7 @@ const LONGEST_NAME: usize = 256;
 /// than 1. Also returns `None` for a name of more than 256 characters.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
-    if length > LONGEST_NAME {
+    if length > MAX_NAME {
         return None;
     }
     let limit = (length / 3).max(1);

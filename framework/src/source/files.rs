@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::{fmt, fs};
 
-use super::content::{self, Content, Found, LARGEST_FILE, Wanted};
+use super::content::{self, Content, Found, MAX_FILE, Wanted};
 use super::{Diagnostic, nearest};
 use crate::ir::{FileId, Origin, Span};
 
@@ -385,7 +385,7 @@ impl SourceMap {
         let bytes = match content::read(file) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
-                return (Content::Unusable, Err(format!("is larger than {} MiB", LARGEST_FILE >> 20)));
+                return (Content::Unusable, Err(format!("is larger than {} MiB", MAX_FILE >> 20)));
             }
             Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
         };
@@ -437,7 +437,7 @@ impl SourceMap {
                 continue;
             }
             let Ok(entries) = fs::read_dir(listed) else { continue };
-            for entry in entries.flatten().take(MOST_LISTED) {
+            for entry in entries.flatten().take(MAX_LISTED) {
                 let Ok(file) = entry.file_name().into_string() else { continue };
                 if (kind == Kind::Graph) == file.ends_with(".ron") {
                     offer(&within.map_or(file.clone(), |within| format!("{within}/{file}")));
@@ -455,7 +455,7 @@ impl SourceMap {
 }
 
 /// Maximum number of folder entries to compare with a misspelt name.
-const MOST_LISTED: usize = 1000;
+const MAX_LISTED: usize = 1000;
 
 /// Returns the file names that `name` can stand for, the likelier first.
 fn spellings(name: &str, kind: Kind) -> Vec<String> {

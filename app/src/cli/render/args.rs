@@ -135,10 +135,12 @@ pub fn renderer(text: &str) -> Result<Renderer, String> {
 
 /// Parses the number of frames. It is limited because the times of all frames stay in memory for the medians.
 fn repeat(text: &str) -> Result<u32, String> {
-    const MOST: u32 = 100_000;
+    const MAX_FRAMES: u32 = 100_000;
     match text.parse() {
-        Ok(frames @ 1..=MOST) => Ok(frames),
-        _ => Err(format!("expected 1 to {MOST} frames, because all their times are kept for the medians")),
+        Ok(frames @ 1..=MAX_FRAMES) => Ok(frames),
+        _ => Err(format!(
+            "expected 1 to {MAX_FRAMES} frames, because all their times are kept for the medians"
+        )),
     }
 }
 

@@ -115,7 +115,7 @@ struct Flight {
 }
 
 /// Maximum number of frames whose inputs are kept. A device keeps the results of the same number.
-const MOST_FLYING: usize = 64;
+const MAX_FLYING: usize = 64;
 
 /// Options of a frame: background, results to read back, and timestamps.
 #[derive(Clone, Debug, Default)]
@@ -439,7 +439,7 @@ impl<D: Device> Session<D> {
         self.frame += 1;
         let id = flight.id;
         if flight.plan.params.iter().any(|param| param.grows.is_some()) {
-            let old = (self.flying.len() + 1).saturating_sub(MOST_FLYING);
+            let old = (self.flying.len() + 1).saturating_sub(MAX_FLYING);
             self.flying.drain(..old);
             self.flying.push(flight);
         }

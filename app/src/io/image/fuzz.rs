@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 const CASES: (u64, u64) = (100_000, 1_000);
 
 /// Maximum duration of a case.
-const LONGEST: Duration = Duration::from_secs(30);
+const TIME_LIMIT: Duration = Duration::from_secs(30);
 
 /// Numbers at the limits of the integer types that readers use.
 const NUMBERS: [u64; 12] = [
@@ -151,7 +151,7 @@ fn fuzz(name: &str, seeds: &[Vec<u8>], words: &[&str], last: impl Fn(&mut Vec<u8
         let begun = Instant::now();
         pictures += u64::from(read(&bytes));
         slowest = slowest.max(begun.elapsed());
-        assert!(begun.elapsed() < LONGEST, "{name}: case {case} takes {:?}", begun.elapsed());
+        assert!(begun.elapsed() < TIME_LIMIT, "{name}: case {case} takes {:?}", begun.elapsed());
     }
     // Tests that pass do not show the output of `eprintln!`.
     let _ = writeln!(

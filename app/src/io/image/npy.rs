@@ -46,10 +46,10 @@ fn write_array<T: npyz::AutoSerialize>(
 }
 
 /// Maximum size of an array's header, in bytes. NumPy pads a picture's header to 128.
-const LONGEST_HEADER: usize = 4096;
+const MAX_HEADER: usize = 4096;
 
 /// Maximum number of brackets in a header. The library's parser recurses for each one.
-const MOST_BRACKETS: usize = 16;
+const MAX_BRACKETS: usize = 16;
 
 /// Reads the header of an array, after checking its length and its nesting, which the library's parser trusts.
 fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
@@ -63,16 +63,16 @@ fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
     start.extend_from_slice(&length[..bytes]);
     let length = u32::from_le_bytes(length) as usize;
     if start.starts_with(b"\x93NUMPY") {
-        if length > LONGEST_HEADER {
-            return Err(fail(format!("expected a header of at most {LONGEST_HEADER} bytes, found {length}")));
+        if length > MAX_HEADER {
+            return Err(fail(format!("expected a header of at most {MAX_HEADER} bytes, found {length}")));
         }
         let from = start.len();
         start.resize(from + length, 0);
         reader.read_exact(&mut start[from..])?;
         let brackets = start[from..].iter().filter(|byte| b"([{".contains(byte)).count();
-        if brackets > MOST_BRACKETS {
+        if brackets > MAX_BRACKETS {
             return Err(fail(format!(
-                "expected at most {MOST_BRACKETS} brackets in the header, found {brackets}"
+                "expected at most {MAX_BRACKETS} brackets in the header, found {brackets}"
             )));
         }
     }

@@ -8,7 +8,7 @@ use super::trace::ms;
 use std::fmt::Write;
 
 /// Share of the whole time below which rows are combined into one line.
-const LEAST_SHARE: f64 = 0.005;
+const MIN_SHARE: f64 = 0.005;
 
 /// A row of the summary: a name, its milliseconds, and the number of its occurrences.
 struct Row {
@@ -45,10 +45,10 @@ fn seconds(ms: f64) -> String {
     format!("{:.3} s", ms / 1e3)
 }
 
-/// Formats rows in descending order of time. Rows below [`LEAST_SHARE`] of `all` milliseconds are combined.
+/// Formats rows in descending order of time. Rows below [`MIN_SHARE`] of `all` milliseconds are combined.
 fn lines(mut rows: Vec<Row>, all: f64) -> String {
     rows.sort_by(|a, b| b.ms.total_cmp(&a.ms));
-    let shown = rows.iter().take_while(|row| row.ms >= LEAST_SHARE * all).count();
+    let shown = rows.iter().take_while(|row| row.ms >= MIN_SHARE * all).count();
     let rest: f64 = rows[shown..].iter().map(|row| row.ms).sum();
     let mut out = String::new();
     for Row { name, ms, times } in &rows[..shown] {

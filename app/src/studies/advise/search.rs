@@ -104,7 +104,7 @@ impl Budget {
 /// Decibels by which a single setting, or the prediction of a combination, may miss the budget without being skipped.
 const SLACK_DB: f64 = 1.0;
 /// Maximum number of combinations to predict.
-const MOST: usize = 100_000;
+const MAX_PREDICTED: usize = 100_000;
 
 /// A combination of values with its predicted errors and time.
 #[derive(Clone)]
@@ -156,7 +156,7 @@ pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<St
     let mut all = vec![Predicted { set: Vec::new(), errors: floor.clone(), of_exact: 1.0 }];
     for (name, values) in &parameters {
         for at in 0..all.len() {
-            for (value, tried) in values.iter().take(MOST.saturating_sub(all.len())) {
+            for (value, tried) in values.iter().take(MAX_PREDICTED.saturating_sub(all.len())) {
                 let mut next = all[at].clone();
                 next.set.push((name.clone(), value.clone()));
                 for (view, error) in next.errors.iter_mut().enumerate() {
@@ -217,7 +217,7 @@ pub struct Best<'a> {
 ///
 /// Among settings that noise does not distinguish from the fastest, the most accurate is chosen. If the defaults are
 /// within the budget, they are chosen unless another setting is better: with a minimum PSNR, faster beyond the noise;
-/// without one, more accurate by more than `LEAST_GAIN_DB`.
+/// without one, more accurate by more than `MIN_GAIN_DB`.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
     let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };
@@ -256,13 +256,13 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
 }
 
 /// Minimum gain in PSNR, in decibels, that is worth changing the defaults: more than the rounding of a table.
-const LEAST_GAIN_DB: f64 = 0.1;
+const MIN_GAIN_DB: f64 = 0.1;
 
 /// Returns true if a setting justifies changing the defaults. Both are within the budget.
 fn is_better(other: &Tried, defaults: &Tried, budget: &Budget) -> bool {
     match budget.psnr {
         Some(_) => other.faster(defaults) == Some(true),
-        None => other.least_psnr() > defaults.least_psnr() + LEAST_GAIN_DB,
+        None => other.least_psnr() > defaults.least_psnr() + MIN_GAIN_DB,
     }
 }
 

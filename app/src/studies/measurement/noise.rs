@@ -12,13 +12,13 @@ use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
 
 /// Minimum number of rounds for a range. With 8, the median is between the least and the greatest in 99.2 % of cases.
-pub const LEAST_ROUNDS: usize = 8;
+pub const MIN_ROUNDS: usize = 8;
 
 /// Maximum probability that the true median is outside of the range.
 const RISK: f64 = 0.01;
 
 /// Minimum relative saving in time. Settings with a smaller difference count as equally fast.
-pub const LEAST_SAVING: f64 = 0.02;
+pub const MIN_SAVING: f64 = 0.02;
 
 /// PSNRs that differ by less than this, in decibels, count as equal: a table does not show the difference.
 const EQUAL_DB: f64 = 0.05;
@@ -33,7 +33,7 @@ const NARROW: (f64, f64) = (0.01, 0.05);
 pub struct Share {
     /// The median of the rounds.
     pub median: f64,
-    /// Confidence interval of the median. `None` with fewer than [`LEAST_ROUNDS`] rounds, or without a noise floor.
+    /// Confidence interval of the median. `None` with fewer than [`MIN_ROUNDS`] rounds, or without a noise floor.
     pub range: Option<(f64, f64)>,
 }
 
@@ -76,12 +76,12 @@ impl Share {
         Share { range, ..self }
     }
 
-    /// Returns true if this takes at least [`LEAST_SAVING`] less time than `other`, and false if it does not.
+    /// Returns true if this takes at least [`MIN_SAVING`] less time than `other`, and false if it does not.
     ///
     /// `None` if noise hides the difference.
     pub fn faster(&self, other: &Share) -> Option<bool> {
         let ((low, high), (other_low, other_high)) = (self.range?, other.range?);
-        let kept = 1.0 - LEAST_SAVING;
+        let kept = 1.0 - MIN_SAVING;
         match () {
             () if high < kept * other_low => Some(true),
             () if low >= kept * other_high => Some(false),
@@ -153,7 +153,7 @@ pub fn front(points: &[Point]) -> Vec<Mark> {
     };
     // Compares the medians, without the ranges.
     let seems_faster = |a: &Point, b: &Point| match (a.share, b.share) {
-        (Some(a), Some(b)) => a.median < (1.0 - LEAST_SAVING) * b.median,
+        (Some(a), Some(b)) => a.median < (1.0 - MIN_SAVING) * b.median,
         _ => false,
     };
     let equal = |a: f64, b: f64| a == b || (a - b).abs() < EQUAL_DB;
@@ -261,7 +261,7 @@ mod tests {
             [Mark::Beaten],
             "the first of equals is on the front"
         );
-        // 0.795 saves less than `LEAST_SAVING` compared with 0.8, and is less accurate.
+        // 0.795 saves less than `MIN_SAVING` compared with 0.8, and is less accurate.
         let close = [point(share(0.8, 0.003), 60.0), point(share(0.795, 0.003), 50.0)];
         assert_eq!(marks(&close), [Mark::Best, Mark::Beaten]);
         let noisy = [point(share(0.8, 0.03), 60.0), point(share(0.77, 0.03), 50.0)];

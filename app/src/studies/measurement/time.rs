@@ -47,7 +47,7 @@ pub struct Baseline<'a, D> {
 pub const FRAMES_DIVISOR: u32 = 10;
 
 /// Maximum duration of a setting's rounds, because on a busy machine the range may never become narrow.
-pub const LONGEST: Duration = Duration::from_secs(8);
+pub const MAX_DURATION: Duration = Duration::from_secs(8);
 
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
@@ -81,7 +81,7 @@ pub fn time_in_turns<D: Device>(
         let (of_exact, own) = (of_each.next().unwrap_or_default(), of_each.next().unwrap_or_default());
         let plan = session.plan().ok_or(SessionError::NotPrepared)?;
         rounds.push(Round::new(plan, &own, interleaved::gpu_ms(&of_exact)));
-        let late = rounds.len() >= noise::LEAST_ROUNDS && begun.elapsed() >= longest;
+        let late = rounds.len() >= noise::MIN_ROUNDS && begun.elapsed() >= longest;
         if late || shares(&rounds).is_some_and(|shares| noise::enough(&shares)) {
             break;
         }
@@ -199,7 +199,7 @@ mod tests {
         let mut timed = |ms, effort| {
             journal.take();
             let baseline = Baseline { session: &mut exact, ms };
-            let time = time_in_turns(&mut session, baseline, &camera, effort, LONGEST)
+            let time = time_in_turns(&mut session, baseline, &camera, effort, MAX_DURATION)
                 .expect("frames")
                 .expect("timestamps");
             let submits =

@@ -11,7 +11,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 
 /// Maximum bytes of the true pictures of a path. Each is drawn once, and kept for all variants.
-const MOST_BYTES: u64 = 4 << 30;
+const MAX_BYTES: u64 = 4 << 30;
 
 /// A variant's step from one frame to the next.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -70,10 +70,10 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
     }
     let pixels = u64::from(first.width) * u64::from(first.height) * cameras.len() as u64;
     let bytes = pixels.saturating_mul(size_of::<[f32; 3]>() as u64);
-    if bytes > MOST_BYTES {
+    if bytes > MAX_BYTES {
         return refused(format!(
             "expected true pictures of at most {} MiB in all, found {} MiB: use a smaller --size or fewer --frames",
-            MOST_BYTES >> 20,
+            MAX_BYTES >> 20,
             bytes >> 20
         ));
     }

@@ -5,7 +5,7 @@ use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
 use crate::studies::measurement::error::Error;
-use crate::studies::measurement::time::{Baseline, LONGEST, Time};
+use crate::studies::measurement::time::{Baseline, MAX_DURATION, Time};
 use crate::studies::measurement::view::{self, View};
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
@@ -117,7 +117,7 @@ impl<D: Device> Sweep<'_, D> {
     ) -> Result<Result<(Step, Image), String>, SessionError> {
         session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
         let whole = Baseline { session: &mut *self.whole, ms: self.ms };
-        let (found, drawn) = match view::measure(session, whole, view, effort, LONGEST)? {
+        let (found, drawn) = match view::measure(session, whole, view, effort, MAX_DURATION)? {
             Ok(found) => found,
             Err(text) => return Ok(Err(text)),
         };

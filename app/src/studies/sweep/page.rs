@@ -20,7 +20,7 @@ pub const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"]
 
 /// The results of a finished sweep.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Swept {
+pub struct SweepResult {
     /// The scene's name.
     pub scene: String,
     /// The scene's number of splats.
@@ -55,10 +55,10 @@ struct Mean {
     phases: Vec<(String, f64)>,
 }
 
-impl Swept {
+impl SweepResult {
     /// Adds measurements of views to `empty`, a sweep without any.
-    pub fn of_parts(empty: Swept, steps: Vec<Step>, closer: Vec<Closer>) -> Swept {
-        Swept { fit: fit(&closer), steps, closer, ..empty }
+    pub fn of_parts(empty: SweepResult, steps: Vec<Step>, closer: Vec<Closer>) -> SweepResult {
+        SweepResult { fit: fit(&closer), steps, closer, ..empty }
     }
 
     /// Returns a choice's measurements, averaged over the views, from the fewest splats to all of them.
@@ -377,9 +377,9 @@ pub fn gather(
     device: String,
     steps: Vec<Step>,
     closer: Vec<Closer>,
-) -> Swept {
+) -> SweepResult {
     let fit = fit(&closer);
-    Swept { scene, splats, pipeline, device, steps, closer, fit }
+    SweepResult { scene, splats, pipeline, device, steps, closer, fit }
 }
 
 fn splats() -> Axis {

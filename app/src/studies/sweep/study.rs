@@ -3,7 +3,7 @@
 use super::approach::{self, Closer};
 use super::choice::{BUDGET, Choice, for_nearest};
 use super::measure::{Step, Sweep, counts};
-use super::page::{Shown, Swept, gather};
+use super::page::{Shown, SweepResult, gather};
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
 use crate::io::image::Image;
@@ -33,7 +33,7 @@ pub fn study<D: Device>(
     subject: &Subject<D>,
     wanted: &Wanted,
     listener: &mut dyn Listener,
-) -> Result<(Swept, Vec<Shown>), StudyError> {
+) -> Result<(SweepResult, Vec<Shown>), StudyError> {
     let mut study = Study::new(subject, wanted, listener)?;
     let (mut steps, mut shown) = (Vec::new(), Vec::new());
     for at in 0..subject.cameras.len() {
@@ -151,7 +151,7 @@ impl<D: Device> Study<D> {
         wanted: &Wanted,
         steps: Vec<Step>,
         closer: Vec<Closer>,
-    ) -> Swept {
+    ) -> SweepResult {
         let scene = (subject.name.clone(), subject.scene.count());
         gather(scene, wanted.pipeline.clone(), subject.device_name(), steps, closer)
     }

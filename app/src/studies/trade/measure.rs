@@ -4,7 +4,7 @@ use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
 use crate::studies::measurement::settings::EXACT;
-use crate::studies::measurement::time::{Baseline, LONGEST};
+use crate::studies::measurement::time::{Baseline, MAX_DURATION};
 use crate::studies::measurement::view::{self, Drawn, Measured, View};
 use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
@@ -60,5 +60,5 @@ fn measured<D: Device>(
     session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
     let more = if setting.name == EXACT && effort.rounds > 1 { ROUNDS_OF_EXACT } else { 1 };
     let effort = Effort { rounds: more * effort.rounds, ..effort };
-    view::measure(session, exact, view, effort, more * LONGEST)
+    view::measure(session, exact, view, effort, more * MAX_DURATION)
 }

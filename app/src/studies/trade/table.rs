@@ -3,7 +3,7 @@
 use super::ledger::{Line, phase_names};
 use crate::draw::stats::BUSY;
 use crate::io::report::text;
-use crate::studies::measurement::noise::{LEAST_ROUNDS, LEAST_SAVING, Mark};
+use crate::studies::measurement::noise::{MIN_ROUNDS, MIN_SAVING, Mark};
 use crate::studies::measurement::settings::EXACT;
 
 /// Titles of the table's columns.
@@ -89,13 +89,13 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
                 100.0 * low,
                 100.0 * high
             ),
-            None => format!("a range needs at least {LEAST_ROUNDS} rounds"),
+            None => format!("a range needs at least {MIN_ROUNDS} rounds"),
         };
         let of = likely.len() + unlikely.len();
         notes.push(format!(
             "too noisy to tell whether {of} of {} settings save {:.0} % or more ({}): {noise}",
             lines.len(),
-            100.0 * LEAST_SAVING,
+            100.0 * MIN_SAVING,
             match likely.len() {
                 0 => "by their medians, none is on the front".to_owned(),
                 count => format!("by their medians, {count} are on the front, marked `?`"),

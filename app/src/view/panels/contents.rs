@@ -43,7 +43,7 @@ const BINS: usize = 64;
 
 /// Maximum width of the image of a resource, in pixels. Larger images are scaled down, because they occupy the user
 /// interface's texture memory.
-const LARGEST: usize = 512;
+const MAX_WIDTH: usize = 512;
 
 /// State of the inspector's display of contents.
 #[derive(Default)]
@@ -143,7 +143,7 @@ impl State {
         if self.shown != Some(number) {
             self.shown = Some(number);
             self.picture = finding.words.picture(&finding.shape).map(|image| {
-                let step = image.width.max(image.height).div_ceil(LARGEST).max(1);
+                let step = image.width.max(image.height).div_ceil(MAX_WIDTH).max(1);
                 let (width, height) = (image.width.div_ceil(step), image.height.div_ceil(step));
                 let pixels = (0..width * height).map(|i| {
                     let [r, g, b] =

@@ -19,7 +19,7 @@ const STAY: Duration = Duration::from_secs(5);
 /// Display time of a toast about a failure.
 const STAY_LONG: Duration = Duration::from_secs(12);
 /// Maximum number of toasts at the same time.
-const MOST: usize = 4;
+const MAX_TOASTS: usize = 4;
 /// Number of frames in the sparkline.
 const FRAMES: usize = 120;
 /// Background of text over the picture, dark enough for white text on any picture.
@@ -55,7 +55,7 @@ impl Toasts {
         self.count += 1;
         // A repeated message replaces its earlier toast.
         self.shown.retain(|toast| toast.text != text);
-        if self.shown.len() == MOST {
+        if self.shown.len() == MAX_TOASTS {
             self.shown.remove(0);
         }
         self.shown.push(Toast { number: self.count, text, kind, end: Instant::now() + stay });

@@ -17,7 +17,7 @@ use splatgraph_framework::ir::Run;
 /// Width reserved for the barriers before a pass, in points.
 const GAP: f32 = 16.0;
 /// Minimum width of a pass at zoom 1, in points.
-const LEAST: f32 = 4.0;
+const MIN_WIDTH: f32 = 4.0;
 /// Width of a pass of the prologue, in points.
 const ONCE: f32 = 12.0;
 /// Width of the column with the lanes' names, in points.
@@ -272,7 +272,7 @@ fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (V
     let total: f64 = dump.passes.iter().filter(frame).filter_map(|pass| times.of(&pass.name)).sum();
     let once = dump.passes.iter().filter(|pass| pass.run == Run::Once).count() as f32 * ONCE;
     let gaps = dump.passes.iter().filter(|pass| !pass.barriers.is_empty()).count() as f32 * GAP;
-    let room = (width - gaps - once - GAP).max(count * LEAST);
+    let room = (width - gaps - once - GAP).max(count * MIN_WIDTH);
     let (mut columns, mut x) = (Vec::with_capacity(dump.passes.len()), 0.0);
     let mut in_frame = false;
     for (index, pass) in dump.passes.iter().enumerate() {
@@ -289,11 +289,11 @@ fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (V
             x += GAP;
         }
         let share = match (equal, times.of(&pass.name)) {
-            (false, Some(ms)) if total > 0.0 => (ms / total) as f32 * (room - count * LEAST) + LEAST,
-            (false, _) => LEAST,
+            (false, Some(ms)) if total > 0.0 => (ms / total) as f32 * (room - count * MIN_WIDTH) + MIN_WIDTH,
+            (false, _) => MIN_WIDTH,
             (true, _) => room / count,
         };
-        let wide = if pass.run == Run::Once { ONCE } else { share.max(LEAST) } * zoom;
+        let wide = if pass.run == Run::Once { ONCE } else { share.max(MIN_WIDTH) } * zoom;
         columns.push(Column { pass: index, left: x, right: x + wide, barriers });
         x += wide;
     }
@@ -612,8 +612,8 @@ mod tests {
         let (columns, whole) =
             columns(&dump, &times(&[("a", 3.0), ("b", 1.0), ("c", 0.0)]), 1000.0, 1.0, false);
         let wide: Vec<f32> = columns.iter().map(|column| column.right - column.left).collect();
-        assert!((wide[0] - LEAST) / (wide[1] - LEAST) > 2.99, "{wide:?}");
-        assert_eq!(wide[2], LEAST);
+        assert!((wide[0] - MIN_WIDTH) / (wide[1] - MIN_WIDTH) > 2.99, "{wide:?}");
+        assert_eq!(wide[2], MIN_WIDTH);
         assert!(whole <= 1000.0, "{whole}");
     }
 

@@ -38,12 +38,12 @@ fn drop_down(ui: &mut Ui, text: &str, width: f32, contents: impl FnOnce(&mut Ui)
 
 /// Shortens a title to its end, which usually distinguishes files.
 fn short(text: &str) -> String {
-    const MOST: usize = 15;
+    const MAX_CHARS: usize = 15;
     let count = text.chars().count();
-    if count <= MOST {
+    if count <= MAX_CHARS {
         text.to_owned()
     } else {
-        format!("…{}", text.chars().skip(count - MOST).collect::<String>())
+        format!("…{}", text.chars().skip(count - MAX_CHARS).collect::<String>())
     }
 }
 

@@ -8,9 +8,9 @@ use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recove
 use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
-/// First pause between polls of an unfinished frame; it doubles up to [`LONGEST_PAUSE`].
+/// First pause between polls of an unfinished frame; it doubles up to [`MAX_PAUSE`].
 const FIRST_PAUSE: Duration = Duration::from_micros(50);
-const LONGEST_PAUSE: Duration = Duration::from_micros(400);
+const MAX_PAUSE: Duration = Duration::from_micros(400);
 
 impl<D: Device> Renderer<D> {
     /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced.
@@ -145,7 +145,7 @@ impl<D: Device> Renderer<D> {
                 }
                 Ok(None) => {
                     std::thread::sleep(pause);
-                    pause = (2 * pause).min(LONGEST_PAUSE);
+                    pause = (2 * pause).min(MAX_PAUSE);
                 }
                 Err(error) => {
                     // After a transient error, the frame stays in flight and can be awaited again. After others, its

@@ -8,7 +8,7 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// Maximum length of a photograph's name, in bytes.
-const LONGEST_NAME: usize = 4096;
+const MAX_NAME: usize = 4096;
 
 /// A reader of a file's binary fields, one after the other.
 struct Fields<'a> {
@@ -77,8 +77,8 @@ impl<'a> Fields<'a> {
         loop {
             match self.take::<1>("NAME")? {
                 [0] => break,
-                _ if bytes.len() == LONGEST_NAME => {
-                    let text = format!("expected at most {LONGEST_NAME} bytes, found more");
+                _ if bytes.len() == MAX_NAME => {
+                    let text = format!("expected at most {MAX_NAME} bytes, found more");
                     return Err(self.fault(at, ("NAME", text)));
                 }
                 [byte] => bytes.push(byte),

@@ -1,7 +1,7 @@
 //! Defines COLMAP's lenses, and converts its images to views.
 
 use crate::camera::Camera;
-use crate::dataset::error::{CameraError, MOST_CAMERAS};
+use crate::dataset::error::{CameraError, MAX_CAMERAS};
 use crate::dataset::view::{Dataset, View, stem};
 use crate::file;
 use crate::projection::Projection;
@@ -140,8 +140,8 @@ pub(super) fn push(
     let Some(lens) = lenses.get(&lens) else {
         return Err(("CAMERA_ID", format!("expected one of the {} cameras, found {lens}", lenses.len())));
     };
-    if dataset.views.len() == MOST_CAMERAS {
-        return Err(("IMAGE_ID", format!("expected at most {MOST_CAMERAS} images, found more")));
+    if dataset.views.len() == MAX_CAMERAS {
+        return Err(("IMAGE_ID", format!("expected at most {MAX_CAMERAS} images, found more")));
     }
     let turn = DQuat::from_xyzw(x, y, z, w);
     if !(turn.length() > 1e-6 && turn.is_finite()) {

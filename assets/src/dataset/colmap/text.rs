@@ -14,7 +14,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// Maximum length of a line, in bytes. Lines of points are skipped, and can be longer.
-const LONGEST_LINE: u64 = 64 << 10;
+const MAX_LINE: u64 = 64 << 10;
 
 /// The lines of a file.
 struct Lines<'a> {
@@ -43,13 +43,13 @@ impl<'a> Lines<'a> {
         loop {
             self.line.clear();
             self.number += 1;
-            let mut line = (&mut self.file).take(LONGEST_LINE);
+            let mut line = (&mut self.file).take(MAX_LINE);
             let read = line.read_until(b'\n', &mut self.line);
             match read.map_err(|error| self.io(error))? as u64 {
                 0 => return Ok(false),
-                LONGEST_LINE => {
+                MAX_LINE => {
                     return Err(
-                        self.fault(("line", format!("expected at most {LONGEST_LINE} bytes, found more")))
+                        self.fault(("line", format!("expected at most {MAX_LINE} bytes, found more")))
                     );
                 }
                 _ if self.line.starts_with(b"#") || self.line.trim_ascii().is_empty() => {}

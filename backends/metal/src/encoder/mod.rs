@@ -90,7 +90,7 @@ impl Encoder {
                 // Later submissions cannot wait for an event within these commands, so they wait for the whole
                 // submission.
                 Move::HandOver => {
-                    self.order_midst();
+                    self.order_by_event();
                     self.publishes = true;
                 }
                 Move::Open(kind) => {
@@ -120,12 +120,12 @@ impl Encoder {
         self.interrupt();
         self.after_all = true;
         self.publishes = true;
-        self.order_midst();
+        self.order_by_event();
     }
 
     /// Orders all earlier commands of the command buffer before all later ones, by an event.
-    fn order_midst(&mut self) {
-        let (event, value) = &mut self.midst;
+    fn order_by_event(&mut self) {
+        let (event, value) = &mut self.order_event;
         *value += 1;
         if let Some(commands) = &self.commands {
             commands.encode_signal_event(event, *value);

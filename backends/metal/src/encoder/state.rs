@@ -30,7 +30,7 @@ pub struct Encoder {
     pub(super) done: (SharedEvent, u64),
     /// Event that is signalled, then waited for, to order earlier commands of the buffer before later ones; and its last
     /// value.
-    pub(super) midst: (Event, u64),
+    pub(super) order_event: (Event, u64),
     /// Event and value that the commands wait for before they start; see [`submit`](crate::queue::submit).
     pub(super) others: (SharedEvent, u64),
     /// True if all commands wait for all earlier submissions, not only for published ones.
@@ -73,7 +73,7 @@ impl Encoder {
             commands: None,
             submitted: Vec::new(),
             done: (gpu.device.new_shared_event(), 0),
-            midst: (gpu.device.new_event(), 0),
+            order_event: (gpu.device.new_event(), 0),
             others: (gpu.device.new_shared_event(), 0),
             after_all: false,
             publishes: false,

@@ -12,7 +12,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
 /// Maximum number of invocations or vertices of a pass. The fastest device takes ten seconds just to start this many.
-const MOST_INVOCATIONS: u64 = 1 << 40;
+const MAX_INVOCATIONS: u64 = 1 << 40;
 
 /// The axes of dispatches.
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -256,7 +256,7 @@ impl<'a> Checker<'a> {
                         within_count(
                             || format!("the number of vertices of pass `{name}`"),
                             all,
-                            MOST_INVOCATIONS,
+                            MAX_INVOCATIONS,
                         )?;
                     }
                 }
@@ -355,7 +355,7 @@ impl<'a> Checker<'a> {
                 within_count(
                     || format!("the number of invocations of pass `{}`", pass.name),
                     all,
-                    MOST_INVOCATIONS,
+                    MAX_INVOCATIONS,
                 )?;
                 (0..3).try_for_each(|axis| {
                     let what = || {

@@ -33,7 +33,7 @@ use splatgraph_framework::plan::{LayoutChange, Plan, Transition};
 use state::{Inputs, SyncState};
 
 /// Maximum number of rounds of the walk before it is treated as cyclic. Three suffice for nearly every graph.
-const MOST_ROUNDS: usize = 8;
+const MAX_ROUNDS: usize = 8;
 
 /// Lowers the dependencies of a plan to barriers.
 ///
@@ -67,7 +67,7 @@ fn place(plan: &Plan) -> Option<Barriers> {
         if again == frame {
             break;
         }
-        if rounds == MOST_ROUNDS {
+        if rounds == MAX_ROUNDS {
             frame = fixpoint::fixpoint(frame, again, &inputs)?;
             break;
         }

@@ -213,9 +213,9 @@ const PATIENCE: Patience =
 const ON_DEMAND: &str = "that is wanted";
 
 /// Maximum number of messages read before the next look at the files.
-const MOST_AT_ONCE: usize = 1000;
+const MAX_AT_ONCE: usize = 1000;
 /// Maximum number of attempts to find the folders to watch, which may change meanwhile.
-const MOST_WALKS: usize = 8;
+const MAX_WALKS: usize = 8;
 
 fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
     // Nothing panics while it holds the lock.
@@ -267,7 +267,7 @@ impl<Wake: Fn()> LookOut<Wake> {
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {}
                 Ok(first) => {
-                    for message in std::iter::once(first).chain(messages.try_iter().take(MOST_AT_ONCE)) {
+                    for message in std::iter::once(first).chain(messages.try_iter().take(MAX_AT_ONCE)) {
                         match message {
                             Message::Stop => return,
                             Message::Watch(wanted) => self.want(wanted),
@@ -369,7 +369,7 @@ impl<Wake: Fn()> LookOut<Wake> {
 
     /// Watches exactly the folders along the subjects' current paths.
     fn watch_folders(&mut self) {
-        for _ in 0..MOST_WALKS {
+        for _ in 0..MAX_WALKS {
             let mut walk = Walk::default();
             // The flag is true if a wanted file is in the folder, or would be.
             let mut folders: BTreeMap<PathBuf, bool> = BTreeMap::new();

@@ -11,7 +11,7 @@ use std::path::{Component, Path, PathBuf};
 use std::{fs, io};
 
 /// Maximum number of symlinks that one path follows, as on most systems.
-const MOST_LINKS: u32 = 40;
+const MAX_LINKS: u32 = 40;
 
 /// An entry along a path, existing or not.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,7 +66,7 @@ impl Walk {
                 Met::Folder => folder = entry,
                 Met::Link(to) => {
                     links += 1;
-                    if links > MOST_LINKS {
+                    if links > MAX_LINKS {
                         break;
                     }
                     rest.extend(steps(&to));
@@ -168,6 +168,6 @@ mod tests {
     fn a_link_to_itself_ends() {
         let root = tempfile::tempdir().expect("a folder");
         symlink("loop", root.path().join("loop")).expect("a link");
-        assert_eq!(below(root.path(), &root.path().join("loop/a")).len(), MOST_LINKS as usize + 1);
+        assert_eq!(below(root.path(), &root.path().join("loop/a")).len(), MAX_LINKS as usize + 1);
     }
 }

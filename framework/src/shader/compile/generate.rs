@@ -13,13 +13,13 @@ use serde::{Deserialize, Serialize};
 use crate::ir::ShaderStage;
 
 /// Maximum bytes of included GLSL. A file counts as often as it is included.
-pub(super) const MOST_INCLUDED_BYTES: usize = 4 << 20;
+pub(super) const MAX_INCLUDED_BYTES: usize = 4 << 20;
 /// Bytes that each include adds to the count in addition to its text. This bounds the number of small includes.
 pub(super) const INCLUDE_BYTES: usize = 256;
 /// Maximum nesting of includes.
-pub(super) const MOST_DEPTH: usize = 32;
+pub(super) const MAX_DEPTH: usize = 32;
 /// Maximum size of SPIR-V in bytes. The longest allowed text gives about 3 MiB.
-const MOST_SPIRV_BYTES: usize = 8 << 20;
+const MAX_SPIRV_BYTES: usize = 8 << 20;
 
 /// All inputs of a compilation, which identify it.
 #[derive(Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -81,10 +81,10 @@ impl IncludeHandler for Includes<'_> {
         let target = self.key.includes.get(unit).and_then(|names| names.get(name)).copied().flatten();
         let why = match target {
             None => Some(IncludeProblem::Missing),
-            Some(_) if depth > MOST_DEPTH => Some(IncludeProblem::TooDeep(self.chain.clone())),
+            Some(_) if depth > MAX_DEPTH => Some(IncludeProblem::TooDeep(self.chain.clone())),
             Some(target) => {
                 self.bytes += self.key.texts[target].len() + INCLUDE_BYTES;
-                (self.bytes > MOST_INCLUDED_BYTES).then_some(IncludeProblem::TooMuch)
+                (self.bytes > MAX_INCLUDED_BYTES).then_some(IncludeProblem::TooMuch)
             }
         };
         if let Some(why) = why {
@@ -140,8 +140,8 @@ pub(super) fn generate(key: &Key) -> Result<Vec<u32>, Failure> {
         return Err(Failure::Includes(includes.failures));
     }
     let spirv = spirv.map_err(failed)?;
-    if spirv.len() * 4 > MOST_SPIRV_BYTES {
-        let most = MOST_SPIRV_BYTES >> 20;
+    if spirv.len() * 4 > MAX_SPIRV_BYTES {
+        let most = MAX_SPIRV_BYTES >> 20;
         return Err(Failure::Log(format!("ERROR: the shader compiles to more than {most} MiB of SPIR-V")));
     }
     Ok(spirv)

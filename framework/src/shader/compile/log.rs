@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use super::generate::{IncludeFailure, IncludeProblem, MOST_DEPTH, MOST_INCLUDED_BYTES};
+use super::generate::{IncludeFailure, IncludeProblem, MAX_DEPTH, MAX_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
 use super::sources::Sources;
 use crate::ir::Span;
@@ -15,7 +15,7 @@ use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, SourceMap, nearest};
 
 /// Maximum number of diagnostics per compilation.
-pub(super) const MOST_DIAGNOSTICS: usize = 10;
+pub(super) const MAX_DIAGNOSTICS: usize = 10;
 
 /// Returns the diagnostics of a log, at least one.
 pub(super) fn diagnose(
@@ -33,7 +33,7 @@ pub(super) fn diagnose(
         }
         lines.push(entry.place.map(|p| (p.unit, p.line)));
         diagnostics.push(entry.diagnose(files, request, sources));
-        if diagnostics.len() == MOST_DIAGNOSTICS {
+        if diagnostics.len() == MAX_DIAGNOSTICS {
             break;
         }
     }
@@ -129,7 +129,7 @@ impl IncludeFailure {
                 let target = include.and_then(|i| i.target.as_ref().ok());
                 let since = chain.iter().rposition(|unit| Some(unit) == target);
                 let Some(since) = since else {
-                    let message = format!("includes are nested deeper than {MOST_DEPTH}");
+                    let message = format!("includes are nested deeper than {MAX_DEPTH}");
                     return Diagnostic::new(message, span, "the limit is exceeded here");
                 };
                 let mut names: Vec<String> = Vec::new();
@@ -144,7 +144,7 @@ impl IncludeFailure {
             }
             IncludeProblem::TooMuch => {
                 let message =
-                    format!("the included files together are more than {} MiB", MOST_INCLUDED_BYTES >> 20);
+                    format!("the included files together are more than {} MiB", MAX_INCLUDED_BYTES >> 20);
                 Diagnostic::new(message, span, "the limit is exceeded here")
             }
         }

@@ -10,8 +10,8 @@
 //!    `#if`s), parses, links and generates;
 //! 4. *reflect*: see [`reflect`].
 //!
-//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MOST_BYTES`] of text,
-//! and [`generate::MOST_DEPTH`] nested includes. It gets a large stack, because its passes recurse. It stops at the
+//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MAX_BYTES`] of text,
+//! and [`generate::MAX_DEPTH`] nested includes. It gets a large stack, because its passes recurse. It stops at the
 //! first error. If it continued, it would crash on about one broken shader in ten thousand; when it stops, it crashes
 //! on far fewer. For untrusted texts it runs in a separate process: see [`worker`].
 
@@ -41,7 +41,7 @@ use crate::ir::Span;
 use crate::source::{Diagnostic, SourceMap};
 
 /// Maximum number of cached shaders. Beyond it the cache is emptied: only parameter sweeps create so many.
-const MOST_CACHED: usize = 1024;
+const MAX_CACHED: usize = 1024;
 
 /// The GLSL compiler: GLSL 4.60 to SPIR-V 1.6 for Vulkan 1.3, and a cache in memory.
 ///
@@ -172,7 +172,7 @@ impl Failure {
             Failure::Log(log) | Failure::Crash(log) => log::diagnose(files, request, sources, log),
             Failure::Includes(failures) => failures
                 .iter()
-                .take(log::MOST_DIAGNOSTICS)
+                .take(log::MAX_DIAGNOSTICS)
                 .map(|f| f.diagnose(files, request, sources))
                 .collect(),
         }
@@ -181,7 +181,7 @@ impl Failure {
 
 impl Glslang {
     fn remember(&mut self, key: Arc<Key>, outcome: Result<Compiled, Failure>) {
-        if self.cache.len() >= MOST_CACHED {
+        if self.cache.len() >= MAX_CACHED {
             self.cache.clear();
         }
         self.cache.insert(key, outcome);

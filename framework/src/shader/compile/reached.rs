@@ -13,14 +13,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use super::generate::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
+use super::generate::{INCLUDE_BYTES, MAX_DEPTH, MAX_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
 
 /// Maximum number of words visited while expanding a condition, macro names included; beyond it, the condition is
 /// not evaluated.
-const MOST_WORDS: usize = 10_000;
+const MAX_WORDS: usize = 10_000;
 /// Maximum nesting of parentheses and signs; a condition with deeper nesting is not evaluated.
-const MOST_NESTED: usize = 100;
+const MAX_NESTED: usize = 100;
 
 /// A text of a shader, and its includes: indices of their texts, by name.
 pub(super) struct Text<'t> {
@@ -132,7 +132,7 @@ impl<'t> Walk<'t> {
     fn text(&mut self, index: usize, active: Truth, depth: usize) -> Option<()> {
         let Text { text, includes } = &self.texts[index];
         self.bytes += text.len() + INCLUDE_BYTES;
-        if depth > MOST_DEPTH || self.bytes > MOST_INCLUDED_BYTES {
+        if depth > MAX_DEPTH || self.bytes > MAX_INCLUDED_BYTES {
             return None;
         }
         let words = words(text, index);
@@ -226,7 +226,7 @@ impl<'t> Walk<'t> {
         match (directive, words) {
             ("if", words) => {
                 let mut expanded = Vec::new();
-                let value = self.expand(words, &mut expanded, 0, &mut { MOST_WORDS });
+                let value = self.expand(words, &mut expanded, 0, &mut { MAX_WORDS });
                 let certain = now == Truth::Yes;
                 let value = value.and_then(|()| {
                     Condition { words: &expanded, at: 0, nested: 0, certain, walk: self }.value()
@@ -257,7 +257,7 @@ impl<'t> Walk<'t> {
 
     /// Replaces the shader's own macros by their bodies. Defines of the compilation keep their names, so that the
     /// evaluation records which of them it reads. `None` for macros with several definitions or parameters, beyond
-    /// [`MOST_DEPTH`] nested macros, and after `left` words.
+    /// [`MAX_DEPTH`] nested macros, and after `left` words.
     fn expand(
         &self,
         words: &[Word<'t>],
@@ -274,7 +274,7 @@ impl<'t> Walk<'t> {
             };
             match self.macros.get(word.text).filter(|_| !asked) {
                 None => into.push(*word),
-                Some(found) if found.certain && found.plain && depth < MOST_DEPTH => {
+                Some(found) if found.certain && found.plain && depth < MAX_DEPTH => {
                     self.expand(&found.body, into, depth + 1, left)?;
                 }
                 Some(_) => return None,
@@ -365,7 +365,7 @@ impl Condition<'_, '_, '_> {
         let word = *self.words.get(self.at)?;
         self.at += 1;
         self.nested += 1;
-        if self.nested > MOST_NESTED {
+        if self.nested > MAX_NESTED {
             return None;
         }
         let value = match (word.kind, word.text) {

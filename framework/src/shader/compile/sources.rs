@@ -10,9 +10,9 @@ use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 
 /// Maximum bytes of GLSL in all files of one shader.
-pub(super) const MOST_BYTES: usize = 256 << 10;
+pub(super) const MAX_BYTES: usize = 256 << 10;
 /// Maximum number of files of one shader.
-pub(super) const MOST_FILES: usize = 256;
+pub(super) const MAX_FILES: usize = 256;
 
 /// A shader and all files that it includes, scanned.
 pub(super) struct Sources {
@@ -76,11 +76,11 @@ impl Sources {
                 Span { file, start: place.start, end: place.end }
             };
             bytes += text.len();
-            if bytes > MOST_BYTES || sources.units.len() >= MOST_FILES {
+            if bytes > MAX_BYTES || sources.units.len() >= MAX_FILES {
                 let span = span_of(0..0, files);
                 let message = format!(
-                    "expected at most {MOST_FILES} files and {} KiB of text in a shader with its includes, found more",
-                    MOST_BYTES >> 10
+                    "expected at most {MAX_FILES} files and {} KiB of text in a shader with its includes, found more",
+                    MAX_BYTES >> 10
                 );
                 return Err(vec![Diagnostic::new(message, span, "the limit is exceeded with this file")]);
             }

@@ -497,7 +497,7 @@ void main() {{
         let broken = Bench::new(&[("shaders/a.comp", &text), ("shaders/inc.glsl", inc)]);
         bench.files = broken.files;
         if let Err(diagnostics) = bench.diagnostics("a.comp", &[("N", "8")], &[]) {
-            assert!(!diagnostics.is_empty() && diagnostics.len() <= log::MOST_DIAGNOSTICS);
+            assert!(!diagnostics.is_empty() && diagnostics.len() <= log::MAX_DIAGNOSTICS);
             render(&bench.files, &diagnostics, false);
         }
     }

@@ -40,7 +40,7 @@ const START: Duration = Duration::from_secs(20);
 /// Interval between checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 /// Maximum bytes of a message: far beyond any shader.
-const MOST_BYTES: usize = 64 << 20;
+const MAX_BYTES: usize = 64 << 20;
 
 /// Limits of a compilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -326,12 +326,12 @@ pub(super) fn send(output: &mut impl Write, message: &[u8]) -> io::Result<()> {
     output.flush()
 }
 
-/// Reads one message. Fails if it is longer than [`MOST_BYTES`].
+/// Reads one message. Fails if it is longer than [`MAX_BYTES`].
 pub(super) fn receive(input: &mut impl Read) -> io::Result<Vec<u8>> {
     let mut length = [0; 4];
     input.read_exact(&mut length)?;
     let length = u32::from_le_bytes(length) as usize;
-    if length > MOST_BYTES {
+    if length > MAX_BYTES {
         return Err(io::Error::other("a message is too long"));
     }
     let mut message = vec![0; length];
