@@ -29,7 +29,7 @@ def test_a_ledger_has_a_line_for_each_setting_with_its_cost(scene, cameras):
     assert {(row["setting"], row["camera"]) for row in found.rows} >= {("exact", "one"), ("exact", "two")}
     assert seen[-1][0] == "measuring" and seen[-1][1] < seen[-1][2] and "two" in seen[-1][3]
     assert "sh_degree = 0" in str(found) and found.csv.startswith("setting,gpu_ms") and found.html.startswith("<!doctype html>")
-    with pytest.raises(KeyError, match="there are exact"):
+    with pytest.raises(KeyError, match="available: exact"):
         found["nothing"]
     with pytest.raises(ValueError, match="expected a prefix of one of these settings' names"):
         splatgraph.trade(scene, cameras, only=["nothing"])
