@@ -102,6 +102,9 @@ fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
         Some(length) if length as usize > found => {
             Err(wrong("header", format!("expected a file of {length} bytes, found {found}")))
         }
+        Some(length) if length < 12 => {
+            Err(wrong("header", format!("expected a length of at least 12 bytes, found {length}")))
+        }
         Some(_) => Ok(()),
     }
 }
