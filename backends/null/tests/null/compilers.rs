@@ -71,10 +71,8 @@ fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader
     finish(null, &journal);
 }
 
-#[test]
-fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines() {
-    // The first pipeline hangs.
-    let (null, journal) = hanging([0]);
+/// Loads a plan, cancels the load at its first progress report, and checks that it ended there.
+fn cancelled_at_once(null: &Null) {
     let wanted_no_more = Arc::new(AtomicBool::new(false));
     let cancel = Cancel::new({
         let asked = wanted_no_more.clone();
@@ -88,6 +86,13 @@ fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines(
     let prepared = null.loader().cancelled_by(cancel).prepare(plan(), &Zeros::default(), &mut progress);
     assert_eq!(error_of(prepared), BackendError::Cancelled);
     assert_eq!(seen.len(), 1, "{seen:?}");
+}
+
+#[test]
+fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines() {
+    // The first pipeline hangs.
+    let (null, journal) = hanging([0]);
+    cancelled_at_once(&null);
     // The thread finishes that pipeline, and creates no other.
     journal.resume();
     let reached = journal.reached(Point::Compile);
@@ -99,19 +104,7 @@ fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines(
 #[test]
 fn a_load_that_nobody_wants_any_more_ends_between_quick_pipelines() {
     let (null, journal) = hanging([]);
-    let wanted_no_more = Arc::new(AtomicBool::new(false));
-    let cancel = Cancel::new({
-        let asked = wanted_no_more.clone();
-        move || asked.load(Ordering::Relaxed)
-    });
-    let mut seen = Vec::new();
-    let mut progress = |step: Progress| {
-        seen.push(format!("{step:?}"));
-        wanted_no_more.store(true, Ordering::Relaxed);
-    };
-    let prepared = null.loader().cancelled_by(cancel).prepare(plan(), &Zeros::default(), &mut progress);
-    assert_eq!(error_of(prepared), BackendError::Cancelled);
-    assert_eq!(seen.len(), 1, "{seen:?}");
+    cancelled_at_once(&null);
     drop(null);
     until(&journal, Object::Device, 0);
 }
