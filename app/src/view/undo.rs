@@ -179,24 +179,6 @@ impl History {
         }
     }
 
-    /// Forgets the marks of a scene whose splats got other indices: all steps get the current ones.
-    pub fn forget_marks(&mut self, scene: &Path) {
-        let Some(now) = &self.now else { return };
-        let of = |settings: &Settings| [settings.scene == scene, settings.other.as_deref() == Some(scene)];
-        let Some(side) = of(now).into_iter().position(|is_it| is_it) else { return };
-        for steps in [&mut self.past, &mut self.future] {
-            for step in &mut *steps {
-                let is_it = of(step);
-                for (marks, _) in step.marks.iter_mut().zip(is_it).filter(|(_, is_it)| *is_it) {
-                    marks.clone_from(&now.marks[side]);
-                }
-            }
-            // Steps that only selected or hid splats are gone.
-            steps.dedup();
-            steps.pop_if(|step| step == now);
-        }
-    }
-
     /// Returns the number of steps to undo.
     #[cfg(test)]
     pub fn steps(&self) -> usize {
