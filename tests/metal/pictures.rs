@@ -29,7 +29,7 @@ impl SceneData for Planes<'_> {
     }
 }
 
-/// A small scene, and plans that draw it, without shared memory.
+/// A small scene, its camera, and a planner whose plans do not alias resources.
 struct Stage {
     scene: Scene,
     camera: Camera,

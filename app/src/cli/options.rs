@@ -39,7 +39,7 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Maximum width and height of a picture, in pixels. No Vulkan device supports larger images.
+/// Maximum width and height of a picture, in pixels: the largest image of common desktop GPUs.
 pub const MAX_SIDE: u32 = 32_768;
 
 /// Parses a picture size in pixels, `WIDTHxHEIGHT`.

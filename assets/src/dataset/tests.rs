@@ -488,7 +488,7 @@ fn cameras_of_gltf_are_pinholes_or_orthographic() {
     assert_eq!((front.img_name.as_str(), front.projection), ("front", Projection::Orthographic));
     // The view is 8 units wide and 6 high.
     assert_eq!((front.width, front.height, front.fx, front.fy), (960, 720, 120.0, 120.0));
-    // A point that is at (1, 2, 0) in glTF: 1 to the right, 2 above the axis and 5 before the camera.
+    // The point (1, 2, 0) in glTF: 1 to the right of the optical axis, 2 above it, and 5 in front of the camera.
     let view = front.to_view([-1.0, -2.0, 0.0]);
     assert!((0..3).all(|axis| (view[axis] - [1.0, -2.0, 5.0][axis]).abs() < 1e-9), "{view:?}");
 

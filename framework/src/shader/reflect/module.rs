@@ -124,7 +124,8 @@ fn literal(instruction: &Instruction, index: usize) -> Result<u32, String> {
     }
 }
 
-/// Checks that every instruction ends within the module. The parser panics on a string that does not.
+/// Checks that every instruction ends within the module. If one does not and has a string operand, the parser slices
+/// out of bounds and panics.
 fn check_lengths(spirv: &[u32]) -> Result<(), String> {
     const HEADER: usize = 5;
     let mut at = HEADER;
