@@ -179,6 +179,24 @@ impl History {
         }
     }
 
+    /// Forgets the marks of a scene whose splats got other indices: all steps get the current ones.
+    pub fn forget_marks(&mut self, scene: &Path) {
+        let Some(now) = &self.now else { return };
+        let of = |settings: &Settings| [settings.scene == scene, settings.other.as_deref() == Some(scene)];
+        let Some(side) = of(now).into_iter().position(|is_it| is_it) else { return };
+        for steps in [&mut self.past, &mut self.future] {
+            for step in &mut *steps {
+                let is_it = of(step);
+                for (marks, _) in step.marks.iter_mut().zip(is_it).filter(|(_, is_it)| *is_it) {
+                    marks.clone_from(&now.marks[side]);
+                }
+            }
+            // Steps that only selected or hid splats are gone.
+            steps.dedup();
+            steps.pop_if(|step| step == now);
+        }
+    }
+
     /// Returns the number of steps to undo.
     #[cfg(test)]
     pub fn steps(&self) -> usize {
@@ -242,6 +260,22 @@ mod tests {
         let (plain, narrow) = (settings("splat", &[]), settings("splat", &[("digit_bits", "4")]));
         assert_eq!(plain.difference(&narrow), "digit_bits");
         assert_eq!(settings("tiled", &[]).difference(&narrow), "graph tiled");
+    }
+
+    #[test]
+    fn steps_that_only_marked_splats_are_gone_once_the_splats_have_other_indices() {
+        let marked = |scene: &str, hidden: &[u32]| {
+            let hidden = SplatSet::from_iter(hidden.iter().copied()).into();
+            let marks = [Marks { hidden, ..Marks::default() }, Marks::default()];
+            Settings { scene: scene.into(), marks, ..settings("splat", &[]) }
+        };
+        let mut history = History::default();
+        for step in [marked("one.ply", &[9]), marked("list.ron", &[]), marked("list.ron", &[1])] {
+            history.observe(step, false);
+        }
+        history.observe(marked("list.ron", &[5]), true);
+        history.forget_marks(Path::new("list.ron"));
+        assert_eq!(history.past, [marked("one.ply", &[9])], "marks of other scenes stay");
     }
 
     #[test]

@@ -99,6 +99,8 @@ pub struct Viewer<D: Device> {
     picker: Latest<Picked>,
     /// Marks to apply to the scenes that are being loaded for A and B.
     restored: [Option<Marks>; 2],
+    /// Lists of scenes whose splats got other indices; see [`Viewer::take_reindexed`].
+    reindexed: Vec<PathBuf>,
     exporter: Exporter,
     /// True if the window uses another device, so that pictures are copied through host memory.
     pub(super) to_host: bool,
@@ -157,6 +159,7 @@ impl<D: Device> Viewer<D> {
             picked_in: RendererId::A,
             picker: Latest::new("pick", wake.clone()),
             restored: [const { None }; 2],
+            reindexed: Vec::new(),
             exporter: Exporter::new(wake.clone()),
             to_host: false,
             rests: false,

@@ -186,6 +186,8 @@ impl<D: Device> Viewer<D> {
         }
         let former = self.subject_of(id);
         let (marks, dropped) = former.marks().carried(&former.whole, &subject.whole);
+        let reindexed = !dropped.is_empty() || former.whole.parts() != subject.whole.parts();
+        self.reindexed.extend(reindexed.then(|| subject.path.clone()));
         for file in dropped {
             let name = output::one_line(&file.display().to_string()).into_owned();
             let text = format!("{name} changed: its hidden splats are shown again, and none is selected");

@@ -9,7 +9,7 @@ use crate::view::export::Written;
 use crate::view::opening;
 use splatgraph_api::Device;
 use splatgraph_assets::Scene;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 impl<D: Device> Viewer<D> {
@@ -156,6 +156,12 @@ impl<D: Device> Viewer<D> {
             None if self.loading(id).is_some_and(|path| self.reloads(id, path)) => self.marks(id).clone(),
             None => Marks::default(),
         }
+    }
+
+    /// Takes the paths of lists of scenes that were loaded again since the last call, and whose splats have other indices
+    /// now.
+    pub(in crate::view) fn take_reindexed(&mut self) -> Vec<PathBuf> {
+        std::mem::take(&mut self.reindexed)
     }
 
     /// Takes the results of searches, marked scenes, and written files.

@@ -57,10 +57,13 @@ impl Marks {
         let mut left: Vec<&ScenePart> = scene.parts().iter().collect();
         for part in former.parts() {
             let its_own = left.iter().position(|new| new.file == part.file).map(|at| left.remove(at));
+            let is_same = |new: &&ScenePart| scene.has_splats_of(new, former, part);
             let marked = [&self.selected, &self.hidden]
                 .map(|set| part.splats.clone().filter(|index| set.contains(*index)).collect::<Vec<u32>>());
-            match its_own.filter(|new| scene.has_splats_of(new, former, part)) {
-                _ if marked.iter().all(Vec::is_empty) => {}
+            if marked.iter().all(Vec::is_empty) {
+                continue;
+            }
+            match its_own.filter(is_same) {
                 Some(new) => {
                     for (indices, marked) in carried.iter_mut().zip(&marked) {
                         indices.extend(marked.iter().map(|at| at - part.splats.start + new.splats.start));
