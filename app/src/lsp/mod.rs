@@ -1,10 +1,10 @@
 //! Implements the language server: errors, completion and hints while a graph or a shader is edited.
 //!
 //! Diagnostics are the errors and warnings of `splatgraph check`, without the replay of barriers. Open graphs are
-//! rebuilt after each change of an open file, with the editor's text in place of the file's. [`cursor`] determines the
-//! meaning of a string in a graph, [`names`] lists the names in a file, [`index`] resolves them across files,
-//! [`rename`] changes them, [`hints`] shows barriers, [`graph`] builds graphs and answers requests, [`files`] finds the
-//! graphs around a file, and [`text`] converts positions and file names.
+//! rebuilt after each change of an open file, with the editor's text in place of the file's. `cursor` determines the
+//! meaning of a string in a graph, `names` lists the names in a file, `index` resolves them across files,
+//! `rename` changes them, `hints` shows barriers, `graph` builds graphs and answers requests, `files` finds the
+//! graphs around a file, and `text` converts positions and file names.
 
 mod cursor;
 mod files;

@@ -58,7 +58,7 @@ use splatgraph_framework::plan::{Cause, Plan};
 /// Divides the passes of a plan into encoders, and orders the encoders.
 ///
 /// The order of the passes is the plan's. No stage waits for more than it depends on, and every wait and barrier is
-/// necessary. [`Work::Host`] is in no encoder: completion of the command buffer makes the copies visible to the host.
+/// necessary. `Work::Host` is in no encoder: completion of the command buffer makes the copies visible to the host.
 pub fn encoders(plan: &Plan, division: Division) -> Encoders {
     explained(plan, division).0
 }
