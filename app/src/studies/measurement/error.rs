@@ -32,24 +32,17 @@ pub struct Error {
 /// The sizes differ, or a value is not finite.
 pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error, MetricError> {
     metrics::comparable(picture, truth)?;
-    let covers = |pixel: usize| covered[pixel];
-    let ((found, flip), (off, (covered_psnr_db, covered_off))) = rayon::join(
-        || rayon::join(|| metrics::compare(picture, truth), || flip::of_8_bits(truth, picture)),
+    let of_pixels = |wanted: &(dyn Fn(usize) -> bool + Sync)| {
+        (metrics::psnr_over(picture, truth, wanted), off(picture, truth, wanted))
+    };
+    let (((psnr_db, off), (covered_psnr_db, covered_off)), (flip, (ssim, worst))) = rayon::join(
+        || rayon::join(|| of_pixels(&|_| true), || of_pixels(&|pixel| covered[pixel])),
         || {
-            let of_covered = || (metrics::psnr_over(picture, truth, covers), off(picture, truth, covers));
-            rayon::join(|| off(picture, truth, |_| true), of_covered)
+            let flip = || flip::of_8_bits(truth, picture);
+            rayon::join(flip, || (metrics::ssim(picture, truth), metrics::worst_pixel(picture, truth)))
         },
     );
-    let found = found?;
-    Ok(Error {
-        psnr_db: found.psnr_db,
-        ssim: found.ssim,
-        flip,
-        worst: found.worst.difference,
-        off,
-        covered_psnr_db,
-        covered_off,
-    })
+    Ok(Error { psnr_db, ssim, flip, worst: worst.difference, off, covered_psnr_db, covered_off })
 }
 
 /// Computes the share of pixels in which a channel differs by more than [`STEP`].

@@ -149,7 +149,8 @@ pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) 
     (sum > 0.0).then(|| -10.0 * (sum / channels as f64).log10())
 }
 
-fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
+/// Finds the pixel with the largest difference of a channel, for pictures of one size. Of equal pixels, returns the first.
+pub fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
     let mut worst = WorstPixel { difference: 0.0, x: 0, y: 0 };
     for (i, (a_pixel, b_pixel)) in a.rgb.iter().zip(&b.rgb).enumerate() {
         for c in 0..3 {
