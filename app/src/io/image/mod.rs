@@ -183,7 +183,7 @@ pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
 mod tests {
     use super::pixels::check_size;
     use super::*;
-    use crate::io::output::file::faults;
+    use crate::io::output::faults;
 
     fn ramp() -> Image {
         Image::from_fn(7, 5, |x, y| [x as f32 / 3.0 - 0.5, y as f32 / 4.0, 1e-3 * (x * y) as f32])

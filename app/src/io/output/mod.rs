@@ -6,6 +6,7 @@
 //! anything is drawn. All text passes through [`terminal`], which escapes control characters. A closed pipe or a full
 //! device does not stop the command.
 
+pub(crate) mod faults;
 pub mod file;
 pub mod guard;
 pub mod log;
