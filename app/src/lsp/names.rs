@@ -55,7 +55,7 @@ pub struct Mention {
     pub range: Range<usize>,
     /// The name as written.
     pub name: String,
-    /// Whether the name is a declaration or a reference, and of what.
+    /// Role of the name: a declaration or a reference, and the kind of its target.
     pub role: Role,
     /// Index in [`Scan::groups`] of the bracket that contains the name.
     pub group: usize,

@@ -214,7 +214,7 @@ pub struct DumpRepeat {
     /// Name of the include around the repeat, or the first pass's name without index. A number makes it unique:
     /// `sort (2)`.
     pub name: String,
-    /// How often the innermost bodies run: the number of distinct indices among the passes. For nested repeats, this is
+    /// Iterations of the innermost bodies: the number of distinct indices among the passes. For nested repeats, this is
     /// the product, and a pass beside an inner repeat adds nothing.
     pub iterations: usize,
     /// Index of the first pass in [`Dump::passes`].

@@ -520,7 +520,7 @@ pub struct TargetDecl {
     pub image: Reference,
     /// Contents of the target before the draw.
     pub load: Load,
-    /// How a fragment's colour combines with the target's.
+    /// Blend equation of a fragment's colour and the target's.
     pub blend: Blend,
     /// Removes the attachment if false.
     #[serde(default)]

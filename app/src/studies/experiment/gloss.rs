@@ -50,7 +50,7 @@ pub struct Part {
 
 /// Finds the window with the most energy in bands 1 to 3. Its sides are a third of the picture's.
 ///
-/// Of equal windows, returns the first by rows. `None` if nothing in the picture depends on the direction.
+/// Returns the first of equal windows, by rows. `None` if nothing in the picture depends on the direction.
 pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
     let draw = |color: &(dyn Fn(&Gaussian) -> [f64; 3] + Sync)| -> Picture {
         let rules = Rules { color_floor: None, sh_degree: 0, ..Rules::PUBLISHED };
