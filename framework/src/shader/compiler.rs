@@ -13,8 +13,7 @@ pub struct ShaderRequest<'a> {
     pub file: FileId,
     /// The stage of the shader.
     pub stage: ShaderStage,
-    /// Names and values of the graph's defines. Only defines that the shader or its includes mention are used and
-    /// listed in [`Compiled::defines`].
+    /// Names and values of the graph's defines. The compiler uses only those that the shader or its includes mention.
     pub defines: &'a [(String, String)],
     /// Names and values of constants beyond 32 bits, which have no define. A shader that mentions one is an error.
     pub unfit: &'a [(String, String)],
@@ -27,11 +26,10 @@ pub struct ShaderRequest<'a> {
 pub struct Compiled {
     /// SPIR-V code, in 32-bit words.
     pub spirv: Arc<Vec<u32>>,
-    /// Name and value of the defines that the text mentions.
+    /// Names and values of the defines that the shader or its includes mention.
     pub defines: Vec<(String, String)>,
-    /// Identifiers that the compiled text depends on: those in active branches of `#if`s, and in conditions.
-    ///
-    /// Other defines do not change the SPIR-V. If the branches cannot be followed, these are all identifiers.
+    /// Identifiers that the compiled text depends on: those in active branches of `#if`s, and in conditions. If the
+    /// branches cannot be followed, all identifiers.
     pub reached: Arc<BTreeSet<String>>,
     /// Bindings, accesses, stage inputs and outputs, read from the SPIR-V.
     pub reflection: Reflection,
@@ -41,20 +39,16 @@ pub struct Compiled {
 }
 
 /// A compiler of shaders, with a cache of the results.
-///
-/// `Glslang` (feature `glslang`) is the only implementation outside of tests. Most tests of the framework use a stub
-/// whose shaders are lists of accesses.
 pub trait ShaderCompiler {
-    /// Returns a compiled shader, from the cache if possible.
+    /// Returns a compiled shader, from the cache if possible. Fails with at least one diagnostic.
     fn compile(
         &mut self,
         files: &mut SourceMap,
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>>;
 
-    /// Lists the identifiers in the texts of a shader without compiling it, as far as they can be read.
-    ///
-    /// The default lists none.
+    /// Lists the identifiers in the texts of a shader without compiling it, as far as they can be read. The default
+    /// lists none.
     fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
         let _ = (files, request);
         BTreeSet::new()
@@ -86,7 +80,7 @@ pub const CANCELLED: &str = "the build was cancelled";
 pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
 
 impl Cancel {
-    /// Creates a cancellation from a function, which returns true once the build should end. It is called often, from
+    /// Creates a cancellation from a function that returns true once the build should end. It is called often, from
     /// any thread.
     pub fn new(wanted_no_more: impl Fn() -> bool + Send + Sync + 'static) -> Cancel {
         Cancel(Some(Arc::new(wanted_no_more)))

@@ -1,8 +1,7 @@
-//! Compiles GLSL to SPIR-V, and reflects the result.
+//! Compiles GLSL to SPIR-V with defines for the graph's constants, and reflects the result.
 //!
-//! This module compiles a shader file with defines for the graph's constants, resolves its `#include`s, and reflects
-//! the SPIR-V: bindings by block name, array strides, push constants, workgroup size, and the bindings that the code
-//! loads from and stores to. `link` checks the graph against this.
+//! Reflection gives bindings by block name, array strides, push constants, the workgroup size, and the accesses of the
+//! code. `link` checks the graph against it.
 
 #[cfg(feature = "glslang")]
 mod compile;

@@ -18,7 +18,7 @@ pub(super) const MAX_INCLUDED_BYTES: usize = 4 << 20;
 pub(super) const INCLUDE_BYTES: usize = 256;
 /// Maximum nesting of includes.
 pub(super) const MAX_DEPTH: usize = 32;
-/// Maximum size of SPIR-V in bytes. The longest allowed text gives about 3 MiB.
+/// Maximum size of SPIR-V in bytes.
 const MAX_SPIRV_BYTES: usize = 8 << 20;
 
 /// All inputs of a compilation, which identify it.
@@ -37,7 +37,7 @@ pub(super) struct Key {
 pub(super) enum Failure {
     /// The log of glslang, or the limit that it exceeded.
     Log(String),
-    /// The compiler did not start, or ended without an answer. A second attempt may succeed.
+    /// The compiler could not be started, or gave no answer. A second attempt may succeed.
     Crash(String),
     /// Includes that cannot be followed.
     Includes(Vec<IncludeFailure>),
@@ -45,12 +45,10 @@ pub(super) enum Failure {
     Cancelled,
 }
 
-/// An include that cannot be followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct IncludeFailure {
     /// Index of the unit with the `#include`.
     pub unit: usize,
-    /// The name in the `#include`.
     pub name: String,
     pub why: IncludeProblem,
 }
@@ -101,7 +99,6 @@ impl IncludeHandler for Includes<'_> {
     }
 }
 
-/// Runs glslang on this thread, and returns the SPIR-V.
 pub(super) fn generate(key: &Key) -> Result<Vec<u32>, Failure> {
     let failed = |error: GlslangError| match error {
         GlslangError::PreprocessError(log)

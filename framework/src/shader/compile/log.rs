@@ -48,7 +48,6 @@ pub(super) fn diagnose(
     diagnostics
 }
 
-/// An error of the log.
 #[derive(Debug, PartialEq)]
 struct Entry<'l> {
     place: Option<Place>,
@@ -65,7 +64,7 @@ struct Place {
     column: usize,
 }
 
-/// Parses the errors of a log, except lines that only count errors.
+/// Parses the errors of a log, without its closing summary.
 fn entries(log: &str) -> Vec<Entry<'_>> {
     const PREFIXES: [&str; 4] = ["ERROR: ", "INTERNAL ERROR: ", "UNIMPLEMENTED: ", "UNKNOWN ERROR: "];
     let mut entries: Vec<Entry> = Vec::new();

@@ -11,9 +11,9 @@
 //! 4. *reflect*: see [`reflect`].
 //!
 //! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MAX_BYTES`] of text,
-//! and [`generate::MAX_DEPTH`] nested includes. It gets a large stack, because its passes recurse. It stops at the
-//! first error. If it continued, it would crash on about one broken shader in ten thousand; when it stops, it crashes
-//! on far fewer. For untrusted texts it runs in a separate process: see [`worker`].
+//! and [`generate::MAX_DEPTH`] nested includes. It gets a large stack, because its passes recurse. Its parser stops at
+//! the first error, because continuing crashes it more often. For untrusted texts it runs in a separate process: see
+//! [`worker`].
 
 mod generate;
 mod log;
@@ -40,7 +40,7 @@ use super::reflect;
 use crate::ir::Span;
 use crate::source::{Diagnostic, SourceMap};
 
-/// Maximum number of cached shaders. Beyond it the cache is emptied: only parameter sweeps create so many.
+/// Maximum number of cached shaders. A full cache is emptied.
 const MAX_CACHED: usize = 1024;
 
 /// The GLSL compiler: GLSL 4.60 to SPIR-V 1.6 for Vulkan 1.3, and a cache in memory.
@@ -48,8 +48,7 @@ const MAX_CACHED: usize = 1024;
 /// `#include` needs `#extension GL_GOOGLE_include_directive : require`, as in any GLSL. A file may be included twice;
 /// endless recursion is an error.
 ///
-/// [`Glslang::new`] compiles in this process, which a broken shader can crash, so it is for trusted texts.
-/// [`Glslang::in_worker`] compiles in another process.
+/// [`Glslang::new`] compiles in this process, which a broken shader can crash, so it is for trusted texts only.
 #[derive(Debug, Default)]
 pub struct Glslang {
     cache: HashMap<Arc<Key>, Result<Compiled, Failure>>,
@@ -88,7 +87,6 @@ impl Glslang {
 }
 
 impl ShaderCompiler for Glslang {
-    /// Compiles a shader. Fails with at least one diagnostic, each at its place in the shader or an included file.
     fn compile(
         &mut self,
         files: &mut SourceMap,
@@ -128,7 +126,7 @@ impl ShaderCompiler for Glslang {
             Ok(spirv) => spirv,
             Err(failure) => {
                 let diagnostics = failure.diagnose(files, request, &sources);
-                // Cache the failure: a plan requests a shader several times, and reaching a limit takes seconds.
+                // Reaching a limit takes seconds, so failures are cached too.
                 if failure.is_lasting() {
                     self.remember(key, Err(failure));
                 }
@@ -188,7 +186,6 @@ impl Glslang {
     }
 
     fn stored_or_generated(&mut self, key: &Key) -> Result<Vec<u32>, Failure> {
-        // A key that cannot be serialised is not stored.
         let stored = self.store.clone().and_then(|store| Some((store, serde_json::to_vec(key).ok()?)));
         let found = info_span!("look up SPIR-V")
             .in_scope(|| stored.as_ref().and_then(|(store, bytes)| store.load(bytes)));

@@ -28,7 +28,6 @@ pub(super) struct Text<'t> {
     pub includes: BTreeMap<&'t str, usize>,
 }
 
-/// The result of a walk through a shader.
 #[derive(Debug, PartialEq)]
 pub(super) struct Reached {
     /// The identifiers that the result of preprocessing can depend on.
@@ -122,7 +121,6 @@ struct Walk<'t> {
     defines: BTreeMap<&'t str, &'t str>,
     macros: BTreeMap<&'t str, Macro<'t>>,
     names: BTreeSet<&'t str>,
-    /// First undefined name in a condition; see [`Reached::undefined`].
     undefined: Option<(usize, Range<usize>)>,
     bytes: usize,
 }
@@ -146,7 +144,6 @@ impl<'t> Walk<'t> {
             };
             match directive {
                 "if" | "ifdef" | "ifndef" => {
-                    // Skip inactive branches.
                     let holds =
                         if now == Truth::No { Truth::No } else { self.condition(directive, rest, now) };
                     groups.push(Group { active: holds, taken: holds });
@@ -302,7 +299,6 @@ fn words(text: &str, index: usize) -> Vec<Word<'_>> {
 struct Condition<'w, 't, 'a> {
     words: &'w [Word<'t>],
     at: usize,
-    /// Nesting depth of operands.
     nested: usize,
     /// True if the compiler certainly evaluates the current operand.
     certain: bool,
@@ -448,7 +444,7 @@ fn combine(operator: &str, left: Option<i64>, right: Option<i64>) -> Option<i64>
     i32::try_from(value).is_ok().then_some(value)
 }
 
-/// Parses an integer of 32 bits, as a signed value. `None` for other texts, and for octal integers.
+/// Parses a decimal or hexadecimal integer that fits `i32`; `None` for other texts, octal integers included.
 fn number(text: &str) -> Option<i64> {
     let digits = text.trim_end_matches(['u', 'U']);
     let value = match digits.strip_prefix("0x").or(digits.strip_prefix("0X")) {

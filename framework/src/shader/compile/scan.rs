@@ -1,8 +1,6 @@
-//! Splits GLSL into tokens, with a small lexer.
+//! Splits GLSL into tokens with a small lexer, and lists the identifiers, includes and declarations of a text.
 //!
-//! It finds the identifiers of a text (a define that no text mentions need not be passed), its includes, its language
-//! version, and the token that a compiler error refers to. It handles comments, line continuations and strings. It
-//! evaluates nothing: all branches of an `#if` count.
+//! The lexer handles comments, line continuations and strings. It evaluates nothing: all branches of an `#if` count.
 
 use std::collections::HashSet;
 use std::ops::Range;
@@ -44,7 +42,6 @@ const OPERATORS: [&str; 22] = [
     "%=", "&=", "|=", "^=", "##",
 ];
 
-/// Lists every token of a text, in order.
 pub(super) fn lex(text: &str) -> Vec<Token> {
     let bytes = text.as_bytes();
     let word = |b: u8| b.is_ascii_alphanumeric() || b == b'_';
@@ -137,7 +134,6 @@ fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-/// Identifiers, includes, macros and block names found in one text of a shader, some with their places.
 #[derive(Debug, PartialEq)]
 pub(super) struct Scan<'t> {
     pub identifiers: HashSet<&'t str>,
@@ -151,7 +147,7 @@ pub(super) struct Scan<'t> {
     pub declared: Vec<(&'t str, Range<usize>)>,
     /// Names of blocks and other `uniform` declarations, without push constants.
     pub bindings: Vec<&'t str>,
-    /// The text's first `#version`, and true if it is 460 in the core profile.
+    /// Place of the number in the first `#version`, and true if it is 460 in the core profile.
     pub version: Option<(Range<usize>, bool)>,
     /// The first token with a character that GLSL allows in comments only, if any.
     pub foreign: Option<Range<usize>>,

@@ -27,7 +27,7 @@ pub fn serve_if_asked() {
     system::restrict(limits.memory_bytes.saturating_add(BESIDES));
     let output = system::private_output();
     let (turns, watched) = channel();
-    // Without the watching thread there are no limits, so do not compile.
+    // Only the watching thread enforces the limits, so do not compile without it.
     if thread::Builder::new().spawn(move || watch(limits, &watched)).is_ok() {
         on_large_stack(move || serve(limits.memory_bytes, &turns, output));
     }
@@ -80,7 +80,6 @@ fn serve(memory_bytes: u64, turns: &Sender<Turn>, mut output: impl Write) {
         if [Some(reply), bytes].iter().flatten().any(|message| send(&mut output, message).is_err()) {
             return;
         }
-        // A large compilation may leave memory behind: the next one gets a new process.
         if system::memory() > memory_bytes / 4 {
             return;
         }
@@ -122,7 +121,7 @@ mod system {
     use std::os::fd::FromRawFd;
     use std::time::Duration;
 
-    /// Limits the address space as a second line of defence (macOS ignores it), and disables core files.
+    /// Limits the address space as a second line of defence, and disables core files.
     pub fn restrict(bytes: u64) {
         lower(libc::RLIMIT_AS, bytes as libc::rlim_t);
         lower(libc::RLIMIT_CORE, 0);
@@ -155,7 +154,6 @@ mod system {
         }
     }
 
-    /// Returns the id of the parent's process.
     pub fn parent() -> i32 {
         // SAFETY: has no preconditions.
         unsafe { libc::getppid() }
@@ -176,7 +174,6 @@ mod system {
         }
     }
 
-    /// Returns the processor time of the process.
     pub fn processor_time() -> Duration {
         let usage = usage();
         let of = |time: libc::timeval| {

@@ -14,21 +14,19 @@ pub(super) const MAX_BYTES: usize = 256 << 10;
 /// Maximum number of files of one shader.
 pub(super) const MAX_FILES: usize = 256;
 
-/// A shader and all files that it includes, scanned.
 pub(super) struct Sources {
-    /// The files, the shader itself first.
+    /// The shader itself first.
     pub units: Vec<Unit>,
-    /// Every identifier of every unit.
+    /// Every identifier of every unit, in any branch.
     pub identifiers: BTreeSet<String>,
-    /// The names that the units `#define`.
     pub macros: BTreeSet<String>,
-    /// The names in the units' `#if`s.
+    /// The words, numbers and symbols of the units' `#if`s and `#elif`s.
     pub conditions: BTreeSet<String>,
     /// The names of the blocks and images that the units declare.
     pub bindings: BTreeSet<String>,
 }
 
-/// A file of the shader, with its scan.
+/// A file or a generated text of a shader.
 pub(super) struct Unit {
     pub origin: UnitOrigin,
     pub text: String,
@@ -55,7 +53,8 @@ pub(super) struct Include {
 impl Sources {
     /// Finds and scans everything. A missing file is no error yet: an `#if` may disable its `#include`.
     ///
-    /// Fails if the files exceed a limit, have characters that GLSL does not allow, or are not declared GLSL 4.60.
+    /// Fails if the files exceed a limit, if one has a zero or a non-ASCII character outside comments, or if the shader
+    /// is not declared GLSL 4.60.
     pub fn gather(files: &mut SourceMap, request: &ShaderRequest) -> Result<Sources, Vec<Diagnostic>> {
         let mut sources = Sources {
             units: Vec::new(),
@@ -168,7 +167,7 @@ impl Sources {
         None
     }
 
-    /// Finds the names that the shader reaches with `defines`; `None` if the texts cannot be followed.
+    /// Finds the names that the shader reaches with `defines`; `None` if the branches cannot be followed.
     pub fn follow(&self, defines: &[(String, String)]) -> Option<Reached> {
         let texts: Vec<reached::Text> = self.units.iter().map(Unit::followed).collect();
         reached::reached(&texts, defines)
@@ -209,9 +208,7 @@ impl Sources {
         Some(Diagnostic::new(message, span, "used here"))
     }
 
-    /// Locates the first identifier of the units that a message quotes (`` `so` ``).
-    ///
-    /// Returns the shader's first line if none is found.
+    /// Locates the first name that a message quotes (`` `so` ``) and a unit contains; the shader's first line if none.
     pub fn find_quoted(&self, files: &mut SourceMap, request: &ShaderRequest, message: &str) -> Span {
         for quoted in message.split('`').skip(1).step_by(2).filter(|quoted| !quoted.is_empty()) {
             for (index, unit) in self.units.iter().enumerate() {
@@ -224,12 +221,10 @@ impl Sources {
         self.first_line(files, request)
     }
 
-    /// Locates the shader's first line.
     pub fn first_line(&self, files: &mut SourceMap, request: &ShaderRequest) -> Span {
         self.span(files, request, 0, first_line(&self.units[0].text))
     }
 
-    /// Locates a range of a unit.
     pub fn span(
         &self,
         files: &mut SourceMap,
@@ -247,7 +242,6 @@ fn first_line(text: &str) -> Range<usize> {
 }
 
 impl Unit {
-    /// Returns the text with the includes that were found.
     fn followed(&self) -> reached::Text<'_> {
         let found =
             self.includes.iter().filter_map(|(name, i)| Some((name.as_str(), *i.target.as_ref().ok()?)));

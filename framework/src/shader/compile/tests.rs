@@ -3,14 +3,13 @@ use crate::ir::ShaderStage;
 use crate::source::{Kind, Library, render};
 use std::time::Duration;
 
-/// Files in memory, and a compiler with a cache.
 struct Bench {
     files: SourceMap,
     compiler: Glslang,
 }
 
 impl Bench {
-    /// Creates a bench with these files: path, such as `shaders/sort.comp`, and text.
+    /// Takes the path (`shaders/sort.comp`) and text of each file.
     fn new(files: &[(&str, &str)]) -> Bench {
         let memory = files.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
         Bench { files: SourceMap::new(Library { memory, ..Library::default() }), compiler: Glslang::new() }
@@ -343,7 +342,6 @@ fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
 }
 
-/// Compiles another shader with a bench's compiler.
 fn next(bench: &mut Bench, body: &str) -> Result<Compiled, String> {
     bench.files = Bench::new(&[("shaders/a.comp", &format!("{HEAD}{body}"))]).files;
     bench.compile("a.comp", &[])

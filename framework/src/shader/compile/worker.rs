@@ -39,16 +39,15 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const START: Duration = Duration::from_secs(20);
 /// Interval between checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
-/// Maximum bytes of a message: far beyond any shader.
+/// Maximum bytes of a message.
 const MAX_BYTES: usize = 64 << 20;
 
 /// Limits of a compilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Memory of the worker process, in bytes, beyond what it has at its start. Enforced within about 10 ms on Unix;
-    /// other systems limit time only.
+    /// Memory of the worker process, in bytes, beyond what it has at its start. Not limited on systems other than Unix.
     pub memory_bytes: u64,
-    /// Processor time of one compilation. Shaders take milliseconds.
+    /// Processor time of one compilation; elapsed time on systems other than Unix.
     pub time: Duration,
 }
 
@@ -77,7 +76,7 @@ pub struct Worker {
     pub program: PathBuf,
     /// Arguments of the program.
     pub arguments: Vec<OsString>,
-    /// The limits of each compilation.
+    /// Limits of each compilation.
     pub limits: Limits,
 }
 
@@ -100,12 +99,10 @@ impl Worker {
     }
 }
 
-/// The answer to a compilation.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Reply {
     /// A second message with the SPIR-V follows.
     Compiled,
-    /// The reason why there is no SPIR-V.
     Failed(Failure),
 }
 
@@ -128,8 +125,8 @@ impl Parent {
         Parent { worker, process: None }
     }
 
-    /// Compiles in the worker, and starts one if none is running. If a running worker crashes, tries once more in a new
-    /// one.
+    /// Compiles in the worker, and starts one if none is running. If a running worker crashes, tries once more in a
+    /// new one.
     pub fn generate(&mut self, key: &Key, cancel: &Cancel) -> Result<Vec<u32>, Failure> {
         let request = serde_json::to_vec(key).map_err(|error| Failure::Log(format!("ERROR: {error}")))?;
         loop {
@@ -151,7 +148,7 @@ impl Parent {
                     return answer;
                 }
                 Err(lost) => match self.failure(&lost) {
-                    // It may have ended before it received this text.
+                    // The worker may have ended before it received this text.
                     None if !fresh => {}
                     failure => return Err(failure.unwrap_or_else(crashed)),
                 },
@@ -159,7 +156,6 @@ impl Parent {
         }
     }
 
-    /// Kills the worker's process.
     #[cfg(test)]
     pub fn kill(&mut self) {
         let child = self.process.as_mut().map(|process| &mut process.child);
@@ -297,7 +293,7 @@ impl Process {
 impl Drop for Process {
     fn drop(&mut self) {
         drop(self.requests.take());
-        // It may already have ended.
+        // The worker may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -318,7 +314,6 @@ fn find_magic(input: &mut impl Read) -> io::Result<()> {
     Err(io::ErrorKind::UnexpectedEof.into())
 }
 
-/// Writes one message.
 pub(super) fn send(output: &mut impl Write, message: &[u8]) -> io::Result<()> {
     let length = u32::try_from(message.len()).map_err(io::Error::other)?;
     output.write_all(&length.to_le_bytes())?;

@@ -18,13 +18,13 @@ use super::module::{Module, Type, id};
 pub(super) struct Accesses {
     pub reads: HashSet<Word>,
     pub writes: HashSet<Word>,
-    /// Variables accessed by atomic instructions.
     pub atomics: HashSet<Word>,
-    /// Variables accessed by other instructions.
+    /// Variables that instructions other than atomics access.
     pub plain: HashSet<Word>,
     /// Variables whose first access is a store, in code order: the entry point, then the functions that it calls.
     pub written_first: HashSet<Word>,
-    /// All variables mentioned. Querying an array's length or an image's size is neither a read nor a write.
+    /// All variables mentioned in reachable code, including those of which only an array's length or an image's size is
+    /// queried.
     pub touched: HashSet<Word>,
     /// Pairs of a variable and the member of it that an access chain selects first; `None` for all other uses.
     pub members: HashSet<(Word, Option<u64>)>,
@@ -37,7 +37,6 @@ impl Accesses {
     }
 }
 
-/// The effect of an access through a pointer or to an image.
 #[derive(Clone, Copy, PartialEq)]
 enum Effect {
     Nothing,
@@ -73,7 +72,7 @@ pub(super) fn accesses(module: &Module, variables: &HashSet<Word>) -> Result<Acc
     Ok(accesses)
 }
 
-/// Returns the index of the member of `variable` that an access chain selects; `None` for all other instructions.
+/// Returns the constant index of the member of `variable` that an access chain selects; otherwise `None`.
 fn selected(module: &Module, i: &Instruction, variable: Word) -> Option<u64> {
     if !matches!(i.class.opcode, Op::AccessChain | Op::InBoundsAccessChain) || id(i, 0).ok()? != variable {
         return None;

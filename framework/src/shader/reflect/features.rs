@@ -2,7 +2,7 @@
 //!
 //! Most follow from the module's capabilities. Others need the code: for 64-bit atomics, SPIR-V has one capability, but
 //! Vulkan has separate features for buffers and shared memory. Stores in vertex and fragment shaders, and variable
-//! indices into arrays of blocks, are also visible only in the code.
+//! indices into descriptor arrays, are found in the code, too.
 
 use std::collections::{HashMap, HashSet};
 
@@ -135,7 +135,6 @@ fn of_extension(name: &str) -> Option<Features> {
     }
 }
 
-/// Returns the features that follow from the code.
 fn of_code(module: &Module, int64_atomics: bool) -> Result<Features, String> {
     let mut needed = Features::empty();
     let variables: HashMap<Word, (StorageClass, Word)> =

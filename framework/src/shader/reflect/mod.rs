@@ -3,9 +3,6 @@
 //! A graph names the resource of each block of a shader, but not the accesses. These come from the code, so they cannot
 //! be out of date. rspirv parses the module, [`module`] indexes the instructions, [`access`] follows pointers through
 //! functions, and this file assembles the result.
-//!
-//! `spirv-reflect` is not used: its version 0.2.3 lists no storage buffers at SPIR-V 1.3, and aborts the process from
-//! 1.4 on.
 
 mod access;
 mod features;
@@ -25,9 +22,9 @@ use crate::ir::{
 
 /// Reads the module of one shader stage with one entry point.
 ///
-/// Fails, with a message, on invalid modules, on features that no backend enables, and on bindings that graphs do not
-/// support: anything but storage buffers, uniform blocks and two-dimensional storage images in a [`Format`]; unbounded
-/// arrays of these; and pointers with unknown targets.
+/// Fails, with a message, on invalid modules, features that no backend enables, pointers with unknown targets,
+/// descriptor arrays without a length, and bindings that graphs do not support. Supported are storage buffers, uniform
+/// blocks, and two-dimensional storage images in a [`Format`].
 pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
     let module = Module::parse(spirv)?;
     let is_resource = |v: &&Variable| {
@@ -74,9 +71,7 @@ fn small(value: u64, what: &str) -> Result<u32, String> {
     value.try_into().map_err(|_| format!("{what} has {value} bytes, which is too large"))
 }
 
-/// Reflects a variable that is bound through a descriptor: its name, binding, type and accesses.
 fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<ReflectedBinding, String> {
-    // Look through arrays to the descriptor's type.
     let mut element = variable.pointee;
     let mut count = 1u64;
     let own_name = || {
@@ -162,7 +157,7 @@ fn cannot_bind(name: &str, what: &str) -> String {
     format!("`{name}` is {what}; graphs bind storage buffers, uniform blocks and storage images")
 }
 
-/// Returns the element type of an array, through all dimensions; a non-array type is returned unchanged.
+/// Returns the element type of an array, through all dimensions; other types unchanged.
 fn element_of(module: &Module, mut id: Word) -> Word {
     while let Some(Type::Array { element, .. } | Type::RuntimeArray { element }) =
         module.types.get(&id).map(|t| &t.kind)
@@ -194,8 +189,6 @@ fn storage_buffer(
 }
 
 /// Returns the size in bytes and the members of a uniform or push-constant block.
-///
-/// `used` returns true if the code may use a member.
 fn block(
     module: &Module,
     block: Word,
@@ -268,7 +261,7 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
     Ok(varyings)
 }
 
-/// Returns the number of locations of a type: one per vector of at most 16 bytes.
+/// Returns the number of locations of a type: one per started 16 bytes of each column, array element or scalar.
 fn locations(module: &Module, id: Word) -> Result<u32, String> {
     let info = module.type_of(id)?;
     let each =

@@ -57,22 +57,20 @@ pub(super) enum Type {
     Other(&'static str),
 }
 
-/// A type with its derived sizes.
 #[derive(Clone, Debug)]
 pub(super) struct TypeInfo {
     pub kind: Type,
-    /// Bytes in a block by the explicit layout, runtime arrays excluded. `None` without an explicit layout.
+    /// Bytes in a block, runtime arrays excluded. `None` without an explicit layout, and for matrices, whose stride
+    /// belongs to the member.
     pub laid_out: Option<u64>,
     /// Bytes and alignment by std430, for types without an explicit layout.
     pub natural: Option<(u64, u64)>,
 }
 
-/// A global variable.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Variable {
     pub id: Word,
     pub class: StorageClass,
-    /// The type of the variable's value.
     pub pointee: Word,
 }
 
@@ -116,7 +114,6 @@ pub(super) fn id(instruction: &Instruction, index: usize) -> Result<Word, String
     operand.ok_or_else(|| format!("Op{} lacks operand {index}", instruction.class.opname))
 }
 
-/// Returns operand `index`, which must be a 32-bit number.
 fn literal(instruction: &Instruction, index: usize) -> Result<u32, String> {
     match instruction.operands.get(index) {
         Some(Operand::LiteralBit32(value)) => Ok(*value),
@@ -342,8 +339,7 @@ impl Module {
         self.names.get(&(id, member)).map_or("", String::as_str)
     }
 
-    /// Returns the first number of a decoration; `Some(None)` if it has none, `None` if there is no such
-    /// decoration.
+    /// Returns the first number of a decoration: `Some(None)` if it has none, `None` without the decoration.
     pub fn decoration(&self, id: Word, member: Option<u32>, decoration: Decoration) -> Option<Option<u32>> {
         let all = self.decorations.get(&(id, member))?;
         all.iter().find(|(kind, _)| *kind == decoration).map(|(_, value)| *value)
@@ -504,7 +500,7 @@ impl Constants {
         }
     }
 
-    /// Evaluates the operations that GLSL uses for sizes. `None` for others: an error only if the value is needed.
+    /// Evaluates common integer operations. `None` for others, which is an error only if the value is needed.
     fn operation(&self, i: &Instruction) -> Option<u64> {
         let Some(Operand::LiteralSpecConstantOpInteger(op)) = i.operands.first() else { return None };
         let operand = |index: usize| self.0.get(&i.operands.get(index)?.id_ref_any()?).copied();
@@ -515,7 +511,7 @@ impl Constants {
             Op::IMul => Some(a.wrapping_mul(b?)),
             Op::UDiv => a.checked_div(b?),
             Op::UMod => a.checked_rem(b?),
-            // Sizes are positive and fit signed integers.
+            // Without negative operands, signed and unsigned division agree.
             Op::SDiv if a >> 31 == 0 && b? >> 31 == 0 => a.checked_div(b?),
             Op::SRem | Op::SMod if a >> 31 == 0 && b? >> 31 == 0 => a.checked_rem(b?),
             Op::ShiftLeftLogical => a.checked_shl(u32::try_from(b?).ok()?),
