@@ -16,11 +16,8 @@ pub enum Meaning {
     Resource,
     /// An expression over parameters, facts and `let`s.
     Expression,
-    /// The name of a shader file.
     Shader,
-    /// The name of a graph file.
     Graph,
-    /// The format of an image.
     Format,
     /// An attribute of the scene, or a block of the frame.
     Import,
@@ -31,7 +28,6 @@ pub enum Meaning {
 /// The string at a position, with its meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
-    /// Meaning of the string.
     pub meaning: Meaning,
     /// Byte range between the quotes, or up to the end of the line if the closing quote is missing.
     pub inside: Range<usize>,
@@ -63,17 +59,15 @@ pub struct Text {
     pub key: Option<String>,
 }
 
-/// The brackets and strings of a graph file.
 #[derive(Debug)]
 pub struct Scan {
     /// Brackets, in the order of the file; the first is the file itself.
     pub groups: Vec<Group>,
-    /// Strings, in the order of the file.
     pub texts: Vec<Text>,
 }
 
 impl Scan {
-    /// Scans the text of a file, which may have syntax errors.
+    /// Scans a whole file, which may have syntax errors.
     pub fn of(text: &str) -> Scan {
         scan(text, None)
     }
@@ -83,7 +77,6 @@ impl Scan {
         std::iter::successors(self.groups.get(group), |group| self.groups.get(group.parent?))
     }
 
-    /// Determines the meaning of a string.
     pub fn meaning(&self, text: &Text) -> Meaning {
         meaning(&self.around(text.group).collect::<Vec<_>>(), text.key.as_deref())
     }
@@ -205,7 +198,6 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     }
 }
 
-/// Lists the shaders that a pass names.
 pub fn shaders(pass: &Group) -> Vec<String> {
     let named = |key: &str| ["shader", "vertex", "fragment"].contains(&key);
     pass.values.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.clone()).collect()
@@ -228,7 +220,7 @@ mod tests {
         }
     }
 
-    /// Returns the meaning of the string that contains the mark `|`.
+    /// `|` marks the cursor.
     fn meaning_at(marked: &str) -> Option<Meaning> {
         let offset = marked.find('|').expect("a mark");
         at(&marked.replacen('|', "", 1), offset).map(|cursor| cursor.meaning)

@@ -11,10 +11,9 @@ const MAX_ENTRIES: usize = 20_000;
 /// Maximum depth of the search below each searched folder.
 const MAX_DEPTH: usize = 6;
 
-/// Subgroup sizes for which graphs are built: that of most GPUs, and that of a CPU.
+/// Subgroup sizes for which graphs are built: the usual ones of GPUs and of CPUs.
 pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
 
-/// Returns true if a path has the extension of graph files.
 pub fn is_graph(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "ron")
 }

@@ -27,14 +27,13 @@ use std::path::{Path, PathBuf};
 pub struct Workspace {
     planner: Planner,
     known: BTreeMap<PathBuf, Known>,
-    /// The folders that the editor opened.
     folders: Vec<PathBuf>,
 }
 
 /// The declarations of a graph. They are kept from its last valid version while it has errors.
 #[derive(Default)]
 struct Known {
-    /// The resources, each with a description.
+    /// Descriptions of the resources, by name.
     resources: BTreeMap<String, String>,
     names: ExpressionNames,
     controls: Vec<Control>,
@@ -43,7 +42,6 @@ struct Known {
 }
 
 impl Workspace {
-    /// Creates a workspace for an editor that opened these folders.
     pub fn new(folders: Vec<PathBuf>) -> Workspace {
         Workspace { folders, ..Workspace::default() }
     }
@@ -250,7 +248,6 @@ impl Workspace {
         found
     }
 
-    /// Builds the index of the names in the graphs around a file.
     fn index(&mut self, path: &Path, open: &BTreeMap<PathBuf, String>) -> Index {
         let graphs = files::graphs_near(path, open, &self.folders);
         Index::of(&mut self.planner, &graphs)
@@ -305,7 +302,6 @@ impl Workspace {
     }
 }
 
-/// Returns the path under which an index stores a file.
 fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
 }
@@ -322,7 +318,7 @@ fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> O
 /// Messages of the errors that a graph made to be included always has when it is built alone.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
-/// Returns the resources of a plan, each with a description.
+/// Describes the resources of a plan, by the names in its graph.
 fn resources(plan: &Plan) -> BTreeMap<String, String> {
     let about = |shape: &Shape| match shape {
         Shape::Buffer { stride, count } => format!("a buffer of {} x {stride} bytes", grouped(*count)),
@@ -393,7 +389,7 @@ fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usi
         ..after.map_or(inside.end, |at| offset + at)
 }
 
-/// Lists the names of the graphs or of the shaders in the folder of a graph.
+/// Lists the graphs (or else the shaders) in the folder of a graph.
 fn beside(graph: &Path, graphs: bool) -> Vec<String> {
     let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -407,8 +403,7 @@ fn beside(graph: &Path, graphs: bool) -> Vec<String> {
 
 /// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines.
 ///
-/// All of them are listed, because the shader may not compile while it is edited, and constants that disable parts of
-/// it may be unknown.
+/// The shader is not compiled: it may be incomplete, and constants that disable parts of it may be unknown.
 fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
     let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
     for line in text.lines().map(str::trim_start) {

@@ -9,8 +9,7 @@ use std::path::Path;
 
 /// Lists a hint for each pass that waits for others, at the end of the pass's first line.
 ///
-/// `text` is the text of the file, and `dumps` are the plans that may contain its passes. The first plan that contains
-/// a pass determines its hint.
+/// `dumps` are the plans that may contain passes of the file. The first plan that contains a pass determines its hint.
 pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     // Passes that the framework adds, such as the export, have no line of their own in the file.
     let is_written = |pass: &DumpPass| ["dispatch", "draw", "fill"].contains(&pass.kind.as_str());
@@ -70,7 +69,6 @@ fn after(pass: &DumpPass) -> Vec<String> {
     names
 }
 
-/// Keeps the hints from line `first` to line `last`, inclusive.
 pub fn within(hints: Vec<InlayHint>, first: u32, last: u32) -> Vec<InlayHint> {
     hints.into_iter().filter(|hint| (first..=last).contains(&hint.position.line)).collect()
 }

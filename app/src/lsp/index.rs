@@ -12,17 +12,15 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 use std::path::Path;
 
-/// Maximum length of a chain of includes, presets and choices, the same as in the language.
+/// Maximum depth of nested includes, as in the framework's `lower`.
 const MAX_DEPTH: usize = 16;
 
-/// A range of bytes in a file.
+/// A range of bytes in a file, from `start` to before `end`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
     /// The file's path; relative if the file is built into the program.
     pub file: String,
-    /// Byte offset of the first character.
     pub start: usize,
-    /// Byte offset after the last character.
     pub end: usize,
 }
 
@@ -35,7 +33,6 @@ pub enum Form {
     Macro,
 }
 
-/// An occurrence of a name, and what it refers to.
 struct Found {
     end: usize,
     form: Form,
@@ -77,7 +74,6 @@ pub struct Index {
     graphs: BTreeMap<FileId, Graph>,
     shaders: BTreeMap<FileId, Shader>,
     declarations: Vec<Declaration>,
-    /// Indices of the declarations in each file.
     of_file: HashMap<FileId, Vec<usize>>,
     found: BTreeMap<(FileId, usize), Found>,
     /// For each declaration, its parent in the union-find forest of classes. A representative is its own parent.
@@ -85,7 +81,7 @@ pub struct Index {
 }
 
 impl Index {
-    /// Indexes the graphs at these paths, and the files that they refer to.
+    /// Indexes the graphs at these paths, and the files that they name, directly or not.
     pub fn of(planner: &mut Planner, paths: &[String]) -> Index {
         let mut index = Index {
             paths: HashMap::new(),
@@ -295,7 +291,6 @@ impl Index {
         leaves.into_iter().flat_map(|leaf| self.parameter(leaf, name, depth + 1)).collect()
     }
 
-    /// Returns the names of all parameters that a graph's expressions can use.
     fn parameters(&self, file: FileId, depth: usize) -> BTreeSet<String> {
         let own = self.declared(file, |d| d.kind == Kind::Parameter);
         let mut names: BTreeSet<String> =
@@ -406,8 +401,7 @@ impl Index {
         }
     }
 
-    /// Finds the first occurrence of a name in a shader, or else in its includes. In GLSL, it is usually the
-    /// declaration.
+    /// Finds the first occurrence of a name, usually its declaration, in a shader or else in its includes.
     fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
         let mut seen = BTreeSet::new();
         let mut waiting = vec![shader];
@@ -423,7 +417,6 @@ impl Index {
         None
     }
 
-    /// Returns the occurrence of a name at a byte offset of a file, with its file and start.
     fn at(&self, path: &str, offset: usize) -> Option<(&(FileId, usize), &Found)> {
         let (file, _) = self.paths.iter().find(|(_, (other, _))| other == path)?;
         let (key, found) = self.found.range((*file, 0)..=(*file, offset)).next_back()?;
@@ -507,7 +500,6 @@ impl Index {
     }
 }
 
-/// Returns the path of a file and its text. The path of a file on disk has its links resolved.
 fn read(planner: &Planner, file: FileId) -> (String, String) {
     let (path, text) = planner.path_and_text(file);
     (super::files::canonical(Path::new(&path)).display().to_string(), text)

@@ -1,10 +1,7 @@
 //! Implements the language server: errors, completion and hints while a graph or a shader is edited.
 //!
-//! Diagnostics are the errors and warnings of `splatgraph check`, without the replay of barriers. Open graphs are
-//! rebuilt after each change of an open file, with the editor's text in place of the file's. `cursor` determines the
-//! meaning of a string in a graph, `names` lists the names in a file, `index` resolves them across files,
-//! `rename` changes them, `hints` shows barriers, `graph` builds graphs and answers requests, `files` finds the
-//! graphs around a file, and `text` converts positions and file names.
+//! Diagnostics are the errors and warnings of `splatgraph check` for two subgroup sizes, without the replay of
+//! barriers. The open graphs are rebuilt after a change, with the editor's text in place of the file's.
 
 mod cursor;
 mod files;
@@ -67,7 +64,7 @@ pub fn serve(connection: &Connection) -> Result<()> {
         match message {
             Message::Request(request) if connection.handle_shutdown(&request)? => return Ok(()),
             Message::Request(request) => {
-                // Positions refer to the newest text, so build it first. Completion and hover use the last valid build.
+                // These requests need a build of the newest text. Completion and hover use the last valid build.
                 if ![Completion::METHOD, HoverRequest::METHOD].contains(&request.method.as_str()) {
                     publish(&mut server, connection)?;
                 }
@@ -95,12 +92,11 @@ fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-/// Returns the folders that the editor opened.
 #[allow(deprecated)]
 fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
     match &editor.workspace_folders {
         Some(folders) => folders.iter().filter_map(|folder| text::path_of(&folder.uri)).collect(),
-        // Editors that follow an earlier version of the protocol send one root folder.
+        // Older clients send one root folder.
         None => editor.root_uri.iter().filter_map(text::path_of).collect(),
     }
 }
@@ -119,7 +115,6 @@ fn answered<P: DeserializeOwned, R: serde::Serialize>(
     serde_json::to_value(result).map_err(|error| (ErrorCode::InternalError, error.to_string()))
 }
 
-/// The state of the server for one connection.
 #[derive(Default)]
 struct Server {
     /// Texts of the files that are open in the editor, by path.
@@ -127,7 +122,7 @@ struct Server {
     /// True if a text has changed since the last build.
     changed: bool,
     workspace: Workspace,
-    /// The diagnostics that the editor shows, by file.
+    /// Diagnostics that the editor shows, by file.
     shown: BTreeMap<PathBuf, Vec<Diagnostic>>,
 }
 

@@ -7,26 +7,20 @@ use std::ops::Range;
 /// The kind of a declaration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A parameter.
     Parameter,
-    /// A `let`.
     Let,
     /// An import, a port, a buffer or an image.
     Resource,
     /// A pass: a dispatch, a draw or a fill.
     Pass,
-    /// An include.
     Include,
-    /// A statistic.
     Statistic,
     /// The variable of a repeat.
     Variable,
 }
 
-/// Role of a name: a declaration or a reference.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// The declaration of a name.
     Declares(Kind),
     /// The use of a parameter, a `let` or a variable in an expression.
     Value,
@@ -38,11 +32,8 @@ pub enum Role {
     ParameterOf(String),
     /// The use of a port of the graph with this name, in `with` of an include.
     PortOf(String),
-    /// The use of a statistic.
     Statistic,
-    /// The name of a graph file.
     Graph,
-    /// The name of a shader file.
     Shader,
     /// A block, an image or a push constant of these shaders.
     OfShaders(Vec<String>),
@@ -51,17 +42,13 @@ pub enum Role {
 /// An occurrence of a name in a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mention {
-    /// The byte range of the name.
     pub range: Range<usize>,
-    /// The name as written.
     pub name: String,
-    /// Role of the name: a declaration or a reference, and the kind of its target.
     pub role: Role,
     /// Index in [`Scan::groups`] of the bracket that contains the name.
     pub group: usize,
 }
 
-/// Lists the names in a graph file.
 pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
     let mut found = Vec::new();
     for place in &scan.texts {
@@ -129,7 +116,6 @@ fn resource(text: &str) -> Option<Range<usize>> {
     is_name(&text[range.clone()]).then_some(range)
 }
 
-/// Adds the includes and the resource of a dotted name.
 fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, Role)) {
     let mut start = range.start;
     let mut within = Vec::new();
@@ -181,7 +167,6 @@ fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Ro
     }
 }
 
-/// Returns true if a character can be part of a name.
 pub fn continues_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
@@ -191,7 +176,6 @@ pub fn continues_name(c: char) -> bool {
 pub enum Word {
     /// The byte range of an identifier that does not follow a dot.
     Name(Range<usize>),
-    /// Name of an included file.
     Include(String),
 }
 

@@ -7,7 +7,6 @@ use crate::draw::planner::Planner;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-/// The byte range to replace in a file, and its replacement.
 pub type Edit = (std::ops::Range<usize>, String);
 
 /// Lists the edits in each file that rename the name at a byte offset of a file.

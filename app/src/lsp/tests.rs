@@ -80,7 +80,6 @@ impl Editor {
         message["result"].clone()
     }
 
-    /// Sends a request. Returns the response with a result or an error.
     fn answer(&mut self, method: &str, params: Value) -> Value {
         self.requests += 1;
         let id = RequestId::from(self.requests);
@@ -106,7 +105,7 @@ impl Editor {
         self.notify("textDocument/didChange", json!({ "textDocument": document, "contentChanges": changes }));
     }
 
-    /// Waits for the next published diagnostics. Returns the file's URI and the diagnostics.
+    /// Waits for the next published diagnostics: the file's URI, and the list.
     fn published(&self) -> (String, Vec<Value>) {
         loop {
             let message = self.connection.receiver.recv().expect("a message");
@@ -117,7 +116,7 @@ impl Editor {
         }
     }
 
-    /// Removes the mark `|` from a text. Returns the text, and the position of the mark in `graph.ron`.
+    /// Removes the mark `|` from a text. Returns the text, and the mark's position in `graph.ron`.
     fn at(&self, marked: &str) -> (String, Value) {
         let text = marked.replacen('|', "", 1);
         let position = text::position_of(&text, marked.find('|').expect("a mark"));
@@ -125,7 +124,7 @@ impl Editor {
         (text, json!({ "textDocument": document, "position": position }))
     }
 
-    /// Opens a file without the mark `|` of its text. Returns the position of the mark.
+    /// Opens a file without its mark `|`. Returns the mark's position.
     fn place(&self, name: &str, marked: &str) -> Value {
         let text = marked.replacen('|', "", 1);
         self.open(name, &text);
@@ -156,7 +155,7 @@ impl Editor {
         Ok(changes.into_iter().map(apply).collect())
     }
 
-    /// Lists the places of a definition, sorted: file, line and column, counted from 0.
+    /// Lists the places of a definition, sorted: file, line and column from 0.
     fn defined(&mut self, place: Value) -> Vec<(String, u64, u64)> {
         let found = self.request("textDocument/definition", place);
         let place = |location: &Value| {
