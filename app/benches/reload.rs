@@ -1,9 +1,8 @@
-//! Measures the time from a change to its first frame, and the host's time for recording a frame.
+//! Measures the time from a change to the first frame of the new plan, and the median time of a frame.
 //!
-//! `cargo bench -p splatgraph --bench reload [-- --device NAME] [--scene SCENE.ply] [--size WxH] [--runs N]` draws the
-//! default preset from a copy of the shipped files, without a window, and makes changes. The time is measured by the
-//! viewer: from the system's notice of the save to the end of the new plan's first frame on the device. Frames are
-//! drawn and counted meanwhile.
+//! `cargo bench -p splatgraph --bench reload [-- --device NAME] [--scene SCENE.ply] [--size WxH] [--runs N]` draws a
+//! copy of the preset `splat` without a window, and changes its files and a parameter. The viewer measures the time:
+//! from the notice of the save to the end of the new plan's first frame on the device.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
@@ -52,7 +51,6 @@ impl Args {
     }
 }
 
-/// A change to measure.
 enum Modification {
     /// Appends a line to a file of the copy.
     Edit(&'static str, fn(usize) -> String),

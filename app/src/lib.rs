@@ -1,18 +1,19 @@
 //! Draws scenes with render graphs and measures the cost of the pictures.
 //!
-//! This library joins the parts: a scene from `splatgraph-assets`, a plan that `splatgraph-framework` built from a graph
-//! file, and a device that executes it. The program `splatgraph` ([`cli`]) is a thin layer over it:
+//! This library joins a scene from `splatgraph-assets`, a plan that `splatgraph-framework` built from a graph file, and
+//! a device that executes it:
 //!
 //! - [`io`]: the program's input and output: picture files, pages, terminal text;
 //! - [`draw`]: frames of a scene: devices, facts, plans, sessions, their pictures and times;
 //! - [`studies`]: measurements over many frames, each a function that returns numbers or a page;
 //! - [`view`]: the interactive viewer;
-//! - [`lsp`]: the language server for editors.
+//! - [`lsp`]: the language server for editors;
+//! - [`cli`]: the program `splatgraph`.
 //!
-//! A room imports only rooms before it in this list; the command line comes last.
+//! A module imports only modules before it in this list.
 
 #![deny(missing_docs)]
-// Tests write files and lines as they like; the program does so through `io::output` alone.
+// Tests may write and print; the program does so through `io::output` alone.
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
 pub mod cli;

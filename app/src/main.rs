@@ -1,4 +1,4 @@
-//! Starts the program `splatgraph`, which is in the library under [`splatgraph::cli`].
+//! The program `splatgraph`; see [`splatgraph::cli`].
 
 fn main() -> std::process::ExitCode {
     // Shaders are compiled in a second process of this program.

@@ -1,5 +1,4 @@
-//! Detects plans whose frames may differ for equal inputs: plans with a history, or with a shader that reads the frame
-//! number.
+//! Detects plans whose frames may differ for equal inputs: those with a history, or that read the frame number.
 
 use crate::draw::camera::{CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source, Work};
@@ -10,7 +9,6 @@ pub fn is_animated(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some()) || reads_frame_number(plan)
 }
 
-/// Returns true if a shader of the frame reads the frame number.
 fn reads_frame_number(plan: &Plan) -> bool {
     plan.frame.iter().map(|pass| plan.pass(*pass)).any(|pass| {
         let reads = |id| reads(plan, pass, plan.shader(id));
@@ -22,7 +20,7 @@ fn reads_frame_number(plan: &Plan) -> bool {
     })
 }
 
-/// Returns true if the code of a pass's shader may read the frame number from the block `Camera`.
+/// Returns true if a pass's shader may read the frame number from the block `Camera`.
 fn reads(plan: &Plan, pass: &Pass, shader: &Shader) -> bool {
     let is_camera = |source: &Source| matches!(source, Source::Frame { uniform } if uniform == CAMERA);
     let bound = pass.bindings.iter().filter(|binding| is_camera(&plan.resource(binding.resource).source));
@@ -51,8 +49,7 @@ mod tests {
         plan.unwrap_or_else(|errors| panic!("{}", errors.text(false)))
     }
 
-    /// Builds a graph with a shader that computes `expression`, which may read `Camera`; returns true if its frame
-    /// reads the frame number.
+    /// Returns true if a graph reads the frame number when its shader computes `expression`, which may read `Camera`.
     fn of(expression: &str) -> bool {
         let folder = tempfile::tempdir().expect("a folder");
         let shader = format!(

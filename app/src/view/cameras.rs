@@ -1,7 +1,7 @@
 //! Keeps the user's saved views, and writes cameras to files.
 //!
-//! Views, and the keys of a path, are cameras in the world's coordinates, as in a `cameras.json`: they stay valid when
-//! another part of the world is opened, and every command reads their files.
+//! Cameras are stored in the world's coordinates, as in a `cameras.json`, so they stay valid when another part of the
+//! world is opened.
 
 use crate::io::output::{self, OutputError, harmless};
 use splatgraph_assets::Camera;
@@ -89,8 +89,7 @@ impl CameraFiles {
     /// Writes a `cameras.json` of cameras in the world's coordinates, atomically.
     ///
     /// # Errors
-    /// There are no cameras; the extension is not `.json`; the file cannot be read or written; or it exists, and this
-    /// window did not write its contents.
+    /// See [`SaveError`].
     pub fn save(&mut self, cameras: &[Camera], path: &Path) -> Result<(), SaveError> {
         if cameras.is_empty() {
             return Err(SaveError::Empty);

@@ -1,8 +1,7 @@
 //! Writes splats to a new file on another thread: as a scene, in the format of the file's extension, or as a list of
-//! their indices.
+//! their indices (`.json`).
 //!
-//! Only one file is written at a time. No file of its name may exist, either when writing starts or when it ends.
-//! Dropping the exporter waits for the file.
+//! Only one file is written at a time, and no existing file is replaced.
 
 use super::latest::Latest;
 use super::renderer::Wake;
@@ -26,7 +25,7 @@ pub struct Written {
     pub lost: Vec<String>,
 }
 
-/// Writer that runs on another thread.
+/// Writer that runs on another thread. Dropping it waits for the file.
 pub struct Exporter {
     work: Latest<Result<Written, String>>,
     path: PathBuf,
@@ -118,7 +117,6 @@ impl Drop for Exporter {
     }
 }
 
-/// Returns true if the extension selects a list of indices.
 fn is_list(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
 }

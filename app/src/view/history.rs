@@ -1,9 +1,7 @@
 //! Records the times of recent frames, for the rolling plot and the table of medians and 99th percentiles.
 //!
-//! Every finished frame adds a `Sample` with the plan that it was measured with. The newest [`WINDOW`] are kept across
-//! changes of the plan, so that the plot shows the effect of a change. The table covers the frames of the newest
-//! measured plan, without prologues. Its names come from that plan, since the plan on the screen may already be a newer
-//! one.
+//! The newest [`WINDOW`] frames are kept across changes of the plan, so that the plot shows the effect of a change. The
+//! table covers only frames of the newest measured plan, without prologues; the plan on the screen may be newer.
 
 use crate::draw::stats::quantile;
 use splatgraph_api::FrameResult;
@@ -12,10 +10,9 @@ use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Number of recorded frames.
+/// Maximum number of recorded frames.
 pub const WINDOW: usize = 300;
 
-/// The times of one frame.
 #[derive(Clone, Debug)]
 struct Sample {
     plan: Arc<Plan>,
@@ -130,9 +127,7 @@ impl History {
         Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
     }
 
-    /// Lists the GPU times of the newest `count` frames, in milliseconds, oldest first, across all plans.
-    ///
-    /// Frames without a measured time are left out.
+    /// Lists the GPU times of the newest `count` frames that have one, in milliseconds, oldest first, across all plans.
     pub fn recent(&self, count: usize) -> Vec<f64> {
         let skipped = self.samples.len().saturating_sub(count);
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
@@ -140,8 +135,7 @@ impl History {
 
     /// Computes the median GPU time of a frame outside its passes, in milliseconds.
     ///
-    /// `None` without timestamps, and before the first frame that the table covers. CPU drivers write the timestamps of
-    /// compute passes only when the whole submission ends; then nearly the whole frame is unattributed.
+    /// `None` without timestamps, and before the first frame that the table covers.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
@@ -228,7 +222,6 @@ impl History {
     }
 }
 
-/// Groups values by name into one line each, in the order of first appearance.
 fn collect<'a>(
     samples: impl IntoIterator<Item = &'a Sample>,
     named: impl Fn(&Sample) -> Vec<(String, Option<f64>)>,

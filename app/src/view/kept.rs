@@ -1,7 +1,6 @@
 //! Saves the window's arrangement for the next start: tools, theme, and recently opened scenes.
 //!
-//! It is a JSON file in the user's state folder. A file that cannot be read, or has another version, is reported and
-//! replaced.
+//! The state is a JSON file in the user's state folder.
 
 use super::panels::{Arrangement, Panels};
 use crate::io::folders;

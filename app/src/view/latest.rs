@@ -1,7 +1,7 @@
 //! Runs work on another thread. A new request cancels the previous one.
 //!
-//! A search can thus follow the pointer, or a scene the user's selection. Two requests of one worker never run at once,
-//! because two copies of a scene may not fit in memory. A request cancelled while it waits for its turn is skipped.
+//! Two requests of one worker never run at once: two copies of a scene may not fit in memory. A request cancelled while
+//! it waits for its turn is skipped.
 
 use super::renderer::Wake;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,7 +22,6 @@ impl<T> Drop for Request<T> {
 
 /// A worker that runs one request at a time on another thread, and holds the newest request's result until it is taken.
 pub struct Latest<T> {
-    /// Name of the thread.
     name: &'static str,
     request: Option<Request<T>>,
     /// Held while work runs, so that requests run one at a time.

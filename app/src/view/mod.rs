@@ -1,21 +1,13 @@
 //! Implements the viewer: a window on a scene in which everything can be changed live.
 //!
-//! From the lowest layer to the highest:
+//! The main modules, from the lowest layer to the highest:
 //!
 //! - [`renderer`]: a device with a graph, whose plan is rebuilt in the background when files, parameters or inputs
 //!   change;
-//! - [`opening`]: scenes and cameras that are read on other threads;
-//! - [`animation`]: plans that are drawn even if no input changes;
-//! - [`latest`]: work on another thread; a new request cancels the last;
-//! - [`export`]: scenes that are written on another thread;
-//! - [`cameras`]: saved views, and files of cameras;
 //! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;
 //! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two viewports;
-//! - [`undo`]: the steps that can be undone;
-//! - [`wheel`]: the difference between a mouse's wheel and two fingers on a touchpad;
 //! - [`panels`]: the user interface around the pictures;
-//! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over
-//!   them;
+//! - [`paint`] and [`shell`]: the window's graph, which draws the user interface over the pictures;
 //! - [`recovery`]: replacement of a lost device;
 //! - [`window`]: winit's events in, frames out.
 //!

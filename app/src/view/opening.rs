@@ -1,7 +1,7 @@
-//! Reads scenes and cameras on other threads. The last request of each kind wins.
+//! Reads scenes and cameras on other threads.
 //!
-//! A request cancels the previous one of its kind, so that a slow file never replaces one that was opened later. The
-//! result of a cancelled request is dropped. A cancelled load of a scene ends at its next report of progress.
+//! A request cancels the previous one of its kind, so that a slow file never replaces one that was opened later. A
+//! cancelled load of a scene ends at its next report of progress.
 
 use super::events::RendererId;
 use super::renderer::Wake;
@@ -67,9 +67,9 @@ pub struct Opening {
     /// Options of loading scenes.
     pub load: LoadOptions,
     next: u64,
-    /// Requests for the scenes of A and B.
+    /// Of A and B.
     scenes: [Option<Request>; 2],
-    /// Requests for cameras, by [`CameraRole`].
+    /// By [`CameraRole`].
     cameras: [Option<Request>; 3],
     finished: (Sender<Opened>, Receiver<Opened>),
     wake: Wake,
@@ -140,7 +140,7 @@ impl Opening {
         Ok(())
     }
 
-    /// Restarts each scene that is being read, for the other viewport: A and B were exchanged.
+    /// Restarts the loads in progress for the opposite viewports, after A and B were exchanged.
     ///
     /// # Errors
     /// The system cannot start a thread.

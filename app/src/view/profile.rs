@@ -1,10 +1,9 @@
 //! Connects the profilers Tracy and RenderDoc, each behind a feature, and frame capture on Apple's systems.
 //!
 //! With the feature `tracy`, host code is marked with zones (`zone!`), and the GPU times of every pass appear in a GPU
-//! context. Host and device share no clock, so the measured durations are laid end to end before the time at which the
-//! host saw the frame's end. With the feature `renderdoc`, the program can capture a frame if RenderDoc started it or
-//! its library is preloaded; labels and names in the capture are the graph's. On Apple's systems, Metal writes the
-//! frame as a document for Xcode. See `docs/profiling.md`.
+//! context. Host and device share no clock, so the durations are laid end to end before the time at which the host saw
+//! the frame's end. With the feature `renderdoc`, the program can capture a frame if RenderDoc started it or its
+//! library is preloaded. On Apple's systems, Metal writes the frame as a document for Xcode. See `docs/profiling.md`.
 
 use splatgraph_api::FrameResult;
 use splatgraph_framework::plan::Plan;

@@ -1,12 +1,10 @@
 //! Opens another device after the device was lost.
 //!
-//! A driver ends a device when a pass runs for too long, or when the GPU is reset or unplugged; a window's surface can
-//! also be lost. A [`Recovery`] draws the frames of a [`Shell`] and detects a loss: everything on the device is
-//! dropped, another device is opened, and the scene, which is still in host memory, is uploaded again. Contents of
-//! histories are lost.
+//! A [`Recovery`] draws the frames of a [`Shell`]. If the device or the window's surface is lost, everything on the
+//! device is dropped, another device is opened, and the scene, which is still in host memory, is uploaded again. The
+//! contents of histories are lost.
 //!
-//! If the new device is lost soon after, the graph is the likely cause. It is not built again until something changes,
-//! to prevent a third loss.
+//! If the new device is lost soon after, the graph is the likely cause. It is not built again until something changes.
 
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};

@@ -1,12 +1,11 @@
 //! Runs the viewer without a window system: a [`Viewer`], the panels around it, and the graph that draws both.
 //!
 //! The window's graph, `pipelines/view/window.ron`, draws the pictures of the scene (one, two with a split line, or
-//! their difference) and egui's triangles over them. A [`Shell`] converts input to a frame of that graph, which a
-//! window presents or a test reads back.
+//! their difference) and egui's triangles over them. A window presents its frames, or a test reads them back.
 //!
-//! A frame of the window is drawn only if it would differ from the last one: a picture is new, or egui's output
-//! changed. A [`Frame`] contains the time of the next one. The shell's owner sleeps until then, or until an event, and
-//! polls for finished frames ([`Shell::collect`]) while some are in flight.
+//! A frame of the window is drawn only if it would differ from the last one. A [`Frame`] contains the time of the next
+//! one. The shell's owner sleeps until then, or until an event, and polls for finished frames ([`Shell::collect`])
+//! while some are in flight.
 //!
 //! On a CPU, the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window stays
 //! responsive during a long picture. On a GPU, both share one queue, in which frames of the window would wait behind a
@@ -180,10 +179,9 @@ impl<D: Device> Shell<D> {
         if self.canvas.plan().is_some() { None } else { self.canvas.failure() }
     }
 
-    /// Describes the errors that prevent showing the requested state, without colours; `None` if there are none.
+    /// Describes the first error that prevents showing the requested state, without colours; `None` if there is none.
     ///
-    /// Covers problems of A, of B if it is shown, of A's inspection, and of the window itself, and pictures that stay
-    /// incomplete.
+    /// Covers A, B if it is shown, A's inspection, the window itself, and pictures that stay incomplete.
     pub fn problem(&self) -> Option<String> {
         let Viewer { a, b, compare, .. } = &self.viewer;
         let b = b.as_ref().filter(|_| *compare != Mode::A);
@@ -311,9 +309,8 @@ impl<D: Device> Shell<D> {
         self.collect_window(self.canvas.patience) && (apart || !self.viewer.newest().is_some_and(behind))
     }
 
-    /// Draws the window if its content changed or `request` demands it.
-    ///
-    /// Returns whether it was drawn, and the pixels of a frame that was read back.
+    /// Draws the window if its content changed or `request` demands it. Returns whether it was drawn, and the pixels of
+    /// a frame that was read back.
     fn paint(
         &mut self,
         request: FrameRequest,

@@ -24,7 +24,7 @@ struct Side {
     set: IndexMap<String, String>,
 }
 
-/// The settings that can be undone.
+/// Settings of a viewer that can be undone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     scene: PathBuf,
@@ -197,7 +197,6 @@ impl History {
         }
     }
 
-    /// Returns the number of steps to undo.
     #[cfg(test)]
     pub fn steps(&self) -> usize {
         self.past.len()

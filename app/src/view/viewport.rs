@@ -1,8 +1,7 @@
 //! Draws one of the two pictures of the scene, and records its times and inspections.
 //!
-//! A frame is drawn if it would differ from the last one (another plan, size, camera or live parameter), if something
-//! is to be read from it, or if the last one failed or lost its results. An idle scene is not drawn. A plan whose
-//! frames may differ for equal inputs is drawn continuously.
+//! A frame is drawn if it would differ from the last one, if something is to be read from it, or if the last one failed
+//! or lost its results. A plan whose frames may differ for equal inputs is drawn continuously.
 //!
 //! The window's graph reads the picture on the device. If the window has its own device, the picture is copied through
 //! host memory.
@@ -53,17 +52,14 @@ impl Inspection {
     }
 }
 
-/// The progress of reading a picture back.
 #[derive(Debug, Default)]
 enum Reading {
-    /// No picture is requested.
     #[default]
     Idle,
     /// The next frame is to be read back.
     Wanted,
     /// The frame with this number is being read back; see [`Renderer::submitted`].
     InFlight(u64),
-    /// The picture, or the error.
     Done(Result<Pixels, String>),
 }
 
@@ -117,13 +113,11 @@ pub struct Viewport<D: Device> {
     pub stats: Vec<(String, u32)>,
     /// Lists that overflowed in the newest finished frame.
     pub short: Vec<Overflow>,
-    /// The progress of reading a picture back; see [`Viewport::take_picture`].
     reading: Reading,
     /// The inputs of the newest submitted frame.
     drawn: Option<Drawn>,
     /// Picture that the window shows; `None` before the first.
     exhibit: Option<Exhibit>,
-    /// True if frames of the plan may differ for equal inputs.
     animated: bool,
     /// True if a frame is due, but could not be submitted.
     waits: bool,
@@ -162,22 +156,19 @@ impl<D: Device> Viewport<D> {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes choices that depend on facts: the graph behind a preset, and constants with their reasons.
-    ///
-    /// `None` if there are none.
+    /// Describes choices that depend on facts: the graph behind a preset, and constants with their reasons; `None` if
+    /// there are none.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
-        // Without decisions, the graph's name is description enough.
         (!decisions.is_empty()).then(|| {
             let named = plan.based_on.iter().map(|base| format!("{base}: "));
             named.collect::<String>() + &decisions.join("; ")
         })
     }
 
-    /// Describes the newest finished frame if a list overflowed: `partially drawn: 1,234 of 5,678 entries`.
-    ///
-    /// `None` for a complete frame, or if the window does not show the frame.
+    /// Describes the newest finished frame if a list overflowed: `partially drawn: 1,234 of 5,678 entries`. `None` for
+    /// a complete frame, or if the window does not show the frame.
     pub fn in_part(&self) -> Option<String> {
         if self.is_held_back() { None } else { self.part() }
     }
@@ -199,9 +190,8 @@ impl<D: Device> Viewport<D> {
         Some(format!("the picture is {}{reason}", self.part()?))
     }
 
-    /// Reports how many pairs the newest finished frame left unsorted; see `stats::unordered`.
-    ///
-    /// `None` if all were sorted, or if the graph does not count them.
+    /// Reports how many pairs the newest finished frame left unsorted; see `stats::unordered`. `None` if all were
+    /// sorted, or if the graph does not count them.
     pub fn unordered(&self) -> Option<String> {
         let (_, pairs) = self.stats.iter().find(|(name, _)| name == "unordered")?;
         stats::unordered((*pairs).into())
@@ -336,7 +326,6 @@ impl<D: Device> Viewport<D> {
         self.collect(view.to_host);
     }
 
-    /// Shows this picture, drawn by `plan`, in the window.
     fn exhibit(&mut self, shown: Shown, plan: Arc<Plan>) {
         static NUMBERS: AtomicU64 = AtomicU64::new(0);
         let number = NUMBERS.fetch_add(1, Ordering::Relaxed);

@@ -1,8 +1,7 @@
 //! Distinguishes a mouse's wheel from two fingers on a touchpad.
 //!
-//! Window systems send both as scrolling: a wheel in lines, a touchpad in points, with both axes. (X11 and Windows send
-//! lines for touchpads as well, which then count as wheels.) A wheel zooms. Two fingers drag, as the left button does;
-//! a pinch, or two fingers with Ctrl, zooms.
+//! Window systems send both as scrolling: a wheel in lines, a touchpad in points. (A touchpad that sends lines counts
+//! as a wheel.) A wheel zooms. Two fingers drag, as the left button does; a pinch, or two fingers with Ctrl, zooms.
 
 use super::navigation::ZOOM_PER_NOTCH;
 use egui::{Event, InputState, MouseWheelUnit, Vec2};
