@@ -1,7 +1,7 @@
 //! Compares two dumps, to show the effect of a parameter or another graph.
 //!
-//! Passes and resources are matched by name, barriers by the pass after them and their image.
-//! Places of declarations and barrier numbers do not affect execution, so they are not compared.
+//! Passes and resources are matched by name, barriers by the pass after them and their image. Origins and barrier
+//! numbers do not affect execution and are not compared.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

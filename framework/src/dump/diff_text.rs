@@ -7,7 +7,7 @@ use super::form::DumpBarrier;
 use super::repeats::single_index;
 use super::text::{bytes, cause_line, subject};
 
-/// Maximum number of values of a property on one line.
+/// Maximum number of listed values of a property.
 const MAX_VALUES: usize = 4;
 
 /// Formats a comparison.
@@ -108,7 +108,7 @@ fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
     Ok(())
 }
 
-/// Lists one-sided barriers. Barriers that differ only in iteration indices are one entry.
+/// Lists barriers of one side. Barriers that differ only in iteration indices are one entry.
 fn write_barriers(out: &mut String, side: &str, barriers: &[DumpBarrier]) -> fmt::Result {
     let mut entries: Vec<(Vec<String>, Vec<&DumpBarrier>)> = Vec::new();
     for barrier in barriers {
@@ -138,7 +138,6 @@ fn place(barrier: &DumpBarrier) -> String {
     format!("before {before}, {}", subject(barrier))
 }
 
-/// Returns the masks, and a line for each dependency.
 fn lines(barrier: &DumpBarrier) -> Vec<String> {
     let masks = barrier.masks.to_string();
     std::iter::once(masks).chain(barrier.dependencies.iter().map(|d| cause_line(barrier, d))).collect()
@@ -169,7 +168,7 @@ fn without_indices(line: &str) -> String {
 
 /// Lists names, with consecutive indices merged: `sort.scan[0..3]`.
 fn ranges(names: &[String]) -> Vec<String> {
-    // For each run: the text before and after the index, and the index range so far.
+    // For each run: the name with an empty index, and the first and last index so far.
     let mut runs: Vec<(String, u32, u32)> = Vec::new();
     let mut out: Vec<Option<String>> = Vec::new();
     for name in names {

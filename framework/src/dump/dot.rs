@@ -7,9 +7,9 @@ use std::collections::HashMap;
 
 /// Formats a dump as a DOT graph.
 ///
-/// Edges are the dependencies of barriers, from the earlier passes to the one that waits. An edge is solid for a read
-/// after write, and dashed for other hazards and for all hazards from the previous frame. There is no edge for a read
-/// of data that an earlier barrier has already made visible.
+/// Edges are the dependencies of barriers, from the earlier passes to the waiting pass. An edge is solid for a read
+/// after write, and dashed for other hazards and for hazards from the previous frame. A read of data that an earlier
+/// barrier made visible has no edge.
 pub fn dot(dump: &Dump) -> String {
     let mut out = format!(
         "digraph {} {{\n  rankdir=TB;\n  node [shape=box, style=\"rounded,filled\", fontname=\"sans-serif\"];\n  edge [fontname=\"sans-serif\", fontsize=9];\n",

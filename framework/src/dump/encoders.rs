@@ -1,6 +1,4 @@
-//! Formats the encoders that a backend added to a dump, next to its barriers.
-//!
-//! The framework only displays them. A backend that divides plans into encoders (Metal's) fills them in.
+//! Formats the encoders that a backend (Metal's) added to a dump, next to its barriers.
 
 use std::fmt::{self, Write};
 

@@ -12,7 +12,7 @@ use crate::plan::{Cause, Dependency, Transition};
 /// Version of the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 4;
 
-/// A plan with names in place of numbers: what `splatgraph dump` writes.
+/// A plan with names in place of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dump {
     /// Version of the form, [`DUMP_VERSION`].
@@ -21,12 +21,10 @@ pub struct Dump {
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that the requested preset or choice leads to, in the order of reference.
-    ///
-    /// The graph is last. Empty if the requested name is a graph's.
+    /// Graphs and presets that the requested preset or choice resolves to, in order, the graph last; empty for a graph.
     #[serde(default)]
     pub based_on: Vec<String>,
-    /// The graphs of a choice that are passed over, in order.
+    /// Graphs of a choice that were passed over, in order.
     #[serde(default)]
     pub fallbacks: Vec<Fallback>,
     /// Parameters, in the order of the file.
@@ -58,8 +56,7 @@ pub struct Dump {
     pub outputs: BTreeMap<String, String>,
     /// Statistics: words that the host reads after each frame.
     pub stats: Vec<Stat<String>>,
-    /// Total GPU milliseconds of the frame's passes; `None` if a needed time is missing. Filled in by
-    /// [`Dump::with_times`].
+    /// Total GPU milliseconds of the frame's passes, set by [`Dump::with_times`]; `None` if a needed time is missing.
     pub gpu_ms: Option<f64>,
     /// The encoders, for an API that has them. Filled in by its backend.
     #[serde(default)]
@@ -117,12 +114,12 @@ pub struct Totals {
     pub unshared_bytes: u64,
     /// Bytes saved by sharing: `unshared_bytes - transient_bytes`.
     pub saved_bytes: u64,
-    /// Bytes of the scene's attributes that the plan reads; an attribute imported twice counts twice.
+    /// Bytes of the scene's attributes that the plan reads; an attribute imported twice counts once.
     pub scene_bytes: u64,
     /// Bytes of attributes and of memory blocks that are freed once the prologue has run.
     #[serde(default)]
     pub freed_bytes: u64,
-    /// Bytes that the host writes or reads, per frame in flight. Host buffers count with their minimum length.
+    /// Bytes that the host writes or reads, per frame in flight.
     pub host_bytes: u64,
 }
 
@@ -171,8 +168,8 @@ pub struct DumpResource {
     pub usage: Usage,
     /// The [block](DumpBlock::id) of a transient resource; `None` for other sources.
     pub block: Option<u32>,
-    /// First and last use in the frame; `None` for resources that are not transient, and for contents that outlive the
-    /// frame.
+    /// First and last use in the frame; `None` if the resource is not transient, is unused in the frame, or has
+    /// contents that outlive the frame.
     pub lifetime: Option<Lifetime>,
     /// True if only passes that run once use the resource: it is freed after them.
     #[serde(default)]
@@ -185,7 +182,7 @@ pub struct DumpResource {
 
 /// First and last use, as indices into [`Dump::passes`].
 ///
-/// The contents are undefined before the first use, and not needed after the last.
+/// The contents are undefined before the first use and not needed after the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lifetime {
     /// Index of the first pass that accesses the resource.
@@ -199,8 +196,7 @@ pub struct Lifetime {
 pub struct DumpPhase {
     /// Name of the phase, as in the graph file.
     pub name: String,
-    /// The part of the plan in which the passes run. A phase with passes in the prologue and in the frame appears
-    /// twice.
+    /// Part of the plan. A phase with passes in both parts appears twice.
     pub run: Run,
     /// Number of passes.
     pub passes: usize,
@@ -211,11 +207,10 @@ pub struct DumpPhase {
 /// A run of passes from one repeat.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpRepeat {
-    /// Name of the include around the repeat, or the first pass's name without index. A number makes it unique:
+    /// Name of the include around the repeat, or the first pass's name without index; made unique by a number:
     /// `sort (2)`.
     pub name: String,
-    /// Iterations of the innermost bodies: the number of distinct indices among the passes. For nested repeats, this is
-    /// the product, and a pass beside an inner repeat adds nothing.
+    /// Number of distinct indices among the passes: for nested repeats, the iterations of the innermost body.
     pub iterations: usize,
     /// Index of the first pass in [`Dump::passes`].
     pub first: usize,

@@ -16,7 +16,6 @@ use std::collections::{HashMap, HashSet};
 ///
 /// It has no barriers: they belong to an API, and its backend adds them with [`Dump::with_barriers`].
 pub fn dump(plan: &Plan) -> Dump {
-    // Passes in execution order.
     let mut passes: Vec<DumpPass> = plan.order().map(|id| pass_of(plan, id)).collect();
     let repeats = repeats::find(&mut passes);
     let name = |id: &ResourceId| plan.resource(*id).name.clone();
@@ -50,7 +49,7 @@ pub fn dump(plan: &Plan) -> Dump {
     }
 }
 
-/// Returns the canonical JSON form.
+/// Converts a dump to the canonical JSON form.
 pub fn json(dump: &Dump) -> serde_json::Value {
     serde_json::to_value(dump).expect("a dump is plain data with string keys")
 }
@@ -97,7 +96,7 @@ fn totals(plan: &Plan) -> Totals {
     }
 }
 
-/// Sums the sizes of resources. A plane of the scene counts once, however often the graph and its includes import it.
+/// Sums the sizes of resources. A plane of the scene counts once, however often it is imported.
 fn once_each<'a>(resources: impl Iterator<Item = &'a Resource>) -> u64 {
     let mut planes = HashSet::new();
     let is_new = |resource: &&'a Resource| match &resource.source {

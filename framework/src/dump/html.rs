@@ -1,7 +1,6 @@
 //! Formats a dump as an HTML page: a single file for any browser, without network access.
 //!
-//! The page embeds the dump's JSON unchanged, and scripts in `page/` draw the timeline from it. Nothing is computed
-//! here, so the page can show nothing beyond the JSON.
+//! The page embeds the dump's JSON unchanged, and the scripts in `page/` draw the timeline from it.
 
 use super::form::Dump;
 use super::from_plan::json;

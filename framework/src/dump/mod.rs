@@ -1,14 +1,11 @@
 //! Writes plans for people and programs.
 //!
-//! [`Dump`] is the plan with names in place of numbers, and the only source of all forms: [`json`], the canonical one,
-//! [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to compare two
-//! dumps. A dump lists the passes in execution order with the resources that each accesses, the memory and the
-//! lifetime of each resource, and the dependencies of each pass. A backend adds the commands of its API. These are
-//! either barriers ([`Dump::with_barriers`]), each with its hazards, its passes and the lines of the graph that cause
-//! it, or encoders ([`DumpEncoders`], shown by [`encoders_text`]).
+//! [`Dump`] is the plan with names in place of numbers. All forms come from it: [`json`], the canonical one, [`text`]
+//! for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to compare two dumps. A
+//! backend adds its synchronization: barriers ([`Dump::with_barriers`]) or encoders ([`DumpEncoders`], shown by
+//! [`encoders_text`]).
 //!
-//! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`. A test checks that
-//! all three have the same fields.
+//! Tests check that the fields here, in `docs/dump.md` and in `docs/dump.schema.json` agree.
 
 mod diff;
 mod diff_text;

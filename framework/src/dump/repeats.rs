@@ -1,24 +1,21 @@
 //! Finds the passes of each repeat.
 //!
-//! The plan is flat: a repeat's body appears once per iteration. Pass names contain the index, like `sort.scatter[3]`,
-//! or `level[1].blur[0]` if the body is an include, or `tile[0][2]` for nested repeats. Recovering the repeats from the
+//! The plan is flat: a repeat's body appears once per iteration. Pass names contain the index: `sort.scatter[3]`,
+//! `level[1].blur[0]` if the body is an include, `tile[0][2]` for nested repeats. Recovering the repeats from the
 //! names keeps them out of the backends' input.
 
 use super::form::{DumpPass, DumpRepeat, Iteration};
 use std::collections::{BTreeSet, HashMap};
 
-/// The parts of a pass's name.
 #[derive(Debug, PartialEq, Eq)]
 struct Parts<'a> {
     /// The text up to the last dot before the first index: the include that contains the repeat.
     scope: &'a str,
-    /// The name without indices.
     member: String,
-    /// The indices, in name order.
     index: Vec<u32>,
 }
 
-/// Splits a pass's name; `None` without an index, or if text between brackets is no number.
+/// Splits a pass's name; `None` if it has no index, or text between brackets is not a number.
 fn parts(name: &str) -> Option<Parts<'_>> {
     let (before, _) = name.split_once('[')?;
     let scope = before.rsplit_once('.').map_or("", |(scope, _)| scope);
@@ -34,8 +31,7 @@ fn parts(name: &str) -> Option<Parts<'_>> {
     Some(Parts { scope, member: member + rest, index })
 }
 
-/// Returns the name without its only index, as in `sort.scan[]`, and the index. `None` unless the name has exactly
-/// one index.
+/// Splits the index off a name: `sort.scan[3]` gives `sort.scan[]` and 3. `None` unless there is exactly one index.
 pub fn single_index(name: &str) -> Option<(String, u32)> {
     let (before, rest) = name.split_once('[')?;
     let (number, after) = rest.split_once(']')?;
@@ -47,8 +43,8 @@ pub fn single_index(name: &str) -> Option<(String, u32)> {
 
 /// Records in each pass the repeat that it belongs to, and lists the repeats.
 ///
-/// A repeat is a run of consecutive passes in one part of the plan and one scope, during which the outermost index does
-/// not fall. A falling index starts another repeat of the scope. A single iteration does not count as a repeat.
+/// A repeat is a run of consecutive passes in one part of the plan and one scope. A falling outermost index starts
+/// another repeat. A single iteration does not count as a repeat.
 pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
     let mut repeats: Vec<DumpRepeat> = Vec::new();
     let mut taken = HashMap::new();
@@ -71,8 +67,8 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
             }
         }
         let indices: BTreeSet<&[u32]> = members.iter().map(|(_, index)| index.as_slice()).collect();
-        // A pass beside an inner repeat has the start of its passes' indices. In this order, its index comes just before
-        // them.
+        // A pass beside an inner repeat adds no iteration. Its index is a prefix of the inner indices, and sorts just
+        // before them.
         let ordered: Vec<&[u32]> = indices.into_iter().collect();
         let outer = ordered.windows(2).filter(|pair| pair[1].starts_with(pair[0])).count();
         let (iterations, count) = (ordered.len() - outer, members.len());

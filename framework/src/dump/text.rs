@@ -154,10 +154,9 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
     Ok(())
 }
 
-/// Formats the passes that a pass waits for, with the resources: `project (visible, splats), draw and export of the previous
-/// frame (color in the memory of depth)`.
+/// Formats the passes that a pass waits for: `project (visible, splats), draw and export of the previous frame (color
+/// in the memory of depth)`.
 pub(super) fn comes_after(pass: &DumpPass) -> String {
-    // For each earlier pass and its run, the resources.
     let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
     for dependency in &pass.dependencies {
         let (earlier, resource) =
@@ -199,8 +198,8 @@ fn subject_of(dependency: &Dependency<Declared, Declared>) -> String {
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
 }
 
-/// Formats a dependency: `write after read on color in the memory of depth, after compose of the previous frame: COMPUTE
-/// STORAGE_READ -> ...`.
+/// Formats a dependency: `write after read on color in the memory of depth, after compose of the previous frame:
+/// COMPUTE STORAGE_READ -> ...`.
 pub fn dependency_line(dependency: &Dependency<Declared, Declared>) -> String {
     let Dependency { hazard, first, since, masks, .. } = dependency;
     let (hazard, resource) = (hazard_words(*hazard), subject_of(dependency));
@@ -223,7 +222,7 @@ fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
 pub fn left_out_counts(dump: &Dump) -> String {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for left_out in &dump.left_out {
-        // Drop the condition itself: the list of culled passes shows it.
+        // Group by kind of reason: after the colon comes the condition itself.
         let why = left_out.why.split(": ").next().unwrap_or_default();
         match reasons.iter_mut().find(|(known, _)| *known == why) {
             Some((_, count)) => *count += 1,
@@ -250,7 +249,6 @@ pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
     )
 }
 
-/// Formats a count with its noun: `1 pass`, `3 passes`.
 fn counted(count: usize, one: &str, several: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { several })
 }
@@ -296,7 +294,6 @@ pub(super) fn conflict_line(conflict: &Cause<Declared, Declared>) -> String {
     line
 }
 
-/// Spells out a kind of conflict.
 fn hazard_words(hazard: Hazard) -> &'static str {
     match hazard {
         Hazard::ReadAfterWrite => "read after write",

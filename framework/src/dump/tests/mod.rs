@@ -1,4 +1,4 @@
-//! Tests the forms of a dump. Each test's name states one property.
+//! Tests the forms of a dump.
 
 mod diff;
 mod encoders;
