@@ -128,7 +128,6 @@ impl Changes {
     }
 }
 
-/// The parts of the walk: the prologue, then the frame twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Prologue,
@@ -296,7 +295,6 @@ impl Walk<'_> {
         }
     }
 
-    /// Records the pass's accesses in their cells, for later passes to depend on.
     fn record(&mut self, pass: PassId, group: &Group) {
         let mark = |touch| Mark { part: self.part, pass, touch, settled: false };
         let all = || group.accesses.iter().map(|access| (mark(access.touch), &access.cells));
@@ -318,7 +316,6 @@ impl Walk<'_> {
     }
 }
 
-/// Returns the smallest range that contains both ranges.
 fn hull(one: &Range<u64>, other: &Range<u64>) -> Range<u64> {
     one.start.min(other.start)..one.end.max(other.end)
 }

@@ -1,8 +1,8 @@
 //! Finds the parts of the plan that depend on each parameter, or the reason why none does.
 //!
-//! Lowering and linking found the parameters that each pass and each resource of the graph depends on. This module
-//! collects them for the passes of the plan. The accesses of a culled pass count as well: it still separates the passes
-//! before and after it, and with other accesses it could be needed.
+//! Lowering and linking found the parameters that each pass and each resource of the graph depends on; this module
+//! collects them for the passes of the plan. Parameters that a culled pass's accesses depend on shape the plan: the
+//! pass separates the passes before and after it, and with other accesses it could be needed.
 
 use std::collections::BTreeMap;
 
@@ -15,9 +15,8 @@ use crate::source::SourceMap;
 
 /// The parameters that each pass and resource of a plan depends on, collected before the passes are numbered.
 pub(super) struct Causes {
-    /// The parameters that each pass depends on, in the plan's order.
     passes: Vec<ParamSet>,
-    /// The parameters that each resource depends on, by the resource's name.
+    /// By the resource's name.
     resources: BTreeMap<String, ParamSet>,
     /// Parameters that decide which passes exist; see [`Effect::shape`].
     shape: ParamSet,

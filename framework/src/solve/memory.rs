@@ -1,24 +1,22 @@
 //! Places transient resources with disjoint lifetimes in shared blocks of memory.
 //!
 //! A resource is alive from its first use in the frame to its last; its contents are undefined before and unused after.
-//! A resource that outlives the frame (written by a `Once` pass, or with a history) has its own block. Resources share
-//! whole blocks rather than offsets into one heap, because only the device knows the size of an image: a block is as
-//! large as its largest alias.
+//! A resource that outlives the frame (used by a `Once` pass, or with a history) has its own block. Resources share
+//! whole blocks rather than offsets into one heap, because only the device knows the size of an image.
 //!
 //! Sharing must not cost time. The next alias waits for the previous one, which would add a barrier call unless there
 //! is one between the two anyway. An alias therefore only follows another if the other's last pass is on a lower level;
 //! the level of a pass is the length of the longest chain of dependent passes before it.
 //!
-//! The packing is greedy: the largest resource first, each into the smallest block that is free for its lifetime (first
-//! fit by decreasing size, as in register allocation over intervals; optimal packing is NP-hard).
+//! The packing is first fit by decreasing size: each resource goes into the smallest block that is free for its
+//! lifetime.
 
 use std::collections::BTreeMap;
 
 use crate::ir::{BlockId, Pass, PassId, ResourceId, Run, Shape, Source, Use};
 use crate::plan::{Block, Resource};
 
-/// Maximum number of blocks tried per resource, from the smallest that fits up, so that packing takes linear time.
-/// Hand-written graphs stay far below it.
+/// Maximum number of blocks tried per resource, from the smallest up; bounds the time of packing.
 const MAX_TRIED: usize = 64;
 
 /// First and last use within the frame, as positions in it.
@@ -49,7 +47,7 @@ pub(super) fn place(
     by_size.sort_by_key(|i| (std::cmp::Reverse(resources[*i].bytes()), *i));
 
     let mut blocks: Vec<Block> = Vec::new();
-    // The lifetimes in each shareable block: first use to last use.
+    // Blocks that may be shared, with their lifetimes by first use, and whether they hold an image.
     let mut open: Vec<(BlockId, BTreeMap<usize, Life>, bool)> = Vec::new();
     for i in by_size {
         let image = matches!(resources[i].shape, Shape::Image { .. });

@@ -1,11 +1,10 @@
 //! Solves for a plan: gives the linked passes an order, memory and dependencies.
 //!
-//! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
-//! write-after-write), culls passes whose results are unused, and sorts the rest. Ties follow the order of the file, so
-//! a file always gives the same plan. `compact` drops unused resources, renumbers the others, and records the uses of
-//! each. `effects` finds the passes that depend on each parameter. `memory` lets resources share blocks. `dependencies`
-//! walks the sorted passes with the state of every memory cell (cut by `extents`) and lists the accesses that must be
-//! ordered. `warnings` reports constructs that are probably unintended.
+//! Each step has a file. `order` builds the dependency graph, culls passes whose results are unused, and sorts the
+//! rest. Ties follow the order of the file, so a file always gives the same plan. `compact` drops unused resources,
+//! renumbers the others, and records their uses. `effects` finds the passes that depend on each parameter. `memory`
+//! lets resources share blocks. `dependencies` lists the accesses that must be ordered, per memory cell (cut by
+//! `extents`). `warnings` reports constructs that are probably unintended.
 
 mod compact;
 mod dependencies;

@@ -1,8 +1,8 @@
 //! Orders passes by the resources that they read and write.
 //!
-//! The only writer of a resource runs before its readers, wherever they are in the file. If several passes write a
-//! resource, all its users keep the order of the file. `Once` passes run before every frame, so they precede all
-//! others. The result is a directed graph; a cycle is an error that names its passes.
+//! If one pass writes a resource, it runs before the readers, wherever they are in the file. If several passes write a
+//! resource, all its users keep the order of the file. `Once` passes precede all others. The result is a directed
+//! graph; a cycle is an error that names its passes.
 
 use petgraph::Direction;
 use petgraph::algo::kosaraju_scc;
@@ -16,7 +16,7 @@ use crate::link::LinkedPass;
 use crate::lower::Lowered;
 use crate::source::Diagnostic;
 
-/// Indices into the list of passes, in execution order.
+/// The order of the passes: `once` and `frame` are indices into the list of passes, in execution order.
 pub(super) struct Order {
     pub once: Vec<usize>,
     pub frame: Vec<usize>,
@@ -60,7 +60,6 @@ pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, V
     Ok(Order { once, frame, culled, live, unwritten })
 }
 
-/// A use of a resource by a pass.
 #[derive(Clone, Copy)]
 struct User {
     pass: usize,
@@ -315,7 +314,7 @@ fn sort(needs: &Needs, passes: &[LinkedPass]) -> Vec<usize> {
     sorted
 }
 
-/// Returns a cycle of passes, if any: each needs the previous one, the first needs the last.
+/// Returns a cycle of passes, if any: each needs the previous one, and the first needs the last.
 fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
     let component =
         kosaraju_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;

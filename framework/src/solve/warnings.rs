@@ -1,9 +1,9 @@
 //! Warns about constructs that are allowed but probably unintended.
 //!
-//! There are two. A pass modifies a resource in place, but nothing wrote the resource before, so its contents are
-//! undefined. Or passes of an included graph are culled although they write to a port whose resource is read outside:
-//! they write the half of a ping-pong buffer that no pass reads, or the reader comes first in the file. The reader gets
-//! the contents from before the include.
+//! - A pass modifies a resource in place, but nothing wrote it before: its contents are undefined.
+//! - Culled passes of an include write to a port whose resource is read outside. Either they write the half of a
+//!   ping-pong buffer that no pass reads, or the reader comes first in the file. The reader gets the contents from
+//!   before the include.
 
 use super::order::Order;
 use crate::ir::{ResourceId, Shader, Span, Work};

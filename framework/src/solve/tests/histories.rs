@@ -155,7 +155,6 @@ fn a_history_that_frames_write_in_part_keeps_the_rest() {
     let plan = plan(&with_history(&passes), &[]).unwrap();
     assert_eq!(kept_and_shared(&plan, "past"), (true, false), "{}", shown(&plan));
     assert_eq!(plan.pass(plan.prologue[0]).name, "start(past)");
-    // Without `history`, the buffer is an ordinary one.
     let plain = with_history(&passes).replace(
         "past\": Buffer(stride: 4, count: 64, history: true)",
         "past\": Buffer(stride: 4, count: 64)",

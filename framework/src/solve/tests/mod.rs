@@ -1,4 +1,4 @@
-//! Tests the solver's guarantees. Each test's name states one; a failing assertion prints the dependencies.
+//! Tests the solver's guarantees; a failing assertion prints the dependencies.
 
 mod effects;
 mod histories;
