@@ -1,8 +1,7 @@
 //! Defines pipeline stages, memory accesses, image layouts and hazards.
 //!
-//! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. A plan's dependencies are
-//! stated in these terms. The Vulkan backend maps them one to one; the Metal backend maps them to the two stages of a
-//! draw.
+//! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. The Vulkan backend maps
+//! them one to one; the Metal backend maps them to the two stages of a draw.
 
 use std::fmt;
 

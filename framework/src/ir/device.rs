@@ -4,7 +4,7 @@ use serde::{Serialize, Serializer};
 
 use super::{Features, Value};
 
-/// Device limits and features that graphs and the linker use. By default all limits are 0 and all features absent.
+/// Device limits and features that graphs and the linker use; 0 and absent by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceFacts {
     /// Number of invocations in a subgroup of a compute shader.

@@ -6,8 +6,8 @@ use std::fmt;
 bitflags! {
     /// Optional features that a shader uses, or that a device was opened with.
     ///
-    /// [`Features::LIST`] gives the Vulkan name of each. Features that every Vulkan 1.3 device has are left out, except
-    /// `SUBGROUP_BASIC`. So are features that no backend enables: a shader that needs one is refused at compilation.
+    /// Left out are features that every Vulkan 1.3 device has (except `SUBGROUP_BASIC`), and features that no backend
+    /// enables: compilation refuses a shader that needs one. [`Features::LIST`] has the Vulkan names.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u64 {
         /// `int16_t` and `uint16_t` in shaders.

@@ -42,8 +42,7 @@ impl Format {
         }
     }
 
-    /// Finds the format by its name in another API, such as `Rgba16Float`, `R16G16B16A16_SFLOAT` or `RGBA16F`. Returns
-    /// `None` if no format has such a name.
+    /// Finds the format by its name in another API, such as `Rgba16Float`, `R16G16B16A16_SFLOAT` or `RGBA16F`.
     pub fn meant_by(name: &str) -> Option<Format> {
         let kept = |text: &str| -> String {
             text.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
@@ -91,8 +90,7 @@ pub enum Load {
 
 /// Use of the depth attachment by a draw.
 ///
-/// Depth is reversed: 1 is the near plane and 0 is infinitely far. A fragment passes if its depth is greater than the
-/// stored one.
+/// Depth is reversed: 1 is the near plane and 0 is infinitely far. A fragment passes if its depth is greater.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DepthAccess {
     /// Clears the image to 0 before the draw, tests, and writes the depth of each fragment that passes.

@@ -1,8 +1,7 @@
-//! Defines the plain types shared by the compiler's steps, the backends and the application.
+//! Defines the plain types shared by the compiler's steps, the backends and the application: the parts of a
+//! [`Request`] and of a [`Plan`](crate::plan::Plan).
 //!
-//! The rest of this crate imports this module; it imports nothing from the crate, and has almost no logic. The compiler
-//! turns a [`Request`] into a [`Plan`](crate::plan::Plan). Both are made of the [values](Value), [spans](Span),
-//! [formats](Format), [accesses](Accesses) and [passes](Pass) declared here.
+//! The rest of this crate imports this module; it imports nothing from the crate.
 
 mod access;
 mod device;

@@ -34,9 +34,8 @@ pub struct Param {
 }
 
 impl Param {
-    /// Raises `value` to the parameter's minimum in `capacities`, clamped to the end of its range.
-    ///
-    /// Returns `value` unchanged if the parameter does not grow.
+    /// Raises `value` to the parameter's minimum in `capacities`, clamped to the end of its range. Unchanged if the
+    /// parameter does not grow.
     pub fn with_room(&self, value: Value, capacities: &[(String, i64)]) -> Value {
         let least = capacities.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
         match (value, &self.domain) {

@@ -1,8 +1,7 @@
 //! Defines passes: the dispatches, draws and fills of a graph, and the steps that solving adds.
 //!
 //! The type parameters follow a pass through the steps. A lowered pass has shader names (`S`) and sizes in invocations
-//! or workgroups (`G`); linking replaces them by the defaults, shader ids and workgroup counts. A dump has names in
-//! place of resource ids (`R`).
+//! or workgroups (`G`); linking replaces them by ids and workgroup counts. A dump has names for resource ids (`R`).
 
 use serde::{Deserialize, Serialize};
 
@@ -116,7 +115,7 @@ pub enum Work<S = ShaderId, G = Groups> {
     /// Zeroes a resource with a history, in the prologue, so that the first frame reads zeros.
     ///
     /// If the resource inherits the history of an earlier plan, the backend omits this pass and the barrier on its
-    /// image, but keeps its other barriers. It also transitions the image to the layout that the pass would have left.
+    /// image, and transitions the image to the layout that the pass would have left. Its other barriers remain.
     ClearHistory {
         /// The buffer or image to zero.
         resource: ResourceId,

@@ -63,7 +63,7 @@ pub struct Fallback {
 }
 
 impl Fallback {
-    /// Iterates over the graphs that the device cannot run, and skips graphs that the choice only ranks lower.
+    /// Iterates over the graphs that the device cannot run; skips graphs that the choice only ranks lower.
     pub fn lacking(all: &[Fallback]) -> impl Iterator<Item = &Fallback> {
         all.iter().filter(|fallback| !fallback.preference)
     }
