@@ -1,9 +1,8 @@
 //! Checks a plan's dependencies and layout changes against the accesses of its passes.
 //!
-//! The solver walks over the passes once and tracks the state of memory. This check tracks none. For each memory cell,
-//! it lists the passes that access it, in the prologue and in three frames, and looks back from each access to its
-//! immediate predecessors. A dependency must cover every such pair, and such a pair must require every stage and access
-//! of a dependency.
+//! For each memory cell, the check lists the passes that access it, in the prologue and in three frames, and looks back
+//! from each access to its immediate predecessors. A dependency must cover every such pair, and every stage and access
+//! of a dependency must be required by a pair.
 
 use super::trace::{Access, Trace};
 use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages};
@@ -99,7 +98,6 @@ struct Occurrence {
     pass: PassId,
 }
 
-/// An event in the history of a cell.
 enum Event<'a> {
     Pass(Occurrence, Vec<&'a Access>),
     Change,
@@ -321,7 +319,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Lists dependencies, and parts of them, that no pair of accesses requires.
+    /// Objects to dependencies, and parts of them, that no pair of accesses requires.
     fn needless(&mut self) {
         for (index, (dependency, (used, change))) in self.plan.dependencies.iter().zip(&self.used).enumerate()
         {

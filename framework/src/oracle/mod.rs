@@ -4,9 +4,6 @@
 //! lists the passes that access it, and looks back from each access. The two share nothing but the types of
 //! [`crate::plan`] and [`crate::ir`], so a mistake goes unnoticed only if it is made twice. A backend checks its
 //! lowering of the dependencies with a model of its API's rules.
-//!
-//! The files: `stages` has the accesses that a pipeline stage performs; [`trace`] lists the accesses of each pass by
-//! their bytes; `dependencies` is the check.
 
 mod dependencies;
 pub mod stages;

@@ -32,8 +32,7 @@ pub fn with_later(stages: Stages) -> Stages {
 ///
 /// They are `stage` itself and the later stages of the command's pipeline: compute if `dispatch`, otherwise graphics.
 /// Only `INDIRECT` is in both pipelines. The specification leaves open whether `COMPUTE` in a source mask covers the
-/// reading of a draw's arguments. A driver with separate queues for dispatches and draws (PanVK) does not wait for it,
-/// so it does not count here.
+/// reading of a draw's arguments, so it does not count here.
 pub fn stood_for_by(stage: Stages, dispatch: bool) -> Stages {
     match stage {
         Stages::INDIRECT if dispatch => Stages::INDIRECT | Stages::COMPUTE,

@@ -25,7 +25,6 @@ pub struct Access {
     pub access: Accesses,
     /// True if the access reads data written before the pass.
     pub needs_contents: bool,
-    /// True if all accesses of the shader to the resource are atomic.
     atomic: bool,
     /// The cells in the first copy.
     cells: Range<usize>,
@@ -257,7 +256,6 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<ResourceCells>, Vec
 
     let mut cells: Vec<Range<u64>> = Vec::new();
     let mut starts = Vec::new();
-    // For each memory, its resources.
     let mut tenants: Vec<Vec<usize>> = vec![Vec::new(); memories];
     memory_of.iter().enumerate().for_each(|(resource, memory)| tenants[*memory].push(resource));
     for (memory, bounds) in bounds.iter_mut().enumerate() {
@@ -310,7 +308,7 @@ fn is_atomic(plan: &Plan, extent: &Extent) -> bool {
     shader.reflection.bindings.iter().filter(|block| bound(block.binding)).all(|block| block.atomics_only)
 }
 
-/// Finds conflicting accesses of one pass: through different resources, or at different stages, unless both are atomic.
+/// Finds conflicting accesses of one pass: through different resources, or at different stages and not both atomic.
 fn clashes(accesses: &[Access]) -> Vec<Clash> {
     let mut clashes = Vec::new();
     for (index, first) in accesses.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use splatgraph_framework::{ir::*, plan::*};
 
-/// A plan under construction. Buffers have 64 bytes and their own memory unless a test changes it.
+/// A plan under construction. Buffers have 64 bytes, and each resource has its own memory unless shared.
 pub struct Sketch {
     pub plan: Plan,
 }
@@ -84,7 +84,6 @@ impl Sketch {
         id
     }
 
-    /// Adds a dispatch to the frame.
     pub fn frame(&mut self, name: &str, uses: &[Use]) -> PassId {
         self.frame_work(name, dispatch(), uses)
     }
@@ -95,7 +94,6 @@ impl Sketch {
         pass
     }
 
-    /// Adds a pass to the prologue.
     pub fn once_work(&mut self, name: &str, work: Work, uses: &[Use]) -> PassId {
         let pass = self.pass(name, Run::Once, work, uses);
         self.plan.prologue.push(pass);
@@ -107,7 +105,6 @@ pub fn dispatch() -> Work {
     Work::Dispatch { shader: ShaderId(0), groups: Groups::Direct([1; 3]) }
 }
 
-/// Returns a draw with the shaders 0 and 1.
 pub fn draw() -> Work {
     Work::Draw {
         vertex: ShaderId(0),
