@@ -1,15 +1,15 @@
 //! Compiles the text of a render graph to a plan that a GPU backend can execute.
 //!
 //! A graph is a RON file that declares parameters, resources, dispatches and draws. This crate reads it and produces a
-//! [`plan::Plan`]: the passes in order, the dependencies between them, and their memory. Nothing here touches a GPU.
-//! The plan is a pure function of the files and of the [`ir::Request`] (parameters, facts of the scene, the device and
-//! the viewport), so it can be built, dumped and tested anywhere.
+//! [`plan::Plan`]: the passes in order, the dependencies between them, and their memory. The plan is a pure function of
+//! the files and of the [`ir::Request`]: parameters, and facts of the scene, the device and the viewport. Nothing here
+//! touches a GPU.
 //!
 //! [`ir`] has the plain types that all steps share, and [`plan`] the result, which lowering begins and solving
-//! completes. Data passes through these folders in this order, and a test checks that imports follow it:
+//! completes. Data passes through these modules in this order, and a test checks that imports follow it:
 //!
 //! 1. [`source`] finds and reads files, records the byte span of every element, and renders diagnostics;
-//! 2. `expr` parses and evaluates the expressions that a graph may contain in place of numbers;
+//! 2. [`expr`] parses and evaluates the expressions that a graph may contain in place of numbers;
 //! 3. [`schema`] is the graph as written, a typed tree;
 //! 4. [`lower`] resolves presets, includes, conditions, repeats and swaps to a flat list of passes;
 //! 5. [`shader`] compiles GLSL to SPIR-V, and reflects each shader's bindings and accesses;
@@ -18,6 +18,7 @@
 //! 8. [`dump`] writes the plan for people and programs, and `msl` translates its shaders for Metal.
 //!
 //! [`oracle`] checks the dependencies of a plan independently of [`solve`]. When a file changes, [`reload`] rebuilds
+//! the plan while the last good one is still drawn.
 //! the plan while the last good one is still drawn.
 
 #![deny(missing_docs)]

@@ -5,11 +5,7 @@
 //!
 //! The order of passes is a list of [`Dependency`]s; changes of image layouts are a list of [`LayoutChange`]s. `solve`
 //! derives both from the accesses of the passes; no other code looks for conflicts. Each backend lowers these lists to
-//! commands of its API, as plain data: `sync` in `backends/vulkan` to barriers, `sync` in `backends/metal` to encoders,
-//! fences and barriers.
-//!
-//! Stages and accesses have the names of Vulkan's synchronization2, the finer model. Metal maps them to the two stages
-//! of a draw.
+//! synchronization of its API: barriers in Vulkan; encoders, fences and barriers in Metal.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -31,7 +27,7 @@ pub struct Plan {
     pub name: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that the requested preset or choice leads to, the graph last. Empty if `name` is a graph.
+    /// Graphs and presets that the requested preset or choice resolves to, in order, the graph last; empty for a graph.
     pub based_on: Vec<String>,
     /// Graphs of a choice that were rejected, in the order tried. The plan's graph is the fallback of the last one.
     pub fallbacks: Vec<Fallback>,
@@ -67,9 +63,9 @@ pub struct Plan {
     pub output: ResourceId,
     /// Images requested besides the output. The export leaves them in the same layout as the output.
     pub outputs: Vec<Output>,
-    /// Numbers computed on the GPU for the host: 32-bit words of buffers. The export copies them in order to the
-    /// resource with [`Source::Readback`]. The host reads them there in the last pass of the frame,
-    /// [`Work::Host`](crate::ir::Work::Host). A plan without statistics has neither that resource nor that pass.
+    /// Statistics: 32-bit words of buffers. The export copies them in order to the resource with [`Source::Readback`],
+    /// where the host reads them in the last pass of the frame, [`Work::Host`](crate::ir::Work::Host). A plan without
+    /// statistics has neither that resource nor that pass.
     pub stats: Vec<Stat>,
 }
 
@@ -89,7 +85,7 @@ impl Plan {
         &self.shaders[id.index()]
     }
 
-    /// Finds a resource by its full name, for instance `"keys#0"`. Returns `None` for an unknown name.
+    /// Finds a resource by its full name, for instance `"keys#0"`.
     pub fn find_resource(&self, name: &str) -> Option<ResourceId> {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
@@ -102,8 +98,7 @@ impl Plan {
     /// Lists the choices that follow from facts, for instance `rasteriser = serial and sorter = serial, because
     /// device.subgroup_size = 8`.
     ///
-    /// Covers constant choices and bools whose value is an expression over facts. Values with equal reasons share a
-    /// line.
+    /// Covers constant choices and bools with an expression over facts. Values with equal reasons share a line.
     pub fn decisions(&self) -> Vec<String> {
         let mut found: Vec<(&Reason, Vec<String>)> = Vec::new();
         for param in &self.params {
@@ -122,12 +117,12 @@ impl Plan {
         found.iter().map(|(reason, all)| format!("{}, because {reason}", all.join(" and "))).collect()
     }
 
-    /// Returns the effect of a parameter, or `None` for an unknown name.
+    /// Returns the effect of a parameter; `None` for an unknown name.
     pub fn effect(&self, parameter: &str) -> Option<&Effect> {
         self.effects.get(self.params.iter().position(|param| param.name == parameter)?)
     }
 
-    /// Returns the reason why a parameter has no effect, as a phrase. `None` if it has an effect or is unknown.
+    /// Returns why a parameter has no effect, as a phrase. `None` if it has an effect or is unknown.
     pub fn no_effect(&self, parameter: &str) -> Option<&str> {
         self.effect(parameter)?.none.as_deref()
     }
@@ -160,7 +155,7 @@ impl Plan {
         Some(format!("`{parameter}` {}", parts.join(" and ")))
     }
 
-    /// Encodes the live uniform block from the plan's own values. Empty if no pass reads the block. A choice is encoded
+    /// Encodes the live uniform block from the plan's own values; empty if no pass reads the block. A choice is encoded
     /// as the index of its option, a bool as 0 or 1.
     pub fn live_bytes(&self) -> Vec<u8> {
         self.live_bytes_of(&self.params)
@@ -194,14 +189,13 @@ impl Plan {
         self.blocks.iter().filter_map(largest).sum()
     }
 
-    /// Returns the total size of the transient resources in bytes, as if none shared memory.
+    /// Returns the total size of the transient resources in bytes if none shared memory.
     pub fn unshared_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
     }
 
-    /// Lists the buffers that only the prologue uses: a device can free them once the prologue has run.
-    ///
-    /// Only planes of the scene, and buffers of the graph without a history and without aliases, are listed.
+    /// Lists the buffers that only the prologue uses: a device can free them once the prologue has run. They are planes
+    /// of the scene, and buffers of the graph without a history and without aliases.
     pub fn used_once(&self) -> BTreeSet<ResourceId> {
         let used = |passes: &[PassId]| -> BTreeSet<ResourceId> {
             passes.iter().flat_map(|pass| self.pass(*pass).resources()).collect()
@@ -225,7 +219,7 @@ impl Plan {
         used(&self.prologue).into_iter().filter(ends).collect()
     }
 
-    /// Iterates over all passes in the order of the first frame: the prologue, then the frame.
+    /// Iterates over the prologue's passes, then the frame's.
     pub fn order(&self) -> impl DoubleEndedIterator<Item = PassId> + Clone + '_ {
         self.prologue.iter().chain(&self.frame).copied()
     }
@@ -277,7 +271,7 @@ pub struct Resource {
     pub block: Option<BlockId>,
     /// Name under which the contents persist across frames; `None` if they do not persist. The next plan of the same
     /// scene inherits the contents if it has a history of the same name and shape, unless its prologue writes the
-    /// resource after zeroing it. (In a ping-pong resource, only the final front has the name.)
+    /// resource after zeroing it. In a ping-pong resource, only the final front has the name.
     pub history: Option<String>,
     /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
@@ -312,7 +306,7 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     /// The later pass.
     #[serde(skip)]
     pub second: P,
-    /// Run in which the earlier pass executes: the same, the prologue, or the previous frame.
+    /// When the earlier pass runs: in the same part of the plan, the prologue, or the previous frame.
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: R,

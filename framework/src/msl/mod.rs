@@ -1,8 +1,8 @@
-//! Translates SPIR-V to the Metal Shading Language with SPIRV-Cross, which is linked in.
+//! Translates SPIR-V to the Metal Shading Language with SPIRV-Cross.
 //!
-//! Each shader's SPIR-V becomes the text of a library with one function, which Metal compiles when the pipeline is
-//! created. Vulkan numbers a shader's bindings freely. Metal has argument tables, one for buffers and one for textures;
-//! `places` assigns the indices, and SPIRV-Cross generates the function with them.
+//! Each shader's SPIR-V becomes the text of a library with one function. Vulkan numbers a shader's bindings freely;
+//! Metal has one argument table for buffers and one for textures. `places` assigns the indices, and SPIRV-Cross
+//! generates the function with them.
 //!
 //! The function requires of the executor:
 //!
@@ -10,9 +10,6 @@
 //! - a pipeline whose `threadExecutionWidth` is the plan's subgroup size, because the text contains it as a constant;
 //! - buffers with the push constants and sizes at the indices [`Msl::push`] and [`Msl::sizes`];
 //! - no flip of the y axis: the vertex function returns positions with y upwards, as in Metal's clip space.
-//!
-//! SPIRV-Cross is C++ and throws if it cannot translate a construct. Its C interface, used here, turns exceptions into
-//! errors.
 
 #[cfg(all(test, feature = "glslang"))]
 mod tests;
@@ -30,7 +27,7 @@ use spirv_cross2::{Compiler, Module, spirv::ExecutionModel};
 use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
 use crate::plan::Plan;
 
-/// Version of the language, major and minor. All GPUs of family Apple 7 and later support it since macOS 12.
+/// Version of the language, major and minor.
 pub const VERSION: (u32, u32) = (2, 4);
 
 /// A shader that cannot be translated to Metal's language.
@@ -43,9 +40,10 @@ pub struct MslError {
     pub problem: String,
 }
 
-/// Translates all shaders of a plan.
+/// Translates all shaders of a plan that have no translation yet.
 ///
-/// If a shader fails, translates the others, and returns one error per failed shader.
+/// # Errors
+/// One error per shader that failed; the others are translated.
 pub fn add_msl(plan: &mut Plan) -> Result<(), Vec<MslError>> {
     let lanes = match plan.facts.get("device.subgroup_size") {
         Some(Value::Int(lanes)) => u32::try_from(*lanes).unwrap_or(0),
@@ -61,15 +59,13 @@ pub fn add_msl(plan: &mut Plan) -> Result<(), Vec<MslError>> {
     if errors.is_empty() { Ok(()) } else { Err(errors) }
 }
 
-/// The indices of a shader's arguments.
 struct Places {
     arguments: Vec<MslArgument>,
     push: Option<u32>,
-    /// The first free index in the table of buffers.
     free: u32,
 }
 
-/// Assigns argument indices: buffers in binding order, then push constants; textures separately.
+/// Assigns indices: buffers in binding order, then push constants; textures separately.
 fn places(reflection: &Reflection) -> Places {
     let (mut buffers, mut textures) = (0, 0);
     let mut arguments = Vec::new();
@@ -88,7 +84,6 @@ fn places(reflection: &Reflection) -> Places {
     Places { arguments, push, free: buffers + u32::from(push.is_some()) }
 }
 
-/// Checks the arguments against Metal's limits.
 fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), String> {
     let buffers = places.free + u32::from(sizes);
     let most = Msl::MAX_BUFFERS;
@@ -109,7 +104,6 @@ fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), St
     }
 }
 
-/// Translates a shader for subgroups of `lanes` lanes.
 fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
     let reflection = &shader.reflection;
     let places = places(reflection);
@@ -167,12 +161,11 @@ fn call(
     Ok((done.to_string(), entry, sizes))
 }
 
-/// Returns the options for SPIRV-Cross.
 fn options(sizes: u32, lanes: u32) -> CompilerOptions {
     let mut options = targets::Msl::options();
     options.version = MslVersion::from(VERSION);
     options.platform = MetalPlatform::MacOS;
-    // A plan is built for one subgroup size, and its shaders contain it as a constant.
+    // The shaders contain the plan's subgroup size as a constant.
     options.fixed_subgroup_size = lanes;
     options.buffer_size_buffer_index = sizes;
     // Vulkan's clip space has y downwards, Metal's upwards. Depth has the same range in both.
@@ -186,7 +179,7 @@ fn options(sizes: u32, lanes: u32) -> CompilerOptions {
     options.pad_fragment_output_components = true;
     // Graphs have no point topology.
     options.enable_point_size_builtin = false;
-    // On some devices, stores of discarded fragments would otherwise take effect.
+    // Stores after a `discard` must not take effect.
     options.check_discarded_frag_stores = true;
     options
 }

@@ -123,7 +123,7 @@ fn sizes_take_the_place_of_a_buffer() {
     assert!(errors[0].problem.ends_with("found 32"), "{errors:?}");
 }
 
-/// SPIRV-Cross throws, and the program continues.
+/// SPIRV-Cross is C++ and throws; its C interface turns the exception into an error.
 #[test]
 fn what_is_no_spirv_is_an_error_with_the_shaders_name() {
     let mut plan = plan(&shader(1, ""), 1);

@@ -1,7 +1,7 @@
 //! Defines expressions and references to resources in a graph's strings, parsed once when a file is read.
 //!
-//! A string with a syntax error keeps the error. It is reported at the string's place in the file when the graph needs
-//! the value, because the kind of a parameter can decide whether a string is an expression.
+//! A string with a syntax error keeps the error: only the kind of a parameter decides whether its strings are
+//! expressions. The error is reported when the graph needs the value.
 
 use std::ops::Range;
 
@@ -45,7 +45,7 @@ pub fn folded(text: &str) -> String {
 pub struct Reference {
     /// The text in the file.
     pub text: String,
-    /// The reference, parsed; `None` for a choice and for invalid text.
+    /// The parsed name; `None` for a choice and for invalid text.
     pub name: Option<ResourceName>,
     /// An expression that chooses the resource: `condition ? 'a' : 'b'`; `None` for the other forms.
     pub choice: Option<Expression>,
@@ -92,8 +92,8 @@ pub enum Part {
 }
 
 impl ResourceName {
-    /// Parses `name`, `front(name)`, `back(name)` or `last(name)`; `None` for other text that ends in `)`. Any name is
-    /// accepted.
+    /// Parses `name`, `front(name)`, `back(name)` or `last(name)`. `None` for other text that ends in `)`; any other
+    /// text counts as a name.
     pub fn parse(text: &str) -> Option<ResourceName> {
         let (part, range) = match text.strip_suffix(')').map(|inner| inner.split_once('(')) {
             None => (Part::Whole, 0..text.len()),

@@ -1,7 +1,6 @@
 //! Defines the graph as written: the typed tree that serde builds from a RON file.
 //!
-//! Nothing is resolved here: numbers may be expressions ([`Number`]), names may be wrong, and an included graph is a
-//! name. Lowering resolves them.
+//! Nothing is resolved here: numbers may be expressions ([`Number`]), and names may be wrong. Lowering resolves them.
 
 mod expression;
 
@@ -19,7 +18,7 @@ use crate::ir::{Blend, DepthAccess, Load, Run, Topology, Value};
 pub const GRAPH_VERSION: u32 = 1;
 
 /// The contents of a graph file, such as those in `pipelines/`.
-// It is short-lived and a few kilobytes large, so the sizes of the variants do not matter.
+// A document is short-lived, so the sizes of the variants do not matter.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Document {
