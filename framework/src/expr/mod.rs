@@ -2,7 +2,7 @@
 //!
 //! An [`Expr`] is parsed once, when the graph is read, and evaluated for each plan against a [`Scope`] of parameters,
 //! facts and `let`s. There are four types, the variants of [`Value`]: 64-bit integers, floats, bools and texts. The
-//! only implicit conversion is from integer to float, if the other operand is a float.
+//! only implicit conversion is from integer to float, if another operand or argument is a float.
 //!
 //! Nothing wraps or becomes infinite. A size that overflows is a mistake in the graph, so every such case is an
 //! [`ExprError`] with the place of the operand or operation.

@@ -50,7 +50,6 @@ struct Tree {
 }
 
 impl Tree {
-    /// Returns the range from the start of `self` to the end of `other`.
     fn through(&self, other: &Tree) -> Range<usize> {
         self.place.start..other.place.end
     }
@@ -109,7 +108,6 @@ impl Parser<'_> {
         Ok(left)
     }
 
-    /// Parses a literal, a name, a call or an expression in parentheses, or one of these after `-` or `!`.
     fn operand(&mut self) -> Result<Tree, ExprError> {
         let place = self.start..self.end;
         let tree = match self.token.clone() {
@@ -247,7 +245,6 @@ impl Parser<'_> {
         ExprError::new(message, self.start..self.end)
     }
 
-    /// Describes the next token for messages.
     fn found(&self) -> String {
         match self.token {
             Token::End => "the end of the expression".to_string(),
@@ -312,8 +309,7 @@ impl Parser<'_> {
     fn number(&self, rest: &str) -> Result<(Token, usize), ExprError> {
         let bytes = rest.as_bytes();
         let hexadecimal = rest.starts_with("0x") || rest.starts_with("0X");
-        // Adjacent letters belong to the number, so that `12ab` is one bad number and not two
-        // tokens.
+        // Adjacent letters belong to the number, so that `12ab` is one bad number and not two tokens.
         let mut length = 0;
         while let Some(&byte) = bytes.get(length) {
             let after_exponent = length > 0 && !hexadecimal && matches!(bytes[length - 1], b'e' | b'E');

@@ -49,7 +49,7 @@ impl Scope for BTreeMap<String, Value> {
     }
 }
 
-/// A node of the tree, with its place in the text (without enclosing parentheses).
+/// A node of the tree, with its place in the text, without enclosing parentheses.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Node {
     pub kind: NodeKind,

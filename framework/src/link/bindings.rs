@@ -117,10 +117,8 @@ impl Linker<'_> {
         resources.iter().any(|id| self.resource(*id).source.is_per_frame())
     }
 
-    /// Reports an entry of `bind` that no shader of the pass uses.
-    ///
-    /// It is no error if a shader declares the block but does not use it with the current constants; nothing is bound
-    /// then.
+    /// Reports an entry of `bind` that no shader of the pass declares. A block that is declared but not used with the
+    /// current constants is no error; nothing is bound then.
     fn unknown(&mut self, stages: &[(ShaderId, Stages)], bind: &LoweredBind) {
         if stages.iter().any(|(shader, _)| self.declares(*shader, &bind.block)) {
             return;

@@ -126,7 +126,6 @@ impl Linker<'_> {
     }
 }
 
-/// Returns true for an image with a depth format.
 fn is_depth(shape: &Shape) -> bool {
     matches!(shape, Shape::Image { format: Format::Depth32Float, .. })
 }

@@ -39,7 +39,7 @@ fn behind<'a>(
 }
 
 /// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect,
-/// because the list only explains parameters without one. Passes after [`MAX_COMPILATIONS`] distinct shaders get no
+/// because the list only explains parameters without one. After [`MAX_COMPILATIONS`] distinct shaders, passes get no
 /// parameters.
 pub(super) fn mentioned(
     lowered: &Lowered,

@@ -47,7 +47,7 @@ pub struct PassParams {
     pub skipped: ParamSet,
 }
 
-/// Maximum number of shader compilations of a graph: far beyond any real graph, but at most minutes of work.
+/// Maximum number of shader compilations of a graph.
 pub(super) const MAX_COMPILATIONS: usize = 500;
 
 pub(super) type Defines = Vec<(String, String)>;
@@ -59,9 +59,9 @@ pub(super) struct Linker<'a> {
     pub compiler: &'a mut dyn ShaderCompiler,
     pub generated: Vec<(String, String)>,
     pub shaders: Vec<Shader>,
-    /// Names of the blocks that each shader declares; see [`Compiled::declared`].
+    /// Names of the blocks that each shader declares, used or not.
     pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,
-    /// Names that each shader depends on; see [`Compiled::reached`].
+    /// Identifiers that each shader's compiled text depends on.
     pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Shaders compiled so far, by file and defines; the iterations of a repeat share them.
     pub compiled: HashMap<(FileId, Rc<Defines>), ShaderId>,

@@ -1,8 +1,8 @@
 //! Links a graph: compiles the shaders of each pass and checks the graph against them.
 //!
 //! Every block that a shader uses must be bound, every entry of `bind` and `push` must exist in a shader, and kinds,
-//! strides, sizes and formats must match. Linking also derives the accesses of each pass ([`Use`]) from the compiled
-//! code, so no list has to be maintained by hand. The result is the list of passes, still in file order.
+//! strides, sizes and formats must match. Linking also derives the accesses of each pass from the compiled code. The
+//! result is the list of passes, still in file order.
 
 mod bindings;
 mod draws;
@@ -51,7 +51,7 @@ pub fn link(
         if let Some(pass) = linker.pass(pass) {
             passes.push(pass);
         }
-        // Stop after 20 errors. Duplicates, from repeated passes and shared includes, are removed below.
+        // Repeated passes and shared includes repeat errors; these are removed below.
         if linker.errors.len() >= 20 {
             break;
         }

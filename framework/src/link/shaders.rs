@@ -102,7 +102,6 @@ impl Linker<'_> {
         }
     }
 
-    /// Checks a shader's optional features against those of the device.
     fn features(&mut self, id: ShaderId, span: Span) {
         let shader = &self.shaders[id.index()];
         let missing = shader.reflection.features.difference(self.device.features);
@@ -122,7 +121,6 @@ impl Linker<'_> {
         self.errors.push(error);
     }
 
-    /// Checks a compute shader's workgroup against the device.
     pub(super) fn workgroup(&mut self, id: ShaderId, span: Span) {
         let reflection = &self.shaders[id.index()].reflection;
         let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();

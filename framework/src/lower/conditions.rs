@@ -1,4 +1,4 @@
-//! Removes passes and includes whose `when` is false, and records the uses removed with them.
+//! Removes passes and includes whose `when` is false, and records the uses removed with them. Also resolves swaps.
 
 use super::lowered::{RemovedPass, RemovedUse};
 use super::lowering::{Handle, Level, Lowering};
@@ -9,10 +9,8 @@ use crate::source::{Diagnostic, Place};
 /// A `when` that evaluated to false, and the reason.
 struct False<'a> {
     condition: &'a Number,
-    /// Place of the `when` in the file.
     at: &'a Place,
     reason: Option<Reason>,
-    /// Parameters that the condition depends on.
     decided: ParamSet,
 }
 
@@ -41,7 +39,6 @@ impl Lowering<'_> {
         Ok(false)
     }
 
-    /// Exchanges the halves of a ping-pong resource.
     pub(super) fn swap(&mut self, level: &Level, name: &str, at: &Place) -> Result<(), Diagnostic> {
         match level.handles.get(name) {
             Some(Some(Handle::PingPong(index))) => {
@@ -99,7 +96,6 @@ impl Lowering<'_> {
     }
 }
 
-/// The names that a pass or an include mentions.
 struct Parts<'a> {
     name: &'a str,
     users: Vec<&'a Reference>,

@@ -3,7 +3,7 @@
 //! An exposed parameter belongs to the includer, as if declared after the includer's own, and the included graph uses
 //! its value. Its expressions can name parameters of the included graph. These have the includer's value if they are
 //! exposed, and the value in `set` if they are set ([`Around`]); naming one that is neither is an error. All other
-//! names are the includer's. Includes that expose one declaration share the parameter.
+//! names are the includer's. Includes that expose the same declaration share one parameter.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -19,14 +19,12 @@ use crate::source::{Diagnostic, Kind, Place, SourceMap};
 #[derive(Clone, Debug)]
 pub(super) struct Declared {
     pub name: String,
-    /// The graph that declares the parameter.
     graph: Rc<Graph>,
-    /// Place of the parameter's declaration.
     pub place: Place,
     /// Replacement for the declared default: a value from an included graph's preset, or from the includer's `set`.
     /// The number is the level whose names the value uses: 0 is the declaring graph, 1 its includer, and so on.
     pub default: Option<(Setting, usize)>,
-    /// The include that exposes the parameter; `None` for the graph's own.
+    /// Name of the outermost include that exposes the parameter; `None` for the graph's own.
     pub part: Option<String>,
     /// The includes through which the parameter is exposed, innermost first.
     pub around: Vec<Rc<Around>>,
@@ -45,7 +43,6 @@ pub(super) struct Around {
 #[derive(Debug)]
 pub(super) struct Given {
     pub setting: Setting,
-    /// The graph that declares the parameter.
     graph: Rc<Graph>,
     name: String,
 }
@@ -118,7 +115,7 @@ impl Declared {
     }
 
     /// Lists the values of `set` that the parameter's expressions depend on. Two includes that share a parameter must
-    /// have equal ones.
+    /// agree on them.
     fn values_around(&self) -> Vec<(usize, String, &Number)> {
         let set = self.reach(None).set.into_iter();
         set.map(|(level, name)| {
@@ -148,21 +145,17 @@ fn names_in(number: &Number, kind: &ParamKind) -> Vec<String> {
 /// Names of parameters by the [ids](Place::id) of the includes that expose them.
 pub(super) type Exposed = HashMap<usize, BTreeSet<String>>;
 
-/// The parameters of a graph, in order.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Parameters {
     pub all: Vec<Declared>,
-    /// The parameters that each include exposes, by the include's place in the file.
     pub exposed: Exposed,
     /// Names that a preset of a choice may set because other graphs of the choice have them.
     pub elsewhere: BTreeSet<String>,
 }
 
 impl Parameters {
-    /// Sorts parameters topologically, with ties in declaration order; returns their indices.
-    ///
-    /// `settings` replace defaults. Parameters on a cycle, and their dependants, are left out, with the error for one
-    /// cycle.
+    /// Sorts parameters topologically, with ties in declaration order; returns their indices. `settings` replace
+    /// defaults. Parameters on a cycle, and their dependants, are left out, with the error for one cycle.
     pub fn order(&self, settings: &IndexMap<String, Setting>) -> (Vec<usize>, Option<Diagnostic>) {
         let known: BTreeMap<&str, usize> =
             self.names().enumerate().map(|(index, name)| (name, index)).collect();
@@ -223,7 +216,6 @@ impl Parameters {
         circle[1..].iter().fold(error, |error, index| error.with_label(key(*index), "needed on the way"))
     }
 
-    /// Returns the error for a name that no parameter has.
     pub fn unknown(&self, name: &str, span: Span, label: &str) -> Diagnostic {
         let all: Vec<_> = self.names().map(|known| format!("`{known}`")).collect();
         let otherwise = match all[..] {
@@ -246,10 +238,8 @@ impl Parameters {
 /// A cache of parameters by graph file, because a part may be included several times.
 pub(super) type Known = HashMap<FileId, Rc<Parameters>>;
 
-/// Lists the parameters of a graph.
-///
-/// # Errors
-/// Names that are exposed twice or do not exist, and errors of the included files.
+/// Lists the parameters of a graph. Fails on names that are exposed twice or do not exist, and on errors of the
+/// included files.
 pub(super) fn parameters(
     opened: &Opened,
     choices: &mut Choices,

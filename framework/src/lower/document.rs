@@ -12,7 +12,6 @@ use crate::source::{Diagnostic, Kind, Outline, Place, SourceMap, ron_error};
 pub(super) struct Opened {
     pub file: FileId,
     pub graph: Rc<Graph>,
-    /// Place of the root element in the graph's file.
     pub root: Place,
     /// The summary of the outermost preset or choice, or of the graph.
     pub summary: String,
@@ -20,7 +19,7 @@ pub(super) struct Opened {
     pub set: IndexMap<String, Setting>,
     /// Names through which presets and choices lead to the graph; its own is last. Empty if the file is a graph.
     pub based_on: Vec<String>,
-    /// Name by which a choice refers to the graph; `None` if the graph comes from no choice.
+    /// Name by which the innermost choice refers to the graph; `None` if the graph comes from no choice.
     pub candidate: Option<String>,
     /// All graphs of the choice, including this one; empty if there is only one.
     pub others: Rc<Vec<Opened>>,
@@ -50,7 +49,7 @@ pub(super) const MAX_DEPTH: usize = 16;
 /// Maximum number of graphs reachable from a choice: nested choices could double them at each level.
 const MAX_CANDIDATES: usize = 64;
 
-/// Finds the file of a graph named on the command line. An error points into the name.
+/// Finds the file of a request's graph. An error points into the name.
 pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diagnostic>> {
     files.find(None, name, Kind::Graph).map_err(|error| {
         // There is no file to point into, so the diagnostic shows the name as its source text.
@@ -59,19 +58,16 @@ pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diag
     })
 }
 
-/// Reads a file and follows presets and choices to the possible graphs, in order of preference.
-///
-/// Reads all of them, so that mistakes are found on every device.
+/// Reads a file and follows presets and choices to the possible graphs, in order of preference. Reads all of them, so
+/// that mistakes are found on every device.
 pub(super) fn follow(files: &mut SourceMap, file: FileId) -> Result<Vec<Opened>, Vec<Diagnostic>> {
     Follow { files, chain: Vec::new(), found: 0 }.file(file)
 }
 
-/// State of the walk from a file to its graphs.
 struct Follow<'a> {
     files: &'a mut SourceMap,
     /// Presets and choices on the path, each with the place where it names the next.
     chain: Vec<(FileId, Span)>,
-    /// Number of graphs found so far.
     found: usize,
 }
 

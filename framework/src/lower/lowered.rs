@@ -13,13 +13,13 @@ pub struct Lowered {
     pub plan: Plan,
     /// The declarations of the plan's resources, in the same order.
     pub declarations: Vec<Declaration>,
-    /// Dispatches, draws and fills.
+    /// The passes that were not removed, with `repeat`s unrolled.
     pub passes: Vec<LoweredPass>,
     /// The removed passes, with the parameters that they would use.
     pub removed: Vec<RemovedPass>,
     /// `let`s and parameters whose expressions name parameters that their evaluation did not read.
     pub skipped: Vec<SkippedUse>,
-    /// Uses of resources that were removed because their pass's `when` is false.
+    /// Uses of resources that were removed with their pass or include, whose `when` is false.
     pub unwritten: Vec<RemovedUse>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
@@ -144,7 +144,7 @@ pub struct LoweredPass {
     pub defines: Rc<Vec<(String, String)>>,
     /// Names (in capitals) and values of constants beyond 32 bits.
     pub unfit: Rc<Vec<(String, String)>>,
-    /// Parameters that decide whether the pass exists, and which resources it uses.
+    /// Parameters that decide whether the pass exists, and which resources and shaders it uses.
     pub decided: ParamSet,
     /// Parameters that the pass's numbers depend on: size, push constants, offsets, fill word.
     pub read: ParamSet,
@@ -182,9 +182,7 @@ pub enum LoweredSize {
 pub struct Extent {
     /// The counts; 1 in dimensions that are not given.
     pub size: [u64; 3],
-    /// The number of given dimensions, 1 to 3.
-    ///
-    /// A single dimension may be folded into y.
+    /// The number of given dimensions, 1 to 3. Linking may fold a single dimension into x and y.
     pub dimensions: usize,
 }
 

@@ -16,20 +16,17 @@ use crate::plan::Plan;
 use crate::schema::{Graph, Number};
 use crate::source::{Diagnostic, Place, SourceMap};
 
-/// Maximum number of passes after repeats: far beyond any real graph, but few enough that a typing error cannot exhaust
-/// memory.
+/// Maximum number of passes after repeats, so that a typing error cannot exhaust memory.
 pub(super) const MAX_PASSES: usize = 20_000;
 
 /// Maximum number of steps of the walk. A pass, an entry of it, an iteration of a repeat and a declaration of an
 /// included graph are one step each.
 const MAX_STEPS: usize = 25 * MAX_PASSES;
 
-/// The state of the walk.
 pub(super) struct Lowering<'a> {
     pub request: &'a Request<'a>,
     pub files: &'a mut SourceMap,
     pub errors: Vec<Diagnostic>,
-    /// The plan so far, and the declarations of its resources.
     pub plan: Plan,
     pub declarations: Vec<Declaration>,
     /// Name and place of every resource, to detect duplicates.
@@ -52,7 +49,6 @@ pub(super) struct Lowering<'a> {
     pub shape: ParamSet,
     /// Parameters that the results depend on; see [`Lowered::results`](super::Lowered::results).
     pub results: ParamSet,
-    /// Statistics of this graph and of its parts, with their places in the files.
     pub stats: Vec<(Stat, Span)>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
@@ -121,7 +117,6 @@ pub(super) struct PingPong {
     pub front: usize,
 }
 
-/// A resource that was declared with a history.
 #[derive(Clone, Debug)]
 pub(super) struct History {
     pub name: String,

@@ -4,12 +4,6 @@
 //! Lowering walks the tree once, in file order, and resolves all of these. The result ([`Lowered`]) has only
 //! dispatches, draws and fills over numbered resources; every expression has a value, and `front(keys)` is one definite
 //! buffer. Lowering does not read shaders; linking checks the names under `bind`.
-//!
-//! Files: `document` loads files and follows presets and choices; `require` takes the first graph of a choice whose
-//! requirements hold; `declared` lists a graph's parameters, `params` gives them values, and `defines` turns them into
-//! preprocessor defines; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the
-//! passes, `conditions` removes some of them, and `include` lowers included graphs; `results` finds the output and the
-//! statistics.
 
 mod conditions;
 mod declared;
@@ -212,9 +206,7 @@ pub fn expression_names(
 pub struct Standing {
     /// Graphs of the choice that were passed over, in order.
     pub fallbacks: Vec<Fallback>,
-    /// Unmet requirements of the last graph.
-    ///
-    /// Empty unless no graph suits the device.
+    /// Unmet requirements of the last graph; empty unless no graph suits the device.
     pub unmet: Vec<Unmet>,
 }
 

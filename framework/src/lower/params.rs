@@ -13,7 +13,6 @@ use crate::ir::{
 use crate::schema::{Expression, Number, ParamDecl, ParamKind};
 use crate::source::{Diagnostic, Place, SourceMap, nearest};
 
-/// The parameters of a graph with their values.
 pub(super) struct Resolved {
     pub params: Vec<Param>,
     /// Facts and constants, ready for `let`s and passes.
@@ -349,8 +348,8 @@ pub(super) fn given(
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
 }
 
-/// Returns the reason for a value of [`given`], the parameters that its evaluation read, and the parameters that its
-/// expression names but its evaluation did not read. All three are empty for a literal.
+/// Returns the reason for a value of [`given`], the parameters that its evaluation read, and those that its expression
+/// names but its evaluation did not read. All three are empty for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
         (Number::Literal(_), _) => Default::default(),
@@ -411,8 +410,8 @@ fn wanted(domain: &Domain) -> String {
     }
 }
 
-/// Parses a value from a command line or the viewer's settings: `true` or `false`, an integer, a number, or one of the
-/// names.
+/// Parses a value given as text: `true` or `false`, an integer, a finite number, or one of a choice's names. Fails if
+/// the value is outside the domain.
 ///
 /// The error is a phrase about the value, such as `9 is not in 1 to 5` or `is not true or false`.
 pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {

@@ -234,9 +234,7 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Returns the buffer and the byte offset of an indirect command's arguments, which take `bytes` bytes.
-    ///
-    /// Returns `Ok(None)` as [`Self::look_up`] does.
+    /// Returns the buffer and byte offset of an indirect command's arguments, like [`Self::words`].
     fn arguments(
         &self,
         level: &Level,

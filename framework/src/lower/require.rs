@@ -15,7 +15,6 @@ pub(super) struct Chosen {
     pub opened: Rc<Opened>,
     /// Graphs of the choice that were passed over, in order.
     pub fallbacks: Vec<Fallback>,
-    /// Unmet requirements; empty unless no graph suits the facts.
     pub unmet: Vec<Unmet>,
     /// The unmet requirements as errors.
     pub errors: Vec<Diagnostic>,
@@ -35,9 +34,7 @@ impl<'a> Choices<'a> {
         Choices { request, known: HashMap::new() }
     }
 
-    /// Opens the requested graph; for a choice, the first graph whose requirements hold.
-    ///
-    /// If no graph suits the facts, the error lists the unmet requirements.
+    /// Returns the same as [`Self::standing`]. If no graph suits the facts, fails with the unmet requirements.
     pub fn root(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         let chosen = self.standing(files)?;
         if chosen.unmet.is_empty() {
@@ -53,7 +50,7 @@ impl<'a> Choices<'a> {
         self.choose(file, files, 0)
     }
 
-    /// Returns the first graph of a file whose requirements hold, or else the last one.
+    /// Returns the first graph of `file` whose requirements hold, or else the last one.
     pub fn choose(
         &mut self,
         file: FileId,

@@ -253,8 +253,8 @@ impl Lowering<'_> {
         id
     }
 
-    /// Returns the resources that the reference at `place` refers to at this point of the walk. `Ok(None)` if the name
-    /// is known but its declaration is invalid.
+    /// Returns the resources that the reference at `place` refers to at this point of the walk. `Ok(None)` if the name's
+    /// declaration or include is invalid, which is already reported.
     pub(super) fn look_up(
         &self,
         level: &Level,
@@ -393,7 +393,6 @@ impl Lowering<'_> {
         }
     }
 
-    /// Checks an includer's resource against an image port, and returns its handle.
     fn image_port(
         &self,
         name: &str,

@@ -53,13 +53,12 @@ impl<'a> Lowering<'a> {
         found
     }
 
-    /// Lists the names of the outputs that the request's facts ask for.
     fn asked(&self) -> impl Iterator<Item = &'a str> + use<'a> {
         let asked = self.request.facts.host.iter().filter(|(_, value)| **value == Value::Bool(true));
         asked.filter_map(|(name, _)| name.strip_prefix(OUTPUTS))
     }
 
-    /// Finds the image of an output; `None` after an error. `at` is the place of the image's name.
+    /// Finds the image of an output; `None` after an error.
     fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceId> {
         match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
             Ok(Some(id)) => match self.plan.resources[id.index()].shape {

@@ -9,7 +9,6 @@ use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Place};
 
-/// Values by name.
 pub(super) type Values = BTreeMap<String, Value>;
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
@@ -35,7 +34,6 @@ pub(super) struct Notes {
 }
 
 impl Notes {
-    /// Returns the union of both kinds.
     pub fn all(mut self) -> ParamSet {
         self.read.append(&mut self.decided);
         self.read
@@ -62,7 +60,6 @@ impl Names {
         Names { values: facts.named(), ..Names::default() }
     }
 
-    /// Adds a name, with the parameters that its value depends on.
     pub fn define(&mut self, name: &str, value: Value, params: ParamSet) {
         self.values.insert(name.into(), value);
         if !params.is_empty() {
@@ -77,7 +74,7 @@ impl Names {
         self.define(name, value, params);
     }
 
-    /// Copies a parameter from the includer's names, with its value.
+    /// Copies a parameter from the includer's names: its value, or that it is live.
     pub fn adopt(&mut self, name: &str, from: &Names) {
         if let Some(value) = from.values.get(name) {
             self.define(name, value.clone(), from.params.get(name).cloned().unwrap_or_default());
@@ -134,7 +131,6 @@ impl Names {
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
     }
 
-    /// Returns the value of `number`, which is at `place`.
     pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
         match number {
             Number::Literal(value) => Ok(value.clone()),
@@ -142,7 +138,6 @@ impl Names {
         }
     }
 
-    /// Evaluates the expression at `place`.
     pub fn expression(&self, expression: &Expression, place: &Place) -> Result<Value, Diagnostic> {
         let show = |error: ExprError| {
             let span = place.within_string(error.start..error.end);
@@ -167,9 +162,8 @@ impl Names {
         expr.eval(self).map_err(show)
     }
 
-    /// Returns the reason for an expression's value: the names that its evaluation read.
-    ///
-    /// `None` if it has no value or reads no names.
+    /// Returns the names that an expression's evaluation read, with their values. `None` if the expression has no value
+    /// or reads no names.
     pub fn reason(&self, expression: &Expression) -> Option<Reason> {
         let reached = Reached { names: self, values: RefCell::default() };
         expression.parsed.as_ref().ok()?.eval(&reached).ok()?;
@@ -184,7 +178,6 @@ impl Names {
         }
     }
 
-    /// Evaluates a number that must be a non-negative integer.
     pub fn natural(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
         let v = self.integer(number, place)?;
         u64::try_from(v).map_err(|_| place.error("this cannot be negative", format!("is {v}")))
@@ -199,7 +192,6 @@ impl Names {
         Ok(Extent { size, dimensions: extent.0.len() })
     }
 
-    /// Evaluates a number that must be a positive integer.
     pub fn positive(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
         match self.natural(number, place)? {
             0 => Err(place.error("this must be at least 1", "is 0")),

@@ -1,4 +1,4 @@
-//! Tests the constructs that lowering resolves. Mistakes and their messages are in `tests/golden`.
+//! Tests the constructs that lowering resolves. Diagnostics are tested in `tests/golden`.
 
 use crate::ir::{Request, Shape, Source, Value, Work};
 use crate::source::{Library, SourceMap};
@@ -140,7 +140,6 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     assert_eq!((found.params[0].value.clone(), found.drawn()), (Value::Int(3), "narrow"));
 }
 
-/// Returns a renderer of two parts: one makes a buffer, the other shows it.
 fn of_parts(include: &str, more: &str) -> Vec<(&'static str, String)> {
     let maker = r#"Graph(version: 1, summary: "makes", params: {
             "size": Const(Int(default: 64, range: (1, 128))),
@@ -452,7 +451,7 @@ fn the_default_of_an_exposed_parameter_sees_what_its_include_sets_at_every_depth
         let passes = passes
             .join("\n")
             .replace("p.part.words", if include.contains("middle") { "p.part.words" } else { "p.words" });
-        // The includer has a parameter of this name with another meaning.
+        // The includer has a `width` of its own.
         let graph = graph(WIDTH, &passes);
         let mut files = SHADERS.to_vec();
         files.extend([("graph.ron", graph.as_str()), ("part.ron", part), ("middle.ron", middle)]);
