@@ -1,7 +1,7 @@
 //! Converts stored values of splats to activated values, and back.
 //!
-//! Files store a scale as its logarithm and an opacity as its logit, and quaternions of any length. Everything is
-//! computed in f64 and rounded once, so that a file gives the same splats on every platform.
+//! Most formats store the logarithm of a scale, the logit of an opacity, and quaternions of any length. Conversions are
+//! computed in f64 and rounded to f32 once.
 
 use std::cmp::Ordering;
 

@@ -1,8 +1,8 @@
 //! Writes the attributes of a scene's splats and mesh as bytes for GPU buffers.
 //!
-//! A renderer requests an attribute by name and gets its bytes: little endian, one entry per splat, written in parallel
-//! into the backend's memory. The 48 floats of spherical harmonics are split into *planes* of four, so that no buffer
-//! exceeds a device's limit. A lower degree needs fewer planes.
+//! Attributes are requested by name. Their bytes are little-endian, one entry per splat, and written in parallel. The
+//! 48 floats of spherical harmonics are split into *planes* of four, so that each buffer has 16 bytes per splat. A
+//! lower degree needs fewer planes.
 
 use crate::error::nearest;
 use crate::mesh::{MESH_ATTRIBUTES, Mesh};

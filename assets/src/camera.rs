@@ -102,7 +102,6 @@ impl Camera {
             let v = camera.to_view((glam::DVec3::from(corner) - center).into());
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
         });
-        // A single-point scene must still be in front of the near plane.
         camera.position = (center - forward * distance.max(1.0)).into();
         camera
     }
@@ -171,7 +170,9 @@ impl Camera {
         Camera { projection, fx: self.fx * scale, fy: self.fy * scale, ..self.clone() }
     }
 
-    /// Returns the focal lengths in pixels; for an equirectangular camera, the picture's pixels per radian.
+    /// Returns the horizontal and vertical scale of the picture, in the units that [`Projection`] lists.
+    ///
+    /// An equirectangular camera's scale follows from its image size, in pixels per radian, and ignores `fx` and `fy`.
     pub fn focal(&self) -> [f64; 2] {
         match self.projection {
             Projection::Equirectangular => {
@@ -201,7 +202,6 @@ impl Camera {
             if !(focal > 0.0 && focal.is_finite()) {
                 return Some(format!("expected a positive {name}, found {focal}"));
             }
-            // Renderers also multiply the inverse focal length by a number of pixels.
             if !(MIN_FOCAL..=1.0 / MIN_FOCAL).contains(&focal) {
                 return Some(format!(
                     "expected {name} from {MIN_FOCAL:e} to {:e} pixels, found {focal:e}",
@@ -210,7 +210,6 @@ impl Camera {
             }
         }
         for (axis, value) in ["x", "y", "z"].into_iter().zip(self.position) {
-            // Renderers square and sum the distances to the camera.
             if value.is_nan() || value.abs() > FARTHEST {
                 return Some(format!(
                     "expected a position within {FARTHEST:e} of the origin, found {axis} = {value:e}"

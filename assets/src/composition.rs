@@ -19,10 +19,8 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Maximum length of the text, in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
 
-/// The parsed file, before its numbers are checked.
 #[derive(Deserialize)]
 struct Scenes(Vec<Part>);
 
@@ -55,10 +53,8 @@ fn one() -> f64 {
     1.0
 }
 
-/// A scene file and its transform.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Placed {
-    /// Path of the scene file.
     pub file: PathBuf,
     /// Transform from the scene's coordinates to the world's.
     pub by: Similarity,
@@ -82,9 +78,6 @@ pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
 }
 
 /// Parses the text of a file in `folder`.
-///
-/// # Errors
-/// The text is not a composition, it has no scenes, or a number of a transform is out of range.
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
     let scenes: Scenes = ron::from_str(text).map_err(|error| {
         let at = error.span.start;

@@ -267,7 +267,6 @@ impl SceneError {
     }
 }
 
-/// Makes the error for a field at offset `at`.
 pub(crate) fn field(at: u64, name: impl Into<String>, message: impl Into<String>) -> SceneError {
     SceneError::Field { at, field: name.into(), message: message.into() }
 }

@@ -64,7 +64,6 @@ fn require_regular(kind: FileType) -> Result<()> {
     Err(Error::new(ErrorKind::InvalidInput, text))
 }
 
-/// Returns the name of a kind of file, with its article.
 fn name(kind: FileType) -> &'static str {
     #[cfg(unix)]
     {

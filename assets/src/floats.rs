@@ -9,7 +9,6 @@ pub(crate) const ROWS: usize = 4096;
 
 /// A table of numbers in a file, with a row for each splat.
 pub(crate) trait Floats: Sync {
-    /// Returns the number of floats in a row.
     fn width(&self) -> usize;
 
     /// Returns the bytes of a row's numbers in the file.
@@ -30,7 +29,6 @@ pub(crate) struct Piece<'a> {
 }
 
 impl<'a> Piece<'a> {
-    /// Returns the row at an index of the piece.
     pub(crate) fn row(&self, at: usize) -> &'a [f32] {
         &self.values[at * self.width..][..self.width]
     }
@@ -40,9 +38,6 @@ impl<'a> Piece<'a> {
 /// memory.
 ///
 /// `convert` gets a piece of every table and the index of a row in it, and pushes one splat.
-///
-/// # Errors
-/// The scene does not fit in memory, the file cannot be read, or the load is cancelled.
 pub(crate) fn fill<T: Floats>(
     input: &Input,
     (count, degree): (u64, u32),

@@ -81,7 +81,6 @@ impl Turn {
         Self { matrix }
     }
 
-    /// Rotates the harmonics of a splat, up to `degree`.
     pub(crate) fn apply(&self, sh: &mut [f32; 48], degree: u32) {
         let (before, coefficients) = (*sh, (degree + 1) * (degree + 1));
         for (j, row) in self.matrix.iter().enumerate().take(coefficients as usize) {
@@ -175,7 +174,6 @@ impl Zonal {
     }
 }
 
-/// Evaluates the Legendre polynomials P0 to P3.
 fn legendre(t: f64) -> [f64; 4] {
     [1.0, t, 1.5 * t * t - 0.5, 2.5 * t * t * t - 1.5 * t]
 }

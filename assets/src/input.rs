@@ -3,10 +3,9 @@
 //! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] checks a scene against
 //! the available memory; [`fill`] converts tables of rows, in pieces; [`finish`] creates the scene.
 //!
-//! The file is not mapped into memory: when a process truncates a mapped file, its readers are killed by a signal.
-//! Every byte is read into a buffer instead, so that truncation is a read error. Buffers are a few mebibytes and
-//! reused. [`OpenFile`] records the file's length and modification time before the first read, and checks at the end
-//! that they are unchanged.
+//! The file is not mapped into memory: on Unix, a process that reads a mapped file after its truncation is killed by a
+//! signal. Here truncation is a read error. [`OpenFile`] records the file's length and modification time before the
+//! first read, and checks at the end that they are unchanged.
 
 use crate::error::SceneError;
 use crate::file;
@@ -47,7 +46,6 @@ pub struct SceneHeader {
     pub stored_degree: u32,
 }
 
-/// The input of a reader: bytes, memory limit and progress callback.
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
     pub source: &'a Source<'a>,
@@ -109,9 +107,6 @@ pub(crate) struct Table {
 /// Fills `columns` in parallel from tables that have a row for each splat.
 ///
 /// `convert` gets the row of every table and the splat's index, and pushes one splat.
-///
-/// # Errors
-/// The file cannot be read, there is no memory for a buffer per thread, or the load is cancelled.
 pub(crate) fn fill<const N: usize>(
     source: &Source,
     tables: [Table; N],
@@ -191,17 +186,13 @@ impl<'a> Done<'a> {
         self.check()
     }
 
-    /// Returns an error if the load is cancelled.
     pub(crate) fn check(&self) -> Result<(), SceneError> {
         if self.cancelled.load(Ordering::Relaxed) { Err(SceneError::Cancelled) } else { Ok(()) }
     }
 }
 
-/// The bytes of a scene file.
 pub(crate) enum Source<'a> {
-    /// Bytes in memory.
     Bytes(&'a [u8]),
-    /// An opened file.
     File(&'a OpenFile),
 }
 
@@ -215,9 +206,6 @@ impl Source<'_> {
     }
 
     /// Fills `buffer` with the bytes from offset `at` on.
-    ///
-    /// # Errors
-    /// The bytes end before the buffer is full, or the system reports an error.
     pub(crate) fn read(&self, at: u64, buffer: &mut [u8]) -> io::Result<()> {
         match self {
             Self::Bytes(bytes) => {
@@ -249,14 +237,12 @@ pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, Scene
     })
 }
 
-/// A sequential reader of a source, up to its end.
 pub(crate) struct SourceReader<'a> {
     source: &'a Source<'a>,
     at: u64,
 }
 
 impl<'a> SourceReader<'a> {
-    /// Creates a reader that begins at offset `at`.
     pub(crate) fn new(source: &'a Source<'a>, at: u64) -> Self {
         Self { source, at }
     }
@@ -284,7 +270,6 @@ impl io::Seek for SourceReader<'_> {
     }
 }
 
-/// Opens a ZIP archive.
 pub(crate) fn archive<'a>(
     source: &'a Source<'a>,
 ) -> Result<ZipArchive<BufReader<SourceReader<'a>>>, SceneError> {
@@ -298,15 +283,14 @@ fn ended() -> io::Error {
     io::Error::new(ErrorKind::UnexpectedEof, "it ends before its last byte")
 }
 
-/// An opened scene file, with its length and modification time.
 pub(crate) struct OpenFile {
     file: File,
     length: u64,
     modified: Option<SystemTime>,
 }
 
-/// Minimum age of a file's modification time. File system clocks tick at least every 10 ms, so a change after this
-/// time sets a different modification time.
+/// Minimum age of a file's modification time when it is opened. A later change then gets a different time, if the file
+/// system's clock ticks at least this often.
 const SETTLED: Duration = Duration::from_millis(20);
 
 impl OpenFile {
@@ -315,7 +299,6 @@ impl OpenFile {
         let file = file::open(path)?;
         let metadata = file.metadata()?;
         let modified = metadata.modified().ok();
-        // Waits: a change within the clock tick of the previous change would go unnoticed.
         if let Some(age) = modified.and_then(|modified| modified.elapsed().ok()).filter(|age| *age < SETTLED)
         {
             std::thread::sleep(SETTLED - age);
@@ -371,9 +354,6 @@ pub(crate) struct Buffers {
 
 impl Buffers {
     /// Calls `work` with a buffer of at least `bytes` bytes, whose contents are unspecified.
-    ///
-    /// # Errors
-    /// There is no memory for the buffer, or `work` fails.
     pub(crate) fn with<T>(
         &self,
         bytes: usize,
@@ -389,7 +369,6 @@ impl Buffers {
     }
 }
 
-/// Grows a buffer to at least `bytes` bytes.
 pub(crate) fn grow(buffer: &mut Vec<u8>, bytes: usize) -> io::Result<()> {
     if buffer.len() < bytes {
         buffer.try_reserve_exact(bytes - buffer.len())?;

@@ -24,7 +24,6 @@ use half::f16;
 const HEADER: usize = 4096;
 const SECTION: usize = 1024;
 
-/// Rows that are read at a time.
 const ROWS: usize = 4096;
 
 fn word(bytes: &[u8], at: usize) -> u32 {
@@ -49,7 +48,6 @@ pub(crate) fn is_plausible(head: &[u8]) -> bool {
         && word(head, 16) > 0
 }
 
-/// Fields of the file's header.
 struct Header {
     level: usize,
     sections: u64,
@@ -58,9 +56,7 @@ struct Header {
     range: [f32; 2],
 }
 
-/// A section: its parsed header, and its buckets.
 struct Section {
-    /// Number of splats of the section.
     count: usize,
     first: usize,
     /// Offset of the first row.
@@ -113,7 +109,6 @@ impl Header {
         Ok(Self { level: level.into(), sections, count, range: [bound(36, -1.5), bound(40, 1.5)] })
     }
 
-    /// Returns the number of bytes of a row before its harmonics.
     fn plain(&self) -> usize {
         10 * VALUE[self.level] + 4
     }
@@ -285,7 +280,6 @@ impl Section {
         Ok(())
     }
 
-    /// Returns the index of the bucket that contains a row.
     fn bucket(&self, index: usize) -> usize {
         if index < self.full.saturating_mul(self.capacity) {
             return index / self.capacity;
@@ -294,7 +288,6 @@ impl Section {
     }
 }
 
-/// Reads the number of splats and their degree from a file's headers.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let header = Header::read(source)?;
     let sections = header.sections(source, false)?;
@@ -305,7 +298,6 @@ fn degree(sections: &[Section]) -> u32 {
     sections.iter().map(|section| section.degree).max().unwrap_or(0)
 }
 
-/// Parses the splats of a `.ksplat` file.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let source = input.source;
     let header = Header::read(source)?;

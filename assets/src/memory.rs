@@ -154,7 +154,7 @@ pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
 #[cfg(target_os = "linux")]
 const LARGE: usize = 8 << 20;
 
-/// Asks the system to back fresh memory with large pages, which are faster to touch and to free.
+/// Asks the system to back fresh memory with huge pages, which cause fewer page faults.
 #[cfg(target_os = "linux")]
 fn use_large_pages(start: *mut u8, bytes: usize) {
     const PAGE: usize = 2 << 20;
@@ -168,7 +168,6 @@ fn use_large_pages(start: *mut u8, bytes: usize) {
     }
 }
 
-/// Does nothing: other systems choose the size of their pages.
 #[cfg(not(target_os = "linux"))]
 fn use_large_pages(_: *mut u8, _: usize) {}
 

@@ -19,7 +19,6 @@ pub(crate) struct NodeTransform {
 }
 
 impl NodeTransform {
-    /// Prepares the transform of a node at `place` in the file's world, for harmonics of `degree`.
     pub(crate) fn new(place: Similarity, degree: u32) -> Self {
         let far = place.translation.abs().max_element() > FAR;
         let origin = if far { place.translation } else { DVec3::ZERO };

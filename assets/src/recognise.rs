@@ -7,7 +7,6 @@ use crate::error::SceneError;
 use crate::{gltf, ksplat, rad, sog, splat, spz, usd};
 use std::path::Path;
 
-/// First bytes of well-known files, with descriptions.
 const MAGIC: &[(&[u8], &str)] = &[
     (b"\x89PNG", "a PNG image"),
     (b"\xFF\xD8\xFF", "a JPEG image"),
@@ -166,10 +165,11 @@ impl SceneFormat {
 /// Recognises the format of a scene file of `length` bytes from its first bytes.
 ///
 /// `head` has the first [`HEAD`](crate::input::HEAD) bytes, or the whole of a shorter file. Both layouts of PLY are
-/// [`SceneFormat::Ply`] here: the header distinguishes them.
+/// [`SceneFormat::Ply`] here: the header distinguishes them. The extension of `path`, if given, identifies `.gltf`,
+/// `.ksplat` and `.splat` files that their bytes do not.
 ///
 /// # Errors
-/// The file is empty or not a scene. The extension of `path`, if given, identifies `.gltf`, `.ksplat` and `.splat`.
+/// The file is empty or not a scene.
 pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<SceneFormat, SceneError> {
     if head.is_empty() {
         return Err(SceneError::Empty);
@@ -219,7 +219,6 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     Err(SceneError::NotScene { found: format!("the bytes {}", quoted(&head[..head.len().min(16)])) })
 }
 
-/// Quotes bytes, and escapes unprintable ones.
 fn quoted(bytes: &[u8]) -> String {
     format!("\"{}\"", bytes.escape_ascii())
 }

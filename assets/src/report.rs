@@ -108,9 +108,7 @@ pub struct DepthRange {
     pub robust_near: f64,
     /// 99th percentile of the depths.
     pub robust_far: f64,
-    /// Bits that outliers cost a key linear in depth.
-    ///
-    /// This is log2 of the whole range over the robust range: a 16-bit key has this many fewer bits for most splats.
+    /// Bits that outliers cost a key linear in depth: log2 of the whole range over the robust range.
     pub linear_bits_lost: f64,
     /// Bits that outliers cost a key linear in the logarithm of depth.
     pub logarithmic_bits_lost: f64,
@@ -206,7 +204,6 @@ impl fmt::Display for Shown<'_> {
 }
 
 impl fmt::Display for Report {
-    /// Writes a block of lines, one per statistic.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |n: u64| 100.0 * n as f64 / f64::from(self.splats.max(1));
         let line = |f: &mut fmt::Formatter<'_>, what: &str, text: String| writeln!(f, "  {what:<22}{text}");

@@ -1,6 +1,4 @@
 //! Accounts for every byte of a scene file: header, fields, separators and trailing bytes sum to the file's size.
-//!
-//! For example, it shows that 45 of the 62 floats of a splat of degree 3 are its view-dependent colour.
 
 use serde::Serialize;
 use std::fmt;
@@ -89,7 +87,6 @@ fn runs(fields: &[FieldSize]) -> Vec<&[FieldSize]> {
 }
 
 impl fmt::Display for SizeBreakdown {
-    /// Writes a table with one line per field or run of numbered fields, with bytes per row and in total.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let line =
             |f: &mut fmt::Formatter<'_>, what: &str, kind: &str, each: &str, bytes: u64, note: &str| {

@@ -16,10 +16,8 @@ use crate::scene::{FileNotes, Scene, Splat};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use std::io::{Result as IoResult, Write};
 
-/// Bytes of a splat.
 pub(crate) const STRIDE: usize = 32;
 
-/// Reads the little-endian `f32` at offset `at`.
 fn float(row: &[u8], at: usize) -> f32 {
     f32::from_le_bytes(row[at..at + 4].try_into().expect("the slice has 4 bytes"))
 }
@@ -47,7 +45,6 @@ fn quaternion(row: &[u8]) -> [f64; 4] {
     std::array::from_fn(|at| (f64::from(row[28 + at]) - 128.0) / 128.0)
 }
 
-/// Computes the number of splats from a file's length.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let length = source.length();
     let count = length / STRIDE as u64;
@@ -63,7 +60,6 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(SceneHeader { count, stored_degree: 0 })
 }
 
-/// Parses the splats of a `.splat` file.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let SceneHeader { count, .. } = header(input.source)?;
     let mut columns = input.allocate(count, 0, false, (STRIDE, 0))?;
@@ -117,9 +113,6 @@ fn splat(row: &[u8]) -> (Splat, f64) {
 }
 
 /// Writes a scene, without the harmonics above band 0.
-///
-/// # Errors
-/// The writer fails.
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> IoResult<()> {
     for index in 0..scene.count() as usize {
         let splat = scene.splat(index);

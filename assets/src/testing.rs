@@ -16,7 +16,6 @@ pub(crate) fn splat(index: usize) -> Splat {
     }
 }
 
-/// Parses a scene without a progress callback.
 pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::error::SceneError> {
     Scene::parse(bytes, crate::QUIET)
 }

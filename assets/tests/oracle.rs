@@ -1,6 +1,6 @@
 //! Compares decoded values with those of PlayCanvas's `splat-transform` (npm) and of the package `spz` (PyPI).
 //!
-//! `SPLAT_TRANSFORM` is the command that runs splat-transform, by default `splat-transform`; it needs Node 22.
+//! `SPLAT_TRANSFORM` is the command that runs splat-transform, by default `splat-transform`.
 //! `SPZ_PYTHON` is a Python that has the packages `spz` and `numpy`, by default `python3`. `SPLATGRAPH_DATA` is the
 //! folder of captured scenes.
 
@@ -33,7 +33,6 @@ fn command(variable: &str, program: &str) -> Command {
     command
 }
 
-/// Runs a command. Returns its output, or the reason why it failed.
 fn output(mut command: Command) -> Result<String, String> {
     let done = command.output().map_err(|error| error.to_string())?;
     let text = String::from_utf8_lossy(&done.stdout).into_owned();
@@ -90,7 +89,6 @@ impl Differences {
         }
     }
 
-    /// Prints the differences, and checks them against limits.
     fn check(&self, what: &str, limits: [f64; 6]) {
         let found: Vec<String> =
             Self::NAMES.iter().zip(self.0).map(|(name, value)| format!("{name} {value:.1e}")).collect();

@@ -4,10 +4,10 @@ use crate::error::SceneError;
 use crate::projection::Projection;
 use std::path::PathBuf;
 
-/// Maximum size of a `cameras.json` or `transforms.json`, in bytes: enough for half a million cameras.
+/// Maximum size of a `cameras.json` or `transforms.json`, in bytes.
 pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
 
-/// Maximum number of cameras in a dataset, which bounds their memory to a gigabyte.
+/// Maximum number of cameras in a `cameras.json`, a `transforms.json` or a COLMAP model.
 pub(crate) const MAX_CAMERAS: usize = 1 << 20;
 
 /// An error while reading, writing or selecting cameras.

@@ -50,7 +50,6 @@ fn whole<'de, S: DeserializeSeed<'de>>(text: &'de str, seed: S) -> serde_json::R
 /// A deserialiser of a list, entry by entry, so that an error has the line and index of its entry.
 struct List<'a, T, F> {
     reached: &'a Cell<Option<usize>>,
-    /// Converts an entry to a view.
     view: F,
     entry: PhantomData<T>,
 }
@@ -190,7 +189,6 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
         .or_else(|| either!(camera_angle_x of frame, file).map(|angle| of_angle(width, angle)));
     let fy = either!(fl_y of frame, file)
         .or_else(|| either!(camera_angle_y of frame, file).map(|angle| of_angle(height, angle)));
-    // A panorama has no focal length.
     let panorama =
         (projection == Projection::Equirectangular).then(|| f64::from(width) / std::f64::consts::TAU);
     let fx = fx.or(panorama).ok_or("missing field `fl_x`, or `camera_angle_x`")?;
@@ -226,7 +224,6 @@ fn transforms(text: &str, path: &Path, reached: &Cell<Option<usize>>) -> serde_j
     Ok(Dataset { views, photographs: Some(folder), off_center })
 }
 
-/// A deserialiser of the list `frames` of an object.
 struct Frames<'a, F>(List<'a, Fields, F>);
 
 impl<'de, F: FnMut(Fields) -> Result<View, String>> DeserializeSeed<'de> for Frames<'_, F> {

@@ -9,7 +9,6 @@ use zune_jpeg::JpegDecoder;
 /// Extensions to try for a photograph's name: first appended to it, then in place of its own.
 const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
-/// Finds a photograph in a folder by its name. The extension may be missing or differ.
 pub(super) fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let named = folder.join(name);
     let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));

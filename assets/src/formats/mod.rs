@@ -41,9 +41,7 @@ fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene
 
 /// Content of a file; `T` represents a single scene.
 enum Found<T> {
-    /// A single scene.
     One(T),
-    /// A mesh.
     Mesh(Mesh),
     /// The parts of a composition.
     Several(Vec<Placed>),
@@ -90,7 +88,6 @@ fn open<T>(
     inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
 }
 
-/// Reads the text of a composition, and returns its parts.
 fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     let length = source.length();
     if length > composition::MAX_BYTES {
@@ -103,9 +100,7 @@ fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     composition::parse(&text, path.parent().unwrap_or(Path::new("")))
 }
 
-/// Returns true for a glTF file whose JSON does not name the extension of Gaussian splats.
 fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
-    /// Maximum number of bytes that are searched.
     const MAX_SEARCHED: u64 = 1 << 26;
     let binary = head.starts_with(b"glTF");
     // GLB has a header of 12 bytes, followed by the length and the type of the JSON chunk.
@@ -127,7 +122,6 @@ fn check_mesh(length: u64, available: Option<u64>) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Reads a mesh, with the buffers and images beside its file.
 fn mesh(source: &Source, path: &Path) -> Result<Mesh, SceneError> {
     let length = source.length();
     check_mesh(length, memory::available())?;
@@ -135,12 +129,10 @@ fn mesh(source: &Source, path: &Path) -> Result<Mesh, SceneError> {
     Mesh::parse(&bytes, Some(path.parent().unwrap_or(Path::new(""))))
 }
 
-/// Returns the error for a mesh where splats are needed.
 fn alone(path: &Path) -> LoadError {
     LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }
 }
 
-/// Returns the error for a composition that is part of another.
 fn nested(path: &Path) -> LoadError {
     let message = "expected one scene, found several".into();
     LoadError { path: path.to_owned(), problem: SceneError::Scenes { message } }
@@ -194,7 +186,6 @@ impl SceneHeader {
     }
 }
 
-/// Adds the composition's file to the error of one of its scenes.
 fn within(path: &Path, error: LoadError) -> LoadError {
     LoadError { path: path.to_owned(), problem: SceneError::Placed(Box::new(error)) }
 }

@@ -6,7 +6,6 @@ use crate::testing::{captures, parse as read};
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
-/// Generates a scene of splats that differ in all values.
 fn varied(count: u32, degree: u32) -> Scene {
     Scene::generate(count, degree, |index| {
         let wave = |k: usize| ((index * 7 + k * 13) as f32 * 0.37).sin();
@@ -26,7 +25,6 @@ fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
     bytes
 }
 
-/// Maximum rounding error of a format, per kind of value.
 struct Steps {
     position: f32,
     /// Tolerance of the logarithm of a scale.

@@ -10,7 +10,6 @@ use crate::input::Source;
 use crate::projection::Projection;
 use glam::{DMat3, DVec3};
 
-/// Height of the pictures, in pixels.
 const HEIGHT: u32 = 720;
 
 /// Aspect ratio of a perspective camera that specifies none. glTF then leaves it to the viewer's window.

@@ -13,7 +13,6 @@ pub(super) struct Column<'a> {
     stride: usize,
     component: Component,
     normalized: bool,
-    /// Number of components of an element.
     width: usize,
     pub count: u64,
 }
@@ -38,7 +37,6 @@ impl Component {
 }
 
 impl<'a> Column<'a> {
-    /// Finds the values of an attribute with `width` components per element.
     pub(super) fn open(
         container: &'a Container,
         name: &str,
@@ -90,7 +88,6 @@ impl<'a> Column<'a> {
         self.count * self.bytes() as u64
     }
 
-    /// Returns the name of the component type.
     pub(super) fn kind(&self) -> &'static str {
         match self.component {
             Component::I8 => "char",

@@ -7,19 +7,16 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use std::path::{Component, Path};
 
-/// First bytes of a `.glb`.
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 
 /// Maximum size of the JSON, in bytes: parsing takes several times as much memory.
 const MAX_JSON: u64 = 16 << 20;
 
-/// Returns true if a text looks like the JSON of glTF.
 pub(crate) fn begins_as_json(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     text.trim_start().starts_with('{') && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key))
 }
 
-/// The bytes of a buffer.
 enum Bytes<'a> {
     /// Bytes in the document's own file, from an offset on.
     Within(&'a Source<'a>, u64),
@@ -29,7 +26,6 @@ enum Bytes<'a> {
     File(OpenFile),
 }
 
-/// A glTF document, with its buffers opened.
 pub(super) struct Container<'a> {
     pub document: Document,
     /// Number of bytes of the file that are not in its binary chunk.
@@ -85,12 +81,10 @@ fn chunks(source: &Source) -> Result<(Chunk, Option<Chunk>), SceneError> {
     Ok(((20, json), Some((at + 8, bytes))))
 }
 
-/// Reads and parses the JSON of a file.
 pub(super) fn document(source: &Source) -> Result<Document, SceneError> {
     Document::parse(&json(source)?)
 }
 
-/// Reads the JSON of a file.
 pub(super) fn json(source: &Source) -> Result<Vec<u8>, SceneError> {
     let ((at, length), _) = chunks(source)?;
     if length > MAX_JSON {

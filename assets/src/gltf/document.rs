@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 /// Name of the extension. The names of its attributes and of extensions to it begin with it.
 pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
 
-/// Makes the error for a value that the format or this reader does not allow.
 pub(super) fn wrong(part: impl Into<String>, message: impl Into<String>) -> SceneError {
     SceneError::Part { part: part.into(), message: message.into() }
 }
@@ -141,7 +140,6 @@ pub(super) struct Buffer {
     pub uri: Option<String>,
 }
 
-/// A primitive of splats, with the transform of its node.
 #[derive(Debug)]
 pub(super) struct Splats<'a> {
     pub primitive: &'a Primitive,

@@ -17,7 +17,6 @@ use glam::DQuat;
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// Returns the name of a coefficient's attribute.
 pub(super) fn coefficient(band: u32, index: u32) -> String {
     format!("{SPLATTING}:SH_DEGREE_{band}_COEF_{index}")
 }
@@ -38,7 +37,6 @@ fn degree(primitive: &Primitive) -> u32 {
     (1..=3).take_while(has).last().unwrap_or(0)
 }
 
-/// Reads the number of splats, and the degree of their harmonics.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let document = container::document(source)?;
     let mut found = SceneHeader { count: 0, stored_degree: 0 };
@@ -137,7 +135,6 @@ fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
     Ok(false)
 }
 
-/// Reads the SPZ file of a buffer view, and transforms its splats by `place`.
 fn packed(
     input: &Input,
     container: &Container,
@@ -231,7 +228,6 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }
 
-/// Returns the number of floats written for a splat with harmonics of `degree`.
 pub(super) fn floats(degree: u32) -> usize {
     11 + sh_floats(degree)
 }

@@ -15,7 +15,6 @@ fn bytes(scene: &Scene) -> Vec<u8> {
     bytes
 }
 
-/// Splits a `.glb` into its document and its binary chunk.
 fn parts(glb: &[u8]) -> (Value, Vec<u8>) {
     let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
     (serde_json::from_slice(&glb[20..20 + length]).unwrap(), glb[28 + length..].to_vec())

@@ -9,10 +9,8 @@ use crate::spz;
 use serde_json::{Map, Value, json};
 use std::io::{Error, ErrorKind, Result, Write};
 
-/// Number of splats converted together before they are written.
 const BATCH: usize = 1 << 14;
 
-/// Returns splat `index`, converted to glTF's axes.
 fn turned(scene: &Scene, index: usize) -> Splat {
     let mut splat = scene.splat(index);
     spz::flip(&mut splat, scene.stored_degree());

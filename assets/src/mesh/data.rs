@@ -181,7 +181,6 @@ impl Mesh {
         self.texels.iter().map(|texel| u32::from_le_bytes(*texel)).collect()
     }
 
-    /// Computes a hash of everything that is drawn.
     pub(crate) fn identity(&self) -> u64 {
         let materials: Vec<u32> = self.materials.iter().flat_map(MeshMaterial::words).collect();
         let lists = [

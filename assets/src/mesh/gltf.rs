@@ -34,7 +34,6 @@ fn mentions(text: &[u8], word: &[u8]) -> bool {
     text.windows(word.len()).any(|window| window == word)
 }
 
-/// Makes the error for a part of the file.
 fn wrong(part: impl ToString, message: impl ToString) -> SceneError {
     SceneError::Part { part: part.to_string(), message: message.to_string() }
 }
@@ -125,7 +124,6 @@ fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Sources of the bytes that a document refers to: its folder, and the binary chunk.
 struct Files<'a> {
     folder: Option<&'a Path>,
     blob: Option<&'a [u8]>,
@@ -154,7 +152,6 @@ struct Reader<'a> {
     document: &'a Document,
     files: Files<'a>,
     buffers: Vec<Cow<'a, [u8]>>,
-    /// Images that were read, by index.
     images: HashMap<usize, Texture>,
     /// Indices of materials in the mesh, by index in the file; `None` is the default material.
     materials: HashMap<Option<usize>, u32>,
@@ -291,7 +288,6 @@ impl<'a> Reader<'a> {
         Ok((0..count).map(move |index| &bytes[index * stride..index * stride + length]))
     }
 
-    /// Returns the bytes of a buffer view.
     fn view(&self, view: &gltf::buffer::View, part: &str) -> Result<&[u8], SceneError> {
         let end = view.offset().checked_add(view.length());
         let bytes = end.and_then(|end| self.buffers[view.buffer().index()].get(view.offset()..end));
@@ -339,7 +335,6 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Returns the index of a primitive's material in the mesh.
     fn material(&mut self, primitive: &Primitive<'a>, part: &str) -> Result<u32, SceneError> {
         let material = primitive.material();
         if let Some(known) = self.materials.get(&material.index()) {

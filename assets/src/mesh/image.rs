@@ -6,7 +6,6 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Maximum width and height of an image, in texels.
 const MAX_SIDE: u32 = 16_384;
 /// Maximum number of texels of all images of a mesh: 256 MiB.
 pub(super) const MAX_TEXELS: u64 = 1 << 26;

@@ -159,7 +159,7 @@ fn a_binary_file_that_was_cut_short_is_told_with_both_lengths() {
     assert_eq!(told(10), "`header`: expected 12 bytes, found 10");
     let expected = format!("`header`: expected a file of {} bytes, found 100", whole.len());
     assert_eq!(told(100), expected);
-    // The crate subtracts the header from the length in it.
+    // The crate `gltf` subtracts the 12 bytes of the header from this length.
     let mut short = whole.clone();
     short[8..12].copy_from_slice(&11u32.to_le_bytes());
     let error = Mesh::parse(&short, None).expect_err("it is refused").to_string();

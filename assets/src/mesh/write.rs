@@ -100,7 +100,6 @@ impl Mesh {
             let of = self.triangles.iter().zip(&self.material_of).filter(|(_, of)| **of as usize == index);
             let corners: Vec<usize> =
                 of.flat_map(|(triangle, _)| triangle.map(|corner| corner as usize)).collect();
-            // Each primitive has its own vertices, in the order of the mesh.
             let vertices: Vec<usize> = corners.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
             let picked = |list: &[[f32; 3]]| -> Vec<_> { vertices.iter().map(|at| list[*at]).collect() };
             let position = writer.floats(&turned(&picked(&self.positions)), "VEC3");

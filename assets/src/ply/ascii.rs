@@ -9,7 +9,7 @@ use std::ops::Range;
 /// Bytes read at a time; more for a line that is longer.
 const PIECE: usize = 256 << 10;
 
-/// Maximum length of a line, in bytes. A splat's line has a few hundred.
+/// Maximum length of a line, in bytes.
 pub(crate) const MAX_LINE: usize = 16 << 20;
 
 /// A position between two lines of a file.
@@ -21,7 +21,6 @@ pub(crate) struct Place {
     pub number: u64,
 }
 
-/// A line that is not blank.
 #[derive(Clone, Copy)]
 pub(crate) struct Line<'a> {
     /// The bytes before the line feed. A carriage return is white space between words.
@@ -51,9 +50,6 @@ impl<'a> Lines<'a> {
     }
 
     /// Returns the next line that is not blank; `None` at the end of the file.
-    ///
-    /// # Errors
-    /// The file cannot be read, or the line is longer than [`MAX_LINE`].
     pub(crate) fn next_row(&mut self) -> Result<Option<Line<'_>>, SceneError> {
         loop {
             let Some((line, cut)) = self.next_line()? else { return Ok(None) };
@@ -116,7 +112,6 @@ fn error(line: u64, message: String) -> SceneError {
     SceneError::Row { line, message }
 }
 
-/// Escapes the first 40 bytes of a word for a message.
 fn shown(word: &[u8]) -> String {
     word[..word.len().min(40)].escape_ascii().to_string()
 }
@@ -135,9 +130,6 @@ pub(crate) fn wide(line: &Line, column: usize) -> Option<f64> {
 /// each word to its column's total.
 ///
 /// Returns the number of values, at most one per column. The caller rejects lines with fewer.
-///
-/// # Errors
-/// A value is not a number, or the line has more values than columns.
 pub(crate) fn row(
     line: &Line,
     layout: &Layout,
@@ -177,9 +169,6 @@ pub(crate) fn row(
 }
 
 /// Skips an element and returns the bytes of each property's words.
-///
-/// # Errors
-/// The file cannot be read or ends before the last row, or a row does not match its properties.
 pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, SceneError> {
     let mut sizes = vec![0; element.properties.len()];
     for row in 0..element.count {

@@ -5,9 +5,6 @@ use crate::error::SceneError;
 use crate::input::Source;
 
 /// Reads the scalar at the start of `bytes` as f32; doubles are rounded, integers converted.
-///
-/// # Panics
-/// Panics if `bytes` is shorter than the scalar.
 #[inline]
 pub(crate) fn value<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f32 {
     match scalar {
@@ -23,9 +20,6 @@ pub(crate) fn value<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f32 {
 }
 
 /// Reads the scalar at the start of `bytes` as f64, which represents every value of every type.
-///
-/// # Panics
-/// Panics if `bytes` is shorter than the scalar.
 #[inline]
 pub(crate) fn wide<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f64 {
     match scalar {
@@ -64,9 +58,6 @@ fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
 /// Sums the bytes of each property over all rows of an element, from offset `start` on.
 ///
 /// The inner `Err` has the number of whole rows, if the file ends inside a row or a list's length is negative.
-///
-/// # Errors
-/// The file cannot be read.
 pub(crate) fn measure(
     source: &Source,
     start: u64,
@@ -108,13 +99,11 @@ pub(crate) fn measure(
 /// A buffered piece of a file, which only moves forward.
 struct Window<'a> {
     source: &'a Source<'a>,
-    /// Offset of the first of `bytes`.
     at: u64,
     bytes: Vec<u8>,
 }
 
 impl Window<'_> {
-    /// Bytes read at a time.
     const PIECE: u64 = 64 << 10;
 
     /// Returns `count` bytes at offset `at`, which must not decrease between calls; `None` beyond the end of the file.

@@ -5,10 +5,9 @@ use crate::error::SceneError;
 use crate::scene::FileNotes;
 use crate::size_breakdown::{ElementSize, FieldSize};
 
-/// Maximum number of bytes in a header. The reference layout needs about 1,600; the rest is for comments.
+/// Maximum number of bytes in a header.
 pub(crate) const HEADER_LIMIT: usize = 64 * 1024;
 
-/// The encoding of the rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Encoding {
     Ascii,
@@ -17,7 +16,6 @@ pub(crate) enum Encoding {
 }
 
 impl Encoding {
-    /// Returns the name in a `format` line.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Ascii => "ascii",
@@ -80,7 +78,6 @@ impl Scalar {
     }
 }
 
-/// The type of a property: a number, or a list of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PropertyType {
     Scalar(Scalar),
@@ -96,7 +93,6 @@ impl PropertyType {
     }
 }
 
-/// A property of an element: a column of its table.
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub name: String,
@@ -122,7 +118,6 @@ impl Element {
         })
     }
 
-    /// Returns the error for a file with only `there` rows of the element.
     pub(crate) fn truncated(&self, there: u64) -> SceneError {
         let (promised, line) = (self.count, self.line);
         if self.name == "vertex" {
@@ -156,7 +151,6 @@ impl Element {
     }
 }
 
-/// A parsed header.
 #[derive(Clone, Debug)]
 pub(crate) struct Header {
     pub encoding: Encoding,
@@ -170,14 +164,12 @@ pub(crate) struct Header {
 }
 
 impl Header {
-    /// Finds the element that holds the splats.
     pub(crate) fn vertex(&self) -> Result<&Element, SceneError> {
         self.elements.iter().find(|e| e.name == "vertex").ok_or_else(|| SceneError::NoVertexElement {
             found: self.elements.iter().map(|e| e.name.clone()).collect(),
         })
     }
 
-    /// Parses the header of bytes that begin with `ply` and a line end.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, SceneError> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
@@ -199,7 +191,6 @@ impl Header {
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             let fail = |message: String| SceneError::Header { line: number, message };
             match words.as_slice() {
-                // Blank lines and `obj_info` are ignored.
                 [] | ["obj_info", ..] => {}
                 ["comment", comment @ ..] => tags::read(comment, &mut notes)?,
                 ["ply"] if number == 1 => {}
@@ -261,7 +252,6 @@ impl Header {
     }
 }
 
-/// Parses the words after `property` in a declaration.
 fn property(words: &[&str]) -> Result<Property, String> {
     let scalar = |name: &str| {
         Scalar::parse(name).ok_or_else(|| {

@@ -13,7 +13,6 @@ const OPACITY: usize = 10;
 const DC: usize = 11;
 const REST: usize = 14;
 
-/// Number of slots of a splat of degree 3.
 pub(crate) const MAX_SLOTS: usize = REST + 45;
 
 /// Names of the properties that every splat has, in slot order.
@@ -22,7 +21,6 @@ const NAMES: [&str; REST] = [
     "f_dc_1", "f_dc_2",
 ];
 
-/// The location of one value of a splat in a row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slot {
     /// Index of the property.

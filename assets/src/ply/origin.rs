@@ -12,7 +12,6 @@ use super::layout::Layout;
 /// Spacing of the origins, in world units. At half this distance, f32 resolves 1/16,384 of a unit.
 pub(super) const STEP: f64 = 1024.0;
 
-/// Maximum number of sampled rows.
 const SAMPLES: u64 = 1000;
 
 /// A sample of the positions, for choosing the origin.

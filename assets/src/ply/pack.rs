@@ -15,7 +15,6 @@ const SCALE_LIMIT: f64 = 20.0;
 /// The values of a splat that are stored relative to bounds: position, logarithms of the scale, and colour.
 type Ranged = [f64; 9];
 
-/// Formats the header of a file with `count` splats.
 fn header(count: usize, degree: u32, notes: FileNotes) -> String {
     let lines = |kind: &str, names: &mut dyn Iterator<Item = String>| -> String {
         names.map(|name| format!("property {kind} {name}\n")).collect()
@@ -31,7 +30,6 @@ fn header(count: usize, degree: u32, notes: FileNotes) -> String {
     )
 }
 
-/// Returns the values of a splat that are stored relative to bounds.
 fn ranged(scene: &Scene, index: usize) -> Ranged {
     let splat = scene.splat(index);
     let scale = splat.scale.map(|s| f64::from(logarithm(s)).clamp(-SCALE_LIMIT, SCALE_LIMIT));
@@ -45,22 +43,17 @@ fn pack(t: &[f64]) -> u32 {
     quantised(t[0], 2047) << 21 | quantised(t[1], 1023) << 11 | quantised(t[2], 2047)
 }
 
-/// Packs a unit quaternion w, x, y, z.
 fn rotation(quaternion: [f32; 4]) -> u32 {
     let (largest, quaternion) = largest_positive(quaternion);
     let others = (0..4).filter(|at| *at != largest);
     others.fold(largest as u32, |word, at| word << 10 | quantised(quaternion[at] / SQRT_2 + 0.5, 1023))
 }
 
-/// Quantises a coefficient of a band above 0.
 fn harmonic(value: f32) -> u8 {
     ((f64::from(value) / 8.0 + 0.5) * 256.0).trunc().clamp(0.0, 255.0) as u8
 }
 
 /// Writes a scene as compressed PLY.
-///
-/// # Errors
-/// The writer fails, or the packed splats do not fit in memory.
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let degree = scene.stored_degree();
     out.write_all(header(scene.count() as usize, degree, scene.notes()).as_bytes())?;

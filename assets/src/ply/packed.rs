@@ -21,7 +21,6 @@ use crate::scene::{Scene, Splat};
 use crate::size_breakdown::SizeBreakdown;
 use std::f64::consts::SQRT_2;
 
-/// Number of splats that share bounds.
 pub(super) const CHUNK_SPLATS: usize = 256;
 
 /// Properties of `vertex`.
@@ -49,15 +48,12 @@ pub(super) const CHUNK: [&str; 18] = [
     "max_b",
 ];
 
-/// The offsets of the values in the rows of a compressed file.
 pub(super) struct Packed {
-    /// Degree of the spherical harmonics.
     pub degree: u32,
     /// Offset of each of [`VERTEX`] in a row.
     vertex: [usize; 4],
     /// Offset of each of [`CHUNK`] in a row; only the first 12 if the file has no bounds for colours.
     chunk: Vec<usize>,
-    /// Offset of each `f_rest_*` in a row.
     rest: Vec<usize>,
 }
 
@@ -119,7 +115,6 @@ impl Packed {
         })
     }
 
-    /// Parses the rows of a file.
     pub(super) fn parse(&self, input: &Input, header: &Header) -> Result<Scene, SceneError> {
         let mut elements = Vec::new();
         let (mut chunks, mut vertex, mut sh) = (None, None, Table { start: 0, stride: 0 });
@@ -167,7 +162,6 @@ impl Packed {
         input::finish((columns, gathered), count, size_breakdown, header.notes)
     }
 
-    /// Reads the bounds of all chunks that `count` splats occupy.
     fn bounds(&self, input: &Input, table: Table, count: u64) -> Result<Vec<Bounds>, SceneError> {
         let needed = count.div_ceil(CHUNK_SPLATS as u64) as usize;
         let mut bounds: Vec<Bounds> =
@@ -218,7 +212,6 @@ impl Packed {
     }
 }
 
-/// Returns true if the reader uses a property.
 fn used(element: &str, property: &Property) -> bool {
     let name = property.name.as_str();
     match element {
@@ -253,7 +246,6 @@ fn unpack(word: u32) -> [f64; 3] {
     [f64::from(word >> 21) / 2047.0, f64::from(word >> 11 & 1023) / 1023.0, f64::from(word & 2047) / 2047.0]
 }
 
-/// Unpacks a quaternion w, x, y, z.
 fn quaternion(word: u32) -> [f64; 4] {
     let component = |shift: u32| (f64::from(word >> shift & 1023) / 1023.0 - 0.5) * SQRT_2;
     let others = [20, 10, 0].map(component);

@@ -18,7 +18,6 @@ use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use std::sync::Mutex;
 
-/// The layout of a file's splats.
 enum Stored {
     /// A property per value: the reference layout.
     Plain(Layout),
@@ -56,7 +55,6 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
     Ok((header, stored, count))
 }
 
-/// Reads only the header of a file that begins as PLY.
 pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
     let (_, stored, count) = header(source)?;
     let stored_degree = match stored {
@@ -66,7 +64,6 @@ pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(SceneHeader { count, stored_degree })
 }
 
-/// Parses a scene from a file that begins as PLY.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let (header, stored, count) = header(input.source)?;
     let layout = match stored {
@@ -91,7 +88,6 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     Ok(scene.with_offset(origin))
 }
 
-/// The input of a load, with the parsed header and layout.
 struct File<'a> {
     input: &'a Input<'a>,
     source: &'a Source<'a>,
@@ -99,7 +95,6 @@ struct File<'a> {
     layout: &'a Layout,
 }
 
-/// The splats, their statistics, and the origin of their coordinates.
 struct Splats {
     columns: Columns,
     gathered: Gathered,
@@ -115,7 +110,6 @@ impl File<'_> {
         self.input.allocate(count, layout.degree, layout.wide().contains(&true), (layout.stride, 0))
     }
 
-    /// Returns true if a column becomes part of a splat.
     fn uses(&self, element: &Element, column: usize) -> bool {
         element.name == "vertex" && self.layout.slot_of[column].is_some()
     }
@@ -167,7 +161,6 @@ impl File<'_> {
         Ok(Splats { columns, gathered, origin })
     }
 
-    /// Chooses the origin from the rows at offset `start`.
     fn binary_origin<const BIG: bool>(&self, start: u64, count: u64) -> Result<[f64; 3], SceneError> {
         let Some(mut sample) = Sample::of(self.layout, count) else { return Ok([0.0; 3]) };
         let mut bytes = [0; 8];
@@ -266,7 +259,6 @@ impl File<'_> {
     }
 }
 
-/// Returns the error for a row with too few values.
 fn short_row(line: &ascii::Line, vertex: &Element, row: u64) -> SceneError {
     if line.cut {
         return vertex.truncated(row);

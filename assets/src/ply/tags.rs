@@ -15,10 +15,7 @@ use crate::scene::{FileNotes, Filter};
 const AXES: [(&str, [f64; 3]); 3] =
     [("x", [1.0, 0.0, 0.0]), ("y", [0.0, -1.0, 0.0]), ("z", [0.0, 0.0, -1.0])];
 
-/// Reads the words of a comment. Comments that are not tags are ignored.
-///
-/// # Errors
-/// The splats are the disks of 2DGS.
+/// Reads the words of a comment. Ignores comments that are not tags; fails if the splats are 2D Gaussians.
 pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneError> {
     let words: Vec<String> = comment.iter().map(|word| word.to_ascii_lowercase()).collect();
     match words.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {

@@ -7,7 +7,6 @@ use crate::{Scene, sh_floats};
 use proptest::prelude::*;
 use std::path::PathBuf;
 
-/// Parameters of a generated file.
 struct Made {
     format: &'static str,
     kind: &'static str,
@@ -114,7 +113,6 @@ fn error(bytes: &[u8]) -> String {
     parse(bytes).unwrap_err().to_string()
 }
 
-/// Returns a file in which a part of the header is replaced.
 fn edited(made: &Made, from: &str, to: &str) -> Vec<u8> {
     let bytes = made.bytes();
     let at =

@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// Number of chunks encoded together before they are written.
 const BATCH: usize = 32;
 
 /// Lists the properties' names, in the reference implementation's order.
@@ -33,7 +32,6 @@ fn kind(column: usize, wide: bool) -> (&'static str, u64) {
     if wide && column < 3 { ("double", 8) } else { ("float", 4) }
 }
 
-/// Formats the header of a file with `count` splats.
 fn header(count: u64, degree: u32, wide: bool, notes: FileNotes) -> String {
     let names = property_names(degree).into_iter().enumerate();
     let properties: String =
@@ -42,7 +40,6 @@ fn header(count: u64, degree: u32, wide: bool, notes: FileNotes) -> String {
     format!("ply\nformat binary_little_endian 1.0\n{tags}element vertex {count}\n{properties}end_header\n")
 }
 
-/// Computes the size breakdown of a file with `count` splats of this degree.
 fn size_breakdown(count: u64, degree: u32, wide: bool, notes: FileNotes) -> SizeBreakdown {
     let field = |(column, name): (usize, String)| {
         let (kind, size) = kind(column, wide);

@@ -7,7 +7,6 @@ use crate::input::{Done, OpenFile, Source, beside, grow};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Properties that every splat has.
 const REQUIRED: [Name; 5] = [Name::Center, Name::Alpha, Name::Rgb, Name::Scales, Name::Orientation];
 
 /// A chunk with a checked description.
@@ -24,11 +23,9 @@ pub(super) struct Chunk {
     pub unpacked_bytes: u64,
 }
 
-/// The chunks of a file.
 pub(super) struct Chunks {
     pub count: u64,
     pub chunks: Vec<Chunk>,
-    /// Degree of the harmonics.
     pub degree: u32,
     /// Bytes of the file and its `.radc` files.
     pub file_bytes: u64,
@@ -36,7 +33,6 @@ pub(super) struct Chunks {
     pub trailing_bytes: u64,
 }
 
-/// The unpacked arrays of a chunk.
 pub(super) struct Arrays {
     pub center: Column,
     pub alpha: Column,
@@ -83,7 +79,6 @@ impl Place {
 }
 
 impl Chunks {
-    /// Reads and checks the descriptions of all chunks.
     pub(super) fn read(source: &Source, folder: Option<&Path>) -> Result<Self, SceneError> {
         let (document, chunks_start) = Document::read(source)?;
         if document.count == 0 || document.chunks.is_empty() {
@@ -236,7 +231,6 @@ impl Chunk {
         bands.iter().take_while(|(own, code)| self.has(*own) || self.has(*code)).count() as u32
     }
 
-    /// Reads and unpacks the arrays of the chunk.
     pub(super) fn unpack(
         &self,
         source: &Source,

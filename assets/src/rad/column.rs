@@ -63,7 +63,6 @@ impl Column {
         Ok(column)
     }
 
-    /// Returns the number of unpacked bytes.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes.len() as u64
     }

@@ -9,13 +9,12 @@ use serde::de::DeserializeOwned;
 pub(crate) const MAGIC: &[u8; 4] = b"RAD0";
 pub(crate) const CHUNK_MAGIC: &[u8; 4] = b"RADC";
 
-/// Maximum length of a JSON text, in bytes. The file's text has about 100 bytes per chunk of 65,536 splats.
+/// Maximum length of a JSON text, in bytes.
 const MAX_JSON: u64 = 16 << 20;
 
 /// The only version of files and of chunks.
 const VERSION: u32 = 1;
 
-/// The description of a file.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Document {
@@ -36,7 +35,6 @@ pub(super) struct Place {
     pub filename: Option<String>,
 }
 
-/// The description of a chunk.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct ChunkDocument {
@@ -109,7 +107,6 @@ pub(super) enum Compression {
 }
 
 impl Name {
-    /// Returns the property's name in the format.
     pub(super) fn text(self) -> &'static str {
         match self {
             Self::Center => "center",
@@ -129,7 +126,6 @@ impl Name {
         }
     }
 
-    /// Returns the number of components of a row.
     pub(super) fn width(self) -> usize {
         match self {
             Self::Center | Self::Rgb | Self::Scales | Self::Orientation => 3,
@@ -163,7 +159,6 @@ impl Encoding {
         matches!(self, Self::U16 | Self::U32)
     }
 
-    /// Returns the bytes of a component.
     pub(super) fn bytes(self) -> usize {
         match self {
             Self::F32 | Self::F32LeBytes | Self::U32 => 4,

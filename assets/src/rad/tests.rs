@@ -231,7 +231,6 @@ fn chunks_can_be_files_beside_the_document() {
     assert_eq!(sizes.file_bytes as usize, document.len() + chunks[0].len() + chunks[1].len());
     let header = crate::SceneHeader::load(&path).unwrap();
     assert_eq!((header.count, header.stored_degree), (37, 0));
-    // The second chunk alone.
     assert_eq!(Scene::load(folder.path().join(names[1]), QUIET).unwrap().count(), 7);
     std::fs::write(&path, file(37, &chunks, &["scene-0.radc", "../scene-1.radc"], None)).unwrap();
     let said = Scene::load(&path, QUIET).unwrap_err().to_string();

@@ -21,7 +21,6 @@ pub(crate) struct Columns {
 
 /// A chunk of [`Columns`] that is being filled.
 pub(crate) struct Rows<'a> {
-    /// Index of the first splat.
     first: usize,
     /// Number of splats stored so far; dropped splats leave no gap.
     kept: usize,
@@ -93,9 +92,6 @@ impl Columns {
     }
 
     /// Allocates all arrays but the remainders of positions.
-    ///
-    /// # Errors
-    /// The arrays do not fit in memory.
     pub(crate) fn zeroed(count: usize, degree: u32) -> Result<Self, SceneMemoryError> {
         let columns = || {
             Some(Self {
@@ -115,9 +111,6 @@ impl Columns {
     }
 
     /// Allocates the remainders of positions with more precision than f32.
-    ///
-    /// # Errors
-    /// The remainders do not fit in memory.
     pub(crate) fn widen(&mut self) -> Result<(), SceneMemoryError> {
         let count = self.position.len();
         self.low = memory::zeroed(count).ok_or_else(|| SceneMemoryError {

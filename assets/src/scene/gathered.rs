@@ -4,7 +4,6 @@ use super::splat::Splat;
 use crate::bounds::Bounds;
 use serde::Serialize;
 
-/// A reason to drop a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reason {
     Position,
@@ -72,7 +71,6 @@ impl Dropped {
 }
 
 impl std::fmt::Display for Dropped {
-    /// Lists the reasons that apply, as `3 zero quaternion, 1 scale not finite in f32`, or `none`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let counts: Vec<String> = self
             .by_reason()
@@ -112,7 +110,6 @@ impl QuaternionNorms {
     }
 }
 
-/// Statistics gathered while the splats are stored.
 #[derive(Debug)]
 pub(crate) struct Gathered {
     pub(super) dropped: Dropped,

@@ -34,8 +34,7 @@ use tracing::info_span;
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Rounding error of positions that is ignored, relative to the splat's largest standard deviation. It changes a
-/// picture less (a PSNR of 100 dB) than rounding the picture does.
+/// Rounding error of positions that is ignored, relative to the splat's largest standard deviation.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
 /// The range of a scene's coefficients and colours, which storage formats must cover.
@@ -58,7 +57,6 @@ pub struct Scene {
     bounds: Bounds,
     notes: FileNotes,
     mesh: Option<Arc<Mesh>>,
-    /// Parts of a joined list of scenes; see [`Scene::parts`].
     parts: Vec<ScenePart>,
     /// Sizes of the file's parts; empty for a generated scene until requested.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
@@ -136,7 +134,6 @@ impl Scene {
         }))
     }
 
-    /// Creates a scene after `fill` has filled its columns.
     fn filled(mut columns: Columns, fill: impl Fn(&mut Rows) + Sync) -> Self {
         let filled = columns.fill(|rows| {
             fill(rows);
@@ -200,12 +197,10 @@ impl Scene {
         Self { notes, ..self }
     }
 
-    /// Sets the counts of the splats that were dropped when the file was read.
     pub(crate) fn with_dropped(self, dropped: Dropped) -> Self {
         Self { dropped, ..self }
     }
 
-    /// Sets the sizes of the file's parts.
     pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {
         Self { size_breakdown: OnceLock::from(breakdown), ..self }
     }
@@ -233,7 +228,6 @@ impl Scene {
         self.mesh.as_deref()
     }
 
-    /// Returns a shared reference to the mesh beside the splats.
     pub(crate) fn shared_mesh(&self) -> Option<Arc<Mesh>> {
         self.mesh.clone()
     }

@@ -105,7 +105,6 @@ impl FileNotes {
         counted.map(|(count, text)| format!("{} {text}", grouped(count))).collect()
     }
 
-    /// Removes the tags, which change how a scene is drawn.
     pub(crate) fn without_tags(self) -> Self {
         Self { low_pass: Filter::default(), key_of: SortKey::default(), up: None, ..self }
     }

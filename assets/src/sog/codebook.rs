@@ -7,7 +7,7 @@ use super::meta::CODES;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Iterations of Lloyd's algorithm. Further ones have less effect than the quantisation to a byte.
+/// Iterations of Lloyd's algorithm.
 const STEPS: usize = 48;
 
 /// Iterations that move the border between the two halves of an interval.
@@ -50,7 +50,6 @@ impl Codebook {
         Self { codes, ends }
     }
 
-    /// Returns the index of the code nearest to a number.
     pub(super) fn nearest(&self, number: f32) -> u8 {
         self.ends.partition_point(|end| *end <= number) as u8
     }
@@ -81,7 +80,6 @@ impl Sorted {
         Self { numbers: weighted.into_iter().map(|(number, _)| number).collect(), sums }
     }
 
-    /// Sums the weights, the weighted numbers and the weighted squares of an interval.
     fn moments(&self, interval: &Range<usize>) -> [f64; 3] {
         std::array::from_fn(|of| self.sums[interval.end][of] - self.sums[interval.start][of])
     }

@@ -9,16 +9,13 @@ use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-/// First bytes of a ZIP archive.
 pub(crate) const MAGIC: &[u8; 4] = b"PK\x03\x04";
 
-/// Maximum length of `meta.json`, in bytes.
 pub(super) const MAX_META: u64 = 1 << 20;
 
 /// Maximum number of padding rows: writers round a texture's height up to a multiple of 4.
 const PADDING: u64 = 4;
 
-/// Location of a scene's files.
 enum Place<'a> {
     /// A ZIP archive, and its length in bytes.
     Archive(ZipArchive<BufReader<SourceReader<'a>>>, u64),
@@ -26,7 +23,6 @@ enum Place<'a> {
     Folder(&'a Source<'a>, Option<PathBuf>),
 }
 
-/// The opened files of a scene.
 pub(super) struct Container<'a> {
     place: Place<'a>,
     /// Name and packed bytes of each file that was read.
@@ -55,7 +51,6 @@ impl<'a> Container<'a> {
         Ok(Self { place, sizes: Vec::new() })
     }
 
-    /// Returns the suffix of the format's name in the size breakdown.
     pub(super) fn kind(&self) -> &'static str {
         match self.place {
             Place::Archive(..) => "",
@@ -63,7 +58,6 @@ impl<'a> Container<'a> {
         }
     }
 
-    /// Reads `meta.json`, which every scene must have.
     pub(super) fn meta(&mut self) -> Result<Vec<u8>, SceneError> {
         match &self.place {
             Place::Archive(zip, _) => {
@@ -98,7 +92,6 @@ impl<'a> Container<'a> {
         }
     }
 
-    /// Reads a file of at most `most` bytes.
     fn read(&mut self, name: &str, most: u64) -> Result<Vec<u8>, SceneError> {
         let (bytes, packed) = match &mut self.place {
             Place::Archive(zip, _) => {
@@ -158,7 +151,7 @@ impl<'a> Container<'a> {
         count: u64,
         fault: impl Fn(u64, u64) -> Option<String>,
     ) -> Result<Texture, SceneError> {
-        // Generous limits: ZIP hardly compresses WebP, and a WebP file is hardly longer than its texels.
+        // Limits with slack: ZIP hardly compresses WebP, and a WebP file is hardly longer than its texels.
         let most = match &self.place {
             Place::Archive(_, length) => 4 * length + MAX_META,
             Place::Folder(..) => 8 * count + MAX_META,

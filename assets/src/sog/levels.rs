@@ -17,10 +17,8 @@ use std::collections::BTreeMap;
 use std::ops::{ControlFlow, Range};
 use std::path::Path;
 
-/// The document's name, in errors.
 const NAME: &str = "lod-meta.json";
 
-/// Maximum length of the document, in bytes. A scene of 259 million splats with ten levels has 4,096 leaves.
 const MAX_JSON: u64 = 64 << 20;
 
 /// The fields that a reader needs; others are ignored.
@@ -42,7 +40,6 @@ struct Node {
     lods: BTreeMap<u32, Run>,
 }
 
-/// The splats of a leaf at one level.
 #[derive(Clone, Copy, Deserialize)]
 struct Run {
     file: usize,
@@ -53,14 +50,12 @@ struct Run {
 /// The runs of a level in a file, in ascending order; `None` for all splats of the file.
 type Runs = Option<Vec<Range<u64>>>;
 
-/// The files of a level.
 struct Level {
     level: u32,
     levels: u32,
     files: Vec<(String, Runs)>,
 }
 
-/// Returns true if a text looks like a `lod-meta.json`.
 pub(super) fn begins_as_levels(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     text.trim_start().starts_with('{') && text.contains("\"lodLevels\"")
@@ -141,7 +136,6 @@ fn within<T>(
     })
 }
 
-/// Reads the headers of the level's files, and combines them.
 pub(super) fn header(
     source: &Source,
     folder: Option<&Path>,
@@ -201,7 +195,6 @@ pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) ->
     Ok(scene.with_breakdown(breakdown))
 }
 
-/// Starts the size breakdown of a level with the bytes of the document.
 fn empty(level: &Level, length: u64) -> SizeBreakdown {
     let Level { level, levels, .. } = level;
     let finest = if *level == 0 { ", the finest" } else { "" };
@@ -216,7 +209,6 @@ fn empty(level: &Level, length: u64) -> SizeBreakdown {
     }
 }
 
-/// Adds the sizes of a file's parts to the level's parts of the same names.
 fn add(all: &mut SizeBreakdown, part: &SizeBreakdown) {
     all.file_bytes += part.file_bytes;
     all.header_bytes += part.header_bytes;

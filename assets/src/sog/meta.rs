@@ -14,7 +14,6 @@ pub(super) const CODES: usize = 256;
 /// Maximum number of palette entries, which 16-bit labels can address.
 pub(super) const MAX_ENTRIES: u32 = 1 << 16;
 
-/// The checked contents of `meta.json`.
 #[derive(Debug)]
 pub(super) struct Meta {
     pub version: u32,
@@ -54,7 +53,6 @@ pub(super) struct Palette {
     pub files: [String; 2],
 }
 
-/// The version, which determines the other fields.
 #[derive(Deserialize)]
 struct Version {
     version: Option<u32>,
@@ -94,7 +92,6 @@ struct Palette2 {
     files: [String; 2],
 }
 
-/// The fields of version 1.
 #[derive(Deserialize)]
 struct Meta1 {
     means: Means1,
@@ -212,7 +209,6 @@ impl Meta1 {
 }
 
 impl Meta {
-    /// Parses and checks the text of a `meta.json`.
     pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
         let malformed = |error: serde_json::Error| malformed("meta.json", &error);
         let Version { version } = serde_json::from_slice(text).map_err(malformed)?;
@@ -246,7 +242,6 @@ pub(super) fn malformed(name: &str, error: &serde_json::Error) -> SceneError {
     SceneError::Row { line: error.line() as u64, message: format!("{name}: {error}") }
 }
 
-/// Returns the error for an invalid value in `meta.json`.
 pub(super) fn wrong(name: &str, expected: &str, found: impl std::fmt::Display) -> SceneError {
     SceneError::Part {
         part: format!("meta.json: {name}"),

@@ -54,7 +54,6 @@ pub(crate) fn header(
     }
 }
 
-/// Parses a scene. `level` selects a level of a streamed scene; `None` is the finest.
 pub(crate) fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene, SceneError> {
     let folder = path.and_then(Path::parent);
     match (levels::begins_as_levels(&input.source.head(HEAD)?), level) {

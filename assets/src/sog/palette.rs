@@ -1,8 +1,7 @@
 //! Chooses the palette of the harmonics: few entries that approximate many points.
 //!
 //! The points are split into groups, always the groups with the largest error, until every entry has a group. Entries
-//! go where points are dense or far apart, and equal points share one. Lloyd's algorithm could refine the entries, but
-//! would take longer than everything before it, and would not improve the pictures of our scenes.
+//! go where points are dense or far apart, and equal points share one.
 //!
 //! Everything is deterministic: sums run in the order of the points, whatever the number of threads.
 
@@ -12,7 +11,6 @@ use std::io::Result;
 /// Iterations that move the border between the two halves of a group.
 const BORDER_STEPS: usize = 4;
 
-/// Number of points that one task sums.
 const CHUNK: usize = 4096;
 
 /// Entries of equal dimension, and for each point the index of its entry.
@@ -22,15 +20,12 @@ pub(super) struct Palette {
     pub labels: Vec<u32>,
 }
 
-/// Points of equal dimension.
 struct Points<'a> {
     values: &'a [f32],
     width: usize,
 }
 
-/// A group of points.
 struct Group<'a> {
-    /// Indices of the points.
     of: &'a mut [u32],
     mean: Vec<f32>,
     /// Axis of the largest variance.

@@ -12,10 +12,8 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
 use std::path::Path;
 
-/// Size of a texel, in bytes.
 const TEXEL: usize = 4;
 
-/// Palette entries per row of its texture.
 const ENTRIES_PER_ROW: u32 = 64;
 
 /// Maximum splats per byte of a file: 20 bytes of texels per splat, at an assumed maximum compression of 1032 to 1.
@@ -44,7 +42,6 @@ pub(super) fn header(source: &Source, folder: Option<&Path>) -> Result<SceneHead
     Ok(SceneHeader { count: meta.count.into(), stored_degree })
 }
 
-/// The palette of harmonics.
 struct Entries<'a> {
     bands: u32,
     coefficients: usize,

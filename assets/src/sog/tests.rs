@@ -215,7 +215,6 @@ fn version_1_has_values_between_the_ends_of_ranges() {
     );
 }
 
-/// Writes a scene as a folder.
 fn folder(at: &Path, (meta, files): &(Value, Vec<(&str, Vec<u8>)>)) {
     std::fs::create_dir_all(at).unwrap();
     std::fs::write(at.join("meta.json"), meta.to_string()).unwrap();
@@ -301,7 +300,6 @@ fn a_level_of_a_streamed_scene_has_its_runs_and_the_environment() {
     assert_eq!(level.size_breakdown().sum(), level.size_breakdown().file_bytes);
     let header = SceneHeader::load_level(place.path(), Some(1)).unwrap();
     assert_eq!((header.count, header.stored_degree), (3, 2));
-    // Other scenes have no levels.
     let one = Scene::load_level(place.path().join("1_0"), Some(0), crate::QUIET).unwrap_err();
     assert!(matches!(one.problem, SceneError::NoLevels), "{one}");
 }

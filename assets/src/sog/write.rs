@@ -14,7 +14,6 @@ use std::ops::ControlFlow;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Palette entries per row of its texture.
 const ENTRIES_PER_ROW: usize = 64;
 
 /// Maximum width and height of a WebP picture, in pixels.
@@ -69,7 +68,6 @@ fn compressed(value: f64) -> f64 {
     value.signum() * value.abs().ln_1p()
 }
 
-/// Packs a unit quaternion w, x, y, z.
 fn rotation(quaternion: [f32; 4]) -> Texel {
     let (largest, quaternion) = largest_positive(quaternion);
     let mut texel = [0, 0, 0, 252 + largest as u8];
@@ -81,9 +79,6 @@ fn rotation(quaternion: [f32; 4]) -> Texel {
 }
 
 /// Writes a scene. `progress` gets the number of palette entries found so far, and their total.
-///
-/// # Errors
-/// The writer fails, `progress` cancels, the scene has no splats, or it has more splats than a texture can have texels.
 pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> Result<()> {
     if scene.count() == 0 {
         return Err(Error::new(ErrorKind::InvalidInput, "expected at least one splat, found none"));

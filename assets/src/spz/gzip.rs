@@ -8,13 +8,10 @@ use crate::size_breakdown::FieldSize;
 use flate2::bufread::GzDecoder;
 use std::io::{self, BufRead, BufReader, Read};
 
-/// Maximum size of all extension records, in bytes.
 const MAX_EXTENSIONS: u64 = 64 << 10;
 
-/// Bytes read from the file at a time.
 const PIECE: usize = 64 << 10;
 
-/// A reader that counts the bytes read through it.
 struct Counted<R> {
     inner: R,
     taken: u64,
@@ -52,7 +49,6 @@ pub(crate) fn begins_as_spz(head: &[u8]) -> bool {
     GzDecoder::new(head).read_exact(&mut magic).is_ok() && magic == *MAGIC
 }
 
-/// Reads the header of a file of version 1 to 3.
 pub(super) fn header(source: &Source) -> Result<Header, SceneError> {
     read_header(&mut unpacker(source), source.length())
 }
@@ -63,7 +59,6 @@ fn read_header(unpacker: &mut Unpacker, length: u64) -> Result<Header, SceneErro
     Header::parse(&bytes, length, 1..=3)
 }
 
-/// Unpacks a file of version 1 to 3.
 pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let mut unpacker = unpacker(input.source);
     let header = read_header(&mut unpacker, input.source.length())?;

@@ -87,7 +87,6 @@ impl Header {
         ]
     }
 
-    /// Returns the unpacked bytes of a splat.
     pub(super) fn stride(&self) -> u64 {
         self.arrays().iter().map(|(_, _, bytes)| *bytes as u64).sum()
     }
@@ -107,7 +106,6 @@ pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> 
     }
 }
 
-/// The unpacked arrays of a file.
 pub(super) struct Unpacked {
     pub header: Header,
     /// The arrays, one after the other.
@@ -117,7 +115,6 @@ pub(super) struct Unpacked {
     pub fields: Vec<FieldSize>,
     /// Number of packed bytes before the arrays.
     pub header_bytes: u64,
-    /// The compression's name.
     pub packing: &'static str,
     /// Bytes of the extension records, and their offset: in the unpacked stream, or in the file since version 4.
     pub records: (Vec<u8>, u64),

@@ -1,6 +1,5 @@
 //! Defines the sizes and tags of SPZ files.
 
-/// First bytes of the header.
 pub(crate) const MAGIC: &[u8; 4] = b"NGSP";
 
 /// Size of the header up to version 3, in bytes.
@@ -15,9 +14,9 @@ pub(super) const ENTRY: usize = 16;
 /// A version of SPZ to write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SpzVersion {
-    /// One gzip stream, which every reader of the format supports.
+    /// One gzip stream of all arrays.
     V3 = 3,
-    /// A Zstandard stream per array: smaller and faster to read. In the format since 2026.
+    /// One Zstandard stream per array. Readers of version 3 cannot read it.
     #[default]
     V4 = 4,
 }

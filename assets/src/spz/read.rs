@@ -76,7 +76,6 @@ fn is_plain(source: &Source) -> Result<bool, SceneError> {
     Ok(source.head(MAGIC.len())? == MAGIC)
 }
 
-/// Reads the number of splats and their degree from a file's header.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let header = match is_plain(source)? {
         true => streams::header(source)?.0,
@@ -85,7 +84,6 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(SceneHeader { count: header.count.into(), stored_degree: header.degree.min(3) })
 }
 
-/// Parses the splats of an SPZ file.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let Unpacked { header, data, tables, fields, header_bytes, packing, records: (records, at) } =
         unpack(input)?;

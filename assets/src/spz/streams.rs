@@ -41,7 +41,6 @@ pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
     Ok((header, table))
 }
 
-/// Unpacks a file of version 4.
 pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let source = input.source;
     let (header, table_at) = header(source)?;

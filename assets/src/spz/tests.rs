@@ -181,7 +181,6 @@ fn frame(bytes: &[u8]) -> Vec<u8> {
     [&head[..], &block.to_le_bytes()[..3], bytes].concat()
 }
 
-/// Builds a version 4 file of one splat.
 fn streams(degree: u8, records: &[u8]) -> Vec<u8> {
     let arrays = splat(3, degree);
     let lengths = [9, 1, 3, 3, 4, arrays.len() - 20].into_iter().filter(|length| *length > 0);

@@ -127,7 +127,6 @@ fn scale(scale: f32) -> u8 {
     ((f64::from(logarithm(scale)) + 10.0) * 16.0).round().clamp(0.0, 255.0) as u8
 }
 
-/// Packs a unit quaternion w, x, y, z.
 fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
     let (largest, quaternion) = largest_positive([x, y, z, w]);
     (0..4).filter(|at| *at != largest).fold(largest as u32, |word, at| {

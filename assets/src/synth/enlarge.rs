@@ -1,8 +1,7 @@
 //! Enlarges a scene, for measurements at sizes beyond any capture.
 //!
 //! Copies lie inside their original splats, spread with the same standard deviations, and all splats shrink so that the
-//! covered area is preserved. The image and the number of splats per pixel then behave as in a finer capture of the
-//! scene.
+//! covered area is preserved.
 
 use super::random::splitmix64;
 use crate::memory::SceneMemoryError;

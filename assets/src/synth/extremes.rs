@@ -1,13 +1,13 @@
 //! Generates scenes that each take one property to its limit, small enough for tests.
 //!
-//! Most are seen by [`camera`]: from the origin, looking along +z. The others have their own cameras here.
+//! [`super::generators`] describes each scene. Most are seen by [`camera`]: from the origin, looking along +z. The
+//! others have their own cameras here.
 
 use super::random::Random;
 use crate::camera::Camera;
 use crate::memory::SceneMemoryError;
 use crate::scene::{Scene, Splat};
 
-/// A generated scene, or an error.
 pub(super) type Made = Result<Scene, SceneMemoryError>;
 
 /// Makes a camera at the origin that looks along +z, so that view depth is exactly z.
@@ -53,7 +53,6 @@ fn cloud(random: &mut Random, count: u32) -> Splat {
     }
 }
 
-/// Generates a ball of radius 1 with all bands of the harmonics in use.
 pub(super) fn uniform(count: u32, seed: u64) -> Made {
     let size = 0.9 * f64::from(count.max(1)).powf(-1.0 / 3.0);
     Scene::try_generate(count, 3, |i| {
@@ -71,7 +70,6 @@ pub(super) fn uniform(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates needles and plates with axes in ratios of up to a million to 1.
 pub(super) fn needles(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -88,7 +86,6 @@ pub(super) fn needles(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates a cloud inside one splat that is a hundred times as large and contains the camera.
 pub(super) fn huge(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -103,7 +100,6 @@ pub(super) fn huge(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates a cloud with one splat in a hundred scattered up to a million units away.
 pub(super) fn far(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -117,7 +113,6 @@ pub(super) fn far(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates eight planes across the view, each with one depth for all of its splats.
 pub(super) fn ties(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -133,7 +128,6 @@ pub(super) fn ties(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates opacities within a thousandth of 1/255, the floor below which alpha is skipped.
 pub(super) fn faint(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -145,7 +139,6 @@ pub(super) fn faint(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates a cloud behind the camera.
 pub(super) fn empty_view(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let mut splat = cloud(&mut Random::new(seed, i as u64), count);
@@ -154,7 +147,6 @@ pub(super) fn empty_view(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates splats with scales from `e^-30` to `e^20`, different on each axis.
 pub(super) fn giants(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -167,7 +159,6 @@ pub(super) fn giants(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates splats that all have the same centre.
 pub(super) fn coincident(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -181,7 +172,6 @@ pub(super) fn coincident(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates splats at the near plane, one float before and behind it, up to twice as far, and around the camera.
 pub(super) fn near_plane(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -202,7 +192,6 @@ pub(super) fn near_plane(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates opacities of 0, 0.5 and 1, and of the logits -40 and 40.
 pub(super) fn logits(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let mut splat = cloud(&mut Random::new(seed, i as u64), count);
@@ -212,7 +201,6 @@ pub(super) fn logits(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates rotations by quaternions with lengths from denormal to the maximum of f32.
 pub(super) fn quaternions(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -226,7 +214,6 @@ pub(super) fn quaternions(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates spherical harmonics of degree 3 with coefficients of up to 10,000 of either sign.
 pub(super) fn harmonics(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 3, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -247,7 +234,6 @@ fn layer(i: usize, color: [f64; 3]) -> Splat {
     }
 }
 
-/// Generates layers of equal opacity across the whole view, close behind one another.
 fn layers(count: u32, seed: u64, opacity: f32) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -257,17 +243,14 @@ fn layers(count: u32, seed: u64, opacity: f32) -> Made {
     })
 }
 
-/// Generates nearly opaque layers across the view.
 pub(super) fn layers_opaque(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.98)
 }
 
-/// Generates layers across the view with an opacity just above 1/255, the alpha floor.
 pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.0045)
 }
 
-/// Generates faint black layers across the view, which together hide everything behind them.
 pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let opacity = 0.0045 * Random::new(seed, i as u64).range(0.99, 1.01);
@@ -275,9 +258,8 @@ pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates layers without falloff. Their opacities are the floats around 1/255.
-///
-/// At the alpha floor, a single float decides whether a layer is drawn: three of eight are below it.
+/// Generates layers without falloff, so that a single float of the opacity decides at the alpha floor. Three of eight
+/// opacities are below it.
 pub(super) fn floor(count: u32, seed: u64) -> Made {
     let floor = (1.0f32 / 255.0).to_bits();
     Scene::try_generate(count, 0, |i| {
@@ -291,7 +273,6 @@ pub(super) fn floor(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates spherical harmonics of degree 3 that exceed half floats, as do their colours.
 pub(super) fn bright(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 3, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -332,7 +313,6 @@ pub(super) fn crossing(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Makes a camera that looks across the plates of [`crossing`].
 pub(super) fn crossing_camera() -> Camera {
     let position = CROSSING.map(|v| -3.0 * v);
     Camera { img_name: "across".into(), ..Camera::looking_at(position, [0.0; 3], 60.0, (960, 540)) }
@@ -341,7 +321,6 @@ pub(super) fn crossing_camera() -> Camera {
 /// Origin of the cloud of [`remote`], in world units. [`remote_camera`] is near it.
 const REMOTE: [f64; 3] = [1e4, -1e4, 1e4];
 
-/// Generates a cloud with details of a hundredth of a unit, ten thousand units from the origin, in f32.
 pub(super) fn remote(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let mut splat = small_cloud(&mut Random::new(seed, i as u64), count);
@@ -355,16 +334,13 @@ pub(super) fn remote_camera() -> Camera {
     Camera { img_name: "remote".into(), ..camera().relative_to(REMOTE.map(|v| -v - 0.012_345_678_9)) }
 }
 
-/// Generates the cloud of [`remote`] ten million units from the origin; its file stores positions as `double`.
 pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate(count, 0, |i| small_cloud(&mut Random::new(seed, i as u64), count))?;
     // A multiple of 1,024, so that a reader of the file chooses the same origin.
     Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
 }
 
-/// Generates two clouds, ten million units apart on two axes.
-///
-/// Two thirds of the splats are in one cloud. The other third is in the cloud in front of [`two_clouds_camera`].
+/// Two thirds of the splats are in one cloud, the other third in the cloud in front of [`two_clouds_camera`].
 pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate_wide(count, 0, |i| {
         let splat = small_cloud(&mut Random::new(seed, i as u64), count / 3);
@@ -380,7 +356,6 @@ pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
 /// Position of [`two_clouds_camera`], in world units.
 const TWO_CLOUDS: [f64; 3] = [-5_000_000.123_456_789, 0.123_456_789, 0.1];
 
-/// Makes a camera that looks at the smaller cloud of [`two_clouds`].
 pub(super) fn two_clouds_camera() -> Camera {
     Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
 }
@@ -392,7 +367,6 @@ pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
     Camera { img_name: "telephoto".into(), ..Camera::looking_at(eye, [0.0; 3], degrees, (960, 540)) }
 }
 
-/// Generates a ball with a radius of a millionth of a unit.
 pub(super) fn millionth(count: u32, seed: u64) -> Made {
     let ball = uniform(count, seed)?;
     Scene::try_generate(count, 3, |i| {
@@ -408,8 +382,6 @@ pub(super) fn askew_camera() -> Camera {
     Camera { img_name: "askew".into(), ..Camera::looking_at([0.0; 3], [-3.1, 4.3, 5.98], 60.0, (960, 540)) }
 }
 
-/// Generates splats on a plane across the view of [`askew_camera`], eight units away: their depths differ only by
-/// rounding.
 pub(super) fn askew(count: u32, seed: u64) -> Made {
     let [right, down, forward] = askew_camera().axes();
     Scene::try_generate(count, 0, |i| {

@@ -69,12 +69,10 @@ fn origin() -> Vec<Camera> {
     vec![extremes::camera()]
 }
 
-/// Creates the generator of a test scene that is seen from the origin.
 const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
     Generator { name, summary, default_count: 5_000, cameras: origin, make }
 }
 
-/// Creates the generator of a scene of 4,096 layers, seen from the origin.
 const fn layered(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
     Generator { name, summary, default_count: 4096, cameras: origin, make }
 }

@@ -1,4 +1,4 @@
-//! Generates random numbers that are equal on every machine and in every run.
+//! Generates deterministic random numbers.
 
 /// Hashes a word with SplitMix64 (Steele, Lea and Flood), which is a bijection.
 pub(crate) fn splitmix64(x: u64) -> u64 {
@@ -8,10 +8,7 @@ pub(crate) fn splitmix64(x: u64) -> u64 {
     x ^ x >> 31
 }
 
-/// A stream of random numbers.
-///
-/// Streams of different seeds or numbers are independent, so each splat can have its own, and splats can be generated
-/// in any order.
+/// A stream of random numbers. Each splat has its own, so splats can be generated in any order.
 pub(crate) struct Random(u64);
 
 impl Random {
@@ -29,7 +26,6 @@ impl Random {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Draws a number from `low` to `high`.
     pub(crate) fn range(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }

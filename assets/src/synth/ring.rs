@@ -31,7 +31,6 @@ fn hammered(at: DVec2) -> f64 {
     dent(x + 0.3 * patches(at, 1.0)) * dent(y + 0.5 * (x.floor() % 2.0))
 }
 
-/// Generates the mesh of the ring.
 pub(super) fn ring() -> Mesh {
     let mut mesh = Mesh::default();
     for (row, column) in (0..=STEPS[1]).flat_map(|row| (0..=STEPS[0]).map(move |column| (row, column))) {

@@ -8,36 +8,29 @@ use super::layer::{ARCS, Array, Attribute, Bytes, Component, Kind, Layer, Number
 use super::packing::Cursor;
 use crate::error::{SceneError, field};
 
-/// First bytes of a layer.
 pub(crate) const MAGIC: &[u8; 8] = b"PXR-USDC";
 
-/// Bytes of the file's header.
 const HEADER: u64 = 88;
 
 /// Bytes of an entry of the table of contents: a name of 16 bytes, a start and a size.
 const SECTION: usize = 32;
 
-/// Maximum number of sections.
 const MAX_SECTIONS: u64 = 64;
 
-/// Maximum bytes of all tokens.
 const MAX_TOKENS: u64 = 64 << 20;
 
 /// Minimum number of elements of a compressed array.
 const MIN_PACKED: u64 = 16;
 
-/// Minor versions that are read: 0.7, the first that counts elements in 64 bits, to 0.13. Later ones add value types.
+/// Minor versions that are read. 0.7 is the first that counts elements in 64 bits.
 const MINOR: std::ops::RangeInclusive<u8> = 7..=13;
 
-/// Kinds of specs.
 const ATTRIBUTE: u32 = 1;
 const PRIM: u32 = 6;
 const PSEUDO_ROOT: u32 = 7;
 
-/// Terminator of a field set.
 const END: u32 = u32::MAX;
 
-/// Types of values.
 const BOOL: u64 = 1;
 const INT: u64 = 3;
 const HALF: u64 = 7;
@@ -97,7 +90,6 @@ impl Rep {
     }
 }
 
-/// The sections of a file.
 struct Sections<'a, 'b> {
     layer: &'a Bytes<'b>,
     tokens: Vec<String>,
@@ -117,7 +109,6 @@ struct Path {
     is_property: bool,
 }
 
-/// Parses a binary layer.
 pub(super) fn parse(layer: &Bytes) -> Result<Layer, SceneError> {
     let (sections, order) = Sections::read(layer)?;
     sections.layer(&order)
@@ -257,7 +248,6 @@ impl<'a, 'b> Sections<'a, 'b> {
         })
     }
 
-    /// Lists the fields of a path's spec.
     fn fields(&self, path: u32) -> Result<Vec<(&str, Rep)>, SceneError> {
         let (_, set) = self.specs[path as usize];
         let all = self.field_sets.get(set as usize..).unwrap_or_default();
@@ -272,7 +262,6 @@ impl<'a, 'b> Sections<'a, 'b> {
         Ok(found)
     }
 
-    /// Builds the layer from the paths in `order`.
     fn layer(&self, order: &[u32]) -> Result<Layer, SceneError> {
         let mut layer = Layer { kind: "usdc", ..Layer::default() };
         // Index of each path's prim.
@@ -343,7 +332,6 @@ impl<'a, 'b> Sections<'a, 'b> {
         Ok(Some(found))
     }
 
-    /// Reads a token, or an array of tokens.
     fn words(&self, rep: Rep) -> Result<Vec<String>, SceneError> {
         match (rep.kind(), rep.is_array()) {
             (TOKEN, false) if rep.is_inlined() => {

@@ -5,7 +5,6 @@ use crate::input::{Source, grow};
 use half::f16;
 use std::collections::BTreeMap;
 
-/// Type of the prims that have splats.
 pub(super) const SPLATS: &str = "ParticleField3DGaussianSplat";
 
 /// Fields of prims and layers that refer to other prims or layers.
@@ -42,13 +41,11 @@ impl<'a> Bytes<'a> {
         Err(field(at, "data", message))
     }
 
-    /// Fills `buffer` with the bytes from offset `at` on.
     pub(super) fn read(&self, at: u64, buffer: &mut [u8]) -> Result<(), SceneError> {
         self.check(at, buffer.len() as u64)?;
         Ok(self.source.read(self.start + at, buffer)?)
     }
 
-    /// Reads `count` bytes from offset `at` on.
     pub(super) fn vec(&self, at: u64, count: u64) -> Result<Vec<u8>, SceneError> {
         self.check(at, count)?;
         let mut bytes = Vec::new();
@@ -58,7 +55,6 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// A parsed layer.
 #[derive(Default)]
 pub(super) struct Layer {
     /// `usda` or `usdc`.
@@ -122,7 +118,6 @@ pub(super) fn kind_of(attribute: &str) -> Option<Kind> {
     })
 }
 
-/// The type of a number in a binary layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Component {
     F16,
@@ -180,7 +175,6 @@ pub(super) struct Array {
 }
 
 impl Array {
-    /// Returns the bytes of an element in a binary file.
     pub(super) fn stride(&self) -> usize {
         self.width * self.component.bytes()
     }
@@ -221,7 +215,6 @@ impl Layer {
         format!("{}/{}", if next.is_some() { "..." } else { "" }, names.join("/"))
     }
 
-    /// Makes the error for a prim, or for one of its attributes.
     pub(super) fn wrong(&self, prim: usize, attribute: &str, message: String) -> SceneError {
         let dot = if attribute.is_empty() { "" } else { "." };
         SceneError::Part { part: format!("{}{dot}{attribute}", self.path(prim)), message }
@@ -240,9 +233,6 @@ impl Layer {
     }
 
     /// Returns the value of an attribute; `None` if it has none.
-    ///
-    /// # Errors
-    /// The attribute is animated and has no default value.
     pub(super) fn value(&self, prim: usize, name: &str) -> Result<Option<&Value>, SceneError> {
         match self.prims[prim].attributes.get(name) {
             Some(Attribute { value: None, animated: true }) => {

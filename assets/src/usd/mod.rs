@@ -16,9 +16,7 @@
 //! axis is `upAxis`: y or z.
 //!
 //! One layer is read. Layers that refer to others, or have variants, are refused: OpenUSD's `usdcat --flatten` joins
-//! them. The crate `openusd` is not used: version 0.6, the last one that builds with this workspace's Rust, panics or
-//! aborts on damaged files, because its binary reader trusts indices and sizes. Format:
-//! <https://openusd.org/release/api/usd_vol_page_front.html> and `pxr/usd/usd/crateFile.cpp` in
+//! them. Format: <https://openusd.org/release/api/usd_vol_page_front.html> and `pxr/usd/usd/crateFile.cpp` in
 //! <https://github.com/PixarAnimationStudios/OpenUSD>.
 //!
 //! [`package`] finds the layer in an archive, [`binary`] and [`text`] parse it, and [`xform`] computes the transforms.

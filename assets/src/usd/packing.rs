@@ -38,8 +38,7 @@ impl Cursor<'_, '_> {
     /// Reads the number of items of a list, and checks it against the layer's length.
     pub(super) fn count(&mut self) -> Result<usize, SceneError> {
         let count = self.long()?;
-        // A compressed list can have more items than packed bytes. In a layer of splats, no list has more items than the
-        // layer has bytes.
+        // Assumes at least one byte of the layer per item. A compressed list could have more items.
         let most = self.layer.length;
         if count > most {
             return Err(field(
@@ -59,7 +58,7 @@ impl Cursor<'_, '_> {
             return Err(self.wrong("expected an LZ4 block, found no bytes"));
         };
         if *chunks != 0 {
-            // Only data above 2 GiB has several chunks.
+            // Only data of about 2 GiB or more has several chunks.
             return Err(self.wrong(format!("expected one LZ4 block, found {chunks}")));
         }
         let limit = (block.len() as u64 + 1).saturating_mul(MAX_PER_BYTE);

@@ -15,13 +15,11 @@ use glam::{DMat4, DQuat};
 use std::collections::BTreeSet;
 use std::f64::consts::FRAC_PI_2;
 
-/// Degree of the harmonics if the attribute is missing.
 const DEFAULT_DEGREE: f64 = 3.0;
 
 /// Highest degree of a file; the bands above 3 are cut off.
 const MAX_DEGREE: f64 = 8.0;
 
-/// The splats of a prim.
 struct Splats<'a> {
     place: Similarity,
     /// Positions, orientations, scales, opacities and harmonics, with their names.
@@ -125,7 +123,6 @@ fn splats(layer: &Layer) -> Result<Vec<Splats<'_>>, SceneError> {
     }
 }
 
-/// Collects and checks the attributes of a prim.
 fn prim_splats(layer: &Layer, prim: usize, place: Similarity) -> Result<Splats<'_>, SceneError> {
     let names =
         ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
@@ -179,7 +176,6 @@ fn prim_splats(layer: &Layer, prim: usize, place: Similarity) -> Result<Splats<'
     Ok(Splats { place, arrays, count, degree, key_of })
 }
 
-/// Reads the number of splats, and the degree of their harmonics.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let (_, layer) = open(source, memory::available())?;
     let all = splats(&layer)?;
@@ -187,7 +183,6 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(SceneHeader { count: all.iter().map(|splats| splats.count).sum(), stored_degree })
 }
 
-/// Parses the splats of a layer, in a file or in an archive.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let (bytes, layer) = open(input.source, input.memory)?;
     let all = splats(&layer)?;

@@ -8,7 +8,6 @@ use super::layer::{ARCS, Array, Component, Kind, Layer, Numbers, Prim, Value, ki
 use crate::error::SceneError;
 use half::f16;
 
-/// First bytes of a layer.
 pub(crate) const MAGIC: &[u8; 6] = b"#usda ";
 
 /// Keywords that can precede the type of an attribute.
@@ -34,7 +33,6 @@ struct Parser<'t> {
     at: usize,
 }
 
-/// Parses a text layer.
 pub(super) fn parse(text: &[u8]) -> Result<Layer, SceneError> {
     let mut parser = Parser { text, at: 0 };
     if !text.starts_with(MAGIC) {
@@ -64,7 +62,6 @@ impl<'t> Parser<'t> {
         self.wrong(format!("expected {expected}, found {found}"))
     }
 
-    /// Skips white space, comments and semicolons.
     fn skip_blanks(&mut self) {
         while let Some(byte) = self.text.get(self.at) {
             match byte {
@@ -131,7 +128,6 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Returns the next token without consuming it.
     fn peek(&mut self) -> Result<Token<'t>, SceneError> {
         let at = self.at;
         let token = self.next();
@@ -170,7 +166,6 @@ impl<'t> Parser<'t> {
         Ok(number)
     }
 
-    /// Skips a value: a token, or everything between brackets.
     fn skip_value(&mut self) -> Result<(), SceneError> {
         let mut depth = 0u64;
         loop {
@@ -259,7 +254,6 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Reads a prim up to its opening bracket; returns its index.
     fn prim(
         &mut self,
         layer: &mut Layer,
@@ -372,7 +366,6 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Reads an array of elements with `width` components.
     fn array(&mut self, width: usize, is_half: bool) -> Result<Array, SceneError> {
         self.expect(b'[')?;
         let start = self.at;

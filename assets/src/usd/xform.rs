@@ -11,9 +11,6 @@ const RESET: &str = "!resetXformStack!";
 const INVERSE: &str = "!invert!";
 
 /// Computes the transform of each prim to the world. A prim's operations are applied from the last to the first.
-///
-/// # Errors
-/// An operation is unknown, has no default value, or has the wrong number of components.
 pub(super) fn world(layer: &Layer) -> Result<Vec<DMat4>, SceneError> {
     let mut worlds = Vec::with_capacity(layer.prims.len());
     for (index, prim) in layer.prims.iter().enumerate() {

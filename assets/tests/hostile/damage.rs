@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 /// Damaged files per reader: in the long form, and by default.
 const CASES: (u64, u64) = (100_000, 1_500);
 
-/// Time limit of a case.
 const TIME_LIMIT: Duration = Duration::from_secs(30);
 
 impl Random {
@@ -126,7 +125,6 @@ fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8
     bytes
 }
 
-/// Replaces the word at a position.
 fn replace_word(bytes: &mut Vec<u8>, at: usize, word: &str) {
     let blank = |b: &u8| b.is_ascii_whitespace() || b",:[]{}\"".contains(b);
     let start = bytes[..at].iter().rposition(blank).map_or(0, |blank| blank + 1);

@@ -78,7 +78,6 @@ fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     seeds.into_iter().map(|bytes| (bytes, head)).collect()
 }
 
-/// Builds small scenes in SPZ version 3.
 fn spz3_scenes() -> [Vec<u8>; 2] {
     [("uniform", 6), ("demo", 3)].map(|(generator, count)| {
         let scene = synth::generate(generator, count, 0).expect("it is generated");
@@ -173,7 +172,6 @@ fn damaged_spz_files_of_version_4_are_read_or_refused() {
 /// entries decodes to 4 MB, even from a few compressed bytes.
 const SOG_MEMORY: usize = 16 << 20;
 
-/// Returns the files of an archive with their names.
 fn unzipped(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
     let mut zip = ZipArchive::new(Cursor::new(bytes)).expect("it is whole");
     let count = zip.len();
@@ -245,7 +243,6 @@ fn sog_parts(version: u32) -> Vec<(&'static str, Vec<u8>)> {
     textures.into_iter().chain(rest).collect()
 }
 
-/// Builds a SOG archive.
 fn sog(version: u32, method: CompressionMethod) -> Vec<u8> {
     let parts = sog_parts(version);
     zipped(parts.iter().map(|(name, bytes)| (*name, bytes.as_slice())), method)
@@ -364,7 +361,6 @@ fn write_old(path: &Path, bytes: &[u8]) {
     file.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
 }
 
-/// Checks a scene that is read from a folder.
 fn load(folder: &Path) -> Result<(), String> {
     match Scene::load(folder, splatgraph_assets::QUIET) {
         Ok(scene) => {
@@ -457,7 +453,6 @@ fn damaged_cameras_of_gltf_are_read_or_refused() {
     });
 }
 
-/// Checks that all cameras of a dataset are usable.
 fn sound(read: Result<Dataset, CameraError>) -> Result<(), String> {
     let dataset = read.map_err(|error| kind(&error.to_string()))?;
     assert!(dataset.views.iter().all(|view| view.camera.fault().is_none()));

@@ -7,10 +7,8 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-/// Maximum length of a photograph's name, in bytes.
 const MAX_NAME: usize = 4096;
 
-/// A reader of a file's binary fields, one after the other.
 struct Fields<'a> {
     file: BufReader<File>,
     path: &'a Path,
@@ -24,7 +22,6 @@ impl<'a> Fields<'a> {
         Ok(Self { file, path, at: 0, length })
     }
 
-    /// Returns the error for a field at byte `at`.
     fn fault(&self, at: u64, (field, message): Fault) -> CameraError {
         CameraError::Byte { path: self.path.to_owned(), at, field, message }
     }
@@ -101,7 +98,6 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// Reads `cameras.bin`.
 pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
     let mut fields = Fields::open(path)?;
     let mut lenses = Lenses::new();
@@ -131,7 +127,6 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
     Ok(lenses)
 }
 
-/// Reads `images.bin` into a dataset.
 pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Result<(), CameraError> {
     /// Size of an image's point, in bytes: two coordinates, and the number of the 3D point.
     const POINT: u64 = 24;

@@ -11,7 +11,6 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// A lens: an entry of `cameras`, without a pose.
 #[derive(Clone, Copy)]
 pub(super) struct Lens {
     width: u32,
@@ -80,7 +79,6 @@ pub(super) const MODELS: [Model; 11] = [
     },
 ];
 
-/// Advice for a lens with distortion.
 pub(in crate::dataset) const UNDISTORT: &str =
     "undistort the photographs first, for instance with `colmap image_undistorter`";
 
@@ -167,7 +165,6 @@ pub(super) fn push(
     Ok(())
 }
 
-/// Opens a file of a model; also returns its length.
 pub(super) fn open(path: &Path) -> Result<(BufReader<File>, u64), CameraError> {
     let inner = || {
         let file = file::open(path)?;

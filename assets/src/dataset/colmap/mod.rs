@@ -14,7 +14,6 @@ use super::error::CameraError;
 use super::view::Dataset;
 use std::path::Path;
 
-/// Returns true if the folder has both `cameras` and `images`, as text or as binary.
 pub(super) fn is_folder(folder: &Path) -> bool {
     ["bin", "txt"].into_iter().any(|form| has(folder, form))
 }
@@ -23,7 +22,6 @@ fn has(folder: &Path, form: &str) -> bool {
     ["cameras", "images"].into_iter().all(|name| folder.join(format!("{name}.{form}")).exists())
 }
 
-/// Reads the model of a folder; prefers the binary one.
 pub(super) fn load(folder: &Path) -> Result<Dataset, CameraError> {
     let form = if has(folder, "bin") { "bin" } else { "txt" };
     let [cameras, images] = ["cameras", "images"].map(|name| folder.join(format!("{name}.{form}")));

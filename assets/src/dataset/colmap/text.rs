@@ -16,11 +16,9 @@ use std::str::FromStr;
 /// Maximum length of a line, in bytes. Lines of points are skipped, and can be longer.
 const MAX_LINE: u64 = 64 << 10;
 
-/// The lines of a file.
 struct Lines<'a> {
     file: BufReader<File>,
     path: &'a Path,
-    /// The line's number, from 1.
     number: u64,
     line: Vec<u8>,
 }
@@ -58,7 +56,6 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Skips the next line, of any kind.
     fn skip(&mut self) -> Result<(), CameraError> {
         self.number += 1;
         self.file.skip_until(b'\n').map(drop).map_err(|error| self.io(error))
@@ -91,7 +88,6 @@ fn word<'a>(rest: &mut &'a str, field: &'static str) -> Result<&'a str, Fault> {
     Ok(word)
 }
 
-/// Reads `cameras.txt`.
 pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
     let mut lines = Lines::open(path)?;
     let mut lenses = Lenses::new();
@@ -146,9 +142,6 @@ pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Res
 }
 
 /// Formats the files of a model, with their names. Each camera gets its own lens.
-///
-/// # Errors
-/// A camera is neither a pinhole nor a fisheye.
 pub(in crate::dataset) fn write(
     cameras: &[Camera],
     extension: &str,
@@ -171,7 +164,6 @@ pub(in crate::dataset) fn write(
                 return Err(CameraError::NoModel { name: camera.img_name.clone(), projection });
             }
         };
-        // Writing to a string cannot fail.
         _ = writeln!(lenses, "{id} {model} {width} {height} {fx} {fy} {cx} {cy}{coefficients}");
         let name = &camera.img_name;
         _ = writeln!(images, "{id} {w} {x} {y} {z} {tx} {ty} {tz} {id} {name}.{extension}\n");

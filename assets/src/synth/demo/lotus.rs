@@ -95,7 +95,6 @@ pub(super) fn petals(random: &mut Random, count: usize) -> Vec<Splat> {
             let across = (2.0 * uv.y - 1.0).abs();
             let root = blend(DVec3::new(1.0, 0.86, 0.50), DVec3::new(0.94, 0.66, 0.66), uv.x * 2.6);
             let tip = blend(root, DVec3::new(0.80, 0.12, 0.36), (uv.x - 0.22) * 1.35);
-            // Veins run along the petal.
             let vein = 0.5 + 0.5 * (across * 31.0 + 0.6 * (9.0 * uv.x).sin()).cos();
             let albedo =
                 tip * (0.80 + 0.20 * vein) * (1.0 + 0.04 * random.normal()) * (1.0 - 0.22 * across.powi(4));

@@ -53,7 +53,6 @@ impl MapEach for DVec3 {
     }
 }
 
-/// Interpolates between two colours; `t` is clamped to 0..1.
 pub(super) fn blend(from: DVec3, to: DVec3, t: f64) -> DVec3 {
     from.lerp(to, t.clamp(0.0, 1.0))
 }

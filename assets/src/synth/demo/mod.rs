@@ -1,9 +1,8 @@
 //! Generates the demo scene: a lotus on a pond at dusk, and an iridescent knot above it.
 //!
-//! It shows the strengths of splats and the difficulties of drawing them. The knot and the petals are thin, elongated
-//! splats that follow a surface, with gloss that moves with the view (bands 1 to 3 of the harmonics). Reeds are
-//! needles. Mist, water and glow are large and nearly transparent, so a pixel has many layers. The reflection in the
-//! water consists of splats mirrored below the surface, with mirrored harmonics.
+//! The knot and the petals are thin, elongated splats that follow a surface, with gloss that moves with the view (bands
+//! 1 to 3 of the harmonics). Reeds are needles. Mist, water and glow are large and nearly transparent, so a pixel has
+//! many layers. The reflection in the water consists of splats mirrored below the surface, with mirrored harmonics.
 //!
 //! [`materials`] converts light to harmonics and [`surface`] covers parametric surfaces with splats; [`knot`],
 //! [`lotus`], [`pond`] and [`particles`] make the objects. Water is at y = 0 and up is -y; the sun sets behind, at +z
@@ -21,11 +20,9 @@ use crate::camera::Camera;
 use crate::memory::SceneMemoryError;
 use crate::scene::{Scene, Splat};
 
-/// A part of the scene.
 struct Part {
     /// Share of the splats, in thousandths.
     share: u32,
-    /// Function that generates the given number of splats.
     make: fn(&mut Random, usize) -> Vec<Splat>,
     /// True if the water mirrors the part.
     mirrored: bool,

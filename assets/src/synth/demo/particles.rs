@@ -22,7 +22,6 @@ fn sunward(direction: DVec3) -> f64 {
     0.5 + 0.5 * flat(direction).dot(flat(*SUN))
 }
 
-/// Evaluates the evening sky's display colour.
 fn sky_color(direction: DVec3) -> DVec3 {
     let elevation = (-direction.y).asin().to_degrees();
     let bands = [
@@ -70,7 +69,6 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     for _ in glow + disc..count {
         let elevation = random.range(0.16, 0.999f64).asin();
         let direction = towards(random.range(0.0, TAU), elevation);
-        // Few stars are bright.
         let bright = random.unit().powi(7);
         let tint = blend(DVec3::new(0.75, 0.84, 1.0), DVec3::new(1.0, 0.82, 0.62), random.unit().powi(2));
         let veil = ((elevation.to_degrees() - 9.0) / 26.0).clamp(0.0, 1.0) * (1.0 - 0.5 * sunward(direction));
@@ -114,7 +112,6 @@ pub(super) fn hills(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// Generates low banks of mist on the water.
 pub(super) fn mist(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count)
         .map(|_| {

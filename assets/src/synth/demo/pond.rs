@@ -60,7 +60,6 @@ pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// A leaf of a water lily.
 struct Pad {
     center: DVec2,
     radius: f64,
@@ -79,7 +78,6 @@ fn pads(random: &mut Random) -> Vec<Pad> {
         // The water in front of the lotus stays open, for its reflection.
         let open = center.y < -0.4 && center.x.abs() < 0.75;
         let clear = pads.iter().all(|p: &Pad| p.center.distance(center) > p.radius + radius + 0.03);
-        // The pads form groups.
         let group = (2.3 * azimuth + 0.8).sin() * (1.7 * distance).cos();
         if clear && !open && group > -0.15 && pads.len() < 44 {
             pads.push(Pad { center, radius, notch: random.range(0.0, TAU), curl: random.range(0.02, 0.16) });

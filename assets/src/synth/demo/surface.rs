@@ -12,7 +12,6 @@ pub(super) fn even(index: usize) -> DVec2 {
 
 /// A point of a surface with its derivatives.
 pub(super) struct Patch {
-    /// Position of the point.
     pub at: DVec3,
     /// Unit normal, in the direction of `du x dv`.
     pub normal: DVec3,
@@ -73,7 +72,6 @@ pub(super) fn flat(
     }
 }
 
-/// Returns a spherical splat of one material.
 pub(super) fn ball(at: DVec3, size: f64, opacity: f64, material: &Material) -> Splat {
     flat(at, DVec3::X, DVec3::Y, DVec3::splat(size), opacity, material)
 }
