@@ -1,6 +1,4 @@
-//! Scores pictures of a scene against photographs of the same views.
-//!
-//! The scores are the mean PSNR and SSIM over the test views, as in papers, and the mean FLIP.
+//! Scores pictures of a scene against photographs of the same views: PSNR, SSIM and FLIP, with their means.
 
 use crate::io::image::Image;
 use crate::io::output::one_line;
@@ -24,7 +22,7 @@ pub struct Score {
     pub flip: f64,
 }
 
-/// Means of the scores over all views. A mean is `None` if a view lacks the score.
+/// Means of the scores over all views. A mean is `None` if a view lacks the score, or without views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Mean {
     /// Mean of the views' decibels (as in papers), not the PSNR of the mean error.
@@ -61,7 +59,7 @@ pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, M
 }
 
 impl Evaluation {
-    /// Computes the means of scores.
+    /// Computes the means of the scores.
     pub fn new(views: Vec<Score>) -> Evaluation {
         let mean = |of: &dyn Fn(&Score) -> Option<f64>| {
             let sum = views.iter().map(of).sum::<Option<f64>>().filter(|_| !views.is_empty());
@@ -88,7 +86,6 @@ impl Evaluation {
             format!("{:width$} {:>8} {:>8} {:>8}  {}\n", "view", "PSNR dB", "SSIM", "FLIP", "size");
         for (name, score) in names.iter().zip(&self.views) {
             let size = format!("{} x {}", score.width, score.height);
-            // `None` is the infinite PSNR of equal pictures.
             text += &row(name, score.psnr_db.or(Some(f64::INFINITY)), score.ssim, Some(score.flip), &size);
         }
         let Mean { psnr_db, ssim, flip } = self.mean;
@@ -113,7 +110,6 @@ mod tests {
             score("b.jpg", &grey(0.5), &grey(0.51)).unwrap(),
         ];
         let all = Evaluation::new(scores.to_vec());
-        // The mean of 20 and 40 dB.
         assert!((all.mean.psnr_db.unwrap() - 30.0).abs() < 1e-4, "{all:?}");
         let text = all.table();
         assert!(

@@ -4,13 +4,13 @@
 //! - [`measurement`]: settings, and the time and the error of their pictures;
 //! - [`metrics`]: differences between pictures;
 //! - [`evaluation`]: scores against photographs;
-//! - [`price`]: the cost of each scene format, in bytes, in accuracy and in loading time;
-//! - [`trade`]: the cost of each setting, in time and in accuracy;
+//! - [`price`]: the bytes, the error and the loading time of each scene format;
+//! - [`trade`]: the time and the error of each setting of a graph;
 //! - [`mod@bench`]: time, memory and bytes of graphs, drawn interleaved;
-//! - [`sweep`]: the cost of a budget of splats;
-//! - [`advise`]: the needs of a scene, and the cheapest setting within a budget;
+//! - [`sweep`]: the time and the error of drawing fewer splats;
+//! - [`advise`]: properties of a scene, and the cheapest setting within a budget;
 //! - [`experiment`]: pages that demonstrate an equation on a scene;
-//! - [`popping`]: the error that changes from frame to frame.
+//! - [`popping`]: the change of the error from frame to frame.
 
 pub mod advise;
 pub mod bench;

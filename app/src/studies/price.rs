@@ -1,4 +1,4 @@
-//! Measures the price of each scene format: bytes, the error of its pictures, and the time to load it.
+//! Measures each scene format: bytes, the error of its pictures, and the time to load it.
 
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
@@ -9,10 +9,10 @@ use splatgraph_assets::{Camera, QUIET, Scene, SceneFormat, SpzVersion};
 use splatgraph_reference::Rules;
 use std::time::Instant;
 
-/// Number of times that a file is loaded; the fastest load counts.
+/// Number of loads of a file; the fastest counts.
 const LOADS: usize = 3;
 
-/// The price of a format.
+/// The measurements of a format.
 #[derive(Clone, Debug, Serialize)]
 pub struct Price {
     /// Extension of the format, with a version if it has several.
@@ -31,7 +31,7 @@ pub struct Price {
 
 /// Writes the scene in every format, reads it back, and compares its exact pictures with the original's.
 ///
-/// Cameras are in the world's coordinates. Each file is drawn by its own tags, so a format that loses tags has a larger
+/// Cameras are in the world's coordinates. A format that loses the scene's tags is drawn without them, which counts as
 /// error.
 ///
 /// # Errors

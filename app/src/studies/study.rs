@@ -1,7 +1,7 @@
 //! Defines the subject of studies, the listener that follows them, and their error.
 //!
-//! A study is a function `study`: it takes a [`Subject`], a request, and a [`Listener`], and returns its numbers. It
-//! prints nothing, and writes no file of results except for the ledger of `trade`; the command line does both.
+//! Most studies are a function `study`: it takes a [`Subject`], a request, and a [`Listener`], and returns its numbers.
+//! Studies print nothing. Only `trade` writes files: its ledger and the pictures beside it.
 
 use crate::draw::capture::CaptureError;
 use crate::draw::session::{Session, SessionError};
@@ -19,7 +19,7 @@ use std::sync::Arc;
 /// A graph with values for some of its parameters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setting {
-    /// A short name: a graph's, `exact`, `defaults` or `key_bits = 16`.
+    /// Short name, such as `splat`, `exact`, `defaults` or `key_bits = 16`.
     pub name: String,
     /// The graph, as `--pipeline` takes it.
     pub pipeline: String,
@@ -28,7 +28,7 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Makes the setting of a graph; its name is the graph's.
+    /// Returns a setting with the graph's name as its own.
     pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Setting {
         Setting { name: pipeline.to_owned(), pipeline: pipeline.to_owned(), set: set.to_vec() }
     }
@@ -43,7 +43,6 @@ pub trait Listener {
     fn say(&mut self, message: &str);
 }
 
-/// Ignores everything, and never cancels.
 impl Listener for () {
     fn progress(&mut self, _: &str, _: u64, _: u64, _: &str) -> ControlFlow<()> {
         ControlFlow::Continue(())
@@ -52,7 +51,7 @@ impl Listener for () {
     fn say(&mut self, _: &str) {}
 }
 
-/// Counts the steps of a task, and reports each to a listener.
+/// Reports the steps of a task to a listener.
 pub struct Steps<'a> {
     listener: &'a mut dyn Listener,
     task: String,
@@ -76,13 +75,13 @@ impl<'a> Steps<'a> {
         if flow.is_break() { Err(StudyError::Cancelled) } else { Ok(()) }
     }
 
-    /// Counts steps that are not needed as done.
+    /// Counts skipped steps as done.
     pub fn skip(&mut self, steps: usize) {
         self.done += steps as u64;
     }
 }
 
-/// The subject of a study: a device, and a scene with the cameras that look at it.
+/// A device, and a scene with the cameras that look at it.
 pub struct Subject<'a, D> {
     /// The device. A study draws with its own contexts.
     pub device: &'a D,
@@ -166,7 +165,7 @@ pub enum StudyError {
         #[source]
         error: Box<StudyError>,
     },
-    /// The inputs cannot be measured. The text names the expected and the found input.
+    /// The inputs cannot be measured, for the given reason.
     #[error("{0}")]
     Input(String),
     /// No setting has a name that begins with the given text.
@@ -202,7 +201,7 @@ impl From<BackendError> for StudyError {
 mod tests {
     use super::*;
 
-    /// Keeps its progress reports, and cancels at the one with the given number.
+    /// Keeps its progress reports. Cancels at the report with the given number, counted from 1.
     struct Kept(Vec<String>, usize);
 
     impl Listener for Kept {

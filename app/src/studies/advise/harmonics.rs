@@ -2,7 +2,7 @@
 //!
 //! The basis is orthonormal on the sphere, so the mean square of a band over all directions is the sum of its squared
 //! coefficients over 4 pi (Parseval; Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance
-//! Environment Maps"). Splats are weighted by opacity times area; splats below the alpha floor do not count.
+//! Environment Maps"). Splats are weighted by opacity times area; splats below the alpha floor have no weight.
 
 use crate::studies::sweep::choice::world_area;
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use splatgraph_assets::Scene;
 use splatgraph_reference::Splats;
 use std::f64::consts::PI;
 
-/// The contribution of a band of spherical harmonics to the colours of a scene.
+/// The contribution of a band of spherical harmonics to a scene's colours.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Band {
     /// Degree of the band, 0 to 3.
@@ -38,7 +38,7 @@ pub fn bands(scene: &Scene) -> Vec<Band> {
     let of_splat = |index: usize| {
         let weight = f64::from(scene.opacities()[index]) * world_area(scene, index);
         let weight = if scene.can_show(index) { weight } else { 0.0 };
-        // The weight is finite in f64 for all finite sizes in f32. Splats of infinite size get no weight.
+        // Products of finite f32 values are finite in f64; only a splat of infinite size has its weight dropped.
         let weight = if weight.is_finite() { weight } else { 0.0 };
         let [a, b, c, d] = energy(&Splats::get(scene, index).sh).map(|energy| weight * energy);
         [a, b, c, d, weight]
@@ -75,7 +75,6 @@ mod tests {
 
     #[test]
     fn the_energy_of_a_band_is_its_mean_square_over_all_directions() {
-        // Band 2, coefficient 5, of the green channel.
         let bands = bands(&scene(|at| if at == 3 * 5 + 1 { 0.7 } else { 0.0 }));
         // Directions spread evenly: a Fibonacci lattice.
         let count = 20_000;
@@ -85,7 +84,6 @@ mod tests {
             let r = (1.0 - z * z).sqrt();
             (f64::from(0.7f32) * basis([r * angle.cos(), r * angle.sin(), z])[5]).powi(2)
         };
-        // The mean over three channels, of which two are 0.
         let expected = ((0..count).map(square).sum::<f64>() / f64::from(count) / 3.0).sqrt();
         assert!((bands[2].rms - expected).abs() < 1e-5, "{bands:?}, expected {expected}");
         assert_eq!((bands[2].share, bands[1].share, bands[3].rms), (1.0, 0.0, 0.0));

@@ -1,7 +1,4 @@
-//! Advises how to draw a scene.
-//!
-//! The advice is the width of the scene's depth keys, the energy of its bands of harmonics, and the cheapest setting
-//! within a budget.
+//! Advises how to draw a scene: the width of its depth keys, and the cheapest setting within a budget.
 //!
 //! For each mapping of depth to keys, [`crate::draw::keys`] finds the width at which no more than a given number of
 //! pairs of overlapping splats are in the wrong order. [`harmonics`] measures the energy of each band. [`search`]

@@ -29,15 +29,14 @@ pub struct Tried {
     pub psnr_db: Vec<f64>,
     /// Mean GPU time of a frame over the views, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
-    /// Mean share of the exact settings' time, with the range of the noise; `None` without timestamps.
+    /// Mean share of the exact settings' time, with its range; `None` without timestamps.
     pub share: Option<Share>,
 }
 
 impl Tried {
     /// Summarises the rows of a setting; `None` if one of them failed, or if there are none.
     ///
-    /// The ranges of the shares are at least as wide as `floor`, the noise floor. The exact settings' share is 1, by
-    /// definition.
+    /// Ranges of shares are widened to `floor`, the noise floor. The exact settings' share is 1, by definition.
     pub fn new(setting: &Setting, rows: &[Row], floor: Option<f64>) -> Option<Tried> {
         let found: Option<Vec<_>> = rows.iter().map(|row| row.found.as_ref().ok()).collect();
         let found = found.filter(|found| !found.is_empty())?;
@@ -60,9 +59,7 @@ impl Tried {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns true if this setting is certainly faster than `other`, and false if it certainly is not.
-    ///
-    /// `None` if noise hides the difference. Without timestamps, no setting is faster.
+    /// Returns whether this setting is faster than `other`; `None` if noise hides it. False without timestamps.
     fn faster(&self, other: &Tried) -> Option<bool> {
         match (self.share, other.share) {
             (Some(own), Some(other)) => own.faster(&other),
@@ -83,9 +80,9 @@ pub fn own_share(rows: &[Row]) -> Option<Share> {
 }
 
 impl Budget {
-    /// Returns true if a setting is certainly within the limits, and false if it certainly is not.
+    /// Returns whether a setting is within the limits; `None` if noise hides the answer.
     ///
-    /// `None` if noise hides the answer. Without timestamps, no setting is within a time limit.
+    /// Without timestamps, no setting is within a time limit.
     pub fn allows(&self, tried: &Tried) -> Option<bool> {
         if self.psnr.is_some_and(|least| tried.least_psnr() < least) {
             return Some(false);
@@ -101,12 +98,12 @@ impl Budget {
     }
 }
 
-/// Decibels by which a single setting, or the prediction of a combination, may miss the budget without being skipped.
+/// Decibels by which a setting, or the prediction of a combination, may miss the budget and still be considered.
 const SLACK_DB: f64 = 1.0;
-/// Maximum number of combinations to predict.
+/// Maximum number of predicted combinations.
 const MAX_PREDICTED: usize = 100_000;
 
-/// A combination of values with its predicted errors and time.
+/// A combination of values, with its predicted errors and its time as a share of the exact settings'.
 #[derive(Clone)]
 struct Predicted {
     set: Vec<(String, String)>,
@@ -121,10 +118,9 @@ impl Predicted {
     }
 }
 
-/// Lists combinations to draw, the most promising first.
+/// Lists combinations of the measured settings `singles`, the most promising first.
 ///
-/// `singles` are the exact settings, and the settings that change one parameter of them. Settings of other graphs,
-/// settings that change several parameters, and settings that do not save time beyond the noise are not combined. The
+/// Only settings that change one parameter of the exact settings, and save time beyond the noise, are combined. The
 /// second list names the settings with a saving within the noise.
 pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = singles.iter().find(|tried| tried.setting.name == EXACT) else {
@@ -134,7 +130,7 @@ pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<St
     let mut parameters: Vec<(String, Vec<(String, &Tried)>)> = Vec::new();
     for tried in singles {
         let Some((name, value)) = single_change(&exact.setting, &tried.setting) else { continue };
-        // A setting that misses the budget alone also misses it in every combination.
+        // Errors add, so a setting that misses the budget alone also misses it in every combination.
         if budget.psnr.is_some_and(|least| tried.least_psnr() < least - SLACK_DB) {
             continue;
         }
@@ -193,7 +189,7 @@ pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<St
     (all.into_iter().map(setting).collect(), unsure)
 }
 
-/// Returns the name and the value of the only parameter in which `other` differs; `None` for several, or another graph.
+/// Returns the only parameter in which `other` differs, with its value; `None` for several, or another graph.
 fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
     if other.pipeline != exact.pipeline || other.set.len() != exact.set.len() {
         return None;
@@ -203,7 +199,7 @@ fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
     changed.next().is_none().then(|| (name.clone(), value.clone()))
 }
 
-/// The best setting within a budget, and the settings that noise does not distinguish from it.
+/// The best setting within a budget, and the settings that may be better.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best<'a> {
     /// The setting; `None` if none is certainly within the budget.
@@ -248,17 +244,16 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
         }
         (found, _) => found,
     };
-    // Without a limit on the error, accuracy decides: drop the settings that are less accurate than `found`.
+    // Without a minimum PSNR, accuracy decides: drop the settings that are less accurate than `found`.
     if let (None, Some(found)) = (budget.psnr, found) {
         hidden.retain(|other| other.least_psnr() > found.least_psnr());
     }
     Best { found, hidden }
 }
 
-/// Minimum gain in PSNR, in decibels, that is worth changing the defaults: more than the rounding of a table.
+/// Gain in PSNR, in decibels, above which a more accurate setting replaces the defaults.
 const MIN_GAIN_DB: f64 = 0.1;
 
-/// Returns true if a setting justifies changing the defaults. Both are within the budget.
 fn is_better(other: &Tried, defaults: &Tried, budget: &Budget) -> bool {
     match budget.psnr {
         Some(_) => other.faster(defaults) == Some(true),
@@ -274,7 +269,7 @@ mod tests {
         noisy(name, set, psnr_db, ms, 0.001)
     }
 
-    /// Returns a setting that takes `ms` of 10 ms; the range of its share extends by `half` to both sides.
+    /// Returns a setting that takes `ms` of the exact settings' 10 ms; its share's range is ± `half`.
     fn noisy(name: &str, set: [&str; 2], psnr_db: f64, ms: f64, half: f64) -> Tried {
         let set =
             [("target", set[0]), ("cutoff", set[1])].map(|(n, v)| (n.to_owned(), v.to_owned())).to_vec();
@@ -303,8 +298,8 @@ mod tests {
         let budget = Budget { psnr: Some(45.0), ms: None };
         let (found, unsure) = combinations(&singles(), &budget);
         let names: Vec<String> = found.into_iter().map(|s| s.name).collect();
-        // The prediction for both is 49.6 dB and 3 ms. `cutoff = 4` and `cutoff = 5` do not save time beyond the noise,
-        // and `cutoff = 1` misses the budget with its 30 dB.
+        // Both are predicted at 49.6 dB and 3 ms. `cutoff = 4` and `cutoff = 5` do not save time beyond the noise, and
+        // `cutoff = 1` misses the budget with its 30 dB.
         assert_eq!(names, ["target = h, cutoff = 2", "target = h", "cutoff = 2", EXACT]);
         assert_eq!(unsure, ["cutoff = 5"]);
         let strict = Budget { psnr: Some(55.0), ms: None };
@@ -338,21 +333,19 @@ mod tests {
         let name = |all: &[Tried], budget| best(all, &budget).found.map(|t| t.setting.name.clone());
         let all = [exact.clone(), slow, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));
-        // A setting that is more accurate, but as fast within the noise, does not replace the defaults.
         let near = noisy("target = f", ["f", "4"], 79.0, 4.6, 0.1);
         let all = [exact.clone(), near, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));
         let quick = tried("cutoff = 1", ["h", "1"], 46.0, 2.0);
         let all = [exact.clone(), quick, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some("cutoff = 1"), "faster by far more than the noise");
-        // With a time limit, a gain in accuracy counts.
         let limit = Budget { psnr: None, ms: Some(6.0) };
         let (same, closer) = (tried("a", ["f", "5"], 77.05, 5.0), tried("b", ["f", "6"], 79.0, 5.0));
         assert_eq!(name(&[exact.clone(), same.clone(), defaults.clone()], limit).as_deref(), Some(DEFAULTS));
         assert_eq!(name(&[exact, same, closer, defaults], limit).as_deref(), Some("b"));
     }
 
-    /// Simulates a run of `advise`: rounds of settings with fixed true shares, with pseudo-random noise.
+    /// Simulates a run of `advise`: rounds of settings with fixed shares and pseudo-random noise.
     fn run(seed: u64) -> Vec<Tried> {
         const ROUNDS: usize = 15;
         const NOISE: f64 = 0.05;
@@ -366,7 +359,6 @@ mod tests {
         ];
         let mut state = seed;
         let mut noise = || {
-            // An LCG (Knuth, MMIX); its high bits as -1 to 1.
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             1.0 + NOISE * ((state >> 40) as f64 / f64::from(1 << 23) - 1.0)
         };
@@ -405,20 +397,16 @@ mod tests {
     #[test]
     fn what_noise_hides_is_told_and_the_most_accurate_is_taken() {
         let defaults = noisy("defaults", ["h", "4"], 77.5, 7.0, 0.1);
-        // By its median, the combination takes a tenth less time than the defaults, and is 20 dB less accurate.
         let pair = noisy("target = h, cutoff = 2", ["h", "2"], 57.5, 6.3, 0.1);
         let exact = tried(EXACT, ["f", "3.33"], 80.0, 10.0);
         let all = [exact.clone(), pair.clone(), defaults.clone()];
         let budget = Budget { psnr: Some(45.0), ms: None };
         assert_eq!(best(&all, &budget), Best { found: Some(&all[2]), hidden: vec![&all[1]] });
-        // Without noise, the combination is the fastest.
         let quiet =
             [exact.clone(), tried("pair", ["h", "2"], 57.5, 6.3), tried("defaults", ["h", "4"], 77.5, 7.0)];
         assert_eq!(best(&quiet, &budget), Best { found: Some(&quiet[1]), hidden: vec![] });
-        // The time limit is within the ranges of both settings.
         let ms = Budget { psnr: None, ms: Some(7.1) };
         assert_eq!(best(&all, &ms), Best { found: None, hidden: vec![&all[1], &all[2]] });
-        // Without ranges, no difference is certain.
         let glance =
             |tried: Tried| Tried { share: tried.share.map(|share| Share { range: None, ..share }), ..tried };
         let glances = [exact, glance(pair), glance(defaults)];

@@ -67,7 +67,7 @@ impl Advice {
     }
 }
 
-/// Maximum number of combinations to draw, and the number within the budget after which the search ends.
+/// Maximum number of combinations to draw, and the number within the budget at which the search ends.
 const DRAWN: (usize, usize) = (12, 3);
 
 /// Measures one parameter at a time and every preset, then the most promising combinations.
@@ -88,7 +88,6 @@ pub fn study<D: Device>(
     let mut exact = subject.session(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
     let singles = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
-    // Half as many frames as in a ledger, because there are many settings.
     let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
     let views: Vec<View> = cameras.iter().map(|camera| View::exact(&subject.scene, camera)).collect();
 
@@ -103,7 +102,7 @@ pub fn study<D: Device>(
     for (setting, _) in &singles {
         let Some(rows) = measured(setting)? else { continue };
         if setting.name == EXACT {
-            // The exact settings, measured against themselves, give the noise floor.
+            // Measured against themselves, the exact settings give the noise floor.
             floor = own_share(&rows).and_then(|share| share.floor());
         }
         tried.extend(Tried::new(setting, &rows, floor));
@@ -129,8 +128,7 @@ pub fn study<D: Device>(
     Ok(Advice { budget: wanted.budget, tried, unsure })
 }
 
-/// Returns the exact settings with the narrowest keys that suffice for their mapping. `None` if their keys already have
-/// that width, or no width suffices.
+/// Returns the exact settings with the narrowest keys that suffice for their mapping, if those differ from theirs.
 fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;
@@ -152,10 +150,9 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
     set.iter().filter(|pair| !is_default(pair)).cloned().collect()
 }
 
-/// Measures a setting in every view.
+/// Measures a setting in every view. `exact_ms` caches the exact settings' milliseconds of each view.
 ///
-/// `None` if it draws from the previous frame, because still views hide its error. `exact_ms` holds the milliseconds of
-/// the exact settings in each view, once known.
+/// `None` if the setting draws from the previous frame: still views hide its error.
 fn measured<D: Device>(
     session: &mut Session<D>,
     exact: &mut Session<D>,

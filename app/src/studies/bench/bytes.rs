@@ -4,14 +4,14 @@ use splatgraph_framework::ir::{Pass, ResourceId, Work};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
-/// Sums the declared sizes of the buffers and images that a pass accesses, once for reads and once for writes.
+/// Sums the declared sizes of the buffers and images that a pass accesses: once if read, and once if written.
 ///
-/// A resource that is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that
-/// reads data several times moves more. A pass whose buffers are only partly used, such as a sort of the visible splats
+/// A target that is cleared is not read. The sum underestimates a pass that reads data several times, and overestimates
+/// one that uses only a part of its buffers, such as a sort of the visible splats.
 /// alone, moves less.
 pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
     if let Work::Export = pass.work {
-        // Measured frames do not read the output back. Only the statistics are copied, of 4 bytes each.
+        // Measured frames export no picture, only the statistics of 4 bytes, which are read and written.
         return 8 * plan.stats.len() as u64;
     }
     let mut touched: BTreeMap<ResourceId, (bool, bool)> = BTreeMap::new();
@@ -46,19 +46,18 @@ mod tests {
         let (n, args) = (1_000_000, 36);
         let blocks = 489u64;
         let (table, totals) = (4 * 256 * blocks, 4 * 4 * 256 * 8);
-        // Keys and values are read and written. The table is read; docs/sort.md explains its row per bin.
+        // The table's row per bin is explained in docs/sort.md.
         assert_eq!(bytes("order.sort.scatter[0]"), 16 * n + table + args);
-        // The totals are accumulated, so they are read and written.
         assert_eq!(bytes("order.sort.histogram[1]"), 4 * n + table + 2 * totals + args);
         assert_eq!(bytes("order.sort.scan[2]"), 2 * table + totals + args);
         assert_eq!(bytes("order.sort.clear"), totals);
         let (camera, pixels) = (256, 640 * 480);
-        // The target is cleared and blended into. Only the write counts, because no earlier contents are read.
+        // The target is cleared, so only its write counts.
         assert_eq!(bytes("back_to_front"), camera + args + 4 * n + (32 + 16) * n + 8 * pixels + LIVE);
         assert_eq!(bytes("compose"), camera + (8 + 16) * pixels);
         assert_eq!(bytes("export"), 2 * 2 * 4);
     }
 
-    /// Size of the block of live parameters that the draw reads, in bytes.
+    /// Size of the live parameters that the draw reads, in bytes.
     const LIVE: u64 = 32;
 }

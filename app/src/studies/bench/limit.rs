@@ -1,4 +1,4 @@
-//! Measures the device's bandwidth for copies between buffers, which bounds every pass.
+//! Measures the device's bandwidth for copies between buffers, the reference for the bandwidth of passes.
 
 use super::measure::Bench;
 use crate::draw::facts::DEFAULT_SIZE;
@@ -10,7 +10,6 @@ use splatgraph_assets::{Camera, Scene, synth};
 
 /// Name of the graph that copies.
 pub const GRAPH: &str = "bench/copy";
-/// Phase of [`GRAPH`] with the copy.
 const PHASE: &str = "copy";
 
 /// The copy bandwidth of a device.
@@ -31,9 +30,7 @@ pub fn no_scene() -> Result<(Scene, Camera), synth::SynthError> {
     Ok((scene, camera))
 }
 
-/// Measures the copy limit; `None` if the device has no timestamps.
-///
-/// The inner error explains why the limit cannot be measured.
+/// Measures the copy limit; `None` without timestamps. The inner error is the reason that it cannot be measured.
 ///
 /// # Errors
 /// The device fails.

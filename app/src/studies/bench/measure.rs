@@ -51,9 +51,9 @@ impl Part {
 pub struct Figures {
     /// Milliseconds on the GPU from a frame's first command to its last; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Milliseconds outside of passes: barriers, and other time of the device between passes.
+    /// Milliseconds outside of passes, such as those of barriers.
     ///
-    /// This and `passes` come from frames with timestamps of passes, which take a little longer.
+    /// Like `phases` and `passes`, from frames with timestamps of passes, which slow a frame down.
     pub between_ms: Option<Figure>,
     /// Host time until the frame is submitted, in milliseconds.
     pub submit_ms: Option<Figure>,
@@ -92,7 +92,7 @@ pub struct Found {
     pub fallbacks: Vec<Fallback>,
     /// All parameters of the graph with their values.
     pub parameters: Map<String, Json>,
-    /// Reasons for the parameter values that come from an expression over facts or other parameters, by parameter.
+    /// The reason for each parameter value that comes from an expression over facts or other parameters.
     pub reasons: BTreeMap<String, Reason>,
     /// The mean of the views' medians.
     pub mean: Figures,
@@ -109,10 +109,10 @@ pub struct Found {
 /// Measurements of a candidate, or the reason that it cannot be drawn.
 pub type Outcome = Result<Found, String>;
 
-/// Returns why a candidate cannot be drawn.
+/// Returns why a candidate cannot be drawn, if only this candidate fails.
 ///
 /// # Errors
-/// The device fails: no other candidate can be drawn either.
+/// The error, if it is the device's: no other candidate can be drawn either.
 pub fn reason(error: SessionError) -> Result<String, SessionError> {
     match error {
         SessionError::Graph(errors) => Ok(errors.text(false).trim().to_owned()),
@@ -126,7 +126,6 @@ pub fn reason(error: SessionError) -> Result<String, SessionError> {
     }
 }
 
-/// A candidate that is being measured.
 struct Runner<D> {
     session: Session<D>,
     views: Vec<View>,
@@ -146,10 +145,9 @@ pub struct Bench<'a, D> {
 }
 
 impl<D: Device> Bench<'_, D> {
-    /// Measures candidates from each camera, interleaved. Each camera is one step of the task.
+    /// Measures candidates from each camera, interleaved. Each camera is one step of the task, named by `place`.
     ///
-    /// `place` names the scene and the size for messages. A candidate that cannot be drawn is left out; its result is
-    /// the reason.
+    /// A candidate that cannot be drawn gives the reason; the others are still measured.
     ///
     /// # Errors
     /// The device fails, or the listener cancels.
@@ -176,7 +174,6 @@ impl<D: Device> Bench<'_, D> {
             for runner in &mut all {
                 let Ok(candidate) = runner else { continue };
                 if let Err(error) = self.prepare(candidate, camera) {
-                    // Dropping the session frees its memory for the other candidates.
                     *runner = Err(reason(error)?);
                 }
             }
@@ -222,7 +219,7 @@ impl<D: Device> Bench<'_, D> {
         let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
         let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;
-        // A single frame per round means that frames are slow, so timestamps of passes make no visible difference.
+        // A single frame per round means that frames are slow, so that timestamps of passes hardly matter.
         let mut whole = match effort.frames {
             1 => None,
             _ => Some(interleaved::rounds(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),
@@ -244,9 +241,7 @@ impl<D: Device> Bench<'_, D> {
     }
 }
 
-/// Summarises the frames of a view. `rounds` have timestamps of passes; `whole` may lack them.
-///
-/// Passes that run once are left out.
+/// Summarises a view's frames, without passes that run once. `rounds` have timestamps of passes; `whole` may lack them.
 fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> Figures {
     type Value<'a> = &'a dyn Fn(&Timed) -> Option<f64>;
     let of_rounds =
@@ -276,7 +271,6 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
     }
 }
 
-/// Combines the views of a candidate into its measurements.
 fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, SessionError> {
     let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
     let parameters =
@@ -301,9 +295,7 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
     })
 }
 
-/// Averages the medians of the views.
-///
-/// Views of different sizes may have different passes. A pass is averaged over the views that have it.
+/// Averages the medians of the views. A pass that only some views have is averaged over these.
 fn mean(views: &[View], copy: Option<f64>) -> Figures {
     let over = |of: fn(&Figures) -> Option<Figure>| Figure::mean(views.iter().map(|view| of(&view.figures)));
     let parts = |of: fn(&Figures) -> &Vec<Part>| {
@@ -333,7 +325,6 @@ fn mean(views: &[View], copy: Option<f64>) -> Figures {
     }
 }
 
-/// Measurements for tests.
 #[cfg(test)]
 pub(super) mod testing {
     use super::*;
@@ -472,7 +463,7 @@ mod tests {
             phases.sum::<f64>() + figures.between_ms.expect("timed").median
         };
         assert!(of_parts(figures) > median(figures), "timestamps of passes take time, too");
-        // With one frame per round, all times come from the same frames, so the parts add up to the whole.
+        // With one frame per round, all times come from the same frames.
         let one = Frames { frames: Some(1), ..FRAMES };
         let one = measured_in(one, &device, &[candidate("splat", &[])], &["one"]).remove(0);
         let one = one.expect("it is drawn").mean;

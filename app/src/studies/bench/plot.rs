@@ -11,7 +11,7 @@ type Sizes<'a> = &'a [Option<(u32, u32)>];
 /// Returns the file names of a scene's plots, without extension, in the order of [`plots`].
 ///
 /// With several numbers of splats, there is one plot for each size; with several sizes, one for each number of splats.
-/// `stem` is the part of the names that identifies the scene.
+/// `stem` identifies the scene.
 pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     let size_name = |size: &Option<(u32, u32)>| size.map_or("own".into(), |(w, h)| format!("{w}x{h}"));
     let mut names = Vec::new();
@@ -55,7 +55,6 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     plots
 }
 
-/// Removes duplicates and keeps the order.
 fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut found = Vec::new();
     for item in items {
@@ -66,7 +65,7 @@ fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     found
 }
 
-/// Plots one line per graph: the frame time on the GPU, or on the host if unknown, averaged over the cameras.
+/// Plots one line per graph: the frame time on the GPU, or on the host if a candidate has no GPU times.
 fn plot(
     report: &Report,
     title: String,

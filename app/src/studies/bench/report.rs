@@ -22,10 +22,9 @@ pub struct Origin {
     pub device: String,
     /// The device's driver, with its version.
     pub driver: String,
-    /// The copy limit; `None` if the device has no timestamps, or no memory for the copy.
+    /// The copy limit; `None` if it cannot be measured, and on a CPU.
     pub copy: Option<CopyLimit>,
-    /// True for a device on the CPU. Times of passes are unreliable there: a driver may write them before a pass is
-    /// done.
+    /// True for a device on the CPU, where a driver may write a pass's timestamp before the pass is done.
     pub is_cpu: bool,
     /// Numbers of frames and rounds.
     pub effort: Frames,
@@ -105,8 +104,7 @@ pub fn size_text(size: Option<(u32, u32)>) -> String {
 impl Report {
     /// Writes every figure as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     ///
-    /// Times without a camera are means of the cameras' medians. Lines for memory, passes that run once, and failures
-    /// have no camera.
+    /// Times without a camera are means of the cameras' medians.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "scene,splats,width,height,pipeline,camera,kind,name,median_ms,spread_ms,bytes,gb_per_s,of_copy\n",
@@ -154,7 +152,6 @@ pub(super) fn first_line(why: &str) -> &str {
     line.strip_prefix("error: ").unwrap_or(line)
 }
 
-/// Formats a number; `None` gives an empty string.
 pub(super) fn optional(value: Option<f64>) -> String {
     value.map_or(String::new(), |v| v.to_string())
 }
@@ -185,12 +182,10 @@ fn times(figure: Option<Figure>) -> [String; 2] {
     [figure.map(|f| f.median), figure.map(|f| f.spread)].map(optional)
 }
 
-/// Reports for tests.
 #[cfg(test)]
 pub(super) mod testing {
     use super::*;
 
-    /// Returns a report of the scene `a.ply` in one size.
     pub fn report(rows: Vec<(&str, u32, Outcome)>) -> Report {
         let copy = CopyLimit { bytes: 1000, gpu_ms: Figure { median: 0.5, spread: 0.0 }, gb_per_s: 2000.0 };
         let origin = Origin {
@@ -226,8 +221,8 @@ mod tests {
         let commas = |line: &str| line.matches(',').count();
         let header = csv.lines().next().expect("a header");
         assert!(csv.lines().all(|line| commas(line) == commas(header)), "{csv}");
-        // The header. Five times of the frame, one phase and one pass, for two views and the mean. One memory size, and
-        // one failed candidate.
+        // The header; five times of the frame, one phase and one pass, for two views and the mean; one memory size; one
+        // failed candidate.
         assert_eq!(csv.lines().count(), 1 + 3 * (5 + 1 + 1) + 1 + 1, "{csv}");
         for line in [
             r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001"#,

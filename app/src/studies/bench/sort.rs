@@ -14,9 +14,8 @@ use splatgraph_assets::grouped;
 
 /// Name of the graph that sorts random pairs.
 pub const GRAPH: &str = "bench/pairs";
-/// Phase of [`GRAPH`] that is measured.
 const PHASE: &str = "sort";
-/// Statistic of [`GRAPH`] that counts the pairs which a stable sort would have placed elsewhere.
+/// Statistic of [`GRAPH`]: the number of pairs that differ from a stable sort's.
 const WRONG: &str = "wrong";
 
 /// Key widths that are measured, in bits.
@@ -35,8 +34,8 @@ pub fn usual_pairs() -> Vec<u32> {
 pub struct Sorted {
     /// The sum of the sort's passes: their GPU time, and an estimate of the bytes that they move.
     pub phase: Part,
-    /// Upper bound of the sort's GPU time in milliseconds, which includes the time between passes, such as barriers.
-    /// `None` if the device has no timestamps.
+    /// Upper bound of the sort's GPU time in milliseconds: its passes, and all time between passes of the frame.
+    /// `None` without timestamps.
     pub at_most_ms: Option<f64>,
     /// Host time of the whole frame in milliseconds, including the generation of the pairs.
     pub wall_ms: Option<Figure>,

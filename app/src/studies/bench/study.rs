@@ -20,9 +20,9 @@ pub struct Wanted {
     pub sizes: Vec<Option<(u32, u32)>>,
 }
 
-/// Measures the copy limit of a device. If that fails, the listener gets the reason.
+/// Measures the copy limit of a device. If that fails, the listener gets the reason, and the result is `None`.
 ///
-/// `None` for a device on a CPU: caches serve most passes there, so a copy of main memory does not bound them.
+/// Also `None` without timestamps, and on a CPU, where passes may be served by caches that the copy does not fit in.
 ///
 /// # Errors
 /// The device fails.
@@ -93,7 +93,6 @@ pub fn study<D: Device, E: From<StudyError>>(
     Ok(())
 }
 
-/// Enlarges or cuts a scene to a number of splats.
 fn enlarged(base: &Arc<Scene>, splats: u32) -> Result<Arc<Scene>, synth::SynthError> {
     Ok(if base.count() == splats { base.clone() } else { Arc::new(synth::enlarge(base, splats)?) })
 }

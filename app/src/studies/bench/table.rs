@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Describes the device and its copy limit, explains the column `MB`, and warns of unreliable or missing times.
 ///
-/// `timed` is false if the device measured no times.
+/// `timed` is false if times are missing.
 pub fn head(origin: &Origin, timed: bool) -> String {
     let mut text = format!("{} ({})\n", origin.device, origin.driver);
     if let Some(copy) = &origin.copy {
@@ -31,10 +31,9 @@ pub fn head(origin: &Origin, timed: bool) -> String {
     text
 }
 
-/// Formats all tables of a report.
+/// Formats all tables of a report: for each scene, number of splats and size, the passes, cameras and candidates.
 ///
-/// For each scene, number of splats and size, these are the passes, the cameras and the candidates. If there are
-/// several of these combinations, an overview of the candidates over all of them follows.
+/// If there are several of these combinations, an overview of the candidates over all of them follows.
 pub fn tables(report: &Report) -> String {
     let timed = report.drawn().all(|found| found.mean.gpu_ms.is_some());
     let mut text = head(&report.origin, timed);
@@ -62,12 +61,10 @@ pub fn tables(report: &Report) -> String {
     text
 }
 
-/// Returns the scene, number of splats and size of a row.
 fn place(row: &Row) -> (&str, u32, Option<(u32, u32)>) {
     (&row.scene, row.splats, row.size)
 }
 
-/// Returns the candidates that were drawn, each with its row.
 fn drawn(rows: &[Row]) -> impl Iterator<Item = (&Row, &Found)> {
     rows.iter().filter_map(|row| Some((row, row.found.as_ref().ok()?)))
 }
@@ -152,7 +149,7 @@ fn passes(found: &Found, is_cpu: bool) -> String {
     table(&lines.collect::<Vec<_>>())
 }
 
-/// Formats the cameras of one scene, number of splats and size, one per line, with the candidates side by side.
+/// Formats the GPU times of one scene, number of splats and size, with a row per camera and a column per candidate.
 fn cameras(rows: &[Row]) -> String {
     let mut header = cells([""]);
     header.extend(drawn(rows).map(|(row, _)| row.pipeline.clone()));
@@ -169,14 +166,13 @@ fn cameras(rows: &[Row]) -> String {
     table(&lines)
 }
 
-/// Key of a line of the overview: scene, size and candidate.
 type Line<'a> = (&'a str, Option<(u32, u32)>, &'a str);
 
 fn line_of(row: &Row) -> Line<'_> {
     (&row.scene, row.size, &row.pipeline)
 }
 
-/// Formats the overview, with a row per scene, size and candidate, and a column per number of splats.
+/// Formats GPU times with a row per scene, size and candidate, and a column per number of splats.
 fn overview(report: &Report) -> String {
     let mut columns: Vec<u32> = report.rows.iter().map(|row| row.splats).collect();
     columns.sort_unstable();

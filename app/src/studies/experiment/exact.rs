@@ -10,13 +10,13 @@ use splatgraph_assets::Camera;
 /// Name of the graph that the experiments draw.
 pub const GRAPH: &str = "splat";
 
-/// Gain of difference pictures: an error of one 8-bit step is just visible, and errors up to 0.25 do not saturate.
+/// Gain of difference pictures: errors above 0.25 saturate.
 pub const GAIN: f32 = 4.0;
 
 /// Names and values of parameters, as `--set` takes them.
 pub type Set = Vec<(String, String)>;
 
-/// Lists the exact values of the graph's parameters for a picture size.
+/// Lists the exact values of the graph's parameters.
 ///
 /// # Errors
 /// The graph cannot be read.
@@ -27,7 +27,6 @@ pub fn values<D: Device>(session: &mut Session<D>, size: (u32, u32)) -> Result<S
     Ok(all.into_iter().find(|setting| setting.name == settings::EXACT).map_or_else(Set::new, |s| s.set))
 }
 
-/// Draws a picture with the exact values, except for `changes`.
 pub(super) fn draw<D: Device>(
     session: &mut Session<D>,
     exact: &Set,
@@ -42,7 +41,7 @@ pub(super) fn draw<D: Device>(
     Ok(capture::take(session, camera)?)
 }
 
-/// Formats decibels. For `None`, which stands for equal pictures, returns `equal`.
+/// Formats decibels; `None`, equal pictures, gives `equal`.
 pub(super) fn decibels(psnr_db: Option<f64>) -> String {
     psnr_db.map_or_else(|| "equal".into(), |db| format!("{db:.1}"))
 }

@@ -1,16 +1,15 @@
 //! Finds the part of a picture whose colour depends most on the viewing direction.
 //!
 //! A band's mean square over all directions is the sum of its squared coefficients over 4 pi, because the real
-//! spherical harmonics are orthonormal (R. Ramamoorthi, P. Hanrahan, SIGGRAPH 2001, compress lighting with the same
-//! property). The exact renderer draws the energy of each band in place of the colour. Each splat is thereby weighted
-//! by its visible part: its opacity, its area in pixels, and its occlusion by nearer splats.
+//! spherical harmonics are orthonormal. The exact renderer draws the energy of each band in place of the colour. Each
+//! splat is thereby weighted by its opacity, its area in pixels, and its occlusion by nearer splats.
 
 use crate::studies::advise::harmonics::energy;
 use splatgraph_assets::harmonics::basis;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Gaussian, Picture, Rules, Splats, render};
 
-/// The window's width and height are the picture's, divided by this.
+/// Divisor of the picture's width and height that gives the window's.
 pub const SHARE: u32 = 3;
 
 /// A scene with other values in place of its colours.
@@ -27,7 +26,7 @@ impl<F: Fn(&Gaussian) -> [f64; 3] + Sync> Splats for Painted<'_, F> {
     fn get(&self, index: usize) -> Gaussian {
         let splat = Splats::get(self.scene, index);
         let mut sh = [[0.0; 3]; 16];
-        // The renderer's colour is 0.5 plus the coefficient of band 0 times its basis function.
+        // The renderer's colour is 0.5 plus this coefficient times its basis function.
         sh[0] = (self.color)(&splat).map(|channel| (channel - 0.5) / basis([0.0, 0.0, 1.0])[0]);
         Gaussian { sh, ..splat }
     }
@@ -94,9 +93,9 @@ pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
     })
 }
 
-/// Finds the corner of the window with the largest sum; `None` if all of them are 0.
+/// Finds the corner of the window with the largest sum; `None` if all sums are 0.
 fn richest(values: &[f64], [width, height]: [usize; 2], size: [usize; 2]) -> Option<[usize; 2]> {
-    // A summed-area table: four of its entries give the sum of a window.
+    // A summed-area table.
     let mut sums = vec![0.0; (width + 1) * (height + 1)];
     for y in 0..height {
         for x in 0..width {
@@ -118,7 +117,6 @@ fn richest(values: &[f64], [width, height]: [usize; 2], size: [usize; 2]) -> Opt
     best.filter(|(_, most)| *most > 0.0).map(|(corner, _)| corner)
 }
 
-/// Computes the world position of a pixel at a view depth.
 fn unprojected(camera: &Camera, x: f64, y: f64, depth: f64) -> [f64; 3] {
     let side = |at: f64, size: u32, focal: f64| (at - 0.5 * (f64::from(size) - 1.0)) / focal * depth;
     let view = [side(x, camera.width, camera.fx), side(y, camera.height, camera.fy), depth];
@@ -143,7 +141,7 @@ mod tests {
         for (k, coefficients) in sh.iter_mut().enumerate() {
             *coefficients = [0.1 * k as f64, 0.3 - 0.05 * k as f64, 0.02];
         }
-        // Directions of equal weight: equal steps of height (Archimedes) and of angle.
+        // Equal steps of height (Archimedes) and of angle give directions of equal weight.
         const STEPS: usize = 400;
         let mut sums = [0.0; 4];
         for i in 0..STEPS {

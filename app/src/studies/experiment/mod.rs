@@ -1,10 +1,9 @@
 //! Demonstrates an equation on a scene, as a self-contained page.
 //!
-//! An experiment changes one thing, draws, and compares the pictures with the exact renderer's. [`order`] changes the
-//! order in which splats are blended, with a worked example of [`two`] splats. [`sh`] leaves out bands of the spherical
-//! harmonics, in the part of the picture that depends on them most, which [`gloss`] finds. Every number on a page is
-//! measured or computed when the page is made. [`study`] runs an experiment. Everything else is exact ([`exact`]), so
-//! the change is the only cause.
+//! An experiment changes one parameter of the exact settings ([`exact`]), draws, and compares the pictures with the
+//! exact renderer's. [`order`] changes the order in which splats are blended, with a worked example of [`two`] splats.
+//! [`sh`] leaves out bands of the spherical harmonics, in the part of the picture that depends on them most, which
+//! [`gloss`] finds. Every number on a page is measured or computed when [`study`] makes the page.
 
 pub mod exact;
 pub mod gloss;

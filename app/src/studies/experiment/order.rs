@@ -1,8 +1,8 @@
 //! Blends a scene's splats in four ways, and with depth keys of several widths.
 //!
-//! The colour of a pixel is a sum in which each splat is dimmed by the splats in front of it. That product runs over an
-//! index set, and each wrong way of blending changes the set differently. [`measure`] draws all ways, and measures the
-//! errors of the picture and of the order; [`page`] presents them.
+//! A splat's contribution to a pixel is multiplied by the transmittances of the splats in front of it. Each wrong way
+//! of blending changes the index set of this product. [`measure`] draws all ways, and measures the errors of the
+//! picture and of the order; [`page`] presents them.
 
 use super::exact::{self, GAIN, decibels, draw};
 use super::two::{self, Two};
@@ -19,7 +19,6 @@ use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use splatgraph_reference::{Rules, depth_order};
 
-/// Widths of the depth keys that are measured, in bits.
 const KEY_BITS: [u32; 9] = [8, 10, 12, 14, 16, 20, 24, 28, 32];
 
 /// A picture, and its error against the exact one.
@@ -29,7 +28,7 @@ pub struct Drawn {
     pub name: String,
     /// The picture, as drawn by the device.
     pub image: Image,
-    /// Error of this picture against the exact one.
+    /// Error against the exact picture.
     pub error: Comparison,
     /// Number of pairs of splats in the wrong order in the order buffer; `None` if it cannot be read.
     pub inversions: Option<u64>,
@@ -54,8 +53,6 @@ pub struct Order {
 }
 
 /// Draws and measures every way of blending and every key width.
-///
-/// The listener gets the number of steps done and the name of the next one.
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
@@ -210,7 +207,6 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), StudyError> {
         .ways
         .iter()
         .map(|blended| {
-            // The first entry is the state before any splat.
             let steps: Vec<String> = blended.steps[1..]
                 .iter()
                 .map(|(sum, left)| {

@@ -3,7 +3,7 @@
 //! A splat's colour is a function of the direction, stored as the first coefficients of its expansion in real spherical
 //! harmonics. These are orthonormal: if bands are left out, the mean square error over all directions is the sum of
 //! their squared coefficients over 4 pi. [`measure`] draws the glossiest part of a picture ([`gloss`]) from several
-//! directions with bands up to 0, 1, 2 and 3; [`page`] compares the errors with that sum.
+//! directions with bands up to each degree; [`page`] compares the errors with that sum.
 
 use super::exact::{self, GAIN, decibels, draw};
 use super::gloss::{self, Part};
@@ -70,8 +70,7 @@ pub struct Sh {
 
 /// Draws the glossiest part with bands up to each degree, and measures the errors.
 ///
-/// Several cameras serve as the directions; a single one is moved around the part by [`DEGREES`]. The listener gets
-/// the number of steps done and the name of the next one.
+/// Several cameras serve as the directions; a single one is moved around the part by [`DEGREES`].
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
@@ -100,7 +99,7 @@ pub fn measure<D: Device>(
         let exact = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::of(session.scene())).image();
         directions.push(Direction { name: name.clone(), exact, degrees: Vec::new() });
     }
-    // The outer loop is over degrees, because each degree needs its own plan.
+    // Degrees are the outer loop, because each needs its own plan.
     let mut pictures: Vec<Vec<Image>> = vec![Vec::new(); views.len()];
     for highest in 0..=degree[1] {
         steps.next(&format!("bands up to {highest}"))?;
@@ -120,7 +119,6 @@ pub fn measure<D: Device>(
     Ok(Sh { view, degree, all, glossy: Some(Glossy { part, overview, directions }) })
 }
 
-/// Computes the mean energy of each band over all splats.
 fn mean_energy(scene: &Scene) -> Energy {
     let count = Splats::count(scene);
     let sums = (0..count).fold([0.0; 4], |sums: Energy, index| {
@@ -130,7 +128,7 @@ fn mean_energy(scene: &Scene) -> Energy {
     sums.map(|sum| sum / count.max(1) as f64)
 }
 
-/// Lists named cameras that show only the part, a third of the picture's width, at half the picture's size.
+/// Lists named cameras that show only the part, at half the first picture's size.
 fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera)> {
     let size = (first.width.div_ceil(2), first.height.div_ceil(2));
     let close = |camera: &Camera| orbit::facing(camera, part.point, f64::from(gloss::SHARE), size);
@@ -141,7 +139,7 @@ fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera
     DEGREES.map(|degrees| (name(degrees), close(&orbit::turned(first, part.point, degrees)))).into()
 }
 
-/// Formats a range of bands, such as `1 to 3`.
+/// Formats a range of bands, such as `bands 1 to 3`.
 fn bands(first: u32, last: u32) -> String {
     if first == last { format!("band {first}") } else { format!("bands {first} to {last}") }
 }
@@ -267,7 +265,6 @@ fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     );
 }
 
-/// Adds the table of energies.
 fn energies(page: &mut Page, found: &Sh) {
     page.heading("The energy of each band");
     let part = found.glossy.as_ref().map(|glossy| &glossy.part);

@@ -1,7 +1,7 @@
 //! Works through an example of two splats: with the formulas, with the exact renderer, and on the device.
 //!
-//! Two splats have only one wrong order, so every step can be followed. Their alphas and colours at a pixel are taken
-//! from exact pictures of each splat alone. The formulas are then evaluated step by step with only these numbers.
+//! The splats' alphas and colours at a pixel are taken from exact pictures of each splat alone. The formulas are then
+//! evaluated step by step with only these numbers.
 
 use super::exact::{self, GRAPH, draw};
 use super::ways::{WAYS, Way};
@@ -68,7 +68,7 @@ pub fn work_out<D: Device>(session: &mut Session<D>) -> Result<Two, StudyError> 
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, SIZE);
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED);
     let pixel = (SIZE.1 / 2 * SIZE.0 + SIZE.0 / 2) as usize;
-    // The scene lists the far splat first, so without a sort it is blended as the near one.
+    // The scene lists the far splat first.
     let layers = [1, 0].map(|index| layer(&scene.get(index), &camera, pixel));
     let mut own = Session::new(session.device().new_context()?, scene, GRAPH, &[]);
     let exact = exact::values(&mut own, SIZE)?;
@@ -89,7 +89,6 @@ fn scene() -> Scene {
         for (sh, color) in sh.iter_mut().zip(color) {
             *sh = ((color - 0.5) / basis([0.0, 0.0, 1.0])[0]) as f32;
         }
-        // Both have the same size in the picture, one left and one right of the middle.
         let (x, deviation) = (0.09 * side * z, 0.11 * z);
         let position = [x as f32, 0.0, z as f32];
         Splat { position, scale: [deviation as f32; 3], rotation: [1.0, 0.0, 0.0, 0.0], opacity, sh }
@@ -105,7 +104,6 @@ fn layer(splat: &Gaussian, camera: &Camera, pixel: usize) -> Layer {
     Layer { alpha, color: alone.color[pixel].map(|channel| channel / alpha) }
 }
 
-/// Blends the two splats by `way`, and returns the sum and the transmittance after each step.
 fn steps(way: &Way, [near, far]: [Layer; 2]) -> Vec<([f64; 3], Option<f64>)> {
     let sequence = if way.nearest_first { [near, far] } else { [far, near] };
     let sequence = if way.sorted { sequence } else { [sequence[1], sequence[0]] };

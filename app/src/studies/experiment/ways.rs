@@ -19,7 +19,7 @@ pub struct Way {
     pub why: &'static str,
 }
 
-/// All ways of blending. The second, back to front, changes no parameter.
+/// All ways of blending.
 pub const WAYS: [Way; 4] = [
     Way {
         name: "unsorted",

@@ -4,7 +4,6 @@ use crate::io::image::Image;
 use crate::studies::metrics::{self, MetricError, flip};
 use serde::{Deserialize, Serialize};
 
-/// One 8-bit step. A larger error of a channel shows in a file.
 const STEP: f32 = 1.0 / 255.0;
 
 /// The error of a picture. All fields but `worst` clamp values to 0..1.
@@ -45,9 +44,7 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
     Ok(Error { psnr_db, ssim, flip, worst: worst.difference, off, covered_psnr_db, covered_off })
 }
 
-/// Computes the share of pixels in which a channel differs by more than [`STEP`].
-///
-/// Only pixels with an index that `wanted` accepts count.
+/// Returns the share of the `wanted` pixels in which a channel differs by more than [`STEP`].
 fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
     let (mut off, mut count) = (0usize, 0usize);
     for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {

@@ -1,6 +1,6 @@
 //! Measures the error and the time of settings, for all studies.
 //!
-//! [`settings`] lists the settings to compare, and [`plans`] finds those with equal plans. [`view`] draws a camera's
+//! [`settings`] lists the settings to compare, and [`plans`] finds settings with equal plans. [`view`] draws a camera's
 //! picture and compares it with the truth ([`error`]). [`time`] interleaves frames with a baseline's, so that changes
 //! of the device's clock cancel out. [`noise`] finds the differences in time that exceed the noise.
 

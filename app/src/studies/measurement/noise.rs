@@ -3,15 +3,16 @@
 //! A round gives one share: the setting's median frame time divided by that of the exact settings, drawn interleaved.
 //! The share of a setting is the median of its rounds. Its range is the 99 % confidence interval of that median,
 //! computed from the order of the rounds alone (the binomial interval of a median; David and Nagaraja, "Order
-//! Statistics", 3rd edition, 7.1): no distribution is assumed. (Rounds end once the range is narrow, which costs a
-//! little of the confidence; the floor compensates for it.) Measured against themselves, the exact settings would have
-//! a share of 1 without noise. Their distance from 1 is the **floor**, and every range extends at least that far to
-//! both sides of its median, as a part of the median.
+//! Statistics", 3rd edition, 7.1): no distribution is assumed. Rounds end once the range is narrow, so the actual
+//! confidence is a little lower.
+//!
+//! Measured against themselves, the exact settings would have a share of 1 without noise. The distance of their share
+//! from 1 is the **noise floor**. Every range is widened to at least `median * (1 ± floor)`.
 
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
 
-/// Minimum number of rounds for a range. With 8, the median is between the least and the greatest in 99.2 % of cases.
+/// Minimum number of rounds for a range: with 8, the median is within the extremes in 99.2 % of cases.
 pub const MIN_ROUNDS: usize = 8;
 
 /// Maximum probability that the true median is outside of the range.
@@ -20,12 +21,10 @@ const RISK: f64 = 0.01;
 /// Minimum relative saving in time. Settings with a smaller difference count as equally fast.
 pub const MIN_SAVING: f64 = 0.02;
 
-/// PSNRs that differ by less than this, in decibels, count as equal: a table does not show the difference.
+/// PSNRs that differ by less than this, in decibels, count as equal: half of the last digit in tables.
 const EQUAL_DB: f64 = 0.05;
 
-/// Half width at which a range is narrow enough to end the rounds.
-///
-/// The first number is for a share of 1. The second, times the share's distance from 1, is added to it.
+/// Rounds end when half of the range's width is at most `NARROW.0 + NARROW.1 * |share - 1|`.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
 /// A frame time as a share of the exact settings' time.
@@ -60,9 +59,7 @@ impl Share {
         Some(Share { median: mean(&|view| Some(view.median))?, range })
     }
 
-    /// Computes the noise floor from the exact settings' share against themselves: its distance from 1.
-    ///
-    /// `None` without a range.
+    /// Returns the noise floor, if this is the exact settings' share against themselves; `None` without a range.
     pub fn floor(&self) -> Option<f64> {
         self.range.map(|_| (1.0 - self.median).abs())
     }
@@ -76,9 +73,7 @@ impl Share {
         Share { range, ..self }
     }
 
-    /// Returns true if this takes at least [`MIN_SAVING`] less time than `other`, and false if it does not.
-    ///
-    /// `None` if noise hides the difference.
+    /// Returns whether this takes at least [`MIN_SAVING`] less time than `other`; `None` if noise hides the answer.
     pub fn faster(&self, other: &Share) -> Option<bool> {
         let ((low, high), (other_low, other_high)) = (self.range?, other.range?);
         let kept = 1.0 - MIN_SAVING;
@@ -90,7 +85,7 @@ impl Share {
     }
 }
 
-/// Returns the number of rounds outside of the median's range, on each side; `None` if there are too few rounds.
+/// Returns the number of rounds outside the median's range, on each side; `None` with too few rounds.
 fn outside(rounds: usize) -> Option<usize> {
     // `term` is the probability that exactly `count` rounds are below the median; `below`, that at most `count` are.
     let mut term = 0.5f64.powi(i32::try_from(rounds).ok()?);
@@ -151,7 +146,6 @@ pub fn front(points: &[Point]) -> Vec<Mark> {
         (Some(a), Some(b)) => a.faster(&b),
         _ => Some(false),
     };
-    // Compares the medians, without the ranges.
     let seems_faster = |a: &Point, b: &Point| match (a.share, b.share) {
         (Some(a), Some(b)) => a.median < (1.0 - MIN_SAVING) * b.median,
         _ => false,
@@ -253,7 +247,6 @@ mod tests {
         assert_eq!(front(&[exact]), [Mark::Best]);
         assert_eq!(marks(&[point(share(0.8, 0.02), 60.0)]), [Mark::Best]);
         assert_eq!(marks(&[point(share(1.0, 0.01), 60.0)]), [Mark::Beaten], "no faster, less accurate");
-        // A setting without an effect, measured with noise.
         assert_eq!(marks(&[point(share(0.9, 0.15), 100.0)]), [Mark::Likely]);
         assert_eq!(marks(&[point(share(1.05, 0.15), 100.0)]), [Mark::Unlikely]);
         assert_eq!(
@@ -268,13 +261,12 @@ mod tests {
         assert_eq!(marks(&noisy), [Mark::Best, Mark::Likely]);
         let hidden = Point { hidden: true, ..point(share(0.5, 0.0), 200.0) };
         assert_eq!(marks(&[hidden, close[0]]), [Mark::Hidden, Mark::Best], "it beats nothing either");
-        // A gain of 0.01 dB does not count, and of two equal pictures only the first is on the front.
+        // A gain of 0.01 dB does not count.
         let hair = [point(share(1.0, 0.01), 100.01), point(share(1.0, 0.01), 100.06)];
         assert_eq!(marks(&hair[..1]), [Mark::Beaten]);
         assert_eq!(marks(&hair[1..]), [Mark::Best]);
         let same = [point(share(1.0, 0.01), f64::INFINITY), point(share(1.0, 0.01), f64::INFINITY)];
         assert_eq!(marks(&same), [Mark::Best, Mark::Beaten]);
-        // Without timestamps, only the most accurate point is on the front.
         assert_eq!(
             front(&[point(None, 50.0), point(None, 60.0), point(None, 60.0)]),
             [Mark::Beaten, Mark::Best, Mark::Beaten]

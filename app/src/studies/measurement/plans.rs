@@ -9,8 +9,8 @@ use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Hashes what determines a plan's commands: passes and resources with their names, shader code, memory, order, and the
-/// live values that shaders read.
+/// Hashes what determines a plan's commands: shaders, passes and resources with their names, memory, order, and live
+/// values.
 ///
 /// The graph's name, source locations, and parameters without an effect are left out.
 pub fn fingerprint(plan: &Plan) -> u64 {
@@ -41,8 +41,7 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some())
 }
 
-/// Hashes the plans of a setting for pictures of all `sizes`. `None` if one cannot be built; the error is reported when
-/// the setting is drawn.
+/// Hashes the plans of a setting for pictures of all `sizes`; `None` if a graph has errors.
 ///
 /// # Errors
 /// The device fails.
@@ -65,8 +64,8 @@ fn of_setting<D: Device>(
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
 /// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
-/// an earlier setting's. `exact` draws the first setting, and is prepared. Only the plans of settings that `wanted`
-/// accepts are built. Returns each setting with the hash of its plans, `None` if one cannot be built.
+/// an earlier setting's. `exact` draws the first setting, and is prepared. Settings that `wanted` rejects are dropped.
+/// Returns each setting with the hash of its plans, `None` if one cannot be built.
 ///
 /// # Errors
 /// The device fails, or the listener cancels.

@@ -15,7 +15,7 @@ pub const EXACT: &str = "exact";
 /// Name of the setting with the graph's defaults.
 pub const DEFAULTS: &str = "defaults";
 
-/// Lists the built-in graphs to measure for a projection. `auto`, which chooses among the others, is left out.
+/// Lists the built-in graphs to measure for a projection: all but `auto`, which chooses among the others.
 pub fn measured_names(projection: Projection) -> Vec<&'static str> {
     let is_measured = |preset: &Preset| {
         projection::of_controls(&preset.params) == projection && preset.name != builtin::DEFAULT_PIPELINE
@@ -66,7 +66,7 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
 
 /// Sets parameters in every setting, and leaves out the settings that vary one of them.
 ///
-/// Settings of another graph are kept only if it has all of these parameters. `has` takes the graph and a parameter.
+/// A setting of another graph is kept only if `has` accepts that graph with each of these parameters.
 fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -> bool) -> Vec<Setting> {
     let Some(pipeline) = all.first().map(|exact| exact.pipeline.clone()) else { return all };
     let is_fixed = |name: &str| set.iter().any(|(fixed, _)| fixed == name);
@@ -83,10 +83,9 @@ fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -
     kept.map(give).collect()
 }
 
-/// Leaves out the settings that change only a parameter without an effect in `plan`.
+/// Leaves out the settings that change only a parameter without an effect in `plan`, the plan of the exact settings.
 ///
-/// `plan` is the plan of the exact settings, which are the first of `all`. Also returns a message for each of these
-/// parameters.
+/// The exact settings are the first of `all`. Also returns a message for each of these parameters.
 pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = all.first().cloned() else { return (all, Vec::new()) };
     let mut lines: Vec<String> = Vec::new();
@@ -104,9 +103,9 @@ pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<Str
     (all, lines)
 }
 
-/// Lists values of a parameter besides its exact one: all values of a choice, or five across a range.
+/// Lists values of a parameter besides its exact one: all values of a choice, or five across an integer's range.
 ///
-/// A float's minimum is left out, because most parameters draw nothing there.
+/// A float has four, without its minimum, at which most parameters draw nothing.
 fn alternatives(param: &Param) -> Vec<Value> {
     let mut values: Vec<Value> = match &param.domain {
         Domain::Bool => vec![Value::Bool(false), Value::Bool(true)],
@@ -115,7 +114,6 @@ fn alternatives(param: &Param) -> Vec<Value> {
             (0..=4).map(|i| Value::Int(min + (i128::from(max - min) * i / 4) as i64)).collect()
         }
         Domain::Float { min, max, .. } => {
-            // Rounds to three decimals, as a person would type.
             let rounded = |v: f64| (v * 1000.0).round() / 1000.0;
             (1..=4).map(|i| Value::Float(rounded(min + (max - min) * f64::from(i) / 4.0))).collect()
         }
@@ -162,7 +160,7 @@ mod tests {
         let presets = builtin::presets();
         let tiled = presets.iter().find(|preset| preset.name == "tiled").expect("it is built in");
         let all = list("tiled", &tiled.params, &["tiled", "key16"]);
-        // `tiled` sorts pairs and draws all splats, so `budget` has no effect.
+        // `tiled` sorts pairs and draws all splats.
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
         let plan = Planner::default().plan("tiled", &[], &facts, &facts::nominal_catalog());
         let (kept, lines) = with_effect(all.clone(), &plan.expect("a plan"));

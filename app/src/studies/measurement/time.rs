@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 /// The time of a frame, relative to the exact settings.
 ///
-/// All milliseconds are computed from shares of the exact settings' time, [`Time::exact_ms`]: a device's clock may
-/// change between two settings, but it affects both sides of a share alike.
+/// Milliseconds are shares times the exact settings' time, [`Time::exact_ms`]: the device's clock may change between
+/// two settings, but it affects both sides of a share alike.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Time {
     /// Milliseconds on the GPU: `share` of `exact_ms`.
@@ -35,11 +35,11 @@ pub struct Time {
     pub phase_spreads: BTreeMap<String, f64>,
 }
 
-/// The exact settings, with which all others are interleaved.
+/// The session with which all others are interleaved.
 pub struct Baseline<'a, D> {
     /// Session that draws the exact settings, prepared at the view's size.
     pub session: &'a mut Session<D>,
-    /// Milliseconds by which shares are multiplied; `None` for the baseline's time in the same rounds.
+    /// Milliseconds that shares are multiplied by; `None` for the baseline's time in the same rounds.
     pub ms: Option<f64>,
 }
 
@@ -63,10 +63,10 @@ pub fn time_in_turns<D: Device>(
     effort: Effort,
     longest: Duration,
 ) -> Result<Option<Time>, SessionError> {
-    // A single round has no range and is not precise, so it needs no warm-up.
+    // A single round has no range, so precision does not matter.
     if effort.rounds > 1 {
-        // Shares depend on the clock much less than milliseconds. Once the baseline's milliseconds are known, the
-        // warm-up is only as long as the device was idle.
+        // Shares hardly depend on the clock. Once the baseline's milliseconds are known, the warm-up is only as long as
+        // the device was idle.
         let idle = [exact.session.idle(), session.idle()].into_iter().flatten().min();
         let least = idle.filter(|_| exact.ms.is_some()).map_or(WARM_UP, |idle| idle.min(WARM_UP));
         interleaved::warm_up(&mut [&mut *exact.session, &mut *session], camera, least)?;
@@ -107,12 +107,10 @@ pub fn time_alone<D: Device>(
     Ok(time(&frames.into_iter().flatten().map(round).collect::<Vec<_>>(), None))
 }
 
-/// The median times of a round of a session's frames, and of its baseline's.
 struct Round {
     own_ms: Option<f64>,
     exact_ms: Option<f64>,
     busy: Option<f64>,
-    /// Milliseconds of each phase.
     phases: Vec<(String, Option<f64>)>,
 }
 
@@ -137,12 +135,10 @@ impl Round {
     }
 }
 
-/// Lists the rounds' shares of the baseline's time; `None` without timestamps.
 fn shares(rounds: &[Round]) -> Option<Vec<f64>> {
     rounds.iter().map(|round| Some(round.own_ms? / round.exact_ms?)).collect()
 }
 
-/// Summarises the rounds as a time; `None` without timestamps.
 fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
     let shares = shares(rounds)?;
     let share = Share::of(&shares)?;
@@ -172,7 +168,6 @@ fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
     })
 }
 
-/// Computes the difference between the largest and the smallest value.
 fn spread(values: &[f64]) -> f64 {
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     most - values.iter().copied().fold(f64::INFINITY, f64::min)
@@ -206,7 +201,7 @@ mod tests {
                 journal.take().into_iter().filter(|call| matches!(call, Call::Submit { .. })).count();
             (time, submits)
         };
-        // The null device's passes take the same time in every frame, so eight rounds are enough.
+        // The null device's times are constant, so eight rounds are enough.
         let effort = Effort { rounds: 16, frames: 2 };
         let (own, submits) = timed(None, effort);
         assert_eq!((own.rounds, own.share.range), (8, Some((own.share.median, own.share.median))));
@@ -217,7 +212,6 @@ mod tests {
         assert!((other.gpu_ms - 100.0 * own.share.median).abs() < 1e-9, "{other:?}");
         let phase = |time: &Time| time.phases["draw"] / time.gpu_ms;
         assert!((phase(&other) - phase(&own)).abs() < 1e-9, "phases are of the same time: {own:?} {other:?}");
-        // A single round has no warm-up and no range.
         let (glance, submits) = timed(None, Effort { rounds: 1, frames: 1 });
         assert_eq!((glance.rounds, glance.share.range, submits), (1, None, 2));
     }

@@ -29,7 +29,7 @@ pub struct View {
 }
 
 impl View {
-    /// Draws the exact picture by the scene's rules, and shows the progress. Leaves the order empty.
+    /// Draws the exact picture by the scene's rules, and shows the progress. The order stays empty.
     pub fn exact(scene: &Scene, camera: &Camera) -> View {
         let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of_view(scene, camera));
         View {
@@ -53,12 +53,10 @@ pub struct Measured {
     pub time: Option<Time>,
     /// The error of the picture.
     pub error: Error,
-    /// Number of pairs of visible splats that are drawn out of depth order. `None` if the graph has no order, the order
-    /// cannot be read, or orders are not compared.
+    /// Number of pairs of visible splats that are drawn out of depth order. `None` if the graph has no readable order,
+    /// or orders are not compared.
     pub inversions: Option<u64>,
-    /// True if the plan reads the history of the previous frame.
-    ///
-    /// The error of a still view then excludes the lag behind a moving camera.
+    /// True if the plan reads the previous frame: a still view then hides the lag behind a moving camera.
     pub of_last_frame: bool,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,
@@ -66,8 +64,8 @@ pub struct Measured {
 
 /// Draws a view with a prepared session, compares its picture with the truth, and measures its time.
 ///
-/// The time is measured interleaved with a baseline. Unless the device is a CPU, the picture is compared meanwhile. Also
-/// returns the picture with its counts.
+/// The time is measured interleaved with a baseline. Unless the device is a CPU, the picture is compared meanwhile.
+/// Also returns the picture with its counts.
 ///
 /// # Errors
 /// The device fails. The inner error is the reason that the picture cannot be compared.
@@ -85,7 +83,7 @@ pub fn measure<D: Device>(
     let on_cpu = session.device().info().kind == "cpu";
     let time = || time_in_turns(session, baseline, &view.camera, effort, longest);
     let (drawn, time) = match on_cpu {
-        // A comparison would slow down the frames, which run on the same cores.
+        // The frames run on the same cores, which a comparison would slow down.
         true => (compare(capture, view), time()),
         false => thread::scope(|scope| {
             let comparison = scope.spawn(|| compare(capture, view));
@@ -132,7 +130,7 @@ fn capture<D: Device>(
     session: &mut Session<D>,
     view: &View,
 ) -> Result<Result<Capture, String>, SessionError> {
-    // Draws a first frame, so that a graph with the previous frame's order has one in the capture.
+    // A graph with the previous frame's order needs a frame before the capture.
     interleaved::frame(session, &view.camera)?;
     match capture::take(session, &view.camera) {
         Ok(capture) => Ok(Ok(capture)),
@@ -141,10 +139,6 @@ fn capture<D: Device>(
     }
 }
 
-/// Compares a picture and the order of its splats with the truth, on all processors.
-///
-/// # Errors
-/// The reason that the picture cannot be compared.
 fn compare(capture: Capture, view: &View) -> Result<Drawn, String> {
     let Capture { image, order, counts } = capture;
     let order = order.filter(|_| !view.order.is_empty());

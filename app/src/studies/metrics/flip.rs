@@ -6,8 +6,8 @@
 //! colours are compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
 //!
 //! [`of_floats`] compares the pictures as they are. [`of_8_bits`] first rounds them to 8 bits, as a file or a display
-//! does, and calls NVIDIA's own implementation. The two disagree for pictures that differ by less than a step, because
-//! rounding either hides the difference or amplifies it to a whole step.
+//! does, and calls NVIDIA's own implementation. Where pictures differ by less than a step, rounding hides the
+//! difference or amplifies it to a whole step.
 
 use super::Channel;
 use crate::io::image::Image;
@@ -38,13 +38,12 @@ pub fn of_8_bits<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
     in_bands(a, b, BAND)
 }
 
-/// Number of rows per band, the unit of work of a thread in [`of_8_bits`].
+/// Number of rows per band in [`of_8_bits`].
 const BAND: usize = 64;
 
-/// Computes FLIP in 8 bits by bands of rows, on all processors, because NVIDIA's implementation uses only one.
+/// Computes FLIP in 8 bits by bands of rows in parallel, because NVIDIA's implementation has a single thread.
 ///
-/// Each band is extended above and below by the radius of the filters, so that its pixels have the same values as in
-/// the whole picture.
+/// A band is extended by the radius of the filters, so that its pixels have the same values as in the whole picture.
 fn in_bands<C: Channel>(a: &Image<C>, b: &Image<C>, band: usize) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (width, height) = (a.width, a.height);
@@ -67,7 +66,7 @@ fn in_bands<C: Channel>(a: &Image<C>, b: &Image<C>, band: usize) -> f64 {
 
 /// A picture after the filters of FLIP.
 struct Seen {
-    /// The filtered colours, in L*a*b* with the Hunt effect.
+    /// In L*a*b* with the Hunt effect.
     colour: Vec<[f64; 3]>,
     /// Strength of the edge and of the point at each pixel.
     features: Vec<[f64; 2]>,
@@ -126,7 +125,7 @@ fn relative(rgb: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|c| xyz[c] / white[c])
 }
 
-/// Converts linear RGB to the opponent space YCxCz, for which the eye's contrast sensitivity is known.
+/// Converts linear RGB to the opponent space YCxCz.
 fn to_opponent(rgb: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = relative(rgb);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
@@ -140,7 +139,6 @@ fn from_opponent([lightness, x, z]: [f64; 3], inverse: &glam::DMat3) -> [f64; 3]
     (*inverse * glam::DVec3::from(std::array::from_fn::<f64, 3, _>(|c| xyz[c] * white[c]))).into()
 }
 
-/// Converts linear RGB to CIE L*a*b*.
 fn to_lab(rgb: [f64; 3]) -> [f64; 3] {
     const DELTA: f64 = 6.0 / 29.0;
     let curve = |t: f64| if t > DELTA.powi(3) { t.cbrt() } else { t / (3.0 * DELTA * DELTA) + 4.0 / 29.0 };
@@ -153,8 +151,7 @@ fn hunt([lightness, a, b]: [f64; 3]) -> [f64; 3] {
     [lightness, 0.01 * lightness * a, 0.01 * lightness * b]
 }
 
-/// Computes the HyAB distance between two colours, raised to the power 0.7 [7]. HyAB suits both large and small
-/// differences.
+/// Computes the HyAB distance between two colours, raised to the power 0.7 [7].
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
 }
@@ -209,12 +206,11 @@ const SENSITIVITY: [&[(f64, f64)]; 3] = [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(
 /// The widest Gaussian of [`SENSITIVITY`], which determines the size of all filters.
 const WIDEST: f64 = 0.04;
 
-/// Returns the radius of the colour filters, in pixels, which is larger than that of the feature filters.
+/// Returns the radius of the colour filters, in pixels. It exceeds that of the feature filters.
 fn reach() -> usize {
     (3.0 * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as usize
 }
 
-/// Evaluates a function at the integers from `-radius` to `radius`.
 fn taps(radius: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..=2 * radius).map(|at| of(at as f64 - radius as f64)).collect()
 }
@@ -241,9 +237,7 @@ fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
 /// Width of the detected features, in degrees.
 const FEATURE: f64 = 0.082;
 
-/// Computes the strength of the edge and of the point at each pixel [11 to 14].
-///
-/// The filters are the first and the second derivative of a Gaussian.
+/// Computes the strength of the edge and of the point at each pixel, by derivatives of a Gaussian [11 to 14].
 fn features(lightness: &Plane) -> Vec<[f64; 2]> {
     let deviation = 0.5 * FEATURE * PIXELS_PER_DEGREE;
     let radius = (3.0 * deviation).ceil() as usize;
@@ -271,7 +265,6 @@ fn features(lightness: &Plane) -> Vec<[f64; 2]> {
 mod tests {
     use super::*;
 
-    /// Returns a picture with edges, points and colours, in steps of 8 bits.
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
         Image::from_fn(width, height, |x, y| {
             let flat = (x / 9 + y / 7 + seed) % 5;
@@ -314,7 +307,7 @@ mod tests {
         let b = Image::from_fn(20, 20, |_, _| [100.3 / 255.0; 3]);
         assert_eq!((of_floats(&a, &a), of_8_bits(&a, &b)), (0.0, 0.0));
         assert!(of_floats(&a, &b) > 1e-4);
-        // Values above white are clamped. Black and white have nearly the largest difference.
+        // Values above white are clamped.
         let grey = |value: f32| Image::from_fn(20, 20, |_, _| [value; 3]);
         assert_eq!(of_floats(&grey(1.0), &grey(1.5)), 0.0);
         assert!(of_floats(&grey(0.0), &grey(1.0)) > 0.9);

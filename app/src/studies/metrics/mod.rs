@@ -1,8 +1,8 @@
 //! Measures the difference between two pictures.
 //!
-//! Each of the three numbers shows what the others miss. **PSNR** is the squared error of the whole picture; **SSIM**
-//! compares local structure, closer to perception; the **worst pixel** reveals a single missing splat. [`flip`]
-//! measures the perceived difference between alternating pictures. All sums are in f64.
+//! **PSNR** is the squared error of the whole picture; **SSIM** compares local structure, closer to perception; the
+//! **worst pixel** reveals a single missing splat. [`flip`] measures the perceived difference between alternating
+//! pictures. All sums are in f64.
 
 pub mod flip;
 
@@ -24,9 +24,7 @@ const SIGMA: f64 = 1.5;
 /// The result of [`compare`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Peak signal-to-noise ratio in decibels; `None` if the error is 0 and the ratio infinite.
-    ///
-    /// It is `10 log10(1 / MSE)`, with the mean over all pixels and channels of values clamped to 0..1.
+    /// Peak signal-to-noise ratio in decibels, `10 log10(1 / MSE)` of values clamped to 0..1; `None` if the MSE is 0.
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures. See [`ssim`]. `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
@@ -71,7 +69,7 @@ pub enum MetricError {
         /// Height of the second picture, in pixels.
         b_height: usize,
     },
-    /// A picture has NaN or infinite values, for example from a shader that divides by zero.
+    /// A picture has NaN or infinite values.
     #[error("expected finite values, found {count} others in {which}, the first at ({x}, {y})")]
     NotFinite {
         /// `the first picture` or `the second picture`.
@@ -85,7 +83,10 @@ pub enum MetricError {
     },
 }
 
-/// Computes all metrics of two pictures, which must have one size and finite values.
+/// Computes all metrics of two pictures.
+///
+/// # Errors
+/// The sizes differ, or a value is not finite.
 pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, MetricError> {
     comparable(a, b)?;
     Ok(Comparison {
@@ -130,7 +131,6 @@ pub fn squared_error(psnr_db: Option<f64>) -> f64 {
     psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
 }
 
-/// Clamps a channel to the displayable range, 0 to 1.
 fn shown<C: Channel>(value: C) -> f64 {
     value.into().clamp(0.0, 1.0)
 }
@@ -149,7 +149,7 @@ pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) 
     (sum > 0.0).then(|| -10.0 * (sum / channels as f64).log10())
 }
 
-/// Finds the pixel with the largest difference of a channel, for pictures of one size. Of equal pixels, returns the first.
+/// Finds the pixel with the largest difference of a channel, for pictures of one size; of equal ones, the first.
 pub fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
     let mut worst = WorstPixel { difference: 0.0, x: 0, y: 0 };
     for (i, (a_pixel, b_pixel)) in a.rgb.iter().zip(&b.rgb).enumerate() {
@@ -182,7 +182,7 @@ pub fn ssim<C: Channel>(a: &Image<C>, b: &Image<C>) -> Option<f64> {
         return None;
     }
     let window = gaussian_window();
-    // Rows are computed in parallel but summed in order, so that the result is deterministic.
+    // Sums are added in order, so that the result is deterministic.
     let sums: Vec<f64> = (0..rows).into_par_iter().map(|y| ssim_row(a, b, y, &window)).collect();
     Some(sums.iter().sum::<f64>() / (3 * columns * rows) as f64)
 }
@@ -197,7 +197,7 @@ fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
 
 /// Sums one row of the SSIM map over the channels; the windows begin at row `top`.
 ///
-/// The window is separable: the five moments of every column are summed vertically, then horizontally.
+/// The window is separable: the five moments are summed by columns, then by rows.
 fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
@@ -261,7 +261,6 @@ mod tests {
         let found = compare(&grey(4, 3, 0.25), &grey(4, 3, 0.35)).unwrap();
         assert!((found.psnr() - 20.0).abs() < 1e-5, "{found:?}");
 
-        // One channel of one of two pixels is off by 0.5: MSE = 0.25 / 6.
         let a = Image { width: 2, height: 1, rgb: vec![[0.0; 3], [0.0, 0.5, 0.0]] };
         let found = compare(&a, &grey(2, 1, 0.0)).unwrap();
         assert!((found.psnr() - 10.0 * 24f64.log10()).abs() < 1e-12, "{found:?}");
@@ -302,7 +301,7 @@ mod tests {
         assert!(ssim(&grey(11, 11, 0.5), &grey(11, 11, 0.5)).is_some());
     }
 
-    // The expected values are scikit-image's for these patterns, by the call in [`ssim`]'s documentation, in float64.
+    // Computed by scikit-image in float64, with the call in [`ssim`]'s documentation.
     #[test]
     fn similarity_agrees_with_scikit_image() {
         for (width, height, expected) in

@@ -10,7 +10,7 @@ use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 
-/// Maximum bytes of the true pictures of a path. Each is drawn once, and kept for all variants.
+/// Maximum bytes of the true pictures of a path, which are kept for all variants.
 const MAX_BYTES: u64 = 4 << 30;
 
 /// A variant's step from one frame to the next.
@@ -39,8 +39,7 @@ pub struct Track {
     pub steps: Vec<Step>,
 }
 
-/// Makes a path of cameras around the middle of a scene, with `camera` halfway. `step` is the angle between
-/// neighbours, in degrees.
+/// Makes a path of cameras around the middle of a scene, `step` degrees apart, with `camera` halfway.
 pub fn orbit(scene: &Scene, camera: &Camera, frames: u32, step: f64) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let first = -0.5 * f64::from(frames.saturating_sub(1)) * step;
@@ -82,8 +81,8 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 
 /// Draws the path of the subject's cameras with each variant, and scores the steps.
 ///
-/// The true pictures take longest and are drawn first. Call [`Subject::check`] before, so that errors in a graph are
-/// reported at once.
+/// The true pictures are drawn first, which takes time: call [`Subject::check`] before, to report errors in a graph at
+/// once.
 ///
 /// # Errors
 /// The path cannot be measured, a graph has errors, its pictures cannot be scored, the device fails, or the listener
@@ -114,8 +113,7 @@ pub fn study<D: Device>(
 
 /// Draws a path with a variant, and scores its steps.
 ///
-/// Each frame is drawn once, so that a graph with a history reads the path's previous frame. The first frame is drawn
-/// twice, because it has no previous frame.
+/// Each frame is drawn once, so that a graph with a history reads the path's previous frame. The first is drawn twice.
 fn measure<D: Device>(
     session: &mut Session<D>,
     variant: &Setting,

@@ -1,9 +1,9 @@
 //! Measures popping: the error of a renderer that changes from frame to frame.
 //!
-//! A viewer tolerates a constant error, and notices one that comes and goes. A single picture cannot show the
-//! difference, but a path of cameras can. The exact renderer draws every frame of the path, and its changes between
-//! frames are the true ones: a renderer pops where its picture changes differently ([`score`]). [`study`] draws the
-//! path with one variant of a graph after another, and [`report`] makes the table, the CSV and the plot.
+//! A constant error is less visible than an error that comes and goes, which a single picture cannot show. The exact
+//! renderer draws every frame of a path of cameras, and its changes between frames are the true ones: a renderer pops
+//! where its picture changes differently ([`score`]). [`study`] draws the path with each variant of a graph, and
+//! [`report`] makes the table, the CSV and the plot.
 
 pub mod measure;
 pub mod report;

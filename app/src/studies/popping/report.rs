@@ -11,7 +11,7 @@ use serde::Serialize;
 pub struct Summary {
     /// The variant's name.
     pub name: String,
-    /// Mean angle by which the camera turns in a step, in degrees. Pops at different angles are not comparable.
+    /// Mean angle by which the camera turns in a step, in degrees.
     pub step_degrees: f64,
     /// Mean pop over the steps.
     pub pop: f64,
@@ -25,7 +25,7 @@ pub struct Summary {
     pub worst_camera: String,
     /// The pixel with the largest change of the error in any step.
     pub worst: WorstPixel,
-    /// Mean number of pairs of splats that swap places in a step; `None` if the graph has no readable order.
+    /// Mean number of pairs of splats that swap places in a step; `None` without a readable order.
     pub order_changes: Option<f64>,
     /// Mean number of pairs of splats that swap places in a step, in the true order; `None` like `order_changes`.
     pub true_order_changes: Option<f64>,
@@ -60,7 +60,7 @@ pub fn summary(track: &Track) -> Summary {
     }
 }
 
-/// Explanation of the table's numbers, in lines below it.
+/// Notes below the table.
 pub const NOTES: &str = "\
 pop: for steps of this many degrees. With another step, the ranking may change: an error that drifts shrinks with the step, \
 one that jumps shrinks less.
@@ -104,7 +104,6 @@ pub fn table(summaries: &[Summary]) -> String {
     text::table(&rows)
 }
 
-/// Formats degrees with at most four decimals, without trailing zeros.
 fn shown_degrees(degrees: f64) -> String {
     format!("{degrees:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }

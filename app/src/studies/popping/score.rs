@@ -32,7 +32,7 @@ pub struct Score {
     pub true_change: f64,
 }
 
-/// A frame: the drawn picture, and the true picture.
+/// The drawn picture of a frame, and the true one.
 pub type Frame<'a> = (&'a Image, &'a Image);
 
 /// Scores the step between two frames.
@@ -91,10 +91,10 @@ mod tests {
         let found = score((&rest, &rest), (&jumped, &rest)).unwrap();
         assert!((found.pop - 0.05).abs() < 1e-7 && (found.excess - 0.05).abs() < 1e-7, "{found:?}");
         assert!((found.worst.difference - 0.1).abs() < 1e-7 && (found.worst.x, found.worst.y) == (1, 0));
-        // Conversely, a picture that misses a change has the same pop, and no excess.
+        // A picture that misses a change has a pop, and no excess.
         let found = score((&rest, &rest), (&rest, &jumped)).unwrap();
         assert!((found.pop - 0.05).abs() < 1e-7 && found.excess == 0.0, "{found:?}");
-        // Changes above white do not count, because a display clamps them.
+        // Changes above white do not count.
         let bright = picture(&[[1.5; 3]]);
         let brighter = picture(&[[2.5; 3]]);
         assert_eq!(score((&bright, &bright), (&brighter, &bright)).unwrap().pop, 0.0);

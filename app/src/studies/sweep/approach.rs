@@ -1,5 +1,4 @@
-//! Moves a camera closer to the scene, then makes the picture smaller, so that splats and covered pixels vary
-//! independently.
+//! Moves a camera closer to the scene, then makes the picture smaller, to vary splats and covered pixels independently.
 //!
 //! From closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If fragments
 //! bound a draw, all of these times lie on one line over covered pixels times overlap.
@@ -16,7 +15,7 @@ use splatgraph_reference::{Rules, render};
 /// The measurements of one step of the approach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Closer {
-    /// Distance from the middle of the first view, as a share of the first camera's distance.
+    /// Distance to the median depth of the first view's splats, as a share of the first camera's.
     pub distance: f64,
     /// Width and height of the picture, in pixels.
     pub size: (u32, u32),
@@ -45,7 +44,7 @@ pub struct Fit {
 pub const STEPS: [(f64, u32); 8] =
     [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
 
-/// Makes the cameras of [`STEPS`], on the line from the first camera to the middle of its view.
+/// Makes the cameras of [`STEPS`]: the first, moved forward towards the median depth of the splats in its view.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
     let seen = |p: &[f32; 3]| {
@@ -67,9 +66,7 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     STEPS.map(at).into()
 }
 
-/// Measures each camera of [`cameras`].
-///
-/// The exact renderer counts the fragments, with the early stop if the graph `stops`.
+/// Measures each camera of [`cameras`]. The exact renderer counts the fragments, with an early stop if `stops`.
 ///
 /// # Errors
 /// The device fails, or the listener cancels.
@@ -96,7 +93,7 @@ pub fn measure<D: Device>(
     Ok(found)
 }
 
-/// Returns the milliseconds of the phase that blends: `draw` for quads, `rasterise` for tiles.
+/// Returns the milliseconds of the phase that blends: `draw` or `rasterise`.
 pub fn blending(time: &Time) -> Option<f64> {
     time.phases.get("draw").or_else(|| time.phases.get("rasterise")).copied()
 }

@@ -50,8 +50,7 @@ impl Choice {
 
 /// Lists the parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
 ///
-/// A graph with the parameter `sorted` knows the nearest splats only if it sorts splats, not pairs of a splat and a
-/// bin.
+/// A graph with the parameter `sorted` must sort splats, not pairs of a splat and a bin, to know the nearest splats.
 pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
     let param = |name: &str| controls.iter().map(|control| &control.param).find(|param| param.name == name);
     param(BUDGET)?;
@@ -63,13 +62,11 @@ pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
     Some(sorted.map(|_| (SORTED.to_owned(), BY_SPLATS.to_owned())).into_iter().collect())
 }
 
-/// Name of the parameter for the items that are sorted by depth, and its value for splats.
 const SORTED: &str = "sorted";
 const BY_SPLATS: &str = "splats";
 
-/// Lists the splats by decreasing significance. `None` for [`Choice::Nearest`], because the graph itself chooses them.
-///
-/// Splats of equal significance keep the order of the file.
+/// Lists the splats by decreasing significance, equal ones by index; `None` for [`Choice::Nearest`], which the graph
+/// itself applies.
 pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32>> {
     if choice == Choice::Nearest {
         return None;
@@ -81,20 +78,17 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
     };
     let mut all: Vec<(f64, u32)> =
         (0..scene.count() as usize).into_par_iter().map(|index| (weight(index), index as u32)).collect();
-    // A stable sort: equal splats keep the order of the file.
     all.par_sort_by(|a, b| b.0.total_cmp(&a.0));
     Some(all.into_iter().map(|(_, index)| index).collect())
 }
 
-/// Computes the product of a splat's two longest semi-axes, in square world units. Times pi, it is the largest
-/// projected area.
+/// Returns the product of a splat's two longest semi-axes: its largest projected area, divided by pi.
 pub fn world_area(scene: &Scene, index: usize) -> f64 {
     let [a, b, c] = scene.scales()[index].map(f64::from);
     (a * b).max(b * c).max(a * c)
 }
 
-/// Computes a splat's area on the screen as if it faced the camera, divided by pi, in square pixels; 0 if it is not
-/// visible.
+/// Computes a splat's area as if it faced the camera, divided by pi, in square pixels; 0 if it is not visible.
 fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
     if z <= NEAR {
@@ -143,7 +137,7 @@ mod tests {
         let (scene, camera) = scene();
         let order = |choice| ranking(&scene, &camera, choice);
         assert_eq!(order(Choice::FileOrder), Some(vec![0, 1, 2, 3, 4]));
-        // The large splat behind the camera is first by size in the world, and last by size on the screen.
+        // The large splat behind the camera is first by world size, and last by screen size.
         assert_eq!(order(Choice::WorldSize), Some(vec![2, 1, 0, 4, 3]));
         assert_eq!(order(Choice::ScreenSize), Some(vec![0, 4, 1, 3, 2]));
         assert_eq!(order(Choice::Nearest), None);
@@ -155,7 +149,6 @@ mod tests {
         let needs = |name: &str| {
             for_nearest(&presets.iter().find(|preset| preset.name == name).expect("built in").params)
         };
-        // On a GPU, tiles sort pairs by default.
         assert_eq!(needs("tiled"), Some(vec![("sorted".to_owned(), "splats".to_owned())]));
         assert_eq!((needs("splat"), needs("tiled_exact")), (Some(Vec::new()), Some(Vec::new())));
         assert_eq!(for_nearest(&[]), None);

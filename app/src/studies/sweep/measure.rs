@@ -32,7 +32,7 @@ pub struct Step {
     pub gpu_bytes: u64,
 }
 
-/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on. There are at most `steps`, none below 1.
+/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, at most `steps` of them.
 pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     let mut counts: Vec<u32> = (0..steps).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
     counts.dedup();
@@ -47,7 +47,7 @@ pub struct Sweep<'a, D> {
     pub pipeline: &'a str,
     /// Names and values of the graph's parameters.
     pub set: &'a [(String, String)],
-    /// Milliseconds with all splats, set by [`Sweep::all`]; the view's other times are relative to it.
+    /// Milliseconds with all splats, set by [`Sweep::all`], by which the view's shares are multiplied.
     pub ms: Option<f64>,
     /// Parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
     pub nearest: Option<&'a [(String, String)]>,

@@ -1,9 +1,8 @@
-//! Measures the quality that a budget of splats costs and the time that it saves, for several choices of splats.
+//! Measures the time and the error of drawing fewer splats, chosen by several criteria.
 //!
-//! [`choice`] lists the choices and picks splats. [`measure`] draws a view with 1, 1/2, 1/4, ... of the splats and
-//! compares each picture with the exact picture of the whole scene. [`approach`] moves a camera closer, where time
-//! depends on covered pixels rather than on splats. [`study()`] does both, and [`page`] makes the table, the plots and
-//! the page.
+//! [`choice`] has the criteria. [`measure`] draws a view with 1, 1/2, 1/4, ... of the splats and compares each picture
+//! with the exact picture of the whole scene. [`approach`] moves a camera closer, to vary covered pixels and splats
+//! independently. [`study()`] does both, and [`page`] makes the table, the plots and the page.
 
 pub mod approach;
 pub mod choice;

@@ -56,16 +56,16 @@ struct Mean {
 }
 
 impl SweepResult {
-    /// Adds measurements of views to `empty`, a sweep without any.
+    /// Adds measurements to `empty`, a sweep without any.
     pub fn of_parts(empty: SweepResult, steps: Vec<Step>, closer: Vec<Closer>) -> SweepResult {
         SweepResult { fit: fit(&closer), steps, closer, ..empty }
     }
 
-    /// Returns a choice's measurements, averaged over the views, from the fewest splats to all of them.
+    /// Returns a choice's measurements, from the fewest splats to all; empty if it was not measured.
     fn means(&self, choice: Choice) -> Vec<Mean> {
         let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
         let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
-        // The step with all splats counts for every choice, so it alone does not show that this choice was measured.
+        // The step with all splats counts for every choice.
         if !self.steps.iter().any(|step| step.choice == Some(choice)) {
             return Vec::new();
         }
@@ -97,9 +97,7 @@ impl SweepResult {
         Plot { bars: Vec::new(), title: title.to_owned(), x, y, series: series.collect() }
     }
 
-    /// Plots PSNR against the number of splats.
-    ///
-    /// The step that draws all splats is left out: its error comes from the graph's parameters, not from the budget.
+    /// Plots PSNR against the number of splats, without the step that draws all: its error is not the budget's.
     pub fn quality(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)
@@ -194,13 +192,11 @@ impl SweepResult {
         text::table(&std::iter::once(self.header()).chain(self.rows()).collect::<Vec<_>>())
     }
 
-    /// Returns the columns of the table.
     fn header(&self) -> Vec<String> {
         let fixed = ["choice", "splats", "PSNR dB", "GPU ms"].map(String::from);
         fixed.into_iter().chain(self.phases().iter().map(|name| name.to_string())).collect()
     }
 
-    /// Returns the phases that were measured, in the order of a frame.
     fn phases(&self) -> Vec<&'static str> {
         let measured = |name: &&str| {
             self.steps.iter().flat_map(|step| &step.time).any(|time| time.phases.contains_key(*name))
@@ -346,7 +342,7 @@ impl SweepResult {
         Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
     }
 
-    /// Describes the findings: the best choice at a quarter of the splats, and the PSNR of every choice.
+    /// Describes the PSNR of every choice at a quarter of the splats, the best first.
     fn findings(&self) -> Vec<String> {
         let quarter = self.splats / 4;
         let at = |choice: Choice| {

@@ -47,10 +47,9 @@ pub fn study<D: Device>(
     Ok((study.gather(subject, wanted, steps, closer), shown))
 }
 
-/// State of a sweep: the session that draws all splats, and what its graph supports.
+/// State of a sweep.
 pub struct Study<D> {
     whole: Session<D>,
-    /// Numbers of splats of the steps.
     counts: Vec<u32>,
     /// The parameters that [`Choice::Nearest`] sets; `None` if the graph has no budget.
     nearest: Option<Vec<(String, String)>>,
@@ -59,7 +58,7 @@ pub struct Study<D> {
 }
 
 impl<D: Device> Study<D> {
-    /// Reads the graph, and determines what it supports.
+    /// Reads the graph, and finds out which criteria it supports.
     ///
     /// # Errors
     /// The subject has no camera, the graph has errors, or the device fails.
@@ -77,7 +76,6 @@ impl<D: Device> Study<D> {
             listener
                 .say(&format!("{pipeline}: no parameter `{BUDGET}`: the nearest splats are not measured"));
         }
-        // A graph without the parameter `stop` blends every fragment.
         let stops = controls.iter().any(|control| control.param.name == "stop");
         let counts = counts(subject.scene.count(), wanted.steps);
         whole.prepare((first.width, first.height), &mut |_| {})?;

@@ -13,9 +13,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The inputs that determine the numbers of a ledger, besides the plan of each setting ([`Row::plan`]).
-///
-/// All rows of a ledger have the same origin.
+/// The inputs that all rows of a ledger depend on, besides the plan of each setting ([`Row::plan`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The program's version.
@@ -106,11 +104,10 @@ pub struct Book {
 }
 
 impl Book {
-    /// Opens the ledger in a file, with the rows of plans that have not changed. If the file has another origin, the
-    /// ledger is empty.
+    /// Opens the ledger in a file, with the rows of plans that have not changed; empty if the file has another origin.
     ///
-    /// `plans` are the settings, each with the hash of its plans. The second value is the reason why rows of the file
-    /// are dropped. The file stays unchanged until the first row is added. Without a path, nothing is saved.
+    /// `plans` are the settings, each with the hash of its plans. Also returns why rows of the file are dropped. The
+    /// file stays unchanged until the first row is added. Without a path, nothing is saved.
     pub fn open(
         path: Option<PathBuf>,
         origin: Origin,
@@ -156,9 +153,7 @@ impl Book {
         self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
-    /// Adds a row after the rows of its camera and of earlier cameras, and writes the file.
-    ///
-    /// Rows are thus in the order of the cameras, even if several processes measured them in another order.
+    /// Adds a row, sorted by camera even if several processes measured them in another order, and writes the file.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -227,9 +222,7 @@ impl Ledger {
         output::write_bytes(path, format!("{text}\n").as_bytes())
     }
 
-    /// Summarises the rows of each setting, in the order of the rows.
-    ///
-    /// Also lists the settings that failed, with their messages.
+    /// Summarises the rows of each setting, in the order of the rows. Also lists failed settings with their messages.
     pub fn lines(&self) -> (Vec<Line>, Vec<(String, String)>) {
         let mut names: Vec<&str> = Vec::new();
         for row in &self.rows {
@@ -285,7 +278,6 @@ fn line(name: &str, views: &[&Measured]) -> Line {
     }
 }
 
-/// Summarises each phase over all views.
 fn phases(times: &[&Time]) -> Vec<(String, f64, f64)> {
     let names: BTreeSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
     let of = |name: &String| {
@@ -296,7 +288,6 @@ fn phases(times: &[&Time]) -> Vec<(String, f64, f64)> {
     names.into_iter().map(of).collect()
 }
 
-/// Lists the names of the phases of all lines, each once.
 pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
     let names: BTreeSet<&String> =
         lines.iter().flat_map(|line| line.phases.iter().map(|(name, ..)| name)).collect();
@@ -321,7 +312,6 @@ fn mark(lines: &mut [Line]) {
     }
 }
 
-/// Ledgers for tests.
 #[cfg(test)]
 pub(super) mod testing {
     use super::*;
@@ -355,7 +345,7 @@ pub(super) mod testing {
         within(ms, 0.005, psnr_db)
     }
 
-    /// Returns measurements with a time of `ms`; the range of the share extends by `half` to both sides.
+    /// Returns measurements with a time of `ms`; the share's range is ± `half`.
     pub fn within(ms: f64, half: f64, psnr_db: Option<f64>) -> Measured {
         let share = ms / 4.0;
         let time = Time {
@@ -433,7 +423,6 @@ mod tests {
         let found: Vec<Mark> = lines.iter().map(|line| line.mark).collect();
         assert_eq!(found, [Mark::Best, Mark::Best, Mark::Beaten]);
         assert!(lines[0].psnr_db.is_infinite());
-        // Half of the squared error of 40 dB.
         assert!((lines[1].psnr_db - (40.0 + 10.0 * 2f64.log10())).abs() < 1e-9);
         assert_eq!((lines[1].gpu_ms, lines[1].inversions), (Some(2.0), Some(14)));
         assert_eq!(lines[1].phases, [("draw".to_string(), 2.0, 0.05)]);
@@ -442,7 +431,6 @@ mod tests {
     #[test]
     fn a_setting_within_the_noise_of_the_exact_ones_is_not_on_the_front_for_sure() {
         let quiet = row("exact", "a", Ok(measured(4.0, Some(90.0))));
-        // Measured against themselves, the exact settings have a share of 81 %.
         let noisy = row("exact", "a", Ok(within(4.0 * 0.81, 0.05, Some(90.0))));
         let faster = row("x", "a", Ok(measured(3.4, Some(60.0))));
         let none = row("y", "a", Ok(measured(4.0, Some(60.0))));

@@ -1,10 +1,10 @@
-//! Measures the time that each setting of a graph saves, and its cost in accuracy: the ledger.
+//! Measures the time and the error of each setting of a graph: the ledger.
 //!
 //! [`study()`] measures the graph with every parameter at its exact value, settings that change one parameter, the
-//! graph's defaults, and the presets. Settings with the plans of an earlier setting are left out
-//! ([`crate::studies::measurement`]). [`measure()`](measure::measure) makes the row of a setting in a view. [`ledger`]
-//! stores the rows in a file, so that an interrupted run can resume; [`table`] prints them, [`page`] plots them, and
-//! [`pictures`] stores the pictures that the page shows.
+//! graph's defaults, and the presets, without settings whose plans equal an earlier setting's.
+//! [`measure()`](measure::measure) makes the row of a setting in a view. [`ledger`] stores the rows in a file, so that
+//! an interrupted run can resume; [`table`] prints them, [`page`] plots them, and [`pictures`] stores the pictures that
+//! the page shows.
 
 pub mod ledger;
 pub mod measure;

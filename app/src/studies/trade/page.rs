@@ -12,8 +12,7 @@ const ABOVE: f64 = 6.0;
 
 /// Plots time against PSNR, with the Pareto front joined and dominated settings in grey; `None` without times.
 ///
-/// Time is the share of the exact settings' time in the same rounds, from which the front is computed. Milliseconds
-/// of settings that were measured one after the other would also differ with the device's load.
+/// Time is the share of the exact settings' time in the same rounds, from which the front is computed.
 pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     let finite = lines.iter().map(|line| line.psnr_db).filter(|db| db.is_finite());
     let top = finite.fold(0.0, f64::max) + ABOVE;
@@ -56,7 +55,6 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     })
 }
 
-/// Returns the explanation of a column of the table.
 fn about(column: &str) -> &'static str {
     match column {
         "setting" => {
@@ -83,9 +81,7 @@ fn about(column: &str) -> &'static str {
     }
 }
 
-/// Makes the page of a ledger as HTML: the plot, the table with the album's pictures, and the columns' explanations.
-///
-/// `failed` lists settings with their errors.
+/// Makes the page of a ledger as HTML. `failed` lists settings with their errors.
 ///
 /// # Errors
 /// The plot cannot be drawn.

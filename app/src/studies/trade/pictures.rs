@@ -1,9 +1,7 @@
-//! Stores the pictures of a ledger in a folder next to its file.
+//! Stores the pictures of a ledger in a folder next to its file, for its page.
 //!
-//! For each setting, these are the view farthest from the truth, and its amplified difference.
-//!
-//! The page of the ledger shows them when a reader clicks a setting. They are scaled down, so that the pictures of a
-//! hundred settings stay below a hundred megabytes.
+//! For each setting, these are the picture farthest from the truth, the truth, and their amplified difference, scaled
+//! down.
 
 use super::ledger::Ledger;
 use super::measure::Row;
@@ -17,14 +15,14 @@ use rayon::prelude::*;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Maximum width of a stored picture, in pixels. Wider ones are scaled down.
+/// Maximum width of a stored picture, in pixels.
 const WIDTH: usize = 640;
-/// Root mean square of an amplified difference, for a white of 1. Small errors are visible, and large ones stand out.
+/// Root mean square to which differences are amplified.
 const VISIBLE: f64 = 1.0 / 16.0;
 /// Name of the folder with the pictures.
 pub const FOLDER: &str = "pictures";
 
-/// The folder with a ledger's pictures. The default has no folder, and stores nothing.
+/// The folder with a ledger's pictures; the default stores nothing.
 #[derive(Default)]
 pub struct Album {
     folder: Option<PathBuf>,
@@ -87,13 +85,12 @@ impl Album {
     }
 }
 
-/// Returns the power of two by which a difference with this PSNR becomes visible; 1 for equal pictures.
+/// Returns the power of two that amplifies a difference with this PSNR to [`VISIBLE`]; 1 for equal pictures.
 fn gain(psnr_db: Option<f64>) -> f64 {
     let rms = squared_error(psnr_db).sqrt();
     if rms > 0.0 { (VISIBLE / rms).log2().round().clamp(0.0, 20.0).exp2() } else { 1.0 }
 }
 
-/// Returns the file names of a setting: its picture, and its difference.
 fn files(setting: &str) -> [String; 2] {
     [format!("{}.png", stem(setting)), format!("{}.difference.png", stem(setting))]
 }
@@ -129,7 +126,6 @@ mod tests {
         assert_eq!(captions, ["`key bits #1`, far/off", "the truth", "their difference, 8 times as large"]);
         assert_eq!(shown[2].link, "pictures/key%20bits%20%231%2Edifference%2Epng");
         let difference = Image::load(&folder.path().join("pictures/key bits #1.difference.png")).unwrap();
-        // 8 times 0.01, in 8 bits.
         assert!((difference.rgb[0][0] - 0.08).abs() < 0.002, "{:?}", difference.rgb[0]);
         assert!(!folder.path().join("pictures/truth.nearer.png").exists());
         std::fs::remove_file(folder.path().join("pictures/truth.far_off.png")).unwrap();

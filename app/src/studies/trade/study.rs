@@ -29,11 +29,11 @@ pub struct Wanted {
     pub frames: Frames,
     /// True pictures, one per camera, with the name of their source; `None` for the exact renderer's.
     pub truths: Option<(String, Vec<Image>)>,
-    /// Facts of the opened device, and its enabled checks. Rows from a device opened differently are dropped.
+    /// Facts of the opened device, and its enabled checks: inputs of the ledger's origin.
     pub opened: String,
-    /// The file of the ledger, from which an interrupted study resumes.
+    /// The file of the ledger, from which an interrupted study resumes, with the pictures' folder next to it.
     ///
-    /// Pictures of the settings go to a folder next to it. `None` stores neither.
+    /// `None` stores neither.
     pub file: Option<PathBuf>,
 }
 
@@ -58,9 +58,9 @@ pub fn study<D: Device>(
 
 /// The settings to measure, and the sessions that draw them.
 pub struct Study<D> {
-    /// Session that draws the graph with every parameter at its exact value.
+    /// Draws the graph with every parameter at its exact value.
     exact: Session<D>,
-    /// Session that draws the setting that is being measured.
+    /// Draws the setting that is being measured.
     session: Session<D>,
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
@@ -82,7 +82,6 @@ impl<D: Device> Study<D> {
         let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
         let settings = chosen(wanted, &mut session, camera)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
-        // `to_measure` needs the plan of the exact settings.
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
         let is_wanted = |setting: &Setting| setting.name == settings::EXACT || only(wanted, &setting.name);
         let settings = to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
@@ -173,15 +172,11 @@ impl<D: Device> Study<D> {
     }
 }
 
-/// Returns true if a setting of this name is wanted.
 fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
 /// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`].
-///
-/// # Errors
-/// The graph has errors, or no setting's name begins with a prefix of [`Wanted::only`].
 fn chosen<D: Device>(
     wanted: &Wanted,
     session: &mut Session<D>,
@@ -229,7 +224,6 @@ fn origin<D: Device>(
     })
 }
 
-/// Hashes the pixels of pictures, bit by bit.
 fn content(pictures: &[Image]) -> String {
     let mut hash = DefaultHasher::new();
     for picture in pictures {

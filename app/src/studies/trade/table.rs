@@ -23,7 +23,6 @@ pub(super) const COLUMNS: [&str; 13] = [
     "note",
 ];
 
-/// Formats the cells of a line, rounded for the table.
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
@@ -53,7 +52,6 @@ fn share(line: &Line) -> String {
     }
 }
 
-/// Returns the note for a setting that is not judged, or not with certainty; otherwise an empty string.
 fn note(mark: Mark) -> &'static str {
     match mark {
         Mark::Best | Mark::Beaten => "",
@@ -71,9 +69,7 @@ pub(super) fn sign(mark: Mark) -> &'static str {
     }
 }
 
-/// Explains the marks of a table except for `*`, in sentences.
-///
-/// Also states the size of the noise, and warns if the device was idle for much of the time.
+/// Explains the marks of a table except for `*`, states the noise, and warns if the device was often idle.
 pub fn notes(lines: &[Line]) -> Vec<String> {
     let names = |mark: Mark| -> Vec<&str> {
         lines.iter().filter(|line| line.mark == mark).map(|line| line.setting.as_str()).collect()
