@@ -1,7 +1,7 @@
 //! Measures the time from the text of a graph to its plan, with its files already read and its shaders compiled.
 //!
-//! `preset` builds two shipped presets: about the delay after an edit of a graph. `growth` builds graphs of 100 to
-//! 10,000 passes, to show how the time grows with their number.
+//! `preset` builds two shipped presets. `growth` builds graphs of 100 to 10,000 passes, to show how the time grows with
+//! their number.
 //!
 //! `cargo bench -p splatgraph-framework`
 
@@ -17,7 +17,6 @@ use splatgraph_framework::source::{Library, SourceMap, render};
 use std::fmt::Write;
 use std::time::Duration;
 
-/// Number of splats in the scene.
 const COUNT: u32 = 1_000_000;
 
 /// The inputs and caches of builds. The first build reads the files and compiles the shaders.
@@ -52,8 +51,8 @@ impl Bench {
     }
 }
 
-/// Returns a graph of `passes` dispatches, and one that shows the last result. Each reads the outputs of the previous
-/// dispatch and of one 2 to 13 before; the first reads nothing.
+/// Returns a graph of `passes` dispatches, and one that shows the last result. Each but the first reads the outputs of
+/// the previous dispatch and of another, up to 13 before.
 fn chain(passes: usize) -> Library {
     let mut text = String::from("Graph(version: 1, summary: \"a chain\", resources: {\n");
     for i in 0..passes {

@@ -31,7 +31,7 @@ const CASES: (u64, u64) = (100_000, 1_500);
 /// Number of cases between two progress lines.
 const TOLD: u64 = 1_000;
 
-/// Time after which a case counts as hung: far beyond the limits of the compiler.
+/// Time after which a case counts as hung.
 const TIME_LIMIT: Duration = Duration::from_secs(120);
 
 /// Fragments of graphs to insert anywhere.
@@ -132,7 +132,6 @@ fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
                 }
                 bytes = lines.concat();
             }
-            // Replaces a number by another.
             6 => {
                 let digits =
                     |from: usize| bytes[from..].iter().position(u8::is_ascii_digit).map(|i| from + i);
@@ -172,9 +171,7 @@ fn texts(folder: &str) -> BTreeMap<String, String> {
     found
 }
 
-/// Number of splats in the scene.
 const COUNT: u32 = 1000;
-/// Width and height of the picture, in pixels.
 const SIZE: (u32, u32) = (64, 32);
 
 /// Returns a compiler in a separate process: this program, running only the test that serves.

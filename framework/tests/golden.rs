@@ -150,7 +150,6 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
     }
 }
 
-/// The text of each output, by the name of its input.
 static OUTPUTS: LazyLock<BTreeMap<String, String>> = LazyLock::new(outputs);
 
 fn outputs() -> BTreeMap<String, String> {
@@ -260,7 +259,7 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/log.rs: the shader does not compile",
     "shader/compile/log.rs: a type's name",
     "shader/compile/log.rs: a member's name",
-    // Names of device features; golden files show two of them.
+    // Names of device features; golden files show only some.
     "ir/features.rs",
     // Errors in SPIR-V that glslang does not generate; tested in shader/reflect/tests.rs.
     "shader/reflect/",

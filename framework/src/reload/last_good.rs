@@ -1,8 +1,8 @@
 //! Keeps the last good product, and the error of a newer attempt, while files are being edited.
 //!
-//! This is a small state machine; the caller passes the time in. The picture depends on the newest attempt that
-//! succeeded. An error right after a change is delayed ([`GRACE`]), because the file may be half written. If the rest
-//! arrives in time, the next attempt begins and the error is never shown.
+//! The caller passes the time in. The picture depends on the newest attempt that succeeded. An error right after a
+//! change is delayed ([`GRACE`]), because the file may be half written. If the rest arrives in time, the next attempt
+//! begins and the error is never shown.
 
 use std::time::{Duration, Instant};
 
@@ -19,12 +19,11 @@ pub struct Attempt {
 #[derive(Clone, Debug)]
 pub struct LastGood<P, E> {
     good: Option<P>,
-    /// The attempt that produced `good`.
     good_attempt: u64,
     newest: Attempt,
     /// Earliest time to show an error of the newest attempt; `None` to show it at once.
     patient_until: Option<Instant>,
-    /// Visible error, if any. It is kept while newer attempts are running.
+    /// The visible error. It is kept while newer attempts are running.
     shown: Option<E>,
     /// Error of the newest attempt, delayed until `patient_until`.
     kept_back: Option<E>,
@@ -103,8 +102,7 @@ impl<P, E> LastGood<P, E> {
         &mut self.good
     }
 
-    /// Returns the error to show: that of the newest attempt, or the error shown before while the newest is delayed or
-    /// missing.
+    /// Returns the error to show: the newest attempt's, unless it is delayed, or else the one that was shown before.
     pub fn error(&self, now: Instant) -> Option<&E> {
         let newer = if self.is_due(now) { self.kept_back.as_ref() } else { None };
         newer.or(self.shown.as_ref())
@@ -128,7 +126,6 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Returns a state that shows "first", and the time.
     fn working() -> (Shown, Instant) {
         let mut shown = Shown::new();
         let now = Instant::now();

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use crate::shader::Cancel;
 
-/// Minimum time for a job, even if a newer one waits: enough for most plans, so that a moving slider shows progress.
+/// Minimum time for a job, even if a newer one waits, so that a moving slider shows progress.
 pub const PATIENCE: Duration = Duration::from_millis(500);
 
 /// A thread that builds. Dropping it cancels the running job, waits for it, and discards a waiting job.
@@ -35,7 +35,7 @@ pub struct Panicked {
 #[derive(Debug)]
 struct Shared<Job, Output> {
     state: Mutex<State<Job, Output>>,
-    /// Condition that is signalled when a job waits or the thread should end.
+    /// Signalled when a job waits or the thread should end.
     called: Condvar,
 }
 
@@ -126,7 +126,6 @@ impl<Job, Output> Drop for Rebuilder<Job, Output> {
     }
 }
 
-/// Runs jobs until the end is requested.
 fn work<Job, Output, Build: FnMut(Job) -> Output>(
     shared: &Shared<Job, Output>,
     mut make: impl FnMut() -> Build,
@@ -179,7 +178,6 @@ mod tests {
 
     use super::*;
 
-    /// Returns a rebuilder, and a receiver of its `wake`s.
     fn started<Job: Send + 'static, Output: Send + 'static, Build: FnMut(Job) -> Output>(
         mut make: impl FnMut() -> Build + Send + 'static,
     ) -> (Rebuilder<Job, Output>, Receiver<()>) {

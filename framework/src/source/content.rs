@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hasher};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum size of a file to read, in bytes. Graphs and shaders are far smaller; larger files would only fill memory.
+/// Maximum size of a file to read, in bytes.
 pub(super) const MAX_FILE: u64 = 16 << 20;
 
 /// The contents of a path, with a hash for the bytes of a file.
@@ -15,7 +15,7 @@ pub enum Content {
     Missing,
     /// An entry that cannot be read, a special file (a pipe, a device), or a file that is too large.
     Unusable,
-    /// A file. Hashes are comparable only within one process: the algorithm can change with the version of Rust.
+    /// A file. Compare hashes only within one process: the algorithm can change with the version of Rust.
     Bytes {
         /// Length in bytes.
         length: u64,

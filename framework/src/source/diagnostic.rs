@@ -69,17 +69,14 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-/// Maximum length of a name to compare, in characters. Longer names are no typing mistakes, and comparing them takes
-/// long.
+/// Maximum length of a name to compare, in characters, because comparing takes quadratic time.
 const MAX_NAME: usize = 256;
 
 /// Returns the candidate most similar to `name`, for a "did you mean" suggestion.
 ///
-/// A candidate that differs only in case wins. Otherwise the nearest by Damerau-Levenshtein distance wins (changes,
-/// insertions, deletions and transpositions count one), and the first of equally near ones.
-///
-/// Returns `None` if no character would stay, or if the distance is more than a third of the name's length and more
-/// than 1. Also returns `None` for a name of more than 256 characters.
+/// A candidate that differs only in case wins. Otherwise the nearest by Damerau-Levenshtein distance wins, and the
+/// first of equally near ones. `None` if no character would stay, if the distance is more than 1 and more than a third
+/// of the name's length, or if the name has more than 256 characters.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > MAX_NAME {
@@ -88,7 +85,6 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let limit = (length / 3).max(1);
     let mut best: Option<(usize, &str)> = None;
     for candidate in candidates {
-        // Equal except for case.
         if candidate != name && candidate.to_lowercase() == name.to_lowercase() {
             return Some(candidate);
         }

@@ -88,14 +88,11 @@ struct File {
     text: Cow<'static, str>,
     /// Byte offsets of the line starts; the first is 0.
     lines: Vec<usize>,
-    /// Present only for a file on disk.
     disk: Option<OnDisk>,
 }
 
-/// State of a file that was read from disk.
 #[derive(Clone, Debug)]
 struct OnDisk {
-    /// Hash of the contents that were read.
     content: Content,
     /// Folders that may contain the files named by this one. Inherited from the graph.
     roots: Roots,
@@ -177,10 +174,8 @@ impl SourceMap {
         SourceMap { library, ..SourceMap::default() }
     }
 
-    /// Adds a text that has no file.
-    ///
-    /// Each call creates a new file, even for the same path, and [`SourceMap::find`] never returns it. Names in the
-    /// text are resolved as if it were in memory at `path`.
+    /// Adds a text that has no file. Each call creates a new file, even for the same path, and [`SourceMap::find`]
+    /// never returns it. Names in the text are resolved as if it were in memory at `path`.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
         self.insert(path.into(), Cow::Owned(text.into()), None)
     }
@@ -246,16 +241,13 @@ impl SourceMap {
     }
 
     /// Returns every path on disk that [`SourceMap::find`] tried, sorted: files read, unreadable files, and paths
-    /// without a file.
-    ///
-    /// A map reads each file once, so each build needs a new map. See [`crate::reload`].
+    /// without a file. A map reads each file once, so each build needs a new map.
     pub fn wanted(&self) -> Vec<Wanted> {
         self.looked.iter().map(|(path, content)| Wanted { path: path.clone(), content: *content }).collect()
     }
 
-    /// Runs `read` and forgets the files that it opens, so that the build does not depend on them.
-    ///
-    /// The ids of these files are invalid afterwards.
+    /// Runs `read` and forgets the files that it opens, so that the build does not depend on them. The ids of these
+    /// files are invalid afterwards.
     pub fn aside<T>(&mut self, read: impl FnOnce(&mut SourceMap) -> T) -> T {
         let (count, looked) = (self.files.len(), self.looked.clone());
         let result = read(self);
@@ -348,7 +340,7 @@ impl SourceMap {
         folders
     }
 
-    /// Reads a file from disk unless it was read before. Returns `None` if it does not exist.
+    /// Reads a file from disk unless it was read before; `None` if it does not exist.
     fn open(&mut self, from: Option<FileId>, path: &Path) -> Result<Option<FileId>, String> {
         let (content, found) = self.look(from, path);
         // Keep the contents of the first look: if they differ, the file has changed since.
@@ -404,7 +396,7 @@ impl SourceMap {
         (content, Ok(Some(file)))
     }
 
-    /// Returns true if a graph with these roots may use `path`, a canonical path.
+    /// Returns true if a graph with these roots may use `path`, which is canonical.
     fn allows(&self, roots: &Roots, path: &Path) -> bool {
         roots.iter().chain(&self.library.include_roots).any(|root| path.starts_with(root))
     }
@@ -464,12 +456,10 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
         return vec![name.to_string()];
     }
     let full = format!("{name}.ron");
-    // `splat` means `splat.ron` first, even if a file or a program called `splat` exists. `splat.old` is a complete
-    // name.
+    // `splat` means `splat.ron` first, even if a file called `splat` exists. `splat.old` is a complete name.
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 
-/// Canonicalises a path; returns it unchanged on error.
 fn canonical(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
@@ -518,7 +508,7 @@ fn displayed(path: &Path) -> String {
     }
 }
 
-/// Removes `.`, inner `..` and doubled slashes from a path, as text. A leading `..` stays.
+/// Removes `.`, inner `..` and doubled slashes from a path, as text. A leading `..` of a relative path stays.
 fn normalised(path: &str) -> String {
     let mut parts: Vec<&str> = Vec::new();
     let absolute = path.starts_with('/');
@@ -535,7 +525,6 @@ fn normalised(path: &str) -> String {
     format!("{}{}", if absolute { "/" } else { "" }, parts.join("/"))
 }
 
-/// Joins `name` to `folder` and normalises the result.
 fn joined(folder: &str, name: &str) -> String {
     if name.starts_with('/') { normalised(name) } else { normalised(&appended(folder, name)) }
 }

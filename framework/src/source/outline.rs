@@ -1,7 +1,7 @@
 //! Finds the byte span of every element of a RON text.
 //!
-//! `serde` and the `ron` crate produce typed values, and give positions for syntax errors only. The outline parses the
-//! text a second time, into a tree of spans without values. A [`Place`](super::Place) is an element of this tree.
+//! `serde` and the `ron` crate produce typed values, and give positions only for their own errors. The outline parses
+//! the text a second time, into a tree of spans without values. A [`Place`](super::Place) is an element of this tree.
 
 use indexmap::IndexMap;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use super::token::{Text, Token, TokenKind, tokens};
 use super::{Diagnostic, Label};
 use crate::ir::{FileId, Span};
 
-/// A tree with the span of every element of a RON text.
+/// A tree of the elements of a RON text, with their spans.
 #[derive(Clone, Debug)]
 pub struct Outline {
     file: FileId,
@@ -19,7 +19,6 @@ pub struct Outline {
     duplicates: Vec<Diagnostic>,
 }
 
-/// An element of the RON text, with its spans.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub place: Range<usize>,
@@ -51,10 +50,8 @@ pub(super) enum Content {
 const MAX_DEPTH: usize = 128;
 
 impl Outline {
-    /// Parses any RON text.
-    ///
-    /// Fails on invalid tokens, unbalanced brackets, missing separators, invalid names, and nesting deeper than 128
-    /// levels. Values are not checked.
+    /// Parses any RON text. Fails on invalid tokens, unbalanced brackets, missing separators, invalid names, and
+    /// nesting deeper than 128 levels. Values are not checked.
     pub fn parse(file: FileId, text: &str) -> Result<Outline, Diagnostic> {
         let (tokens, lexical_error) = tokens(file, text);
         let mut parser = Parser {
@@ -146,7 +143,7 @@ struct Parser<'a> {
     duplicates: Vec<Diagnostic>,
 }
 
-/// Result of a parsing step. The error is boxed, because a diagnostic is much larger than an index.
+/// The error is boxed, because a diagnostic is much larger than an index.
 type ParseResult<T> = Result<T, Box<Diagnostic>>;
 
 impl<'a> Parser<'a> {
@@ -197,8 +194,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Parses a bracketed element, from the opening bracket to the closing one. `name` is the identifier before it, if
-    /// any.
+    /// Parses a bracketed element. `name` is the identifier before it, if any.
     fn bracketed(&mut self, name: Option<&'a Token>) -> ParseResult<usize> {
         let opener = &self.tokens[self.at];
         let TokenKind::Open(bracket) = opener.kind else { return Err(self.expected("an opening bracket")) };

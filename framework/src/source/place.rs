@@ -62,25 +62,21 @@ impl Place {
         self.outline.span(self.node().inside())
     }
 
-    /// Returns the span of the field name or map key before the element, without quotes.
-    ///
-    /// Returns the element's own span if it has neither.
+    /// Returns the span of the field name or map key before the element, without quotes. Without either, returns the
+    /// element's own span.
     pub fn key(&self) -> Span {
         let node = self.node();
         self.outline.span(node.key.clone().filter(|_| self.exists).unwrap_or(node.inside()))
     }
 
     /// Returns a span for errors about a missing part: the name or bracket at the start of a struct, variant or list.
-    ///
     /// For other elements, returns [`Place::span`].
     pub fn head(&self) -> Span {
         self.outline.span(self.node().shallow())
     }
 
-    /// Converts a byte offset in a string's value to an offset in the file. Returns the start of an element that is not
-    /// a string.
-    ///
-    /// `offset` counts bytes after escapes are resolved, and is clamped.
+    /// Converts a byte offset in a string's value, after escapes are resolved, to an offset in the file. `offset` is
+    /// clamped. For other elements, returns their start.
     pub fn string_offset(&self, offset: usize) -> usize {
         let node = self.node();
         match &node.content {
@@ -89,9 +85,8 @@ impl Place {
         }
     }
 
-    /// Returns the span of part of a string, for errors about an expression in it.
-    ///
-    /// `range` counts bytes after escapes are resolved. Returns the whole element if it is not a string.
+    /// Returns the span of part of a string, for errors about an expression in it. `range` counts bytes after escapes
+    /// are resolved. For other elements, returns [`Place::span`].
     pub fn within_string(&self, range: Range<usize>) -> Span {
         if !matches!(self.node().content, Content::Text(_)) {
             return self.span();

@@ -78,9 +78,7 @@ fn render_one(
     renderer.render(&[group])
 }
 
-/// Replaces characters that terminals interpret and `annotate_snippets` keeps.
-///
-/// These are C1 control characters (some terminals take U+009B for the start of an escape sequence), and characters
+/// Replaces characters that terminals interpret and `annotate_snippets` keeps: C1 control characters, and characters
 /// that change the text direction or break lines. Each replacement has the same length in bytes, so spans stay valid.
 fn harmless(text: &str) -> Cow<'_, str> {
     let replaced = |c: char| match c {

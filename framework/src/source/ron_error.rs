@@ -12,9 +12,8 @@ use super::outline::{Content, Node, unquoted};
 use super::{Diagnostic, Outline, nearest};
 use crate::ir::{FileId, Span};
 
-/// Converts an error of the `ron` crate (0.12) to a diagnostic at the mistake.
-///
-/// `text` is the text that was parsed. Unknown fields and variants come with a suggestion of the nearest existing name.
+/// Converts an error of the `ron` crate to a diagnostic at the mistake in `text`. Unknown fields and variants come with
+/// the nearest existing name.
 pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
     let outline = match Outline::parse(file, text) {
         Ok(outline) => Some(outline),
@@ -221,9 +220,8 @@ impl Translator<'_> {
         self.end..self.end + width
     }
 
-    /// Finds the occurrence of `name` just before the cursor, or `None`.
+    /// Finds the last `name` before the cursor, with only white space and quotes in between.
     fn name_before_cursor(&self, name: &str) -> Option<Range<usize>> {
-        // Only white space and quotes may be between the name and the cursor.
         let start = self.text[..self.end].rfind(name)?;
         let between = &self.text[start + name.len()..self.end];
         let is_near = between.chars().all(|c| c.is_whitespace() || c == '"');
@@ -264,7 +262,7 @@ fn is_name(text: &str) -> bool {
 
 const NAME: &str = "a name";
 
-/// Describes the expected syntax for errors that carry no details. Returns `None` for all other errors.
+/// Describes the syntax that an error expected; `None` if it does not tell.
 fn wanted(error: &Error) -> Option<String> {
     let wanted = match error {
         Error::ExpectedArray => "a list `[...]`",

@@ -17,9 +17,7 @@ pub(super) struct Token {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum TokenKind {
-    /// An opening bracket: `(`, `[` or `{`.
     Open(char),
-    /// A closing bracket: `)`, `]` or `}`.
     Close(char),
     Comma,
     Colon,
@@ -34,7 +32,6 @@ pub(super) enum TokenKind {
 /// A string, with a map from its decoded value to the file.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
-    /// The value, with escapes resolved.
     pub value: String,
     /// Byte range of the file between the quotes.
     pub inside: Range<usize>,
@@ -47,7 +44,6 @@ impl Text {
     pub fn file_offset(&self, offset: usize) -> usize {
         let next = self.steps.partition_point(|(value, _)| *value <= offset);
         let (value, file) = self.steps[next - 1];
-        // An escape can be shorter in the file than its character is in the value.
         let end = self.steps.get(next).map_or(self.inside.end, |(_, file)| *file);
         (file + (offset - value)).min(end)
     }
@@ -72,7 +68,7 @@ struct Lexer<'a> {
     at: usize,
 }
 
-/// Result of reading a token. The error is boxed, because a diagnostic is much larger than a token.
+/// The error is boxed, because a diagnostic is much larger than a token.
 type Result<T> = std::result::Result<T, Box<Diagnostic>>;
 
 impl<'a> Lexer<'a> {
@@ -163,7 +159,6 @@ impl<'a> Lexer<'a> {
         self.at += self.rest().find(|c| !holds(c)).unwrap_or(self.rest().len());
     }
 
-    /// Skips white space and comments.
     fn skip_space(&mut self) -> Result<()> {
         loop {
             self.take_while(is_space);
@@ -286,7 +281,7 @@ impl<'a> Lexer<'a> {
         Ok(TokenKind::Scalar)
     }
 
-    /// Reads the rest of a string after its opening quote. A byte string is only delimited.
+    /// Reads the rest of a string after its opening quote. In a byte string (`binary`), each `\x` escape is a byte.
     fn escaped(&mut self, start: usize, binary: bool) -> Result<Text> {
         let inside = self.at;
         let mut text = Text { value: String::new(), inside: inside..inside, steps: vec![(0, inside)] };
@@ -319,7 +314,6 @@ impl<'a> Lexer<'a> {
         self.error(quote, "a string is not closed", "it starts here and has no closing quote")
     }
 
-    /// Reads the rest of an escape after its backslash.
     fn escape(&mut self, binary: bool) -> Result<char> {
         let start = self.at - 1;
         let wrong = |lexer: &Lexer, end: usize, label: &str| {
@@ -408,8 +402,8 @@ impl<'a> Lexer<'a> {
     }
 }
 
-/// Appends a pair. Replaces the last pair if it has the same offset in the value, so that an offset after an escape is
-/// also after it in the file.
+/// Appends a pair. Replaces the last pair if it has the same offset in the value, so that an offset after a line
+/// continuation is also after it in the file.
 fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     match steps.last_mut() {
         Some(last) if last.0 == step.0 => *last = step,

@@ -3,14 +3,11 @@
 //! Events of the operating system only tell *when* to look. They come in bursts, differ between systems and editors,
 //! and are often spurious. So each event makes the watcher look at all wanted files: it rereads a file if its metadata
 //! changed or is recent, and compares hashes of the contents. It watches folders rather than files, because most
-//! editors save by replacing the file. For each wanted path it watches all folders along it, including through
-//! symlinks (module `symlink_path`), so that it notices folders that appear and disappear, and redirected links.
+//! editors save by replacing the file. For each wanted path it watches the folders along it, including through symlinks
+//! (module `symlink_path`), so that it notices folders that appear and disappear, and redirected links.
 //!
 //! The watcher has a thread. It also looks at regular intervals ([`ROUNDS`]), because some network and virtual file
 //! systems send no events for writes by other machines. Without any events, it looks more often ([`POLLING`]).
-//! (`notify`'s own polling would list whole folders.)
-//!
-//! The constants below are the delays for files that are being written.
 
 mod subject;
 mod symlink_path;
@@ -88,7 +85,6 @@ pub struct Watcher {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Results of the watcher's thread.
 #[derive(Debug)]
 struct Shared {
     kind: WatchKind,
@@ -98,7 +94,6 @@ struct Shared {
 /// A change that has not been taken yet.
 #[derive(Debug)]
 struct Found {
-    /// New contents of each file.
     files: BTreeMap<PathBuf, Content>,
     first_seen: Instant,
 }
@@ -236,10 +231,9 @@ fn reason(error: &notify::Error) -> String {
     }
 }
 
-/// The state of the watcher's thread.
 struct LookOut<Wake> {
     patience: Patience,
-    /// The watcher of the system's events; `None` while polling.
+    /// `None` while polling.
     native: Option<Native>,
     shared: Arc<Mutex<Shared>>,
     wake: Wake,
@@ -304,7 +298,6 @@ impl<Wake: Fn()> LookOut<Wake> {
         due.chain(rounds).min()
     }
 
-    /// Replaces the set of watched paths.
     fn want(&mut self, wanted: Vec<Wanted>) {
         let mut before: HashMap<PathBuf, Subject> =
             self.subjects.drain(..).map(|subject| (subject.given.clone(), subject)).collect();
@@ -354,9 +347,8 @@ impl<Wake: Fn()> LookOut<Wake> {
         matters
     }
 
-    /// Updates the watched folders, and rereads the files that may have changed.
-    ///
-    /// `noticed` is the time of the event that caused the look.
+    /// Updates the watched folders, and rereads the files that may have changed. `noticed` is the time of the event
+    /// that caused the look.
     fn look(&mut self, noticed: Instant) {
         self.watch_folders();
         let now = Instant::now();

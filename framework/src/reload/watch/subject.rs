@@ -1,8 +1,7 @@
 //! Tracks one wanted file: whether its contents differ from those that a build read, and when to report that.
 //!
-//! Each event makes the watcher look at all files, and only contents count. A difference is *pending* until the file
-//! has been unchanged for a while, so that a burst of writes is one change. The delay is longer for a missing or empty
-//! file, because many editors begin a save that way.
+//! A difference is *pending* until the file has been unchanged for a while, so that a burst of writes is one change.
+//! The delay is longer for a missing or empty file, because many editors begin a save that way.
 
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
@@ -10,7 +9,6 @@ use std::time::{Duration, Instant, SystemTime};
 
 use crate::source::Content;
 
-/// The delays of a watcher.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
     pub quiet: Duration,
@@ -26,7 +24,6 @@ pub struct Patience {
 pub struct Subject {
     /// The path as the caller wrote it.
     pub given: PathBuf,
-    /// The absolute path.
     pub path: PathBuf,
     /// The contents last built or reported.
     pub told: Content,
@@ -68,7 +65,6 @@ struct Pending {
 #[derive(Clone, Copy, Debug)]
 pub struct Difference {
     pub first_seen: Instant,
-    /// True if the file is missing or empty.
     pub gone: bool,
     /// Time to report the difference if nothing changes until then.
     pub due: Instant,

@@ -10,7 +10,7 @@ use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 use std::{fs, io};
 
-/// Maximum number of symlinks that one path follows, as on most systems.
+/// Maximum number of symlinks that one path follows.
 const MAX_LINKS: u32 = 40;
 
 /// An entry along a path, existing or not.
@@ -23,8 +23,7 @@ pub struct Entry {
     pub is_link: bool,
 }
 
-/// A cache of entries for resolving paths: folders on several paths are read once. Valid for one resolution of all
-/// paths.
+/// A cache of entries, so that folders on several paths are read once. Valid for one resolution of all paths.
 #[derive(Debug, Default)]
 pub struct Walk {
     met: HashMap<PathBuf, Met>,

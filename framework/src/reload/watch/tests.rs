@@ -13,7 +13,6 @@ const LONG: Duration = Duration::from_secs(60);
 /// file is reported only after a minute, so that a pause of the machine does not report one.
 const EVENTS: Patience = Patience { rounds: None, gone: LONG, ..PATIENCE };
 
-/// Files in a folder, and a watcher for them.
 struct Desk {
     root: tempfile::TempDir,
     watcher: Watcher,
@@ -22,7 +21,6 @@ struct Desk {
 }
 
 impl Desk {
-    /// Creates a folder with these files, all of them watched.
     fn new(files: &[(&str, &str)]) -> Desk {
         Desk::with(EVENTS, true, files)
     }
@@ -75,7 +73,6 @@ impl Desk {
         wanted
     }
 
-    /// Returns the files of the next change, by name.
     #[track_caller]
     fn change(&mut self) -> Vec<String> {
         let change = self.whole_change();

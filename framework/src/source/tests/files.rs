@@ -381,7 +381,6 @@ fn what_appears_while_a_map_is_used_counts_as_missing() {
     assert_eq!(wanted.content, Content::Missing, "a build that saw both must be done again");
 }
 
-/// Makes a pipe in the file system.
 #[cfg(unix)]
 fn make_pipe(path: &str) {
     let path = std::ffi::CString::new(path).unwrap();

@@ -6,7 +6,6 @@ mod ron_error;
 use super::*;
 use crate::ir::FileId;
 
-/// Returns a source map with one file, and the file's id.
 fn one_file(path: &str, text: &str) -> (SourceMap, FileId) {
     let mut files = SourceMap::default();
     let file = files.add(path, text);
