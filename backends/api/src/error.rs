@@ -95,7 +95,6 @@ pub enum BackendError {
     },
 }
 
-/// Adds backquotes to the name of a resource or a call, unless it already contains some.
 fn quoted(name: &str) -> String {
     if name.contains('`') { name.to_string() } else { format!("`{name}`") }
 }

@@ -40,7 +40,7 @@ pub struct DeviceInfo {
     pub facts: DeviceFacts,
     /// Effects of out-of-range shader accesses; [`Bounds::None`] on a device opened without checks.
     pub robustness: Robustness,
-    /// The largest device-local heap; its size is 0 if the device cannot run plans.
+    /// The largest device-local heap; may be empty if the device cannot run plans.
     pub heap: Heap,
     /// Reason why the device cannot run plans; `None` if it can.
     pub unfit: Option<String>,
@@ -106,7 +106,7 @@ pub struct Options {
     pub validation: Validation,
     /// Time that one pass may run before calls that wait for it return [`BackendError::Stuck`]. Default: 10 seconds, or
     /// ten minutes on a CPU. The limit applies to a whole frame if the timestamps of its passes are omitted
-    /// ([`FrameInputs::untimed_passes`]) or cannot be read while the device runs, as on lavapipe.
+    /// ([`FrameInputs::untimed_passes`]) or cannot be read while the device runs.
     pub patience: Option<Duration>,
     /// Time that the driver may take for one pipeline before the load fails with [`BackendError::StuckCompiler`].
     /// Default: 60 seconds.
@@ -352,8 +352,8 @@ pub trait Loader: Send + 'static {
 
     /// Lets the plan reuse results of `run: Once` passes of the device's other plans.
     ///
-    /// A result is reused if everything that it depends on is equal. Its passes are then omitted, and both plans share
-    /// a buffer. Do not use this to measure or inspect these passes.
+    /// A result is reused if everything that it depends on is equal. Its passes are then omitted, so do not use this to
+    /// measure or inspect them.
     #[must_use]
     fn sharing_results(self) -> Self;
 
@@ -408,10 +408,8 @@ pub trait Device: Sized {
     /// Makes the plan the current one, and lets the next frame run its prologue.
     ///
     /// Creates the plan's objects, and uploads the scene attributes that it reads. If that fails, the earlier plan
-    /// stays current.
-    ///
-    /// Does not wait for frames of the earlier plan; their results stay available. If both plans have a history of
-    /// equal name and shape, and the scene is unchanged, the new plan continues from its contents.
+    /// stays current. Does not wait for frames of the earlier plan; their results stay available. If both plans have a
+    /// history of equal name and shape, and the scene is unchanged, the new plan continues from its contents.
     fn load(
         &mut self,
         plan: Plan,
@@ -422,9 +420,8 @@ pub trait Device: Sized {
         self.swap(ready)
     }
 
-    /// Returns a loader, which does the first half of [`Device::load`] on any thread while frames are drawn.
-    ///
-    /// It can be taken at any time, even before a [`Device::swap`] to another plan.
+    /// Returns a loader, which does the first half of [`Device::load`] on any thread while frames are drawn. It stays
+    /// valid across swaps to other plans.
     fn loader(&self) -> Self::Loader;
 
     /// Makes a prepared plan the current one: the second half of [`Device::load`]. Call it between two frames; it never
@@ -461,17 +458,14 @@ pub trait Device: Sized {
     /// Returns true if the next [`Device::submit`] would not wait for a frame in flight; never blocks.
     fn is_ready(&mut self) -> Result<bool, BackendError>;
 
-    /// Returns the work that the device is executing for any context; `None` if this context has no frame in flight, or
+    /// Returns the work that the device is executing for any context. `None` if this context has no frame in flight, or
     /// if checking on its frames fails. Never blocks.
-    ///
-    /// A responsive program calls it while a frame is unfinished, and goes on without the frame if the time is long.
     fn running(&mut self) -> Option<Running>;
 
     /// Lists device memory by name, in bytes: the plan's resources, then scene attributes, then the backend's own.
     ///
-    /// Each allocation is listed once, so the sum is the allocated memory. (Each context lists the memory that it
-    /// shares.) Resources that share memory form one entry, with names joined by ` + `; so does a resource with a copy
-    /// per frame in flight.
+    /// The sum is the allocated memory. (Each context lists the memory that it shares.) Resources that share memory
+    /// form one entry, with names joined by ` + `; so does a resource with a copy per frame in flight.
     fn memory(&self) -> Vec<(String, u64)>;
 
     /// Returns the size and the available bytes of the largest device-local heap, as of now.
@@ -481,7 +475,7 @@ pub trait Device: Sized {
     fn take_messages(&mut self) -> Vec<String>;
 }
 
-/// A device that shows its frames in a window. (Each backend has a constructor for it.)
+/// A device that shows its frames in a window.
 ///
 /// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts
 /// them: with vsync, once per refresh of the display. While the window is hidden, they are drawn and not shown.
@@ -489,7 +483,6 @@ pub trait Windowed: Device {
     /// Sets the window's size in pixels; a window of size 0 is hidden.
     fn resize_window(&mut self, width: u32, height: u32);
 
-    /// Enables vsync (the default). Without it, frames are shown as fast as they are drawn, if the window system allows
-    /// it.
+    /// Enables vsync (the default). Without it, frames are shown as they are drawn, if the window system allows it.
     fn set_vsync(&mut self, vsync: bool);
 }
