@@ -8,7 +8,6 @@ use crate::gpu::{Buffer, BufferDesc, Gpu, Image, ImageDesc, Location, MemoryKind
 use splatgraph_api::BackendError;
 use std::sync::Arc;
 
-/// A buffer or an image to create in a block.
 pub(crate) enum Member<'a> {
     Buffer(BufferDesc<'a>),
     Image(ImageDesc<'a>),
@@ -82,7 +81,6 @@ impl Member<'_> {
     }
 }
 
-/// Creates the members of a block, and binds them to one shared allocation or to one each.
 pub(crate) fn create_block<G: Gpu>(
     gpu: &Arc<G>,
     members: &[Member],
@@ -113,8 +111,8 @@ pub(crate) fn create_block<G: Gpu>(
 /// Merges the requirements of members that share memory; `None` if they cannot. `device_types` are the device-local
 /// memory types.
 ///
-/// If a block has both buffers and images, it fills whole pages of `granularity` bytes
-/// (`VkPhysicalDeviceLimits::bufferImageGranularity`). Its neighbours are then unaffected, whichever member is alive.
+/// A block with both buffers and images fills whole pages of `granularity` bytes
+/// (`VkPhysicalDeviceLimits::bufferImageGranularity`), so that its neighbours are unaffected.
 fn combine<D: Copy + PartialEq>(
     members: &[Requirements<D>],
     device_types: u32,
@@ -178,7 +176,6 @@ mod tests {
         assert_eq!(combine(&[BUFFER, other], ON_DEVICE, 1), None);
         // The only common type is host memory.
         assert_eq!(combine(&[BUFFER, Needs { types: 0b0100, ..IMAGE }], ON_DEVICE, 1), None);
-        // A single member keeps its own requirements.
         assert_eq!(combine(&[other], ON_DEVICE, 1), Some(other));
     }
 

@@ -10,7 +10,6 @@ use splatgraph_framework::plan::{Plan, Resource};
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-/// The key of one plane of scene data.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct PlaneKey {
     /// Identity of the scene; see [`splatgraph_api::SceneData::identity`].
@@ -31,7 +30,7 @@ pub(crate) fn keys(plan: &Plan, identity: u64, unused: &BTreeSet<ResourceId>) ->
     ids.filter_map(|id| Some((id, key(plan.resource(id), identity)?))).collect()
 }
 
-/// Returns the key of a resource that is a plane of the scene; `None` for any other. `identity` is the scene's.
+/// Returns the key of a resource; `None` unless it is a plane of the scene.
 pub(crate) fn key(resource: &Resource, identity: u64) -> Option<PlaneKey> {
     let (Source::Scene { attribute, plane }, Shape::Buffer { stride, .. }) =
         (&resource.source, resource.shape)
@@ -57,9 +56,8 @@ impl<B> Default for AttributeCache<B> {
 pub(crate) type UploadGuard<'a> = MutexGuard<'a, ()>;
 
 impl<B> AttributeCache<B> {
-    /// Finds the planes of `keys` that are on the device. If any is missing, also returns the right to upload.
-    ///
-    /// It waits for that right, then looks again: another plan may have uploaded the planes meanwhile.
+    /// Finds the planes of `keys` that are on the device. If any is missing, waits for the right to upload and returns
+    /// it. Looks again after the wait: another plan may have uploaded the planes meanwhile.
     pub fn find(&self, keys: &[(ResourceId, PlaneKey)]) -> (Planes<B>, Option<UploadGuard<'_>>) {
         let held = self.lookup(keys);
         if keys.iter().all(|(_, key)| held.contains_key(key)) {

@@ -1,9 +1,8 @@
 //! Creates the bindings of a plan's passes, and decides when each is written.
 //!
 //! A pass that binds a per-frame resource has one copy of its bindings per frame in flight; any other pass has one.
-//! Bindings are written at creation. Two kinds are exceptions: bindings of host buffers, whose contents come with the
-//! frames, are written when the buffer changes; bindings of a continued history are rewritten when the plan is swapped
-//! in.
+//! Bindings are written at creation, except bindings of host buffers, which are written when the buffer changes.
+//! Bindings of a continued history are rewritten when the plan is swapped in.
 
 use crate::gpu::{Gpu, binding_copies};
 use crate::resources::Resources;

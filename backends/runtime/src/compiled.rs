@@ -30,7 +30,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
     pub plan: Arc<Plan>,
-    /// The plan's name, for errors.
     pub name: Arc<str>,
     pub pass_names: Arc<[String]>,
     /// Number of the plan within its executor, set by [`CompiledPlan::follow`]; frames refer to it.
@@ -41,7 +40,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub layouts: Vec<Layout>,
     /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
-    /// Recipes of the prologue's reusable results.
     recipes: Recipes,
     /// Prologue passes that do not run because their results were reused from another plan.
     skipped: Vec<PassId>,
@@ -60,7 +58,7 @@ pub(crate) struct PlanSlot<G: Gpu> {
 }
 
 impl<G: Gpu> CompiledPlan<G> {
-    /// Creates the objects of a plan, and uploads the scene's planes that are not on the device yet.
+    /// Creates the objects of a plan, and uploads the planes that are not on the device yet.
     pub fn new(
         shared: &Shared<G>,
         plan: Plan,
@@ -92,7 +90,7 @@ impl<G: Gpu> CompiledPlan<G> {
         drop(allocating);
         // The upload is last because it is slowest: a plan that cannot run is refused before it.
         upload(shared, scene, &missing, &planes, progress)?;
-        // Planes in host memory stay out of the cache: every frame of another plan could read them.
+        // Planes in host memory stay out of the cache: another plan might read them in every frame, which is slow.
         let hosted = |key: &PlaneKey| {
             once.location == Location::Host
                 && absent.iter().any(|(id, other)| other == key && once.freed.contains(id))
@@ -120,9 +118,8 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Makes this the executor's current plan, with this number, before its first frame.
-    ///
-    /// `histories` are the previous plan's after its last frame. This plan adopts those that fit.
+    /// Makes this the executor's current plan, with this number, before its first frame. Adopts those of the previous
+    /// plan's `histories` that fit.
     pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
         self.number = number;
         for id in self.ids() {
@@ -148,7 +145,7 @@ impl<G: Gpu> CompiledPlan<G> {
         (0..self.plan.resources.len() as u32).map(ResourceId)
     }
 
-    /// Lists the histories that the next plan may continue from.
+    /// Lists the histories that the next plan can continue from.
     pub fn histories(&self) -> Vec<History<G>> {
         // Before the first frame, only histories carried over from the previous plan have contents.
         let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
@@ -164,14 +161,11 @@ impl<G: Gpu> CompiledPlan<G> {
         full.filter_map(history).collect()
     }
 
-    /// Returns the passes of the prologue if the next frame runs it, else an empty slice.
     pub fn prologue(&self) -> &[PassId] {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
 
-    /// Returns true if a pass is skipped.
-    ///
-    /// A pass is skipped if it would zero a history that continues, or recompute a reused result.
+    /// Returns true if a pass would zero a history that continues, or recompute a reused result.
     pub fn is_skipped(&self, pass: PassId) -> bool {
         let continues_previous = |resource: &ResourceId| self.carried.contains(resource);
         matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if continues_previous(resource))
@@ -197,7 +191,7 @@ impl<G: Gpu> CompiledPlan<G> {
         prologue.chain(&self.plan.frame).copied()
     }
 
-    /// Returns the slot's readback buffer for statistics; `None` if the plan has no statistics.
+    /// Returns the slot's readback buffer for statistics; `None` without statistics.
     pub fn readback(&self, slot: usize) -> Option<&Buffer<G>> {
         let index = self.plan.resources.iter().position(|resource| resource.source == Source::Readback)?;
         Some(self.resources.buffer(ResourceId(index as u32), slot))

@@ -23,9 +23,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// leak.
 const MAX_RESULTS: usize = 64;
 
-/// Name of the memory entry for objects that only frames in flight still need.
-///
-/// These are former plans, readback buffers of inspected resources, and replaced shared outputs.
+/// Name of the memory entry for objects that only frames in flight still need: former plans, readback buffers of
+/// inspected resources, and replaced shared outputs.
 const IN_FLIGHT: &str = "frames in flight";
 
 /// An open device and the plan that it executes.
@@ -44,7 +43,6 @@ pub struct Executor<G: Gpu> {
     compiled: Option<CompiledPlan<G>>,
     /// Replaced plans with frames still in flight. They are dropped when the frames are collected.
     former: Vec<CompiledPlan<G>>,
-    /// The number of plans loaded so far.
     plans: u64,
     /// One slot per frame in flight.
     slots: Vec<Slot<G>>,
@@ -52,7 +50,6 @@ pub struct Executor<G: Gpu> {
     next: u64,
     /// The output of the last frame submitted with [`FrameInputs::show`].
     output: Option<Arc<SharedOutput<G>>>,
-    /// The window's swapchain, if the device was opened in a window.
     swapchain: Option<Swapchain<G>>,
     shared: Arc<Shared<G>>,
 }
@@ -76,9 +73,7 @@ impl<G: Gpu> Executor<G> {
         Self::new(info, gpu)
     }
 
-    /// Opens a device that presents to `window`, and considers only devices that can.
-    ///
-    /// `size` is the window's current size in pixels (width, height).
+    /// Opens a device that can present to `window`, whose current size is `size` pixels (width, height).
     ///
     /// The window is kept until the device and all executors [on it](Device::new_context) are closed.
     ///
@@ -131,7 +126,7 @@ impl<G: Gpu> Executor<G> {
     /// Drops the executor, and returns the remaining validation messages of the device.
     ///
     /// For the device's last executor, these include the messages of closing the device, such as an object that was not
-    /// destroyed. Otherwise the device stays open, and the other executors take later messages.
+    /// destroyed.
     pub fn close(self) -> Vec<String> {
         let messages = self.shared.gpu.messages().clone();
         drop(self);
@@ -144,9 +139,8 @@ impl<G: Gpu> Executor<G> {
         self.shared.gpu.memory()
     }
 
-    /// Moves the result of the slot's frame, if there is one, to `results`.
-    ///
-    /// If `patient`, blocks until the frame has completed; otherwise leaves an unfinished frame alone.
+    /// Moves the result of the slot's frame, if there is one, to `results`. If `patient`, blocks until the frame has
+    /// completed; otherwise leaves an unfinished frame alone.
     fn collect(&mut self, slot: usize, patient: bool) -> Result<(), BackendError> {
         let Some(Pending { plan: number, prologue, .. }) = self.slots[slot].pending else { return Ok(()) };
         let Some(compiled) = plan(&self.compiled, &self.former, number) else { return Ok(()) };
@@ -167,19 +161,16 @@ impl<G: Gpu> Executor<G> {
         Ok(())
     }
 
-    /// Drops replaced plans without frames in flight.
     fn drop_former(&mut self) {
         let pending: Vec<u64> = self.slots.iter().flat_map(|slot| &slot.pending).map(|p| p.plan).collect();
         self.former.retain(|compiled| pending.contains(&compiled.number));
     }
 
-    /// Returns the slot of the frame; `None` if it is not in flight.
     fn slot_of(&self, frame: FrameId) -> Option<usize> {
         let pending = |slot: &Slot<G>| slot.pending.as_ref().is_some_and(|pending| pending.frame == frame);
         self.slots.iter().position(pending)
     }
 
-    /// Returns the slot of the next frame.
     fn next_slot(&self) -> usize {
         (self.next % FRAMES_IN_FLIGHT as u64) as usize
     }
@@ -219,7 +210,6 @@ impl<G: Gpu> Executor<G> {
     }
 }
 
-/// Finds the plan with this number, current or former.
 fn plan<'a, G: Gpu>(
     current: &'a Option<CompiledPlan<G>>,
     former: &'a [CompiledPlan<G>],
@@ -254,9 +244,8 @@ impl<G: Gpu> Device for Executor<G> {
         }
     }
 
-    /// Swaps to a prepared plan, which continues from the histories of the plan that is current now.
-    ///
-    /// The plan that was current when the loader was taken does not matter.
+    /// Swaps to a prepared plan. It continues the histories of the plan that is current now, not of the plan that was
+    /// current when the loader was taken.
     fn swap(&mut self, ready: Ready<G>) -> Result<(), BackendError> {
         self.shared.check_lost()?;
         let Ready { mut compiled, executor } = ready;
@@ -341,7 +330,7 @@ impl<G: Gpu> Device for Executor<G> {
         Some(self.shared.watch.look(&self.shared.gpu, &oldest.ticket))
     }
 
-    /// Lists the memory of this executor. Each executor lists all planes that its plan reads, shared or not.
+    /// Lists the memory of this executor, including all planes that its plan reads, shared or not.
     fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.compiled.as_ref().map(CompiledPlan::memory).unwrap_or_default();
         memory.extend(self.output.iter().map(|own| ("picture".to_string(), own.buffer.memory.bytes())));
@@ -374,9 +363,8 @@ impl<G: Gpu> Device for Executor<G> {
 
 /// Presents frames; without a window, nothing is presented.
 ///
-/// [`Device::submit`] of a presented frame waits until the window has a free image: with vsync, until the display's
-/// refresh. After two seconds the frame is drawn without being presented, because some window systems give a hidden
-/// window no image.
+/// [`Device::submit`] of a presented frame waits until the window has a free image. If the wait exceeds the backend's
+/// limit of a second or two, the frame is drawn but not shown: some window systems give a hidden window no image.
 impl<G: Gpu> Windowed for Executor<G> {
     fn resize_window(&mut self, width: u32, height: u32) {
         if let Some(swapchain) = &mut self.swapchain {

@@ -30,28 +30,24 @@ pub(crate) struct Pending<G: Gpu> {
     pub frame: FrameId,
     /// Number of the frame's plan; see [`CompiledPlan::number`].
     pub plan: u64,
-    /// The passes that the frame runs, in order.
     pub passes: Arc<[PassId]>,
     pub ticket: Ticket<G>,
     pub inspected: Vec<Buffer<G>>,
     /// The shared outputs that the frame reads, and the one that it writes; kept alive until it completes.
     pub outputs: Vec<Arc<SharedOutput<G>>>,
-    /// The readback buffer for the frame's output.
     readback: Option<Arc<Buffer<G>>>,
-    /// True if the frame runs its plan's prologue.
     pub prologue: bool,
     untimed_passes: bool,
     record_ms: f64,
 }
 
-/// A frame to submit.
 pub(crate) struct Frame<'a, G: Gpu> {
     pub id: FrameId,
     pub slot: usize,
     pub inputs: &'a FrameInputs,
-    /// The shared output that receives a copy of the frame's output; `None` unless the frame is shown.
+    /// The shared output that receives a copy of the frame's output, if the frame is shown.
     pub output: Option<&'a Arc<SharedOutput<G>>>,
-    /// The swapchain of the window that the frame's output is blitted to, if any.
+    /// The swapchain that the frame's output is blitted to, if any.
     pub swapchain: Option<&'a mut Swapchain<G>>,
 }
 
@@ -60,9 +56,8 @@ impl<G: Gpu> Slot<G> {
         Ok(Slot { encoder: gpu.create_encoder("frame")?, pending: None })
     }
 
-    /// Records and submits a frame. The slot must have no pending frame.
-    ///
-    /// Returns the index of the swapchain image to present, if any.
+    /// Records and submits a frame. The slot must have no pending frame. Returns the index of the swapchain image to
+    /// present, if any.
     pub fn submit(
         &mut self,
         shared: &Shared<G>,

@@ -2,16 +2,11 @@
 //!
 //! [`Gpu`] is an open device. It creates objects, submits the commands recorded by an [`Encoder`], and presents images
 //! to a window. The rest of the crate decides, for every API, which objects a plan needs, how many frames are in
-//! flight, and what continues from one plan to the next.
-//!
-//! Ownership runs one way. An executor holds the device, and every object holds its device by an [`Arc`]. The executor
-//! drops an object only when no frame in flight uses it.
+//! flight, and what continues from one plan to the next. An object is dropped only when no frame in flight uses it.
 //!
 //! An implementation lowers the plan's dependencies to commands once per plan. Vulkan's commands are the
 //! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's are part of its encoders,
-//! whose fences come with the pipelines; [`Encoder::pass`] tells the encoder which pass comes next. Bindings are
-//! written one by one, to descriptor sets or argument tables. An encoder carries the fence or shared event that signals
-//! its completion.
+//! whose fences come with the pipelines; [`Encoder::pass`] tells the encoder which pass comes next.
 
 use crate::limits::Limits;
 use crate::messages::Messages;
@@ -23,7 +18,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Default time limit for compiling one pipeline. Some pipelines take seconds.
+/// Default time limit for compiling one pipeline.
 pub const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
 
 /// A window for which a surface, and so a swapchain, can be created.
@@ -91,9 +86,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the time that the driver may take for one pipeline before the load is abandoned.
     fn compile_patience(&self) -> Duration;
 
-    /// Blocks until the device has finished all submitted work or is lost, for at most `limit`.
-    ///
-    /// Returns false if the limit has passed. Other threads can submit meanwhile.
+    /// Blocks until the device has finished all submitted work or is lost. Returns false once `limit` has passed. Other
+    /// threads can submit meanwhile.
     fn wait_idle(&self, limit: Duration) -> bool;
 
     /// Creates a buffer without memory, and returns its memory requirements.
@@ -161,7 +155,7 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         target: BindingTarget<Self>,
     );
 
-    /// Releases the references that a pass's bindings hold. The pass does not run again, and its objects may be freed.
+    /// Releases the references that the pass's bindings hold. The pass does not run again.
     fn clear_bindings(&self, _bindings: &mut Self::Bindings, _pass: PassId) {}
 
     /// Creates `count` timestamps; `None` if the queue has no timer.
@@ -180,9 +174,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Submits an encoder's commands, followed by the blit to the swapchain image `show`, if any.
     fn submit(&self, encoder: &mut Self::Encoder, show: Option<Show<Self>>) -> Result<(), BackendError>;
 
-    /// Blocks until the encoder's last submission, including the blit, has completed, for at most `limit`.
-    ///
-    /// Returns false if the limit has passed. After true, the encoder can be reused.
+    /// Blocks until the encoder's last submission, including the blit, has completed; it can then be reused. Returns
+    /// false once `limit` has passed.
     fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
 
     /// Returns the size to create the swapchain with, in pixels; `None` while the window shows nothing.
@@ -203,9 +196,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         former: Option<&Self::Swapchain>,
     ) -> Result<Self::Swapchain, BackendError>;
 
-    /// Acquires an image for the frame in `slot`. Blocks until the window has one, for at most two seconds.
-    ///
-    /// The slot's previous frame must have completed.
+    /// Acquires an image for the frame in `slot`, whose previous frame must have completed. Blocks until the window has
+    /// an image, for at most two seconds.
     fn acquire(&self, swapchain: &mut Self::Swapchain, slot: usize) -> Result<Acquired, BackendError>;
 
     /// Records the blit of a frame's output into an acquired image, scaled to the image's size.
@@ -408,7 +400,7 @@ impl<G: Gpu> Buffer<G> {
         Self::new(gpu, &BufferDesc { name, bytes, usage: Usage::COPY_TARGET }, Location::Readback)
     }
 
-    /// Returns the buffer's mapped bytes; empty if its memory is not mapped.
+    /// Returns the mapped bytes; empty if the memory is not mapped.
     pub(crate) fn mapped(&self) -> &[u8] {
         let slice = self.memory.mapped();
         &slice[..slice.len().min(self.bytes as usize)]
@@ -504,9 +496,7 @@ pub trait Encoder<G: Gpu>: Send {
     fn end(&mut self) -> Result<(), BackendError>;
 
     /// Announces the pass that the next commands belong to, even if it records none. If `timed`, timestamps are written
-    /// before and after them.
-    ///
-    /// APIs with separate encoders choose the pass's encoder here.
+    /// before and after them. APIs with separate encoders choose the pass's encoder here.
     fn pass(&mut self, _pipelines: &G::Pipelines, _id: PassId, _timed: bool) {}
 
     /// Opens a debug label around the next commands.

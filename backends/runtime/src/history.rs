@@ -14,7 +14,6 @@ use crate::gpu::Gpu;
 use crate::usage::usage;
 use splatgraph_framework::{ir::*, plan::*};
 
-/// A resource that a later plan may continue from.
 pub(crate) struct History<G: Gpu> {
     pub name: String,
     pub shape: Shape,
@@ -32,7 +31,7 @@ pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
     resource.history.as_deref().filter(|_| alone)
 }
 
-/// Finds the history among `former`, the previous plan's, that a resource of `plan` continues.
+/// Finds the one of the previous plan's histories, `former`, that a resource of `plan` continues.
 pub(crate) fn find<'a, G: Gpu>(
     plan: &Plan,
     id: ResourceId,

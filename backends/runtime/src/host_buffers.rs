@@ -19,7 +19,6 @@ use splatgraph_framework::plan::Resource;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A host buffer's contents for the frame in one slot.
 pub(crate) struct HostBuffer<G: Gpu> {
     /// Mapped buffer for host bytes; `None` before the first host bytes.
     own: Option<Buffer<G>>,
@@ -96,7 +95,6 @@ impl<G: Gpu> HostBuffer<G> {
         Ok(())
     }
 
-    /// Copies host bytes to `own`, growing it if needed.
     fn copy(&mut self, gpu: &Arc<G>, resource: &Resource, bytes: &Arc<Vec<u8>>) -> Result<(), BackendError> {
         let length = bytes.len() as u64;
         if self.own.as_ref().is_none_or(|own| own.bytes < length) {
@@ -130,12 +128,10 @@ impl<G: Gpu> HostBuffer<G> {
         }
     }
 
-    /// Returns true if the slot's bindings do not point to the current contents.
     pub fn is_changed(&self) -> bool {
         self.holds != self.written
     }
 
-    /// Records that the slot's bindings were written.
     pub fn set_written(&mut self) {
         self.written = self.holds.clone();
     }
@@ -145,13 +141,11 @@ impl<G: Gpu> HostBuffer<G> {
         self.output.take()
     }
 
-    /// Returns the memory of the mapped buffer; `None` before the first host bytes.
     pub fn memory(&self) -> Option<&Arc<G::Memory>> {
         self.own.as_ref().map(|own| &own.memory)
     }
 }
 
-/// Refuses contents that are not whole elements, below the plan's minimum, or above the limit of a binding.
 fn check_length(resource: &Resource, bytes: u64, most: u64) -> Result<(), BackendError> {
     let Shape::Buffer { stride, .. } = resource.shape else { return Ok(()) };
     let (name, least) = (&resource.name, resource.bytes());
@@ -163,7 +157,6 @@ fn check_length(resource: &Resource, bytes: u64, most: u64) -> Result<(), Backen
     within_bytes(|| format!("the size of the contents of host buffer `{name}`"), bytes, most)
 }
 
-/// Returns the byte range of a picture's rows; refuses rows that cannot be bound to the resource.
 fn rows(resource: &Resource, picture: &Picture, first: u32, count: u32) -> Result<Range<u64>, BackendError> {
     let row = u64::from(picture.width) * u64::from(picture.format.bytes_per_pixel());
     let (from, to) = (u64::from(first) * row, (u64::from(first) + u64::from(count)) * row);

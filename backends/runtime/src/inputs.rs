@@ -41,9 +41,6 @@ pub(crate) fn write_uniforms<G: Gpu>(
 }
 
 /// Sets the contents of all host buffers for a frame in `slot`, and rewrites the slot's bindings that change.
-///
-/// # Errors
-/// [`BackendError::Invalid`] if contents are missing, and the errors of [`crate::host_buffers::HostBuffer::take`].
 pub(crate) fn take_host_buffers<G: Gpu>(
     shared: &Shared<G>,
     compiled: &mut CompiledPlan<G>,

@@ -7,7 +7,7 @@ use splatgraph_api::{BackendError, Inspect};
 use splatgraph_framework::ir::Use;
 use std::sync::Arc;
 
-/// Creates a readback buffer for each resource to inspect; refuses resources without contents in the next frame.
+/// Creates a readback buffer for each resource to inspect.
 pub(crate) fn buffers<G: Gpu>(
     gpu: &Arc<G>,
     compiled: &CompiledPlan<G>,
@@ -43,7 +43,7 @@ pub(crate) fn buffers<G: Gpu>(
 /// Refuses a resource that has no valid contents right after pass number `last` of the next frame.
 ///
 /// Such a resource has been freed, is an image that no pass has written yet, or shares its memory with a resource that
-/// owns it at that time. (Changing the layout of an image would then overwrite the owner.)
+/// owns it at that time: a layout change of an image would overwrite the owner.
 fn check_contents<G: Gpu>(
     compiled: &CompiledPlan<G>,
     inspect: &Inspect,

@@ -1,8 +1,8 @@
 //! Prepares a plan on one thread while another draws.
 //!
-//! A [`Loader`] holds only the device, so it can be created at any time and moved to any thread. It creates a
-//! [`Ready`]: a compiled plan that no executor has yet. That includes all slow work, even uploads. Only binding the
-//! plan to the histories that it continues ([`crate::history`]) is left to the drawing thread.
+//! A [`Loader`] creates a [`Ready`]: a compiled plan that no executor has yet. That includes all slow work, even
+//! uploads. Only binding the plan to the histories that it continues ([`crate::history`]) is left to the drawing
+//! thread.
 
 use crate::compiled::CompiledPlan;
 use crate::gpu::Gpu;
@@ -24,8 +24,7 @@ pub struct Loader<G: Gpu> {
 }
 
 impl<G: Gpu> Loader<G> {
-    /// Replaces the synchronization commands lowered from the plan's dependencies. Tests leave out barriers this way,
-    /// to check that the omission is detected.
+    /// Replaces the synchronization commands lowered from the plan's dependencies, for tests that leave out barriers.
     #[must_use]
     pub fn synchronized_by(self, synchronization: G::Synchronization) -> Self {
         Loader { synchronization: Some(synchronization), ..self }

@@ -15,7 +15,7 @@ impl Messages {
         std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Adds a message; drops it if a thousand are already kept.
+    /// Adds a message, or drops it if too many are kept.
     pub fn add(&self, message: String) {
         let mut messages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if messages.len() < MAX_MESSAGES {

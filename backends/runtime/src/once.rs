@@ -34,10 +34,9 @@ impl UsedOnce {
 
     /// Moves the planes that only the prologue uses to host memory if `available` bytes do not suffice for everything.
     ///
-    /// `absent` are the planes to upload, and `held` is the size of the results that the plan reuses.
-    ///
-    /// `available` is the driver's estimate. Without this check, allocation would go on until it fails, or until other
-    /// programs lose their memory.
+    /// `absent` are the planes to upload, `held` is the size of the results that the plan reuses, and `available` is
+    /// the driver's estimate. The check comes first because allocation may succeed at the cost of other programs'
+    /// memory.
     ///
     /// # Errors
     /// [`BackendError::OutOfMemory`] if the plan needs more than `available` bytes even without these planes.

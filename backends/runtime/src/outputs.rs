@@ -24,7 +24,6 @@ pub(crate) struct SharedOutput<G: Gpu> {
 
 /// The shared outputs of a device: the latest of each executor.
 pub(crate) struct SharedOutputs<G: Gpu> {
-    /// Id of the next output.
     next: AtomicU64,
     last: Mutex<HashMap<u64, Weak<SharedOutput<G>>>>,
 }
@@ -67,7 +66,6 @@ impl<G: Gpu> SharedOutputs<G> {
         all.insert(output.picture.id, Arc::downgrade(output));
     }
 
-    /// Removes the output of a dropped executor.
     pub fn remove(&self, output: &SharedOutput<G>) {
         let mut all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         all.remove(&output.picture.id);

@@ -1,11 +1,11 @@
 //! Compiles pipelines on a separate thread, so that a hanging driver compiler blocks nothing else.
 //!
-//! A driver's compiler can be neither bounded nor stopped from outside, so the thread is abandoned instead. If one
-//! pipeline takes longer than the compile patience, the load fails with an error that names the pass and the shader.
-//! If the load is cancelled, it ends at once. The thread checks for this between two pipelines and frees what it
-//! created; until then it holds the device open. While a thread abandoned for exceeding the patience lives, its plan is
-//! refused, so that repeated loads do not pile up threads. Once there are [`MAX_ABANDONED`] threads, any other plan
-//! waits for one to end, and is refused if the oldest has exceeded the patience.
+//! A driver's compiler cannot be stopped from outside, so the thread is abandoned instead. If one pipeline takes longer
+//! than the compile patience, the load fails with an error that names the pass and the shader. If the load is
+//! cancelled, it ends at once. The thread checks for this between two pipelines and frees what it created; until then
+//! it holds the device open. While a thread abandoned for exceeding the patience lives, its plan is refused, so that
+//! repeated loads do not pile up threads. Once there are [`MAX_ABANDONED`] threads, any other plan waits for one to
+//! end, and is refused if the oldest has exceeded the patience.
 
 use crate::gpu::{Gpu, NextPipeline};
 use splatgraph_api::{BackendError, Progress};
@@ -25,7 +25,6 @@ const MAX_ABANDONED: usize = 8;
 /// Interval at which a wait for the compiler checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
-/// Number of abandoned compiler threads in this process that still run.
 static ABANDONED: AtomicUsize = AtomicUsize::new(0);
 
 /// Returns the number of abandoned compiler threads of this process that still run.
@@ -41,7 +40,6 @@ pub(crate) struct Compilers {
     abandoned: Mutex<Vec<Abandoned>>,
 }
 
-/// A plan whose compilation was abandoned.
 struct Abandoned {
     /// The plan; its strong count is 0 once its thread has ended.
     plan: Weak<Plan>,
@@ -100,7 +98,7 @@ impl Compilers {
             let (gpu, plan, end) = (gpu.clone(), plan.clone(), end.clone());
             move || {
                 work(&gpu, &plan, &sender);
-                // Frees the device, the plan and a result that nobody received, before the thread counts as ended.
+                // Frees the device, the plan and an unreceived result before the thread counts as ended.
                 drop((sender, plan, gpu));
                 let mut end = end_of(&end);
                 end.over = true;
@@ -114,7 +112,7 @@ impl Compilers {
         let (mut current, mut begun) = (None, Instant::now());
         let told = loop {
             match messages.recv_timeout(ASK_EVERY) {
-                // Quick pipelines leave no time for the timeout below.
+                // If all pipelines are quick, the timeout below never fires.
                 Ok(Message::Next(_)) if cancel.is_requested() => break None,
                 Ok(Message::Next(next)) => {
                     let NextPipeline { done, of, shader, .. } = next;
@@ -147,8 +145,7 @@ impl Compilers {
         Err(error)
     }
 
-    /// Waits until fewer than [`MAX_ABANDONED`] abandoned threads run. Fails if the plan is refused or `cancel` is
-    /// requested.
+    /// Waits until fewer than [`MAX_ABANDONED`] abandoned threads run.
     fn wait_for_room(&self, plan: &Plan, cancel: &Cancel, patience: Duration) -> Result<(), BackendError> {
         while !self.has_room(plan, patience)? {
             if cancel.is_requested() {
@@ -190,7 +187,6 @@ impl Compilers {
 fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>>) {
     let mut span = None;
     let mut next = |next: NextPipeline| {
-        // Ends the previous pipeline's span.
         drop(span.take());
         span = Some(info_span!("make a pipeline", shader = plan.shader(next.shader).name).entered());
         sender.send(Message::Next(next)).map_err(|_| BackendError::Cancelled)

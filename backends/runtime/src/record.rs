@@ -13,13 +13,11 @@ use splatgraph_framework::ir::*;
 
 /// Effects of a recorded frame, to be applied once it is submitted.
 pub(crate) struct Recorded {
-    /// The passes that the frame runs, in order.
     pub passes: Vec<PassId>,
     /// For each resource, its layout after the frame; meaningful only for images.
     pub layouts: Vec<Layout>,
 }
 
-/// A frame's encoder, plan and inputs, and the buffers that it copies to.
 pub(crate) struct Recorder<'a, G: Gpu> {
     pub encoder: &'a mut G::Encoder,
     pub compiled: &'a CompiledPlan<G>,
@@ -28,14 +26,12 @@ pub(crate) struct Recorder<'a, G: Gpu> {
     pub slot: usize,
     /// A readback buffer for each resource to inspect, in request order.
     pub inspected: &'a [Buffer<G>],
-    /// The readback buffer for the output.
     pub readback: Option<&'a Buffer<G>>,
     /// The shared output that receives a copy of the output.
     pub shared: Option<&'a SharedOutput<G>>,
 }
 
 impl<G: Gpu> Recorder<'_, G> {
-    /// Records the whole frame, from the prologue, if due, to the copies.
     pub fn record(mut self) -> Result<Recorded, BackendError> {
         let compiled = self.compiled;
         let mut recorded = Recorded { passes: Vec::new(), layouts: compiled.layouts.clone() };
@@ -66,9 +62,8 @@ impl<G: Gpu> Recorder<'_, G> {
         Ok(recorded)
     }
 
-    /// Makes later commands wait for frames of other plans whose histories or results this plan reuses.
-    ///
-    /// Images of continued histories move to the layout in which [`Work::ClearHistory`] leaves them.
+    /// Makes later commands wait for frames of other plans whose histories or results this plan reuses. Images of
+    /// continued histories move to the layout in which [`Work::ClearHistory`] leaves them.
     fn take_over(&mut self, layouts: &mut [Layout]) {
         let carried = &self.compiled.carried;
         if !self.compiled.continues_previous() {
@@ -84,7 +79,6 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Records a pass, between its barriers and the copies of the resources to inspect after it.
     fn pass(&mut self, id: PassId, recorded: &mut Recorded) {
         let pass = self.compiled.plan.pass(id);
         let is_timed = !self.inputs.untimed_passes && self.compiled.slots[self.slot].timestamps.is_some();
@@ -169,7 +163,6 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Copies the statistics, and the output if the frame reads it back, to readback buffers.
     fn export(&mut self) {
         let (compiled, slot) = (self.compiled, self.slot);
         if let Some(target) = compiled.readback(slot) {
@@ -190,7 +183,6 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Copies the output to the frame's shared output, if it has one.
     fn share_output(&mut self) {
         let Some(SharedOutput { buffer, .. }) = self.shared else { return };
         self.encoder.push_label(format_args!("picture"));
@@ -200,8 +192,7 @@ impl<G: Gpu> Recorder<'_, G> {
         self.encoder.pop_label();
     }
 
-    /// Copies a resource to a readback buffer. Full barriers before and after keep the copy free of hazards with the
-    /// plan.
+    /// Copies a resource to a readback buffer. Full barriers before and after order the copy against the plan's passes.
     fn inspect(&mut self, inspect: Inspect, target: &Buffer<G>, layouts: &[Layout]) {
         let resources = &self.compiled.resources;
         let (layout, copied) = (layouts[inspect.resource.index()], Layout::TransferSource);

@@ -34,9 +34,8 @@ pub(crate) struct Resources<G: Gpu> {
 impl<G: Gpu> Resources<G> {
     /// Creates the resources of `plan` that no other plan provides and that an executed pass uses.
     ///
-    /// `taken` are results of other plans, and `planes` are on the device already.
-    ///
-    /// Missing planes are created, added to `planes`, and returned. The caller uploads their data.
+    /// `taken` are results of other plans, and `planes` are on the device already. Missing planes are created, added to
+    /// `planes`, and returned. The caller uploads their data.
     pub fn create(
         gpu: &Arc<G>,
         plan: &Plan,
@@ -132,7 +131,6 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Returns the host buffer of a resource for the frame in this slot; `None` for other kinds.
     pub fn host_buffer_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut HostBuffer<G>> {
         match &mut self.held[id.index()] {
             Held::HostBuffer(copies) => Some(&mut copies[slot]),
@@ -140,8 +138,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Takes the shared outputs that the frame in this slot reads, after recording it. The caller keeps them until the
-    /// frame completes.
+    /// Takes the shared outputs that the recorded frame in this slot reads. The caller keeps them until it completes.
     pub fn take_outputs(&mut self, slot: usize) -> impl Iterator<Item = Arc<SharedOutput<G>>> {
         self.held.iter_mut().filter_map(move |held| match held {
             Held::HostBuffer(copies) => copies[slot].take_output(),
@@ -149,7 +146,6 @@ impl<G: Gpu> Resources<G> {
         })
     }
 
-    /// Returns the transient of a resource, to be shared with another plan; `None` for other kinds.
     pub fn transient(&self, id: ResourceId) -> Option<&Transient<G>> {
         match &self.held[id.index()] {
             Held::Transient(transient) => Some(transient),
@@ -162,17 +158,15 @@ impl<G: Gpu> Resources<G> {
         self.held[id.index()] = Held::Freed;
     }
 
-    /// Returns true for a buffer that was freed or never created.
     pub fn is_freed(&self, id: ResourceId) -> bool {
         matches!(self.held[id.index()], Held::Freed)
     }
 
-    /// Replaces a transient by another plan's.
     pub fn rebind(&mut self, id: ResourceId, transient: Transient<G>) {
         self.held[id.index()] = Held::Transient(transient);
     }
 
-    /// Returns the mapped bytes of a uniform block of the host or of the statistics readback; `None` for other kinds.
+    /// Returns the mapped bytes of a resource with a copy per frame, other than a host buffer.
     pub fn mapped_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut [u8]> {
         match &mut self.held[id.index()] {
             Held::PerFrame(copies) => Some(copies[slot].mapped_mut()),
@@ -180,7 +174,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Iterates over the resources' memory allocations. Shared ones appear more than once.
+    /// Iterates over the memory allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
         self.held.iter().flat_map(|held| match held {
             Held::Transient(transient) => vec![transient.memory()],
@@ -212,7 +206,6 @@ impl<G: Gpu> Resources<G> {
                 }
                 Held::HostBuffer(copies) => {
                     let bytes = copies.iter().filter_map(HostBuffer::memory).map(|m| m.bytes()).sum();
-                    // It is zero before the first frame, and if only shared outputs are read.
                     if bytes > 0 {
                         entries.push((name.clone(), bytes));
                     }
@@ -234,9 +227,8 @@ impl<G: Gpu> Resources<G> {
     }
 }
 
-/// Creates the members of all blocks, except blocks of a reused (`taken`) or `unused` resource.
-///
-/// Such a resource shares its block with no other.
+/// Creates the members of all blocks, except blocks of a reused (`taken`) or `unused` resource, which have no other
+/// members.
 fn transients<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,
@@ -291,7 +283,6 @@ fn check_format<G: Gpu>(
     Ok(())
 }
 
-/// Returns true if a draw blends into the image.
 fn is_blended(plan: &Plan, image: ResourceId) -> bool {
     plan.passes.iter().any(|pass| match &pass.work {
         Work::Draw { targets, .. } => targets.iter().any(|t| t.image == image && t.blend != Blend::Replace),

@@ -3,14 +3,12 @@
 //! Most results of passes with `run: Once` (covariances, packed coefficients) do not change when a window is resized or
 //! a constant is set. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in order,
 //! with their shader code, workgroup counts, push constants and bindings, down to the planes of the scene. Results with
-//! equal recipes have equal bytes. When a plan is prepared, its recipes are looked up in the device's [`Results`]. The
-//! new plan then shares the buffers found with the plan that computed them, and skips the passes whose results are all
-//! reused.
+//! equal recipes have equal bytes. When a plan is prepared, it shares the buffers that its recipes find in the device's
+//! [`Results`], and skips the passes whose results are all reused.
 //!
 //! A buffer has a recipe if only the prologue writes it, if it does not alias other resources, and if it depends on
 //! nothing from the host. It is added to [`Results`] once the frame that computes it is submitted. Frames that read it
-//! come later in the queue, behind a barrier. It is never written again, and is freed when the last plan that holds it
-//! is dropped.
+//! come later in the queue, behind a barrier. It is never written again.
 
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};
@@ -51,7 +49,6 @@ enum Command {
 /// A plan's recipes, by the resource that holds the result.
 pub(crate) type Recipes = BTreeMap<ResourceId, Arc<Recipe>>;
 
-/// Lists the recipes of a plan for the scene with this identity.
 pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
     let prologue = Prologue::new(plan);
     let results = prologue.writers.keys().filter(|id| prologue.is_result(**id));
@@ -88,9 +85,8 @@ pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Ve
 /// The prologue of a plan, indexed by the resources that its passes write.
 struct Prologue<'a> {
     plan: &'a Plan,
-    /// The passes that write a resource, in order.
+    /// The writers of each resource, in order.
     writers: BTreeMap<ResourceId, Vec<PassId>>,
-    /// The resources that the frame's passes write.
     written_later: BTreeSet<ResourceId>,
 }
 

@@ -10,16 +10,14 @@ use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-/// An open device with its loss, the scene's planes, the shared outputs and the submissions in flight.
 pub(crate) struct Shared<G: Gpu> {
     pub attributes: AttributeCache<Buffer<G>>,
     pub results: Results<G>,
     pub outputs: SharedOutputs<G>,
     pub watch: Arc<Watch<G>>,
     pub compilers: Compilers,
-    /// The first report of the device's loss; the device is unusable after it.
     lost: OnceLock<String>,
-    /// Objects that are no longer needed but may be in use by the device until it is idle.
+    /// Objects that the device may use until it is idle.
     abandoned: Mutex<Vec<Box<dyn Send>>>,
     pub gpu: Arc<G>,
 }
@@ -43,7 +41,6 @@ impl<G: Gpu> Shared<G> {
         self.abandoned().push(Box::new(objects));
     }
 
-    /// Drops abandoned objects if the device is idle.
     pub fn drop_abandoned(&self) {
         if !self.abandoned().is_empty() && self.gpu.wait_idle(Duration::ZERO) {
             self.abandoned().clear();
@@ -54,7 +51,6 @@ impl<G: Gpu> Shared<G> {
         self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns [`BackendError::DeviceLost`] if the device is known to be lost.
     pub fn check_lost(&self) -> Result<(), BackendError> {
         match self.lost.get() {
             Some(text) => Err(BackendError::DeviceLost(text.clone())),
@@ -62,8 +58,7 @@ impl<G: Gpu> Shared<G> {
         }
     }
 
-    /// Returns the error. If it is the device's first loss, records it, with `place` added; later losses return the
-    /// first.
+    /// Returns the error. The device's first loss is recorded, with `place` added; later losses return the first.
     pub fn losing(&self, error: BackendError, place: impl FnOnce() -> Option<String>) -> BackendError {
         let BackendError::DeviceLost(answer) = error else { return error };
         let text = || match place() {

@@ -3,9 +3,8 @@
 use crate::gpu::Gpu;
 use splatgraph_api::{BackendError, FrameId};
 
-/// Returns the number of timestamps of a frame with `passes` passes.
-///
-/// The first two are the frame's start and end. Two for each pass follow, before and after it.
+/// Returns the number of timestamps of a frame with `passes` passes: the frame's start and end, then two for each pass,
+/// before and after it.
 pub(crate) fn queries(passes: usize) -> u32 {
     2 + 2 * passes as u32
 }
@@ -49,7 +48,7 @@ impl Times {
         self.between(queries(index), queries(index) + 1)
     }
 
-    /// Returns the milliseconds from the frame's start to the start of a pass.
+    /// Returns the milliseconds from the start of the frame to the start of a pass.
     pub fn pass_start(&self, index: usize) -> Option<f64> {
         self.between(0, queries(index))
     }

@@ -18,8 +18,7 @@ const CHUNK: u64 = 16 << 20;
 
 /// Uploads the `missing` planes of the scene.
 ///
-/// When it returns, even with an error, the device no longer uses the planes, so they can be read or dropped.
-/// (Planes of a copy that hangs are kept.)
+/// When it returns, even with an error, the device no longer uses the planes; planes of a copy that hangs are kept.
 pub(crate) fn upload<G: Gpu>(
     shared: &Shared<G>,
     scene: &dyn SceneData,
@@ -38,14 +37,12 @@ pub(crate) fn upload<G: Gpu>(
 struct Half<G: Gpu> {
     staging: Buffer<G>,
     encoder: G::Encoder,
-    /// The copy in flight.
     busy: Option<Ticket<G>>,
 }
 
 struct Uploader<'a, G: Gpu> {
     shared: &'a Shared<G>,
     planes: &'a Planes<Buffer<G>>,
-    /// The two halves of the staging memory.
     halves: Vec<Half<G>>,
     done: u64,
     total: u64,
@@ -80,7 +77,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         progress(Progress::Upload { done_bytes: 0, of_bytes: self.total });
         let mut next = 0;
         for key in missing {
-            // An entry is a few words; an entry longer than a chunk is copied whole.
+            // An entry longer than a chunk is copied whole.
             let chunk = (CHUNK / key.stride.max(1)).max(1) * key.stride.max(1);
             let mut offset = 0;
             while offset < key.bytes {
@@ -96,7 +93,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         self.wait(1)
     }
 
-    /// Writes the byte range `range` of a plane into a half, and copies it to the plane's buffer.
+    /// Writes a byte range of a plane into a half, and copies it to the plane's buffer.
     fn send(
         &mut self,
         half: usize,

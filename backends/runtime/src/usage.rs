@@ -3,9 +3,8 @@
 use splatgraph_framework::ir::{Shape, Source, Usage};
 use splatgraph_framework::plan::Resource;
 
-/// Returns the uses with which a resource's buffer or image is created.
-///
-/// They always include copies from it, so that any resource can be inspected.
+/// Returns the uses with which a resource's buffer or image is created. They always include copies from it, so that any
+/// resource can be inspected.
 pub(crate) fn usage(resource: &Resource) -> Usage {
     const BUFFER: Usage = Usage::COLOR_TARGET.union(Usage::DEPTH_TARGET).complement();
     if matches!(resource.shape, Shape::Image { .. }) {

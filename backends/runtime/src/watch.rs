@@ -1,14 +1,13 @@
 //! Watches which pass the device executes, and for how long.
 //!
-//! Every wait for the device is bounded. It consists of short waits with a look at the watch between them. If the
+//! Every wait for the device is bounded: it consists of short waits with a look at the watch between them. If the
 //! device runs one pass for longer than its patience, the wait fails with an error that names the pass. The submission
-//! stays in flight, and owns its objects, until it completes or the device is lost.
+//! stays in flight until it completes or the device is lost.
 //!
 //! The executors of a device share its queue, so a frame may wait for another executor's pass. Every submission is
 //! therefore [entered](Watch::enter) in queue order. The device is running the first submission whose timestamps are
-//! not all written, in the pass after the last written one. Submissions without timestamps (uploads, and all of them if
-//! the queue has no timer or it cannot be read while the device runs) give no information. Only a wait for such a
-//! submission itself reports it.
+//! not all written, in the pass after the last written one. Submissions without readable timestamps, such as uploads,
+//! give no information; only a wait for such a submission itself reports it.
 
 use crate::gpu::Gpu;
 use crate::timing::Times;
@@ -27,18 +26,16 @@ pub(crate) struct Watch<G: Gpu> {
 }
 
 struct State<G: Gpu> {
-    /// The number of the next submission.
     next: u64,
     /// Submissions by number, which is the queue order.
     submitted: BTreeMap<u64, Submission<G>>,
-    /// Point that the device had reached at the last look, and the time of the first look that found it there.
+    /// The point reached at the last look, and the time of the first look that found it there.
     reached: Option<(Point, Instant)>,
 }
 
 /// A submission's number, and how many of its passes are complete.
 type Point = (u64, usize);
 
-/// A submission that the watch tracks.
 pub(crate) struct Submission<G: Gpu> {
     /// The frame's passes; `None` for an upload.
     pub frame: Option<Frame<G>>,
@@ -46,11 +43,9 @@ pub(crate) struct Submission<G: Gpu> {
 
 /// The passes of a submitted frame, and the timestamps that show which are complete.
 pub(crate) struct Frame<G: Gpu> {
-    /// The name of the plan.
     pub plan: Arc<str>,
-    /// The names of all passes of the plan.
+    /// Names of all passes of the plan.
     pub names: Arc<[String]>,
-    /// The passes that the frame runs, in order.
     pub passes: Arc<[PassId]>,
     pub timestamps: Option<Arc<G::Timestamps>>,
 }
@@ -115,7 +110,6 @@ impl<G: Gpu> Watch<G> {
     }
 }
 
-/// Returns the error for a wait that exceeded the patience.
 pub(crate) fn stuck(running: Running) -> BackendError {
     BackendError::Stuck { place: running.place, seconds: running.time.as_secs() }
 }

@@ -1,8 +1,8 @@
 //! Presents frames in a window.
 //!
-//! A swapchain's images alternate between the window system and the program. To show a frame, its output is blitted to
-//! an acquired image, and the image is presented. The blit is submitted right after the frame: the frame itself never
-//! waits for the window, and its timestamps do not include such a wait.
+//! To show a frame, its output is blitted to an acquired image of the swapchain, and the image is presented. The blit
+//! is submitted right after the frame: the frame itself never waits for the window, and its timestamps do not include
+//! such a wait.
 //!
 //! A swapchain becomes *stale* when the window is resized, vsync is switched, or the window system reports that the
 //! swapchain is out of date. The next frame to be shown then creates a new one. A window without pixels shows nothing.
@@ -25,19 +25,19 @@ pub(crate) struct Swapchain<G: Gpu> {
     /// The window's size in pixels, as last reported by the caller.
     told: (u32, u32),
     vsync: bool,
-    /// True if the swapchain, if any, must be replaced before the next frame is shown.
+    /// True if the swapchain must be replaced before the next frame is shown.
     stale: bool,
     /// True if an image was acquired and not yet presented.
     acquired: bool,
     /// True if the swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
     is_best: bool,
-    /// True if the surface is lost: the swapchain must be dropped and the surface recreated.
+    /// True if the swapchain must be dropped and the surface recreated.
     surface_lost: bool,
     gpu: Arc<G>,
 }
 
 impl<G: Gpu> Swapchain<G> {
-    /// Creates a swapchain for the device's window of `size` pixels. Refuses a window that cannot be drawn to.
+    /// Creates a swapchain for the device's window; refuses a window that cannot be drawn to.
     pub fn new(gpu: &Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
         let mut swapchain = Swapchain {
             raw: None,
@@ -53,7 +53,6 @@ impl<G: Gpu> Swapchain<G> {
         Ok(swapchain)
     }
 
-    /// Sets the window's size; see [`splatgraph_api::Windowed::resize_window`].
     pub fn resize(&mut self, size: (u32, u32)) {
         if size != self.told {
             (self.stale, self.is_best) = (true, false);
@@ -61,7 +60,6 @@ impl<G: Gpu> Swapchain<G> {
         self.told = size;
     }
 
-    /// Enables or disables vsync; see [`splatgraph_api::Windowed::set_vsync`].
     pub fn set_vsync(&mut self, vsync: bool) {
         if vsync != self.vsync {
             (self.stale, self.is_best) = (true, false);
@@ -69,13 +67,11 @@ impl<G: Gpu> Swapchain<G> {
         self.vsync = vsync;
     }
 
-    /// Acquires an image of the window and records the blit of `output` into it.
+    /// Acquires an image of the window and records the blit of `output` into it. Returns the image's index; `None` if
+    /// nothing can be shown now.
     ///
-    /// The blit is submitted after the frame in `slot`; the image is then [`present`](Swapchain::present)ed. Returns
-    /// the image's index; `None` if nothing can be shown now. The slot's previous frame must have completed.
-    ///
-    /// Blocks while the window system holds all images (with vsync, until the display's next refresh), for at most two
-    /// seconds.
+    /// The blit is submitted after the frame in `slot`; the image is then [`present`](Swapchain::present)ed. The slot's
+    /// previous frame must have completed. Blocks as [`Gpu::acquire`] does.
     pub fn prepare(
         &mut self,
         output: &Image<G>,
@@ -118,7 +114,6 @@ impl<G: Gpu> Swapchain<G> {
         self.is_best = true;
     }
 
-    /// Marks the swapchain as out of date: it is replaced before the next frame is shown.
     fn set_out_of_date(&mut self) {
         (self.stale, self.is_best) = (true, false);
     }
@@ -128,10 +123,8 @@ impl<G: Gpu> Swapchain<G> {
         self.surface_lost = true;
     }
 
-    /// Replaces a stale swapchain, then acquires an image.
-    ///
-    /// `None` if no image can be acquired now: the window has no pixels, the device is busy, no image is ready, or two
-    /// attempts failed.
+    /// Replaces a stale swapchain, then acquires an image. `None` if that is impossible now: the window has no pixels,
+    /// the device is busy, no image is ready, or two attempts failed.
     fn acquire(&mut self, slot: usize) -> Result<Option<u32>, BackendError> {
         // A submission failed after its image was acquired: only a new swapchain gets the image back.
         self.stale |= self.acquired;
@@ -177,8 +170,8 @@ impl<G: Gpu> Swapchain<G> {
             self.gpu.renew_surface()?;
         }
         let Some(size) = self.gpu.window_size(self.told)? else { return Ok(()) };
-        // The device must be idle when the old swapchain is destroyed. This waits for more than necessary, but only
-        // when a window changes. While the device is busy for long, frames are drawn and not shown.
+        // The device must be idle when the old swapchain is destroyed. While it is busy for long, frames are drawn and
+        // not shown.
         if !self.gpu.wait_idle(PATIENCE) {
             return Ok(());
         }

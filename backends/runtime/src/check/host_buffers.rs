@@ -1,7 +1,7 @@
 //! Checks how passes use host buffers.
 //!
-//! The plan's size of a host buffer is its minimum. Checks against that size (words of indirect arguments, bindings)
-//! therefore hold for every frame. The maximum is checked with each frame (`host_buffers`).
+//! The plan's size of a host buffer is its minimum, so checks against it (words of indirect arguments, bindings) hold
+//! for every frame. The maximum is checked with each frame (`host_buffers`).
 
 use super::{Checker, invalid};
 use splatgraph_api::BackendError;

@@ -1,7 +1,6 @@
 //! Checks a plan for consistency, and against the limits of a device.
 //!
-//! [`check`] is a pure function. It runs before anything is created. A plan that is too large is refused with an error
-//! that names the resource and both numbers. All later code may index into the plan without checks.
+//! The checks run before anything is created. All later code may index into the plan without checks.
 
 mod host_buffers;
 
@@ -11,10 +10,9 @@ use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
-/// Maximum number of invocations or vertices of a pass. The fastest device takes ten seconds just to start this many.
+/// Maximum number of invocations or vertices of a pass; a larger number is taken for a mistake.
 const MAX_INVOCATIONS: u64 = 1 << 40;
 
-/// The axes of dispatches.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Refuses a plan that is inconsistent ([`BackendError::Invalid`]) or exceeds a limit ([`BackendError::Limit`]).
@@ -56,7 +54,6 @@ pub(crate) fn invalid<T>(text: String) -> Result<T, BackendError> {
     Err(BackendError::Invalid(text))
 }
 
-/// Returns [`BackendError::Limit`] if `needed` exceeds `available` bytes; `what` names the limited quantity.
 pub(crate) fn within_bytes(
     what: impl FnOnce() -> String,
     needed: u64,
@@ -65,7 +62,6 @@ pub(crate) fn within_bytes(
     within(what, needed, available, Unit::Bytes)
 }
 
-/// Returns [`BackendError::Limit`] if the count `needed` exceeds `available`; `what` names the limited quantity.
 fn within_count(
     what: impl FnOnce() -> String,
     needed: impl Into<u64>,

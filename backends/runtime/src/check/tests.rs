@@ -2,7 +2,6 @@ use super::*;
 use crate::limits::SubgroupLimits;
 use crate::testing::*;
 
-/// Returns limits similar to lavapipe's.
 fn limits() -> Limits {
     Limits {
         max_storage_bytes: 128 << 20,
