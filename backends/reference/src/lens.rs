@@ -1,8 +1,7 @@
 //! Projects points and their neighbourhood to the image: the camera's projection and its derivative.
 //!
 //! EWA splatting replaces the projection by its derivative at the splat's centre, the Jacobian. For a pinhole, it is
-//! that of the rasteriser. The others follow from their definitions in [`Projection`]; gsplat defines the orthographic
-//! and the fisheye projection in the same way (`ortho_proj`, `fisheye_proj` in its projection kernels).
+//! that of the rasteriser. The others follow from their definitions in [`Projection`].
 
 use crate::rules::Rules;
 use splatgraph_assets::{Camera, Projection};

@@ -1,9 +1,9 @@
-//! Renders 3D Gaussian Splatting scenes exactly, on the CPU, in f64.
+//! Renders 3D Gaussian Splatting scenes exactly, on the CPU, in f64, as the reference for all other renderers.
 //!
-//! The project measures every other renderer against this one. It follows the published CUDA rasteriser
-//! (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77, called "the rasteriser" in this crate) rule by rule.
-//! [`Rules`] names each rule, so that a single rule can be changed and its effect measured. It shares no arithmetic
-//! with the shaders and executes no plan: [`render`] is a pure function of splats, camera, background and rules.
+//! It follows the published CUDA rasteriser (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77, called "the
+//! rasteriser" in this crate) rule by rule. [`Rules`] names each rule, so that a single rule can be changed and its
+//! effect measured. It shares no arithmetic with the shaders and executes no plan: [`render`] is a pure function of
+//! splats, camera, background and rules.
 //!
 //! Data flows one way through the modules. [`Splats`] returns each [`Gaussian`] in f64. `project` converts it to an
 //! ellipse on the image, through the camera's `lens`, with its colour from `harmonics`. `order` sorts ellipses by

@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 /// Number of rows of pixels that one task shades.
 const ROWS: usize = 8;
 
-/// Minimum roughness. Highlights of smoother surfaces would be smaller than a pixel.
+/// Minimum roughness, so that highlights do not fall between pixels.
 const MIN_ROUGHNESS: f64 = 0.045;
 
 /// Point of the mesh that a pixel shows.
@@ -44,7 +44,6 @@ fn scaled(a: Vector, by: f64) -> Vector {
     a.map(|v| v * by)
 }
 
-/// Returns the weighted sum of vectors.
 fn sum<const N: usize>(weights: [f64; N], vectors: [Vector; N]) -> Vector {
     std::array::from_fn(|i| (0..N).map(|k| weights[k] * vectors[k][i]).sum())
 }
@@ -53,7 +52,6 @@ fn unit(a: Vector) -> Vector {
     scaled(a, dot(a, a).sqrt().recip())
 }
 
-/// A triangle in view space.
 struct Triangle {
     index: usize,
     corner: Vector,
@@ -62,7 +60,6 @@ struct Triangle {
     pixels: [[f64; 2]; 2],
 }
 
-/// The nearest hit of a ray so far.
 #[derive(Clone, Copy)]
 struct Hit {
     triangle: usize,
@@ -151,9 +148,8 @@ impl<'a> Caster<'a> {
         hit.map(|hit| self.seen(&hit))
     }
 
-    /// Returns the nearer of `hit` and the hit of a pixel's ray with `triangle` (Möller and Trumbore).
-    ///
-    /// A hit whose alpha is below the material's cutoff does not count.
+    /// Returns the nearer of `hit` and the hit of a pixel's ray with `triangle` (Möller and Trumbore). A hit whose
+    /// alpha is below the material's cutoff does not count.
     fn nearer(&self, triangle: &Triangle, [x, y]: [f64; 2], hit: Option<Hit>) -> Option<Hit> {
         let Camera { width, height, fx, fy, .. } = *self.camera;
         let ray =
@@ -182,7 +178,7 @@ impl<'a> Caster<'a> {
         }
     }
 
-    /// Returns the shaded surface of a hit, with the depth or distance that splats are sorted by.
+    /// Shades a hit, and adds the depth or distance that splats are sorted by.
     fn seen(&self, hit: &Hit) -> Surface {
         let key = match self.key_of {
             KeyOf::Depth => hit.depth,
@@ -194,7 +190,6 @@ impl<'a> Caster<'a> {
         Surface { depth: key, color: self.shade(hit) }
     }
 
-    /// Returns the world position of a hit.
     fn place(&self, hit: &Hit) -> Vector {
         let corners = self.mesh.triangles[hit.triangle].map(|corner| self.mesh.positions[corner as usize]);
         sum(hit.weights, corners.map(|corner| corner.map(f64::from)))
@@ -271,7 +266,6 @@ impl<'a> Caster<'a> {
         if dot(normal, to_camera) < 0.0 { scaled(normal, -1.0) } else { normal }
     }
 
-    /// Returns the display-encoded colour of a hit.
     fn shade(&self, hit: &Hit) -> [f64; 3] {
         let (material, uv, light) = (self.material(hit), self.uv(hit), &self.mesh.light);
         let to_camera = unit(minus(self.camera.position, self.place(hit)));
@@ -355,7 +349,6 @@ mod tests {
         assert_eq!(Caster::new(&both, &camera(), &Rules::PUBLISHED).surface([2, 2]), found[12]);
     }
 
-    /// A mesh without splats.
     struct Alone(Mesh);
 
     impl Splats for Alone {

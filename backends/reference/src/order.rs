@@ -32,7 +32,6 @@ impl View {
         self.rows.map(|row| (0..3).map(|i| row[i] * (p[i] - self.eye[i])).sum())
     }
 
-    /// Returns the rows of the rotation from world to view space.
     pub(crate) fn rows(&self) -> [[f64; 3]; 3] {
         self.rows
     }
@@ -54,8 +53,7 @@ impl View {
         }
     }
 
-    /// Computes a splat's sort key: its view depth or its distance, by the rules. `None` if it is nearer than the near
-    /// plane.
+    /// Computes a splat's sort key, by the rules. `None` if it is nearer than the near plane.
     pub(crate) fn key(&self, p: [f64; 3], rules: &Rules) -> Option<f64> {
         let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
         let depth = self.depth(p, rules.depth);
@@ -92,11 +90,8 @@ pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rul
     keys.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Counts the pairs of splats that `given` and `truth` order differently.
-///
-/// `None` unless both hold the same indices, each once.
-///
-/// The result is 0 for equal orders and n (n - 1) / 2 for reversed ones. It takes O(n log n), by merge sort.
+/// Counts the pairs of splats that `given` and `truth` order differently: 0 for equal orders, n (n - 1) / 2 for
+/// reversed ones. `None` unless both hold the same indices, each once.
 pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
     let bound = truth.iter().max().map_or(0, |max| *max as usize + 1);
     let mut ranks = vec![u32::MAX; bound];

@@ -1,7 +1,5 @@
-//! Lists the splats that one pixel blends, with their weights.
-//!
-//! [`fragments`] blends one pixel exactly as [`render`](crate::render) does, and returns the blended splats in order,
-//! with their weights. [`project`] returns a splat's Gaussian on the image, to draw its outline.
+//! Lists the splats that one pixel blends ([`fragments`]), exactly as [`render`](crate::render) blends them, and
+//! returns a splat's Gaussian on the image ([`project`]), to draw its outline.
 
 use crate::gaussian::{Gaussian, Splats};
 use crate::mesh::Caster;
@@ -65,12 +63,10 @@ impl Fragments {
     }
 }
 
-/// Lists the splats blended at a pixel, down to the mesh.
+/// Lists the splats blended at a pixel, given as column and row, down to the mesh. `None` for a pixel outside the
+/// image, or once `cancelled` returns true.
 ///
-/// `None` for a pixel outside the image, or once `cancelled` returns true.
-///
-/// The pixel is given as column and row; (0, 0) is the top left. Runs in parallel: `cancelled` is called from several
-/// threads, every few thousand splats.
+/// Runs in parallel: several threads call `cancelled`, every few thousand splats.
 pub fn fragments(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,

@@ -122,7 +122,6 @@ impl<'a> Projector<'a> {
         Self { view: View::new(camera, wide), lens: Lens::new(camera, rules), camera, rules, grid }
     }
 
-    /// Returns the width of the image in pixels.
     pub(crate) fn width(&self) -> usize {
         self.camera.width as usize
     }
@@ -132,8 +131,7 @@ impl<'a> Projector<'a> {
         self.project_onto(index, splat, |_| true)
     }
 
-    /// Projects a splat as [`Projector::project`] does, if `wanted` accepts its tiles. Otherwise skips the colour, half
-    /// of the work.
+    /// Projects a splat as [`Projector::project`] does, if `wanted` accepts its tiles. Otherwise skips the colour.
     pub(crate) fn project_onto(
         &self,
         index: u32,
@@ -177,7 +175,6 @@ impl<'a> Projector<'a> {
         Some(Ellipse { index, depth, tiles, footprint, normal: self.normal(splat) })
     }
 
-    /// Returns the splat's shortest axis in world space, pointing towards the camera.
     fn normal(&self, splat: &Gaussian) -> [f64; 3] {
         let [a, b, c] = splat.scale;
         let shortest = if c < a.min(b) { 2 } else { usize::from(b < a) };

@@ -69,7 +69,6 @@ pub fn visible(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) 
     (visible, projector.grid)
 }
 
-/// State of a pixel during and after blending.
 #[derive(Clone, Copy)]
 struct Pixel {
     color: [f64; 3],
@@ -112,8 +111,7 @@ impl Pixel {
 /// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it; only
 /// pinhole cameras draw it.
 ///
-/// The result does not depend on the number of threads. Rendering needs about 160 bytes per visible splat, plus 4 bytes
-/// for each tile that a splat touches in the rows in progress.
+/// The result does not depend on the number of threads.
 pub fn render(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,

@@ -103,7 +103,6 @@ impl Rules {
         })
     }
 
-    /// Sets the rule of this name; `None` if the name is unknown or the value invalid.
     fn assign(&mut self, name: &str, value: &str) -> Option<()> {
         match name {
             "near" => self.near = number(value)?,
