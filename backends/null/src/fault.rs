@@ -23,7 +23,6 @@ pub enum Point {
     /// The device is lost while it executes a submission: half of the submission's timestamps are written.
     Execute,
     /// The device hangs in a submission, and so in all later ones, until [`Journal::resume`](crate::Journal::resume).
-    ///
     /// Half of the submission's timestamps are written.
     Hang,
     /// The swapchain is out of date when an image is acquired.

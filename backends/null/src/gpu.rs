@@ -56,7 +56,6 @@ pub struct NullGpu {
     pub(crate) journal: Journal,
     /// Bytes of device memory that are allocated.
     pub(crate) used: Arc<AtomicU64>,
-    /// The next tick of the timer.
     pub(crate) tick: AtomicU64,
     _owned: Owned,
 }
@@ -98,7 +97,6 @@ pub fn limits() -> Limits {
 }
 
 impl NullGpu {
-    /// Opens the null device that `config` describes.
     pub(crate) fn new(config: &Config) -> (DeviceInfo, Arc<NullGpu>) {
         let journal = Journal::new(&config.faults);
         let info = DeviceInfo {
@@ -125,7 +123,7 @@ impl NullGpu {
         (info, Arc::new(gpu))
     }
 
-    /// Creates an object, unless a fault is due; then fails.
+    /// Creates an object; fails if a fault is due.
     pub(crate) fn create(&self, object: Object, name: &str) -> Result<Owned, BackendError> {
         if self.journal.fails(Point::Create) {
             let reason = format!("a fault prevents the creation of {object:?}");
@@ -134,7 +132,6 @@ impl NullGpu {
         Ok(self.journal.create(object, name))
     }
 
-    /// Returns [`BackendError::DeviceLost`] if the device is lost; `call` names the caller in the error.
     pub(crate) fn check_lost(&self, call: &str) -> Result<(), BackendError> {
         if self.journal.is_lost() {
             return Err(BackendError::DeviceLost(format!("{call} found the device lost")));

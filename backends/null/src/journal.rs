@@ -174,11 +174,9 @@ struct State {
     lost: bool,
 }
 
-/// A submission that has not completed.
 struct InFlight {
     /// Number of the encoder that was submitted.
     encoder: u64,
-    /// The objects and bindings that the submission's commands use.
     used: HashSet<Used>,
     /// True while the submission cannot complete because the device hangs.
     hung: bool,
@@ -296,7 +294,6 @@ impl Journal {
         self.state().lost
     }
 
-    /// Creates an object, counts it as alive, and records the call.
     pub(crate) fn create(&self, object: Object, name: &str) -> Owned {
         let mut state = self.state();
         *state.alive.entry(object).or_default() += 1;

@@ -1,13 +1,11 @@
 //! Records every call of the runtime, and executes nothing.
 //!
-//! [`Null`] runs plans through the runtime that every other backend uses, in microseconds and on any machine. Its
-//! [`Journal`] records every call of the runtime in order, and counts live objects. It also checks the runtime's
-//! guarantees to an API. While a submission is in flight, its objects are not destroyed and its bindings are not
-//! written. An encoder is not reused before its submission was waited for. A broken guarantee is reported as a
-//! validation message.
+//! [`Null`] runs plans through the runtime that every other backend uses, without a GPU. Its [`Journal`] records every
+//! call of the runtime in order, and counts live objects. It also checks the runtime's guarantees to an API, and
+//! reports a broken one as a validation message: while a submission is in flight, its objects are not destroyed, its
+//! bindings are not written, and its encoder is not reused.
 //!
 //! A [`Fault`] makes the n-th call of a kind fail, such as an allocation, a submission or a call on the swapchain.
-//! Tests of frames, histories, swaps and faults run on this backend.
 
 #![deny(missing_docs)]
 

@@ -111,7 +111,6 @@ pub fn last_frame(calls: &[Call]) -> &[Call] {
     &calls[begin..=begin + submit]
 }
 
-/// Counts the times that the host waited.
 pub fn waits(calls: &[Call]) -> usize {
     calls.iter().filter(|call| matches!(call, Call::Wait { blocks: true, .. } | Call::WaitIdle)).count()
 }

@@ -27,7 +27,6 @@ fn load_error(null: &mut Null, plan: Plan) -> BackendError {
     error_of(null.load(plan, &Zeros::default(), &mut |_| {}))
 }
 
-/// Waits until `count` objects of this kind are alive.
 fn until(journal: &Journal, object: Object, count: i64) {
     let begun = Instant::now();
     while journal.alive().get(&object).copied().unwrap_or(0) != count {

@@ -7,7 +7,6 @@ use splatgraph_framework::ir::PassId;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};
 use std::time::{Duration, Instant};
 
-/// A device while it runs the script.
 struct Script {
     null: Null,
     frames: Vec<FrameId>,
@@ -70,7 +69,6 @@ const STEPS: [Action; 14] = [
     },
 ];
 
-/// The result of running the script.
 struct Outcome {
     /// Errors, each with the index of the failed step; `None` for opening the device.
     errors: Vec<(Option<usize>, BackendError)>,

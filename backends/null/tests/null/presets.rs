@@ -13,7 +13,6 @@ use splatgraph_null::{Call, Config, Journal, Null, limits, open};
 use std::path::Path;
 use std::time::Instant;
 
-/// Number of splats in the scene.
 const COUNT: u32 = 2_000;
 
 /// Solves the plans of all presets for a small scene, with or without aliasing.
@@ -64,7 +63,6 @@ fn inputs(plan: &Plan) -> FrameInputs {
     }
 }
 
-/// Counts the calls for each kind of work.
 fn works(calls: &[Call]) -> [usize; 3] {
     let count = |is: fn(&Call) -> bool| calls.iter().filter(|call| is(call)).count();
     [
@@ -100,7 +98,6 @@ fn every_preset_runs_through_the_runtime_call_by_call_as_its_plan_says() {
         let took = started.elapsed();
         assert!(took.as_millis() < 1000, "{} took {took:?}", plan.name);
     }
-    // Switches from each plan to the next and back, with frames in flight.
     for plan in plans.iter().chain(plans.iter().rev()) {
         device.load(plan.clone(), &Zeros::default(), &mut |_| {}).expect("the plan loads");
         device.submit(&inputs(plan)).expect("the frame is submitted");

@@ -114,7 +114,6 @@ fn a_window_that_gives_no_image_in_time_skips_the_frame() {
     finish(null, &journal);
 }
 
-/// Returns the same fault for each of the first `count` calls.
 fn always(point: Point, count: u64) -> Vec<Fault> {
     (0..count).map(|after| Fault { point, after }).collect()
 }
