@@ -15,11 +15,11 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
     argument's name, for errors. `None` in `shape` matches any length.
     """
     if getattr(value, "requires_grad", False):
-        # Its gradient would silently be none.
+        # The gradient would silently be lost.
         raise ValueError(f"{name}: expected an array without gradients, found one that requires them; pass {name}.detach()")
     if not isinstance(value, np.ndarray) and hasattr(value, "__dlpack_device__"):
         kind = int(value.__dlpack_device__()[0])
-        # DLPack's numbers: 1 is the CPU, 3 is memory that CUDA pinned for it.
+        # DLPack's device types: 1 is kDLCPU, 3 is kDLCUDAHost, memory that CUDA has pinned.
         if kind not in (1, 3):
             raise ValueError(
                 f"{name}: expected an array in the CPU's memory, found one of {getattr(value, 'device', kind)}; pass {name}.cpu()"

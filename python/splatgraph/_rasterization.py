@@ -138,7 +138,7 @@ def rasterization(
             "thin_prism_coeffs": thin_prism_coeffs,
             "ftheta_coeffs": ftheta_coeffs,
             "viewmats_rs": viewmats_rs,
-            # gsplat's enum has a name for the shutter that does not roll.
+            # In gsplat's enum, GLOBAL is the shutter that does not roll.
             "rolling_shutter": None if getattr(rolling_shutter, "name", None) == "GLOBAL" else rolling_shutter,
         }
     )
@@ -194,7 +194,7 @@ def rasterization(
             views = [_camera(viewmats[b, c], Ks[b, c], (width, height), projection, float(scale), c) for c in range(cameras)]
             z = means[b].astype(np.float64) @ viewmats[b, :, 2, :3].T + viewmats[b, :, 2, 3]
             too_far = z > far_plane
-            # Cameras share a scene unless what they see differs.
+            # Cameras share a scene unless they have their own colours, or the far plane hides splats.
             step = 1 if of_camera or too_far.any() else cameras
             for first in range(0, cameras, step):
                 group = slice(first, first + step)
@@ -236,9 +236,9 @@ def _refuse_unsupported(arguments: dict[str, Any]) -> None:
 def _axes(covars: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Decomposes covariances into rotations (w, x, y, z) and standard deviations."""
     variances, axes = np.linalg.eigh(covars)
-    # The sign of an axis does not matter, so that they can be a right hand's.
+    # Makes the axes right-handed: the sign of an axis does not change the covariance.
     axes[..., 0] *= np.sign(np.linalg.det(axes))[..., None]
-    # The quaternion is the eigenvector of this matrix, with no case in which it loses digits (Bar-Itzhack 2000).
+    # The quaternion is the eigenvector of the largest eigenvalue of this matrix (Bar-Itzhack 2000).
     m = np.moveaxis(axes, (-2, -1), (0, 1))
     k = np.empty((*axes.shape[:-2], 4, 4))
     k[..., 0, 0] = m[0, 0] + m[1, 1] + m[2, 2]

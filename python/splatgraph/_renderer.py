@@ -37,7 +37,7 @@ class Param:
     choices: tuple[str, ...] | None
     #: True if a change needs no new plan.
     live: bool
-    #: True if the value grows with what frames need.
+    #: True if the value is raised when a frame needs more.
     grows: bool
     #: A short name.
     label: str

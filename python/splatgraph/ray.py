@@ -66,7 +66,7 @@ def _device(ids: list[Any]) -> list[str]:
         return []
     command = [sys.executable, "-m", "splatgraph", "devices", "--json"]
     found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    # Vulkan ignores CUDA_VISIBLE_DEVICES. Both number the GPUs of a machine by bus position.
+    # Vulkan ignores CUDA_VISIBLE_DEVICES. Assumes that Ray and Vulkan list the GPUs of a machine in the same order.
     gpus = [one for one in found if one["kind"] in ("discrete", "integrated", "virtual") and not one["unfit"]]
     index = int(ids[0])
     if index >= len(gpus):
@@ -327,7 +327,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.cpus < 1 or (options.batch is not None and options.batch < 1):
         raise SystemExit("error: --cpus, --batch: expected numbers above 0")
     scenes = list(_scenes(options, more))
-    # This process already reports the workers' lines.
+    # Workers' output is not forwarded: this process reports their progress.
     ray.init(
         address=options.address, log_to_driver=False, logging_level=logging.ERROR, include_dashboard=False if not options.address else None
     )

@@ -100,7 +100,7 @@ class Viewer:
         self._largest = largest
         self._closed = threading.Event()
         self._start = Camera.framing(scene)
-        # The picture is upright where the framing camera's is.
+        # The viewer's up direction is the framing camera's.
         self.server.scene.set_up_direction(tuple(-self._start.viewmat[1, :3]))
         self._views: dict[int, _View] = {}
         with self.server.gui.add_folder("Parameters"):
@@ -158,7 +158,7 @@ class Viewer:
         elif param.range is not None and isinstance(param.value, (int, float)):
             low, high = param.range
             step = 1 if param.kind == "int" else param.step or (high - low) / 1000
-            # A slider keeps to its steps, of which a value need not be one.
+            # Not a slider, which allows only multiples of its step.
             control = gui.add_number(label, initial_value=param.value, min=low, max=high, step=step, hint=hint)
         else:
             return

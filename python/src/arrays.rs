@@ -3,7 +3,6 @@
 use pyo3::buffer::{Element, PyBuffer};
 use pyo3::prelude::*;
 
-/// An element type of arrays.
 pub trait Number: Element {
     /// Name of the type in numpy.
     const NAME: &str;

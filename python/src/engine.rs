@@ -34,13 +34,11 @@ use std::thread::{Builder, JoinHandle};
 /// A call on the session, made on the drawing thread.
 type Work = Box<dyn FnOnce(&mut Session<Backend>) + Send>;
 
-/// A request to the drawing thread.
 enum Request {
     Draw(Draw),
     Call(Work),
 }
 
-/// A request for a picture.
 struct Draw {
     camera: assets::Camera,
     background: [f32; 3],
@@ -49,14 +47,12 @@ struct Draw {
     reply: Sender<Result<Drawn, SessionError>>,
 }
 
-/// A picture with the requested outputs, and its statistics.
 struct Drawn {
     pixels: Option<Pixels>,
     outputs: Vec<Output>,
     stats: CameraStats,
 }
 
-/// The drawing thread and the channel of its requests.
 struct Thread {
     requests: Sender<Request>,
     handle: JoinHandle<()>,
@@ -93,7 +89,7 @@ impl Engine {
         let scene = scene.get().0.clone();
         let (requests, receiver) = channel();
         let (opened, mut is_open) = channel();
-        // The thread that draws also opens the device, because some drivers bind state to threads.
+        // The drawing thread also opens the device, so that one thread makes all calls of the graphics API.
         let handle =
             Builder::new().name("splatgraph".into()).spawn(move || match Backend::open(api, &options) {
                 Ok(backend) => {
@@ -343,7 +339,6 @@ fn land(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, 
     }
 }
 
-/// Describes a parameter as JSON, for the list of `params`.
 fn control(control: &Control) -> Json {
     let param = &control.param;
     let (kind, range, step, choices) = match &param.domain {

@@ -56,7 +56,6 @@ pub fn study(py: Python<'_>, error: &StudyError) -> PyErr {
     }
 }
 
-/// Converts an error of a device to an exception.
 pub fn device(error: &BackendError) -> PyErr {
     DeviceError::new_err(error.to_string())
 }
@@ -95,7 +94,6 @@ pub fn with_causes(error: &impl std::fmt::Display) -> String {
     format!("{error:#}")
 }
 
-/// Converts JSON to Python values.
 pub fn from_json<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method("loads", (json,), None::<&Bound<'_, PyDict>>)
 }

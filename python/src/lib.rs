@@ -3,16 +3,6 @@
 //! It wraps the application's library in a few classes; the package beside it (`splatgraph/*.py`) is the public
 //! interface. Loading, drawing and studies run on their own threads ([`wait`]): they release the interpreter's lock,
 //! and Ctrl-C ends the call.
-//!
-//! - [`errors`]: the exceptions;
-//! - [`wait`]: waiting for other threads;
-//! - [`arrays`]: numpy's arrays;
-//! - [`scene`], [`camera`]: the inputs of a picture;
-//! - [`plan`]: plans as text, JSON and pages;
-//! - [`engine`]: a thread that owns a device and draws;
-//! - [`job`]: a command's views, for the workers of a cluster;
-//! - [`pictures`]: differences between pictures;
-//! - [`studies`]: measurements over many frames.
 
 use pyo3::prelude::*;
 use splatgraph::draw::planner;
@@ -49,7 +39,6 @@ fn worker() -> Option<Worker> {
     Some(Worker { arguments: arguments.collect(), ..Worker::new(python) })
 }
 
-/// Returns the cache of shaders compiled by this module.
 fn shader_cache() -> Option<ShaderCache> {
     PROCESS.get().and_then(|(_, module)| ShaderCache::of_user(module))
 }

@@ -25,7 +25,6 @@ use std::thread::JoinHandle;
 /// Threads of studies that ended or were cancelled. The process waits for them at its end, because they use a driver.
 static CANCELLED: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
-/// A message from a study's thread: progress, a text, or the result.
 enum News<T> {
     Progress(String, u64, u64, String),
     Message(String),
@@ -104,7 +103,6 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// Returns the graphics API to open, or the default.
     fn api(&self) -> PyResult<Api> {
         let api = self.backend.as_deref().map_or_else(|| Ok(Api::default()), Api::parse_drawing);
         api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))
@@ -232,7 +230,6 @@ fn of_study(scene: &assets::Scene, cameras: &[Bound<'_, Camera>]) -> PyResult<Ve
     Ok(cameras)
 }
 
-/// Converts the true picture of each camera from its array.
 fn pictures(truths: &[Bound<'_, PyAny>], cameras: &[assets::Camera]) -> PyResult<Vec<Image>> {
     if truths.len() != cameras.len() {
         return Err(PyValueError::new_err(format!(

@@ -1,4 +1,4 @@
-"""What the tests share: captured scenes, random ones, and the measure of agreement."""
+"""Shared helpers: captured scenes, random scenes, and PSNR."""
 
 import os
 import pathlib
@@ -12,7 +12,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 
 def psnr(a, b, peak=None):
-    """Returns the peak signal-to-noise ratio in dB; the peak is 1, or the greatest value of `b` where that is more."""
+    """Returns the peak signal-to-noise ratio in dB; the peak is 1, or the maximum of `b` if that is larger."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     peak = max(1.0, np.abs(b).max()) if peak is None else peak
     error = np.mean((a - b) ** 2)
@@ -45,7 +45,7 @@ def intrinsics(width, height, focal):
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Tells of tests that did not run, as those of the workspace do."""
+    """Reports skipped tests in the form of the workspace's Rust tests."""
     for report in terminalreporter.stats.get("skipped", []):
         print(f"NOT RUN: {report.nodeid}: {report.longrepr[2]}", file=sys.stderr)
 

@@ -1,12 +1,11 @@
-"""gsplat's definition of a picture in plain numpy and float64: slow, short, and without a line of splatgraph's.
+"""gsplat's definition of a picture in numpy and float64. It shares no code with splatgraph.
 
-Each Gaussian is projected, given the pixels where it is not below 1/255, and blended over what is behind the pixels' former Gaussians,
-near to far.
+Gaussians are projected, and blended near to far in the pixels where their alpha is at least 1/255.
 """
 
 import numpy as np
 
-#: Real spherical harmonics up to degree 3, as functions of a unit vector, in the order that the papers' files have.
+#: Real spherical harmonics up to degree 3, as functions of a unit vector, in the order of 3DGS files.
 BASES = [
     lambda x, y, z: 0.28209479177387814 + 0 * x,
     lambda x, y, z: -0.4886025119029199 * y,
@@ -47,8 +46,8 @@ def shaded(sh, degree, directions):
 
 
 def pinhole(x, y, z, fx, fy, cx, cy, width, height):
-    """Returns places from the principal point [N, 2], and their derivatives [N, 2, 3]."""
-    # Slopes beside the picture are held where the derivative is taken.
+    """Returns positions relative to the principal point [N, 2], in pixels, and their Jacobians [N, 2, 3]."""
+    # The Jacobian is evaluated at slopes clamped to the picture and a margin.
     margin = 0.3 * 0.5 * np.array([width / fx, height / fy])
     sx = np.clip(x / z, -cx / fx - margin[0], (width - cx) / fx + margin[0])
     sy = np.clip(y / z, -cy / fy - margin[1], (height - cy) / fy + margin[1])
@@ -58,16 +57,16 @@ def pinhole(x, y, z, fx, fy, cx, cy, width, height):
 
 
 def ortho(x, y, z, fx, fy, *_):
-    """Returns places from the principal point [N, 2], and their derivatives [N, 2, 3]."""
+    """Returns positions relative to the principal point [N, 2], in pixels, and their Jacobians [N, 2, 3]."""
     jacobian = np.broadcast_to([[fx, 0.0, 0.0], [0.0, fy, 0.0]], (len(z), 2, 3))
     return np.stack([fx * x, fy * y], -1), jacobian
 
 
 def fisheye(x, y, z, fx, fy, *_):
-    """Returns places from the principal point [N, 2], and their derivatives [N, 2, 3]: equidistant, the angle from the axis times f."""
+    """Returns positions and Jacobians like `pinhole`. Equidistant: the distance is the angle from the axis, times f."""
     rho, square = np.hypot(x, y), x * x + y * y + z * z
     theta = np.arctan2(rho, z)
-    # The place is f ratio (x, y), and the ratio is a function of rho and z.
+    # The position is f * ratio * (x, y); the ratio is a function of rho and z.
     ratio = theta / rho
     by_rho, by_z = (z / square - ratio) / rho, -1 / square
     of_x = x[:, None] * np.stack([by_rho * x / rho, by_rho * y / rho, by_z], -1)
@@ -100,7 +99,7 @@ def picture(
     )
     (fx, _, cx), (_, fy, cy), _ = K
     rotation, centre = view[:3, :3], -view[:3, :3].T @ view[:3, 3]
-    # The order is that of depths in float32, as every implementation has them.
+    # Sorted by depths in float32, like the implementations.
     local = means @ rotation.T + view[:3, 3]
     depth = local[:, 2]
     kept = np.flatnonzero((depth >= near) & (depth <= far))
@@ -137,14 +136,14 @@ def picture(
         if left >= right or top >= bottom:
             continue
         box = np.s_[top:bottom, left:right]
-        # Pixels are sampled in their middle.
+        # Pixels are sampled at their centres.
         dx = np.arange(left, right) + 0.5 - px[i]
         dy = (np.arange(top, bottom) + 0.5 - py[i])[:, None]
         power = 0.5 * (inverse[i, 0, 0] * dx * dx + inverse[i, 1, 1] * dy * dy) + inverse[i, 0, 1] * dx * dy
         alpha = np.minimum(0.999, alpha_of[i] * np.exp(-power))
         alpha[(alpha < 1 / 255) | done[box]] = 0.0
         after = light[box] * (1 - alpha)
-        # A pixel ends before the Gaussian that would leave it less light than this.
+        # A pixel is finished before the Gaussian that would lower its transmittance to 1e-4 or less.
         ends = (after <= 1e-4) & (alpha > 0)
         done[box] |= ends
         share = np.where(ends, 0.0, light[box] * alpha)

@@ -1,4 +1,4 @@
-"""The listings of the pages on Python run."""
+"""Runs the listings of the documentation."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def test_a_listing_of_a_page_runs(page, listing, tmp_path, monkeypatch, capsys):
     (tmp_path / "cameras.json").write_text(json.dumps([CAMERA]))
     exec(compile(listing, page, "exec"), {})
     printed = capsys.readouterr().out
-    # A comment beside a `print` is what it prints.
+    # The comment beside a `print` has its output.
     for shape in re.findall(r"print\(colors.shape.*?# (.*)", listing):
         assert shape in printed
     assert "digit_bits=40" not in listing or "digit_bits" in printed.partition("error")[2]
@@ -38,7 +38,7 @@ def test_a_listing_of_commands_runs(listing, tmp_path):
     splatgraph.Scene.from_arrays(*random_splats(7, 300, 1)).save(tmp_path / "scene.ply")
     (tmp_path / "cameras.json").write_text(json.dumps([CAMERA | {"img_name": name} for name in ("one", "two", "three")]))
     photograph = ["synth", "--photograph", "scene.ply", "--dataset", "dataset", "--views", "2", "--size", "32x24"]
-    # As in the environment of a person: its programs first. A Slurm array of one job sets these.
+    # This interpreter's programs come first in PATH. The Slurm variables are those of an array of one job.
     path = f"{os.path.dirname(sys.executable)}:{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "SLURM_ARRAY_TASK_ID": "0", "SLURM_ARRAY_TASK_COUNT": "1"}
     if "dataset" in listing:

@@ -75,7 +75,7 @@ def test_colours_alphas_and_depths_of_random_splats_agree_with_the_definition(se
 @pytest.mark.parametrize("seed, degree", [(9, None), (10, 3)])
 def test_orthographic_and_fisheye_pictures_of_random_splats_agree_with_the_definition(model, focals, seed, degree):
     arguments = random_splats(seed, degree=degree)
-    # A fisheye of 183 degrees, whose edges show splats that a pinhole never could; and pixels that are no squares.
+    # The fisheye with the shorter focal length spans 183 degrees. The second camera's pixels are not square.
     viewmats = np.stack([np.eye(4), looking((0.5, -0.2, -1), 0.3)])
     Ks = np.stack([intrinsics(96, 64, focal) for focal in focals])
     Ks[1, 1, 1] *= 1.25
@@ -114,7 +114,7 @@ def test_orthographic_and_fisheye_pictures_of_captured_scenes_agree_with_the_def
     width, height = crop
     focal = camera.K[0, 0] / 6
     if model == "ortho":
-        # As large as through the lens, for what is as far as the scene's middle.
+        # At the median depth of the splats, objects have their size in the pinhole picture.
         focal /= np.median((scene.means @ camera.viewmat[2, :3]) + camera.viewmat[2, 3])
     arguments = (scene.means, scene.quats, scene.scales, scene.opacities, scene.sh)
     K = intrinsics(width, height, focal)
@@ -185,7 +185,7 @@ def test_shapes_are_gsplats_with_batches_and_cameras_and_colours_of_each():
 
 def test_arrays_of_other_libraries_are_taken_without_a_copy_and_given_back(monkeypatch):
     class Foreign:
-        """An array that is none of numpy's, but has the protocol."""
+        """An array of another library, with DLPack's protocol."""
 
         def __init__(self, values):
             self.values = values
@@ -207,7 +207,7 @@ def test_arrays_of_other_libraries_are_taken_without_a_copy_and_given_back(monke
     with pytest.raises(ValueError, match=r"means: expected an array in the CPU's memory.*means\.cpu\(\)"):
         array(OfGpu(values), "means")
 
-    # As torch's do, they belong to a module that makes them of others.
+    # Like torch's tensors, they belong to a module that has `from_dlpack`.
     monkeypatch.setattr(Foreign, "__module__", "foreign.arrays")
     monkeypatch.setitem(sys.modules, "foreign", types.SimpleNamespace(from_dlpack=Foreign))
     drawn, alphas, _ = rasterization(**{**VALID, "means": Foreign(VALID["means"])})

@@ -18,7 +18,7 @@ from ray.cluster_utils import Cluster
 
 
 def prepared(folder, views, size):
-    """Writes a scene and cameras of as many views."""
+    """Writes a scene, and a camera for each of `views` views."""
     splatgraph.Scene.from_arrays(*random_splats(7, 2000, 1)).save(folder / "scene.ply")
     cameras = [
         {
@@ -36,7 +36,7 @@ def pictures(folder):
 
 
 def started(folder, *arguments, address=None):
-    """Starts a run, whose messages are lines of standard error."""
+    """Starts a run. Its messages are lines of standard error."""
     command = [sys.executable, "-m", "splatgraph.ray", *arguments]
     if address is not None:
         command += ["--address", address]
@@ -58,7 +58,7 @@ def test_every_picture_is_there_after_a_worker_is_killed_and_a_node_taken_away(t
     subprocess.run(one, cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     node = cluster.add_node(num_cpus=2, object_store_memory=100 << 20)
     run = started(tmp_path, *render, "-o", "many", "--cpus", "1", "--batch", "8", address=cluster.address)
-    # Every worker stands still with its batches from its first line on, so that the run cannot end before the deaths.
+    # Each worker is stopped when it reports its start, so that the run cannot end before workers are killed.
     lines, pids = [], []
     while len(pids) < 4:
         lines.append(run.stderr.readline())
@@ -79,7 +79,7 @@ def test_every_picture_is_there_after_a_worker_is_killed_and_a_node_taken_away(t
     assert f"a worker (pid {killed} on" in log and log.count(") died: ") >= 2 and f"{views} of {views} views are present" in log
     assert pictures(tmp_path / "many") == pictures(tmp_path / "one")
 
-    # It goes on from what is there, and does nothing twice.
+    # A second run draws only the missing view.
     many = tmp_path / "many"
     kept = {path.name: path.stat().st_mtime_ns for path in many.glob("*.png")}
     (many / "view007.png").unlink()

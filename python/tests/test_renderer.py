@@ -93,7 +93,7 @@ def test_many_pictures_come_in_order_and_equal_single_ones(scene):
         single = [renderer.render(camera) for camera in cameras]
         many = list(renderer.render_many(iter(cameras)))
         assert all(np.array_equal(a, b) for a, b in itertools.zip_longest(single, many))
-        # One that is left early does no harm.
+        # An iterator that is dropped early does not affect later pictures.
         next(renderer.render_many(cameras))
         assert np.array_equal(renderer.render(cameras[2]), single[2])
         assert renderer.stats["width"] == 40 and renderer.stats["counts"]["visible"] > 0
@@ -143,7 +143,7 @@ def test_a_graphs_error_has_its_place_and_is_drawn(scene, camera, tmp_path):
 
 
 def test_a_shader_that_breaks_the_compiler_does_not_end_the_process(tmp_path):
-    # Its constant expression makes glslang recurse until its stack is gone.
+    # The nested expression overflows glslang's stack.
     (tmp_path / "deep.comp").write_text(
         "#version 460\nlayout(local_size_x = 1) in;\n"
         "layout(rgba8) uniform writeonly image2D picture;\nvoid main() { int a = "

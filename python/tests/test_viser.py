@@ -33,7 +33,7 @@ def test_a_render_function_draws_viewers_cameras(scene):
 
 
 async def shown(viewer, view, width, height, fov, pictures):
-    """Connects as a browser does, sends a camera, and returns so many of the pictures that come."""
+    """Connects like a browser, sends a camera, and returns the first `pictures` pictures."""
     address = viewer.url.replace("http", "ws")
     pose = np.linalg.inv(view.viewmat)
     message = {
@@ -63,7 +63,7 @@ def test_a_client_gets_the_picture_of_its_camera(scene):
         view = splatgraph.Camera.look_at((0, 0, -2), (0, 0, 4), fov=60, size=(80, 80))
         found = asyncio.run(shown(viewer, view, 80, 80, np.radians(60.0), 6))
         expected = picture_8_bits(viewer.renderer.render(view.resized(40, 40)))
-        # JPEG loses some.
+        # JPEG is lossy.
         best = max(psnr(picture / 255, expected / 255) for picture in found if picture.shape == expected.shape)
         assert best > 24 and expected.std() > 20, (best, [picture.shape for picture in found])
         controls = {handle.label for handle in viewer.server.gui._gui_input_handle_from_uuid.values()}
