@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Composes the blended splats with the background. Alpha is the transmittance: a half float keeps 11 bits of it at any size. 1 minus the
-// transmittance would end 0.05 below 1.
+// Composes the blended splats with the background. Alpha is the transmittance: a half float keeps 11 bits of it at any size. A sum of
+// opacities would stop growing near 1.
 
 #include "camera.glsl"
 #include "pixels.glsl"

@@ -4,7 +4,7 @@
 // Computes the 3D covariance of every splat, R S S^T R^T, from its scale and rotation. It does not depend on the camera,
 // so this pass runs once per scene.
 //
-// Both forms are factors; the covariance is computed from them as a sum of squares. A rounded covariance itself would lose
+// All forms are factors; the covariance is computed from them as a sum of squares. A rounded covariance itself would lose
 // the short axis of a needle with an axis ratio above 2^12.
 //
 // `factored` stores M = R S, 36 bytes: the covariance is M M^T. `six` stores the lower triangle of L, 24 bytes, with
@@ -33,7 +33,7 @@ layout(set = 0, binding = 0, std430) readonly buffer Scale { Scale3 scale[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Rotation { vec4 rotation[]; };  // w, x, y, z
 layout(set = 0, binding = 2, std430) writeonly buffer Covariance { Stored covariance[]; };
 
-// Larger scales are clamped to this one, which exceeds any picture: their squares overflow a float.
+// Maximum scale; larger ones are clamped to it, because their squares could overflow a float.
 const float LARGEST = 1e18;
 
 #if COVARIANCE != COVARIANCE_FACTORED

@@ -45,7 +45,7 @@ const float LEAST_SINE = 0.25;
 const float LEAST_COSINE = 1e-3;
 
 ImagePoint project_point(vec3 p) {
-    // By a power of two, so that squares are floats: directions do not change.
+    // Scales by a power of two, so that squares neither overflow nor underflow. Directions do not change.
     float scale = power_of_two(-clamp(exponent_of(largest(p)), -120, 120));
     p *= scale;
     float square = dot(p, p);

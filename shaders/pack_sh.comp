@@ -47,7 +47,7 @@ uint bytes_of(uint word, float scale) {
 
 void store_bytes(uint i) {
 #if SH_DEGREE == 0 || SH_DEGREE == 2
-    // In the next band, or none.
+    // This float belongs to the next band, or to no coefficient.
     planes[SH_PLANES - 1].w = 0.0;
 #endif
     float most = abs(planes[0].w);
@@ -57,7 +57,7 @@ void store_bytes(uint i) {
     vec3 constant = clamp(planes[0].xyz, -LARGEST, LARGEST);
     uvec2 head = uvec2(packHalf2x16(constant.xy), packHalf2x16(vec2(constant.z, min(most, LARGEST))));
     packed_sh[i] = head;
-    // The scale as it will be read; if it is 0, all shares are.
+    // The scale as the reader gets it. If it is 0, all coefficients are stored as 0.
     float scale = unpackHalf2x16(head.y).y;
     for (uint word = 0u; word < uint(SH_WORDS); word += 2u) {
         uvec2 bytes = scale > 0.0 ? uvec2(bytes_of(word, scale), bytes_of(word + 1u, scale)) : uvec2(0u);

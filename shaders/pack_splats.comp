@@ -21,7 +21,7 @@ layout(set = 0, binding = SH_PLANES + 4, std430) writeonly buffer Ranges { float
 
 // Larger coefficients are clamped to this one, so that sums and differences stay finite.
 const float LARGEST = 1e30;
-// Scales below this share of the block's largest are clamped to it.
+// Scales that are more octaves than this below the block's largest are clamped.
 const float OCTAVES = 20.0;
 
 shared uint bounds[RANGES];

@@ -193,7 +193,7 @@ bool project_splat(uint i, out Projection splat) {
 #else
     // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;
-    // As others do, whatever the splat's size.
+    // Culls by the centre alone, whatever the splat's size.
     if (CULL_MARGIN < 1.0 && any(greaterThan(abs(slope), (1.0 + 2.0 * CULL_MARGIN) * camera.focal.zw))) {
         return false;
     }
@@ -261,7 +261,7 @@ bool project_splat(uint i, out Projection splat) {
     splat.from_camera = from_camera;
 #ifdef KEY_OF  // a graph without the parameter sorts by depth
 #if KEY_OF == KEY_OF_DISTANCE
-    // By powers of two, so that squares are floats.
+    // Scaled by powers of two, so that squares neither overflow nor underflow.
     int size = clamp(exponent_of(largest(from_camera)), -120, 120);
     splat.depth = length(from_camera * power_of_two(-size)) * power_of_two(size);
 #ifdef NEAR_BY_DISTANCE
@@ -274,7 +274,7 @@ bool project_splat(uint i, out Projection splat) {
     return largest(vec3(splat.centre, 0.0)) <= FARTHEST;
 }
 
-// The largest brightness where f32 holds the picture. A scene can have larger ones, up to infinity: such splats are dimmed. A
+// The maximum brightness of a splat in an f32 picture. A scene can have larger ones, up to infinity: such splats are dimmed. A
 // sum of alpha times brightness, rounded at each splat, stays below twice the brightness.
 const float BRIGHTEST_FLOAT = 1e30;
 const float BRIGHTEST_HALF = 32752.0;  // half of the largest half float

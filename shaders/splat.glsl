@@ -1,4 +1,4 @@
-// A projected splat, written by project.comp for splat.vert. Its colour stands in a buffer of its own (display-encoded r, g, b, not
+// A projected splat, written by project.comp for splat.vert. Its colour is in a buffer of its own (display-encoded r, g, b, not
 // below 0; w unused): a storage buffer of the smallest devices has 128 MiB.
 struct Splat {
     vec2 centre;      // in pixels, pixel centres at integers

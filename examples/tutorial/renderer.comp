@@ -37,7 +37,7 @@ void leave_out(uint i) {
     splats[i] = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0);
 }
 
-// Calls both for every splat, and counts the visible ones: the sort asks for that.
+// Calls these functions for all splats, and counts the visible ones for the sort.
 #include "project_all.glsl"
 
 void main() {

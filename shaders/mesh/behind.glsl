@@ -6,7 +6,7 @@ layout(set = 0, binding = 20, rgba32f) readonly uniform image2D surface;
 
 const float NO_SURFACE = 3.4028234e38;
 
-// Returns the view depth of the mesh; beyond every splat without one. Pixels beyond the picture have that of its edge.
+// Returns the view depth of the mesh; NO_SURFACE without one. Pixels beyond the picture get the depth at its edge.
 float surface_depth(uvec2 pixel) {
     float depth = imageLoad(surface, ivec2(min(pixel, uvec2(VIEWPORT_WIDTH, VIEWPORT_HEIGHT) - 1u))).a;
     return depth > 0.0 ? depth : NO_SURFACE;

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Shades a mesh: one light and ambient, by the metallic-roughness model of glTF 2.0 (appendix B). Leaves the display-encoded colour and
+// Shades a mesh: one light and ambient, by the metallic-roughness model of glTF 2.0 (appendix B). Outputs the display-encoded colour and
 // the view depth, or the distance where splats are ordered by it.
 
 #include "../camera.glsl"
@@ -28,7 +28,7 @@ layout(location = 6) flat in uint material;
 layout(location = 0) out vec4 surface;
 
 const float PI = 3.14159265358979;
-// Smoother surfaces have no highlight of a pixel's size.
+// Minimum roughness: the highlights of smoother surfaces are smaller than a pixel.
 const float LEAST_ROUGHNESS = 0.045;
 
 // Returns the normal of the surface, with the material's image of normals, on the camera's side.

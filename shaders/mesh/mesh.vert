@@ -20,7 +20,7 @@ layout(location = 0) out vec3 from_camera;  // in the world
 layout(location = 1) out vec3 normal;
 layout(location = 2) out vec2 uv;
 layout(location = 3) out float depth;       // view depth
-// Derivatives of the place by u and v, the same for all of a triangle; 0 where uv does not span it.
+// Derivatives of the position with respect to u and v, constant within a triangle; 0 if its uv coordinates are degenerate.
 layout(location = 4) flat out vec3 along_u;
 layout(location = 5) flat out vec3 along_v;
 layout(location = 6) flat out uint material;

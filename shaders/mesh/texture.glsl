@@ -41,7 +41,7 @@ vec4 sample_image(uvec2 image, vec2 uv) {
     return mix(upper, lower, part.y);
 }
 
-// The same of a display-encoded image, in linear light.
+// Like `sample_image`, for a display-encoded image; returns linear values.
 vec4 sample_colour(uvec2 image, vec2 uv) {
     vec2 place = place_in(image, uv);
     ivec2 at = ivec2(floor(place));

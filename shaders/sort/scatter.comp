@@ -118,7 +118,7 @@ void main() {
     }
 
 #if REORDER
-    // And of each bin within the block.
+    // Adds the offset of each bin within the block.
     uint inclusive = subgroupInclusiveAdd(sum);
     if (gl_SubgroupInvocationID == LANES - 1u) {
         words[COUNTER_WORDS + gl_SubgroupID] = inclusive;

@@ -47,7 +47,7 @@ shared uint subgroup_sums[SUBGROUPS];
 shared uint ticket;
 shared uint stalled;
 
-// Writes the lower half of a word for even `i`, which comes first, and the upper half for odd.
+// Writes half `i` of packed words: the lower half of a word for even `i`, which must come first, and the upper half for odd.
 void set_half(inout uint word, uint i, uint half_word) {
     word = i % 2u == 0u ? half_word : word | (half_word << 16);
 }
@@ -64,8 +64,8 @@ uint published(uint block, uint bin) {
     return atomicLoad(table[block * BINS + bin], gl_ScopeDevice, 0, 0);
 }
 
-// Adds to `sum` what blocks before `next` have published of a bin, from block `next - 1` down, and lowers `next`. Returns true when all
-// blocks before are in it, false if one of them has not published for POLLS polls.
+// Adds to `sum` the counts of a bin that blocks have published, from block `next - 1` down, and lowers `next`. Returns true when all
+// earlier blocks are included, false if one of them has not published for POLLS polls.
 bool look_back(uint bin, inout uint next, inout uint sum) {
     uint polls = 0u;
     while (next > 0u && polls < uint(POLLS)) {
@@ -151,7 +151,7 @@ void main() {
     uint mine = gl_SubgroupID * (STEPS * LANES) + gl_SubgroupInvocationID;
     uint own = gl_SubgroupID * BINS;
 
-    // Beyond the end, pairs of the highest bin stand after all others, and are not written.
+    // Lanes beyond the end hold keys of the highest bin, which come after all others and are not written.
     uint keys[STEPS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = mine + i * LANES;
@@ -159,7 +159,7 @@ void main() {
     }
 
     // Each subgroup walks its range and counts; the counter before a key is its rank among those of its bin in the range.
-    // Two to a word: a workgroup with fewer registers leaves room for another beside it.
+    // Ranks are packed two to a word, to save registers.
     uint ranks[PAIRS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint bin = digit_of(keys[i]);
@@ -175,7 +175,7 @@ void main() {
     }
     barrier();
 
-    // Of each bin: the keys of the block, told to later blocks at once, and the offset of each subgroup in the block.
+    // For each bin: the keys of the block, published to later blocks at once, and the offset of each subgroup in the block.
     uint in_block[BINS_PER_THREAD];
     uint of_subgroup[BINS_PER_THREAD][SUBGROUPS];
     uint sum = 0u;
@@ -244,7 +244,7 @@ void main() {
         if (waited_for == 0u) {
             break;
         }
-        // It may never run: count its keys here.
+        // The stalled block may never run, so its keys are counted here.
         for (uint bin = thread; bin < BINS; bin += THREADS) {
             bin_place[bin] = 0u;
         }

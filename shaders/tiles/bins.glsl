@@ -16,8 +16,8 @@ uint pack_bins(BinRect r) {
 #endif
 
 #if WRAPS
-// In a panorama, a rectangle may go over the right edge and on from the left one. Its last column is then less than its first where it
-// is packed, and beyond the picture where it is unpacked.
+// In a panorama, a rectangle may wrap from the right edge to the left. Packed, its last column is then less than its first; unpacked, it
+// is beyond the picture.
 const uint ROW_BINS = (uint(VIEWPORT_WIDTH) + BIN - 1u) / BIN;
 
 BinRect unpack_bins(uint packed) {

@@ -1,7 +1,7 @@
 // Cuts the ellipse of a splat at the alpha floor by rows of pixels: its leftmost and rightmost points within some rows are those of
 // the whole ellipse if they are there, and on the nearer edge of the rows otherwise.
 
-// A splat as a square of the picture sees it: distances in pixels from the square's first pixel.
+// A splat relative to a square of the picture: positions in pixels from the square's first pixel.
 struct Cut {
     vec2 centre;
     float limit;        // of the squared distance in sigmas, scaled like the root

@@ -4,7 +4,7 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Writes the pairs of a splat and a bin in the order of the splats, dealt to the invocations whatever the number of bins of each splat.
+// Writes the pairs of a splat and a bin in the order of the splats. Invocations take equal shares of the pairs, whatever a splat's bins.
 // The key of a pair is its bin. If splats are not sorted by depth before, the bin is followed by as many bits of the depth's key as fit, and
 // some more stand above the splat's index. A stable sort of the pairs then makes a list for each bin, near to far.
 

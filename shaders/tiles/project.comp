@@ -25,7 +25,7 @@ const float BRIGHTEST = BRIGHTEST_FLOAT;
 const float BRIGHTEST = BRIGHTEST_HALF;
 #endif
 
-// sqrt(log2(e) / 2): the power of the falloff is one of 2.
+// sqrt(log2(e) / 2), because the falloff is a power of 2.
 const float ROOT_SCALE = 0.8493218002880191;
 
 // Returns the published rasteriser's radius of a splat, in pixels: three standard deviations, rounded up.
@@ -56,7 +56,7 @@ bool bins_around(vec2 low, vec2 high, out BinRect rect) {
         vec2 ends = vec2(floor(low.x), ceil(high.x));
         ends -= width * floor(ends / width);
         ends = min(ends, width - 1.0);
-        // Both ends in one bin, the first after the last, is the whole round.
+        // If both ends are in one bin and the first is after the last, the splat covers the whole width.
         bool is_round = ends.x > ends.y && uint(ends.x) / BIN == uint(ends.y) / BIN;
         columns = is_round ? columns : ends;
     }
@@ -85,7 +85,7 @@ float project(uint i) {
     low = max(low, vec2(columns.x, rows.x));
     high = min(high, vec2(columns.y, rows.y));
 #if WRAPS
-    // The tiles of a copy of the splat are elsewhere in it, unless the picture is whole tiles wide.
+    // The copy across the edge has other tile borders, unless the picture's width is a multiple of the tile's.
     low.x -= PUBLISHED_TILE;
     high.x += PUBLISHED_TILE;
 #endif
@@ -120,7 +120,7 @@ float project(uint i) {
 }
 
 #if SERIAL
-// On a CPU each workgroup costs memory, so there are few.
+// On a CPU each workgroup costs memory, so workgroups are large.
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };

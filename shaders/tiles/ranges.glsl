@@ -1,7 +1,7 @@
-// Writes the range of the sorted pairs that is each bin's list to the array `ranges` of the including file: its first pair and its end.
-// Both are 0 before, which stays where a bin has no pairs.
+// Writes each bin's range of the sorted pairs to the array `ranges` of the including file: its first pair and its end. Both are 0 before;
+// bins without pairs keep that.
 
-// A pair that differs from the one before it starts the list of its bin and ends that of the other's. Takes the bins of both;
+// A pair whose bin differs from the previous pair's starts the list of its bin and ends the other list. Takes the bins of both;
 // pair `count` ends all lists.
 void find_ranges(uint pair, uint count, uint bin_before, uint bin) {
     const uint last = uint(BIN_COUNT) - 1u;

@@ -51,8 +51,8 @@ shared uvec4 chunk_rest[THREADS];
 shared vec4 chunk_colour[THREADS];
 #endif
 #if WITH_OUTPUTS
-// What the outputs see of them. Where records are 32-bit floats, it has place in the words above: the smallest devices have no more
-// shared memory.
+// The depth and the index of the chunk's splats, for outputs. With 32-bit records they are in the words above: the smallest devices have
+// no more shared memory.
 #if RECORD == RECORD_F32
 #define DEPTH_OF_CHUNK(at) chunk_colour[at].a
 #define INDEX_OF_CHUNK(at) chunk_rest[at].z
@@ -227,7 +227,7 @@ void main() {
         chunk_colour[thread] = stored.colour;
 #if WITH_OUTPUTS
         chunk_rest[thread].z = index;
-        // The splat that is nowhere is before every mesh, so that it ends no list.
+        // The padding splat is before every mesh, so that it ends no list.
         chunk_colour[thread].a = is_entry ? depth_of[index] : 0.0;
 #endif
 #else

@@ -4,8 +4,8 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Last pass of binning: numbers the segments of all lists beyond the first of each, by an exclusive scan in one workgroup, and the bins
-// that have such.
+// Last pass of binning: numbers the further segments (all but the first of each list) and the bins that have them, by an exclusive scan in
+// one workgroup.
 
 #include "../fold_groups.glsl"
 #include "bins.glsl"
@@ -21,7 +21,7 @@ layout(set = 0, binding = 1, std430) writeonly buffer Further { uint further[]; 
 // The bins with several segments, numbered, and the number of each.
 layout(set = 0, binding = 2, std430) writeonly buffer Composited { uint composited_bins[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Numbers { uint numbers[]; };
-// Two indirect dispatches: a workgroup for each segment, and those for the pixels of the bins with several; the number of these.
+// Two indirect dispatches, for all segments and for the pixels of bins with several segments; then the number of these bins.
 layout(set = 0, binding = 3, std430) writeonly buffer Groups { uint groups[]; };
 
 const uint PER_THREAD = 8u;

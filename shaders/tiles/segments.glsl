@@ -1,7 +1,7 @@
 // The division of a bin's list into segments of SEGMENT_ENTRIES entries, which are blended independently of each other and then composited,
 // so that a long list keeps many workgroups busy.
 
-// An empty list has one as well.
+// Returns the number of segments of a list; 1 for an empty list.
 uint segments_of(uint entries) {
     return max(1u, (entries + uint(SEGMENT_ENTRIES) - 1u) / uint(SEGMENT_ENTRIES));
 }
@@ -9,8 +9,8 @@ uint segments_of(uint entries) {
 // Invocations per workgroup of the rasteriser.
 const uint RASTER_THREADS = 256u;
 
-// The rasteriser divides a bin into *cells* of CELL x CELL pixels, each shared by neighbouring invocations of a subgroup: as many rows
-// as they cover, and those below by turns.
+// The rasteriser divides a bin into *cells* of CELL x CELL pixels, each shared by neighbouring invocations of a subgroup, which take
+// ROWS_AT_ONCE rows at a time.
 const uint CELL = 4u;
 const uint ACROSS = BIN / CELL;
 const uint BIN_CELLS = ACROSS * ACROSS;

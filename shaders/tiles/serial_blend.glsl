@@ -92,7 +92,7 @@ struct Limits {
 // Returns the limits of this frame.
 Limits limits() {
     // The cap is below 1, where no light would be left to compare with the early stop. The stop is not 0: arithmetic with denormal
-    // floats takes a hundred times as long.
+    // floats is slow.
     return Limits(alpha_floor, log2(alpha_floor), min(alpha_cap, 0.9999999), max(stop, 1e-35));
 }
 
@@ -116,10 +116,10 @@ Splat seen_from(vec2 corner, Record r, Limits limits AND(uint index)) {
 // With STOP_AFTER_SPLAT, a pixel ends before the splat that would bring its transmittance below the early stop: it is left out, and
 // the sign of the transmittance is set.
 void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits AND(inout Pixel pixel) AND(Seen seen)) {
-    // Positive floats compare like integers, which takes one instruction.
+    // Positive floats compare like integers.
     float capped = intBitsToFloat(min(floatBitsToInt(limits.most), floatBitsToInt(alpha)));
 #if WITH_MESH
-    // Behind the mesh, as behind all light: the list goes on for the other pixels.
+    // Splats behind the mesh are hidden in this pixel; the list continues for the others.
     capped = seen.depth < pixel.limit ? capped : 0.0;
 #endif
     float light = capped * sum.a;
@@ -150,7 +150,7 @@ float power_at(Splat s, vec2 uv) {
 // narrower: four rows nearer it is at least 3.28, which is 0.0006 of the alpha floor.
 const float FAR = -90.0;
 // An invisible alpha, from which no alpha returns to the alpha floor. None falls below it, so that no product is a denormal
-// float: arithmetic with those takes a hundred times as long.
+// float: arithmetic with those is slow.
 const float UNSEEN = 1e-20;
 
 // Blends a splat over a column of a block, from the middle up and down. `uv` are u and v of the falloff in its first row.
@@ -234,7 +234,7 @@ uint blocks_of(Record r, vec2 corner, float least) {
 // Returns the bits that are set in any lane.
 uint any_lane(uint bits) {
 #if LANES == 8
-    // Three steps of one instruction each.
+    // Three shuffles replace the reduction.
     bits |= subgroupShuffleXor(bits, 1u);
     bits |= subgroupShuffleXor(bits, 2u);
     bits |= subgroupShuffleXor(bits, 4u);

@@ -37,7 +37,7 @@ const uint WORDS = BLOCKS / PER_WORD;
 // Returns the index of the lowest bit; there may be none.
 uint lowest_bit(uint bits) {
 #if LOADERS < 16
-    // Through a float: CPUs have no vector instruction for finding bits.
+    // Through a float: AVX2 has no vector instruction for finding bits.
     return uint((floatBitsToInt(float(int(bits & (~bits + 1u)))) >> 23) - 127) & (CHUNK - 1u);
 #else
     return uint(findLSB(bits)) & (CHUNK - 1u);

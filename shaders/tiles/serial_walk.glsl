@@ -36,8 +36,8 @@ Walk walk_from(uint pair, uint count) {
 
 // Advances to the next pair; there are `count` splats.
 //
-// It loads a splat's bins in every round, since a load that depends on the data costs a CPU a branch for each lane, which nothing
-// foresees.
+// Loads a splat's bins in every round: a load under a condition would cost a CPU a branch for each lane, which it cannot
+// predict.
 void walk_on(inout Walk w, uint count) {
     bool row_ends = w.bin.x == w.bins.last.x;
     w.bin.x = row_ends ? w.bins.first.x : w.bin.x + 1u;

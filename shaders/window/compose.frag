@@ -69,8 +69,8 @@ vec3 picture(bool b, vec2 at) {
     return sum;
 }
 
-// CPUs that draw run all branches of a condition, but no round of a loop that no lane needs. So pictures, pixels and words
-// are read in loops, and each read stands here once.
+// CPU drivers execute all branches of a condition, but no loop iteration that no lane needs. So pictures, pixels and words
+// are read in loops, and each read appears once.
 void main() {
     vec2 at = gl_FragCoord.xy - vec2(window.view.xy);
     vec3 colour = window.background.rgb;

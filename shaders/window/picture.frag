@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Copies a part of picture A to the view, pixel by pixel: the common case, for which compose.frag would take several times as long.
+// Copies a part of picture A to the view, pixel by pixel: the common case, which compose.frag would draw more slowly.
 
 #include "window.glsl"
 
