@@ -427,9 +427,7 @@ impl<D: Device> Shell<D> {
         }
     }
 
-    /// Returns the pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
-    ///
-    /// `None` if no wait timed out since the last completed one.
+    /// See [`Renderer::stalled`].
     pub fn stalled(&self) -> Option<&Running> {
         self.viewer.stalled().or_else(|| self.canvas.stalled())
     }

@@ -1,4 +1,4 @@
-//! Gives access to a renderer's device, releases it after a loss, and replaces it.
+//! Releases a renderer's device after a loss, and replaces it.
 
 use super::Renderer;
 use super::events::{Cause, Failure};
@@ -13,8 +13,7 @@ impl<D: Device> Renderer<D> {
         self.device.device()
     }
 
-    /// Returns the device, for changes that do not affect a plan; `None` between [`Renderer::release`] and
-    /// [`Renderer::give`].
+    /// Returns the device, for changes that do not affect a plan; `None` as for [`Renderer::device`].
     pub fn device_mut(&mut self) -> Option<&mut D> {
         self.device.device_mut()
     }
@@ -24,16 +23,13 @@ impl<D: Device> Renderer<D> {
         &self.info
     }
 
-    /// Returns true if polling an older frame blocks until newer frames are finished.
-    ///
-    /// Mesa's Vulkan driver on the CPU waits for all submissions to the device before it returns a timestamp.
+    /// Returns true if polling an older frame blocks until newer frames are finished. On a CPU, Mesa's Vulkan driver
+    /// waits for all submissions before it returns a timestamp.
     pub(in crate::view) fn reads_block(&self) -> bool {
         self.info.kind == "cpu"
     }
 
-    /// Returns the error that lost the device or its window surface.
-    ///
-    /// `None` while the device works, and after [`Renderer::release`].
+    /// Returns the error that lost the device or its window surface; `None` also after [`Renderer::release`].
     pub fn lost(&self) -> Option<&BackendError> {
         match &self.device {
             DeviceState::Lost { error, .. } => Some(error),
@@ -41,8 +37,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Drops the lost device with its plan and its frames in flight, whose results are lost. Graph, settings and
-    /// failures stay.
+    /// Drops the lost device with its plan and its frames in flight, whose results are lost. Graph and settings stay.
     pub fn release(&mut self) {
         self.device = DeviceState::Released;
         self.epoch += 1;

@@ -51,9 +51,7 @@ impl fmt::Display for Cause {
     }
 }
 
-/// Causes of a build without duplicates, in the order of the changes.
-///
-/// Changes during a build are combined into the next build. In JSON, the causes are a list of texts.
+/// Causes of a build without duplicates, in the order of the changes. In JSON, they are a list of texts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Causes(Vec<Cause>);
 
@@ -63,12 +61,11 @@ impl Causes {
         self.0.contains(cause)
     }
 
-    /// Iterates over the causes.
+    /// Iterates over the causes in the order of the changes.
     pub fn iter(&self) -> impl Iterator<Item = &Cause> {
         self.0.iter()
     }
 
-    /// Adds the causes of later changes, which are built together with these.
     pub(super) fn add(&mut self, later: Causes) {
         for cause in later.0 {
             if !self.contains(&cause) {
@@ -77,7 +74,7 @@ impl Causes {
         }
     }
 
-    /// Returns true if overflowed lists are the only causes, and there is at least one.
+    /// Returns true if there are causes, and all are overflowed lists.
     pub(super) fn is_room_alone(&self) -> bool {
         !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
     }
@@ -126,8 +123,8 @@ pub enum Failure {
     Panicked(String),
     /// The build took long and was cancelled in favour of a newer request.
     Cancelled,
-    /// The device was lost repeatedly with this graph, which is not built again before something changes. Text of the
-    /// loss.
+    /// The device was lost repeatedly with this graph, which is not built again before something changes. The field is
+    /// the text of the loss.
     Held(String),
 }
 

@@ -13,7 +13,8 @@ const FIRST_PAUSE: Duration = Duration::from_micros(50);
 const MAX_PAUSE: Duration = Duration::from_micros(400);
 
 impl<D: Device> Renderer<D> {
-    /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced.
+    /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced by the
+    /// controls'.
     ///
     /// Returns false without a plan, while the renderer is paused or its device is lost, before the next attempt after
     /// a [`Renderer::trouble`], or if the device does not finish an older frame within [`Renderer::patience`].
@@ -95,12 +96,10 @@ impl<D: Device> Renderer<D> {
         self.in_flight.back().map(|frame| frame.submitted)
     }
 
-    /// Waits for the newest frame in flight; returns true if it is finished or none is in flight.
     fn wait_for_newest(&mut self, patience: Duration) -> Result<bool, BackendError> {
         self.wait_for(self.in_flight.len().saturating_sub(1), patience)
     }
 
-    /// Takes the results of finished frames, without waiting.
     fn take_results(&mut self) -> Result<(), BackendError> {
         while !self.in_flight.is_empty() && self.wait_for_oldest(Duration::ZERO)? {}
         Ok(())
@@ -172,10 +171,8 @@ impl<D: Device> Renderer<D> {
 
 /// Takes the results of finished frames of all renderers of a device.
 ///
-/// Returns true if another frame can be submitted without waiting.
-///
-/// If [reads block](Renderer::reads_block), waits up to `patience` for the newest frame of all renderers, and reads
-/// nothing before it ends: reading an older result would block just as long.
+/// If [reads block](Renderer::reads_block), first waits up to `patience` for the newest frame: reading an older result
+/// would block just as long. Returns false if that frame is still in flight; no other must be submitted then.
 pub(in crate::view) fn collect<D: Device>(renderers: &mut [&mut Renderer<D>], patience: Duration) -> bool {
     let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
     if let Some(newest) = newest.filter(|newest| newest.reads_block()) {

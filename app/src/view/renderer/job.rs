@@ -16,11 +16,9 @@ use splatgraph_framework::shader::Cancel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// The input of a build, sent to the build thread.
 pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
-    /// Minimum values of the parameters that grow with overflows.
     pub capacities: Capacities,
     /// True to reject unknown settings; false to drop them.
     pub strict: bool,
@@ -32,7 +30,6 @@ pub(super) struct Job<L> {
     pub progress: Arc<Mutex<String>>,
 }
 
-/// The result of a build, sent back from the build thread.
 pub(super) struct Built<R> {
     pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
     pub wanted: Vec<Wanted>,

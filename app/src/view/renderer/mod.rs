@@ -1,21 +1,20 @@
 //! Draws frames with a graph, and keeps the graph's plan up to date.
 //!
-//! A [`Renderer`] has a device, the name of a graph, and its settings. When a file of the graph, a constant parameter
-//! or the [`PlanInputs`] change, it builds a new plan on another thread, draws frames of the current plan meanwhile,
-//! and swaps between frames. If the build fails, the current plan stays and the failure is reported. Live parameters
-//! need no build: they reach the device with the next frame.
+//! When a file of the graph, a constant parameter or the [`PlanInputs`] change, a [`Renderer`] builds a new plan on
+//! another thread, draws frames of the current plan meanwhile, and swaps between frames. If the build fails, the
+//! current plan stays and the failure is reported. Live parameters need no build: they reach the device with the next
+//! frame.
 //!
-//! One plan is built at a time. Changes during a build are combined into the next one. A slow build is cancelled in
-//! favour of the next.
+//! One plan is built at a time. Changes during a build are combined into the next one, which cancels a slow build.
 //!
-//! A frame that overflows a list is incomplete. It is shown as it is, and a plan with more capacity is built like any
-//! other ([`crate::draw::capacity`]). The capacity stays until another graph or scene is chosen, or the user sets the
+//! A frame that overflows a list is incomplete; a plan with more capacity is then built like any other
+//! ([`crate::draw::capacity`]). The capacity stays until another graph or scene is chosen, or the user sets the
 //! parameter. If the device refuses such a plan, frames stay incomplete ([`Renderer::crowded`]) until the next change,
 //! or, if memory was short, until the next attempt.
 //!
-//! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]), as is a build that lacked memory;
-//! both are reported meanwhile. A frame that the device does not finish in time is awaited again with the next frame
-//! ([`Renderer::patience`]). A lost device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
+//! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]), as is a build that lacked memory. A
+//! frame that the device does not finish in time is awaited again with the next frame ([`Renderer::patience`]). A lost
+//! device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
 //!
 //! A renderer acts only when called: `Renderer::next` returns the time at which it must be polled even if nothing
 //! called its [`Wake`].
@@ -103,13 +102,9 @@ pub struct Renderer<D: Device> {
     crowded: Option<Crowded>,
     /// True if the newest finished frame of the current plan was complete; `None` before its first one.
     whole: Option<bool>,
-    /// Counter that changes with the scene, graph or device of the plan; see [`Renderer::subject`].
     subject: u64,
-    /// Number of frames submitted so far.
     submitted: u64,
-    /// True if a frame is due although none of its inputs changed.
     redraw: bool,
-    /// Counter of changes that panels show; see [`Renderer::changes`].
     changes: u64,
     strict: bool,
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
@@ -117,17 +112,13 @@ pub struct Renderer<D: Device> {
     build: BuildState,
     asked: Option<PlanInputs>,
     state: LastGood<Arc<Plan>, Failure>,
-    /// Time of the last [`Renderer::poll`].
     now: Instant,
     controls: Vec<Control>,
-    /// Size of the plan's pictures, in pixels.
     size: (u32, u32),
     scene: Option<u64>,
     pending_swap: Option<PendingSwap>,
     in_flight: VecDeque<FrameInFlight>,
-    /// The pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
     stalled: Option<Running>,
-    /// True if a frame in flight has lost its results; see [`Renderer::take_forgot`].
     forgot: bool,
     done: Vec<FinishedFrame>,
     events: Vec<RendererEvent>,
@@ -194,9 +185,9 @@ impl<D: Device> Renderer<D> {
         })
     }
 
-    /// Returns the pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
+    /// Returns the pass that was running when the last wait for a frame timed out; on a CPU, the frame.
     ///
-    /// `None` if no wait timed out since the last completed one.
+    /// `None` if no wait timed out since the last completed one, or if the device does not know.
     pub fn stalled(&self) -> Option<&Running> {
         self.stalled.as_ref()
     }
@@ -274,9 +265,7 @@ impl<D: Device> Renderer<D> {
         self.in_flight.len()
     }
 
-    /// Returns the number of plans so far that drew a new scene or graph, or were the first on their device.
-    ///
-    /// Pictures with equal numbers show the same scene and graph.
+    /// Returns a counter of scenes, graphs and devices: pictures with equal numbers show the same scene and graph.
     pub fn subject(&self) -> u64 {
         self.subject
     }

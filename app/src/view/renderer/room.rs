@@ -15,9 +15,7 @@ impl<D: Device> Renderer<D> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
 
-    /// Returns true if the plan has lists that can grow, and its first frame is still pending.
-    ///
-    /// Returns false if frames cannot be drawn.
+    /// Returns true until the first frame of a plan with growing lists has finished; false if frames cannot be drawn.
     pub fn may_grow(&self) -> bool {
         self.whole.is_none() && self.trouble().is_none() && self.grows()
     }
@@ -27,27 +25,22 @@ impl<D: Device> Renderer<D> {
         self.capacities = other.capacities.clone();
     }
 
-    /// Returns true if the plan has lists that can grow.
     fn grows(&self) -> bool {
         self.plan().is_some_and(|plan| plan.params.iter().any(|param| param.grows.is_some()))
     }
 
-    /// Returns true if waiting cannot make frames more complete.
-    ///
-    /// That is the case if no list can grow, or if a frame of the plan has finished and either was complete or no build
-    /// is running.
+    /// Returns true if waiting cannot make frames more complete: no list can grow, or a frame of the plan has finished
+    /// and either was complete or no build is running.
     pub fn is_at_best(&self) -> bool {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
-    /// Returns the lists that overflowed in a frame.
+    /// Returns the lists that overflowed in a frame, and requests a plan with the capacities that it needed.
     ///
-    /// If the frame is of the current plan, and neither a build nor [`Renderer::crowded`] prevents it, requests a plan
-    /// with the capacities that the frame needed.
+    /// Requests nothing for a frame of an earlier plan, during a build, or while [`Renderer::crowded`].
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
-        // Ignore frames of previous plans: they may show another scene, and frames of the current plan report their own
-        // overflows.
+        // A previous plan may be of another scene, and frames of the current plan report their own overflows.
         let current = self.state.good().is_some_and(|good| Arc::ptr_eq(good, plan));
         if current {
             self.whole = Some(short.is_empty());

@@ -40,7 +40,6 @@ impl PlanInputs {
     }
 }
 
-/// State of a renderer's device: drawing, failing, lost or released.
 pub(super) enum DeviceState<D> {
     /// The device draws frames.
     Drawing(D),
@@ -114,7 +113,6 @@ pub(super) fn ends_device(error: &BackendError) -> bool {
     error.recovery() == Recovery::DeviceEnded || window
 }
 
-/// State of a renderer's builds.
 #[derive(Default)]
 pub(super) enum BuildState {
     /// No build is needed: the newest plan is built, or has errors.
@@ -124,7 +122,6 @@ pub(super) enum BuildState {
     Held,
     /// The last build lacked something, such as memory. The next begins at this time.
     Retry(Instant),
-    /// A build was requested and has not begun.
     Asked(PendingBuild),
     /// A build is running; the second field holds changes since its start.
     Running(Attempt, Option<PendingBuild>),
@@ -146,7 +143,7 @@ impl BuildState {
         };
     }
 
-    /// Begins the requested build, and returns it; `None` if none is requested, or while one is running.
+    /// Begins the requested build; `None` if none is requested, or while one is running.
     pub fn begin(&mut self) -> Option<PendingBuild> {
         match std::mem::take(self) {
             BuildState::Asked(build) => {
@@ -160,9 +157,8 @@ impl BuildState {
         }
     }
 
-    /// Ends the running build, and returns its attempt; `None` if no build is running.
-    ///
-    /// Changes since the build started become the next request.
+    /// Ends the running build, and returns its attempt; `None` if there is none. Changes since its start become the
+    /// next request.
     pub fn end(&mut self) -> Option<Attempt> {
         match std::mem::take(self) {
             BuildState::Running(attempt, next) => {
@@ -176,13 +172,11 @@ impl BuildState {
         }
     }
 
-    /// Returns true if a build is running or requested.
     pub fn is_busy(&self) -> bool {
         matches!(self, BuildState::Asked(_) | BuildState::Running(..))
     }
 }
 
-/// A requested build.
 pub(super) struct PendingBuild {
     pub causes: Causes,
     /// Time of the first change.
