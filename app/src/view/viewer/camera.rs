@@ -1,7 +1,5 @@
-//! Moves the viewer's camera, saves views, and plays paths.
-//!
-//! The camera moves by the user's input ([`Viewer::navigate`]), or along a path while one is played. Views and keys are
-//! in the world's coordinates; the navigation is in the scene's.
+//! Moves the viewer's camera, saves views, and plays paths. Views and keys are in the world's coordinates; the
+//! navigation is in the scene's.
 
 use super::Viewer;
 use crate::draw::camera_path::KeyError;
@@ -29,8 +27,8 @@ impl<D: Device> Viewer<D> {
         self.picture_camera_of(RendererId::A)
     }
 
-    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene. Its projection is
-    /// that of the viewport's graph.
+    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene, with the projection
+    /// of the viewport's graph.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());
@@ -93,8 +91,7 @@ impl<D: Device> Viewer<D> {
         self.path.insert(index, camera)
     }
 
-    /// Adds the current camera to the saved views; returns its index. See [`crate::view::cameras::Views::add`] for the
-    /// name.
+    /// Adds the current camera to the saved views as [`crate::view::cameras::Views::add`] does; returns its index.
     pub fn save_view(&mut self, name: &str) -> usize {
         let camera = self.world_camera();
         self.views.add(name, camera)
@@ -140,8 +137,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Uses a file's cameras as selectable cameras, appends them to the saved views, or replaces the path's keys with
-    /// them.
+    /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced.
     ///
     /// # Errors
     /// The cameras cannot be keys of a path; see [`crate::draw::camera_path::CameraPath::set_keys`].

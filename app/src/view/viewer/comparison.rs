@@ -1,7 +1,7 @@
 //! Compares A and B: reads both pictures back, and computes their differences on another thread.
 //!
-//! A comparison starts once both viewports draw the requested state, and records that state. The result counts as
-//! outdated when the camera or a setting has changed since.
+//! A comparison starts once both viewports draw the requested state. Its result is outdated when the camera or a
+//! setting has changed since.
 
 use super::parts::{Compared, Comparison, ComparisonResult, Side, Step};
 use super::{Viewer, Viewport};
@@ -62,7 +62,7 @@ impl<D: Device> Viewer<D> {
     pub(super) fn start_comparison(&mut self) {
         let asks = match self.comparing.step {
             Step::Waiting => self.b.is_none() || self.compare == Mode::A || !self.changes_soon(),
-            // A picture that is still requested would show a later camera.
+            // Until both reads are submitted, the camera may still move; the state is recorded again below.
             Step::Reading => {
                 [Some(&self.a), self.b.as_ref()].into_iter().flatten().any(Viewport::wants_picture)
             }
@@ -80,7 +80,6 @@ impl<D: Device> Viewer<D> {
         self.comparing.of = Some(self.compares_now());
     }
 
-    /// Takes the result from the comparing thread.
     pub(super) fn take_comparison(&mut self) {
         while let Ok(result) = self.comparing.results.1.try_recv() {
             self.comparing.step = Step::No;

@@ -1,8 +1,8 @@
 //! Implements the viewer without a window.
 //!
-//! A [`Viewer`] has a scene, a camera, and one or two viewports: A, and B for comparison. [`Viewer::frame`] takes the
-//! results of other threads (plans, scenes, comparisons) and draws the pictures that are due. A window or a test calls
-//! it; results are reported as [`Event`]s.
+//! A [`Viewer`] has a scene, a camera, and one or two viewports: A, and B for comparison, which may have its own scene.
+//! [`Viewer::frame`] takes the results of other threads (plans, scenes, comparisons) and draws the pictures that are
+//! due.
 
 use super::cameras::{CameraFiles, Views};
 use super::events::{Event, RendererId};
@@ -94,7 +94,6 @@ pub struct Viewer<D: Device> {
     pub folder: PathBuf,
     /// Splats found by the last [`Viewer::pick`]; `None` if nothing was picked.
     pub picked: Option<Picked>,
-    /// Viewport in which [`Viewer::picked`] was picked.
     picked_in: RendererId,
     picker: Latest<Picked>,
     /// Marks to apply to the scenes that are being loaded for A and B.
@@ -183,10 +182,8 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while the result of a request is pending.
-    ///
-    /// Covers builds, loads, comparisons, picks, selections, exports, lists that may still grow, and pictures that are
-    /// not shown yet.
+    /// Returns true while the result of a request is pending: a build, load, comparison, pick, selection or export, a
+    /// list that may still grow, or a picture that is not shown yet.
     pub fn busy(&self) -> bool {
         self.changes_soon() || self.is_comparing() || self.picker.busy() || self.exporter.busy()
     }
@@ -346,10 +343,9 @@ impl<D: Device> Viewer<D> {
 
     /// Searches on another thread for the splats at a pixel of a viewport's picture.
     ///
-    /// `at` is in picture pixels, from the top left.
-    ///
-    /// A later frame stores the result in [`Viewer::picked`]; the newest request replaces all earlier ones. A position
-    /// outside the picture picks nothing. Every graph uses the rules of [`crate::draw::pick`].
+    /// `at` is in picture pixels, from the top left; a position outside the picture picks nothing. A later frame stores
+    /// the result in [`Viewer::picked`]. The newest request replaces all earlier ones. The rules are those of
+    /// [`crate::draw::pick`], whatever the graph.
     pub fn pick(&mut self, id: RendererId, at: [f32; 2]) {
         let (width, height) = self.asked;
         let inside = (0.0..width as f32).contains(&at[0]) && (0.0..height as f32).contains(&at[1]);
@@ -487,9 +483,8 @@ impl<D: Device> Viewer<D> {
         self.asked.0 == 0 || self.asked.1 == 0
     }
 
-    /// Returns the pictures of A and B for the window, each with a unique number.
-    ///
-    /// `None` before a viewport's first picture, and for B while it is hidden.
+    /// Returns the pictures of A and B for the window, each with a unique number; `None` before a viewport's first
+    /// picture, and for B while it is hidden.
     pub fn pictures(&self) -> [Option<(Shown, u64)>; 2] {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [self.a.picture(), b.and_then(Viewport::picture)]
@@ -536,9 +531,7 @@ impl<D: Device> Viewer<D> {
         self.all().all(|viewport| viewport.renderer.is_idle())
     }
 
-    /// Returns the pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
-    ///
-    /// `None` if no wait timed out since the last completed one.
+    /// See [`Renderer::stalled`].
     pub fn stalled(&self) -> Option<&Running> {
         self.all().find_map(|viewport| viewport.renderer.stalled())
     }

@@ -8,7 +8,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Creates the navigation for a scene without cameras: the whole scene is in view.
+/// Creates the navigation for a scene without cameras, with the whole scene in view.
 pub(super) fn at_start(scene: &Scene) -> Navigation {
     let (width, height) = facts::DEFAULT_SIZE;
     let camera = Camera::framing(scene, width, height);
@@ -58,14 +58,11 @@ pub(super) enum Step {
     Computing,
 }
 
-/// Result of a comparison, or its error.
 pub(super) type ComparisonResult = Result<Comparison, String>;
 
-/// The comparison in progress, and the newest result.
 pub(super) struct Comparing {
     pub step: Step,
     pub results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
-    /// The newest result, with its inputs.
     pub newest: Option<(Comparison, Compared)>,
     /// Inputs of the comparison in progress.
     pub of: Option<Compared>,
@@ -77,7 +74,6 @@ impl Default for Comparing {
     }
 }
 
-/// Progress of the measurement of the copy limit.
 pub(super) enum CopyLimit<D: Device> {
     Unknown,
     Measuring(Box<Viewport<D>>),

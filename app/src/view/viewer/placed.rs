@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Watcher of the placement files of A and B.
 #[derive(Default)]
 pub(super) struct PlacedFiles {
-    /// Watcher of the files; `None` until the first file is watched.
+    /// `None` until the first file is watched.
     watcher: Option<Watcher>,
     /// Placement files of A and B, with their contents when last read.
     wanted: [Option<Wanted>; 2],
@@ -44,7 +44,6 @@ impl PlacedFiles {
         self.wanted[opening::index(id)].as_ref().is_some_and(|wanted| wanted.path == path)
     }
 
-    /// Exchanges the watched files of A and B.
     pub fn exchange(&mut self) {
         self.wanted.swap(0, 1);
     }

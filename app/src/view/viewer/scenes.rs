@@ -25,12 +25,12 @@ impl<D: Device> Viewer<D> {
         self.other.as_mut().filter(|_| id == RendererId::B).unwrap_or(&mut self.subject)
     }
 
-    /// Returns A's scene as drawn, which shows its [`Viewer::marks`].
+    /// Returns A's scene as drawn: without hidden splats, and with selected ones tinted.
     pub fn scene(&self) -> &Scene {
         &self.subject.scene
     }
 
-    /// Returns a viewport's scene as drawn, which shows its [`Viewer::marks`].
+    /// Returns a viewport's scene as drawn; see [`Viewer::scene`].
     pub fn scene_of(&self, id: RendererId) -> &Scene {
         &self.subject_of(id).scene
     }
@@ -77,14 +77,12 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Watches a viewport's scene file, if it places several scenes.
     pub(super) fn follow_scenes(&mut self, id: RendererId, path: &Path) {
         if let Err(error) = self.placed.follow(id, path, &self.wake) {
             self.events.push(Event::Problem { text: format!("changes are not detected: {error}") });
         }
     }
 
-    /// Loads the scenes again whose placement files changed.
     pub(super) fn reload_scenes(&mut self) {
         for path in self.placed.take() {
             for id in [RendererId::A, RendererId::B] {
@@ -140,7 +138,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Takes a file that was read, and shows its scene or uses its cameras.
+    /// Shows the scene of a file that was read, or uses its cameras.
     pub(super) fn take(&mut self, opened: Opened) {
         let Opened { path, load_ms, number, content } = opened;
         match content {

@@ -40,7 +40,6 @@ impl<D: Device> Viewer<D> {
         self.tell_marks(id);
     }
 
-    /// Reports the numbers of selected and hidden splats of a viewport's scene as an event.
     fn tell_marks(&mut self, id: RendererId) {
         let marks = self.marks(id);
         let (selected, hidden) = (marks.selected.len(), marks.hidden.len());
@@ -61,7 +60,6 @@ impl<D: Device> Viewer<D> {
         self.search(id);
     }
 
-    /// Cancels all searches in a viewport's picture.
     pub(in crate::view) fn cancel_searches(&mut self, id: RendererId) {
         self.subject_mut(id).cancel_searches();
     }
@@ -158,13 +156,11 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Takes the paths of lists of scenes that were loaded again since the last call, and whose splats have other indices
-    /// now.
+    /// Takes the paths of lists that were loaded again since the last call, with other indices for their splats.
     pub(in crate::view) fn take_reindexed(&mut self) -> Vec<PathBuf> {
         std::mem::take(&mut self.reindexed)
     }
 
-    /// Takes the results of searches, marked scenes, and written files.
     pub(super) fn take_splats(&mut self) {
         for id in [RendererId::A, RendererId::B] {
             let subject = self.subject_mut(id);

@@ -1,7 +1,7 @@
-//! Holds a viewport's scene: as loaded, and as drawn with its selected and hidden splats.
+//! Holds a viewport's scene: as loaded, and as drawn.
 //!
-//! The scene as drawn lacks the hidden splats, and its selected splats are tinted. It is a separate copy made on
-//! another thread, so that any graph can draw it. Without marks, it is the loaded scene itself.
+//! The scene as drawn lacks the hidden splats, and its selected splats are tinted. It is a copy made on another thread,
+//! so that any graph can draw it. Without marks, it is the loaded scene itself.
 
 use crate::draw::facts;
 use crate::draw::select::{Reach, Region};
@@ -50,8 +50,8 @@ impl Marks {
 
     /// Converts marks of a list of scenes, loaded as `former`, to the list as loaded again.
     ///
-    /// A scene's marks follow it to its new place in the list if its file has the same splats. Also returns the files
-    /// of the scenes whose marks were dropped. A file that the list names several times is matched in order.
+    /// A scene's marks follow it to its new place in the list if its file has the same splats; otherwise they are
+    /// dropped, and its file is returned. A file that the list names several times is matched in order.
     pub(super) fn carried(&self, former: &Scene, scene: &Scene) -> (Marks, Vec<PathBuf>) {
         let (mut carried, mut dropped) = ([Vec::new(), Vec::new()], Vec::new());
         let mut left: Vec<&ScenePart> = scene.parts().iter().collect();
@@ -97,7 +97,6 @@ pub enum Part {
     Rest,
 }
 
-/// A search for the splats in a region of a picture.
 pub(super) struct Search {
     /// Camera of the picture, in the scene's coordinates.
     pub camera: Camera,
@@ -106,7 +105,6 @@ pub(super) struct Search {
     pub combine: Combine,
 }
 
-/// A scene made from marks, with its imports.
 struct MarkedScene {
     scene: Arc<Scene>,
     catalog: Arc<Catalog>,
@@ -119,11 +117,9 @@ impl MarkedScene {
     }
 }
 
-/// A scene, its file path, and the imports that graphs take from it.
 pub(super) struct Subject {
     /// The scene as drawn, with its marks applied.
     pub scene: Arc<Scene>,
-    /// Imports of the scene as drawn.
     pub catalog: Arc<Catalog>,
     /// The scene as loaded.
     pub whole: Arc<Scene>,
@@ -152,7 +148,6 @@ impl Subject {
         }
     }
 
-    /// Returns the requested marks.
     pub fn marks(&self) -> &Marks {
         &self.marks
     }
@@ -162,12 +157,10 @@ impl Subject {
         self.maker.busy() || self.is_searching()
     }
 
-    /// Returns true while a search for splats is running or queued.
     pub fn is_searching(&self) -> bool {
         self.finder.busy() || !self.searches.is_empty()
     }
 
-    /// Cancels the running search and all queued ones.
     pub fn cancel_searches(&mut self) {
         self.finder.cancel();
         self.searches.clear();
@@ -229,13 +222,11 @@ impl Subject {
     }
 }
 
-/// Copies a scene without its hidden splats and with its selected splats tinted.
 fn marked(whole: &Scene, marks: &Marks) -> Result<Scene, SceneMemoryError> {
     let shown = marks.visible(whole.count()).indices();
     whole.picked_as(&shown, |index, splat| if marks.selected.contains(index) { tinted(splat) } else { splat })
 }
 
-/// Blends the tint into a splat's colour; its opacity is unchanged.
 fn tinted(mut splat: Splat) -> Splat {
     for (at, value) in splat.sh.iter_mut().enumerate() {
         let tint = if at < 3 { (TINT[at] - 0.5) / SH_C0 } else { 0.0 };
