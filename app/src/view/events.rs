@@ -140,7 +140,7 @@ pub enum Event {
     },
     /// A and B were compared.
     Compared {
-        /// PSNR in decibels.
+        /// PSNR in decibels; infinite for identical pictures, which is `null` in JSON.
         psnr: f64,
         /// SSIM; `None` for pictures smaller than its window.
         ssim: Option<f64>,

@@ -1,8 +1,7 @@
 //! Moves the viewer's camera by pointer and keys.
 //!
-//! [`Navigation`] is a state machine without a window. It takes the input since the last update ([`Input`]) and returns
-//! a camera ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a stored distance. The
-//! controls follow 3D modellers and game editors:
+//! [`Navigation`] takes the input since the last update ([`Input`]) and returns a camera ([`Navigation::camera`]). The
+//! camera looks at its *pivot*, a point straight ahead at a stored distance:
 //!
 //! | input | effect |
 //! |---|---|
@@ -53,9 +52,8 @@ const SPEED_PER_NOTCH: f64 = 1.2;
 const SPEEDS: (f64, f64) = (1e-3, 1e3);
 /// Factor on the flying speed while Shift is held; its inverse applies while Ctrl is held.
 const HURRY: f64 = 4.0;
-/// Cosine of the angle between the camera's down and the world's up, above which the camera is upside down.
-///
-/// The cosine is 0 for a camera that looks straight up or down.
+/// A camera is upside down if the cosine between its down and the world's up exceeds this. The cosine is 0 for a
+/// camera that looks straight up or down.
 const UPSIDE_DOWN: f64 = 1e-3;
 /// Share of the viewport that a framed scene may fill.
 const FILL: f64 = 0.92;
@@ -97,13 +95,13 @@ pub struct Buttons {
 /// State of the modifier keys: true if pressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Modifiers {
-    /// Shift.
+    /// The key Shift.
     pub shift: bool,
-    /// Ctrl.
+    /// The key Ctrl.
     pub ctrl: bool,
 }
 
-/// Keys by effect, with their default physical keys.
+/// State of the keys of the controls: true if pressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Keys {
     /// Fly forward: W.
@@ -140,8 +138,7 @@ struct Pose {
     stretch: f64,
     /// Distance to the pivot, in world units.
     distance: f64,
-    /// Projection of the camera. The other fields are those of the pinhole camera with the same view: see
-    /// [`Camera::with_projection`].
+    /// Projection of the camera. The other fields are those of the pinhole camera with the same view.
     projection: Projection,
 }
 
@@ -184,8 +181,7 @@ impl Pose {
         self
     }
 
-    /// Multiplies the distance to the pivot by `e` to the power of `exponent`, within [`DISTANCES`]. `scale` is the
-    /// scene's size.
+    /// Multiplies the distance to the pivot by `e` to the power of `exponent`, within [`DISTANCES`] times `scale`.
     fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
         let pivot = self.pivot();
         let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
@@ -214,19 +210,18 @@ impl Pose {
     }
 }
 
-/// Destination of a flight: its pose, and the camera that is shown unchanged on arrival, if there is one.
+/// Destination of a flight. On arrival, `camera` is shown unchanged, if there is one.
 #[derive(Clone, Debug, PartialEq)]
 struct Goal {
     pose: Pose,
     camera: Option<Camera>,
 }
 
-/// A flight from one pose to another.
 #[derive(Clone, Debug)]
 struct Flight {
     from: Pose,
     to: Goal,
-    /// Seconds since the flight's first update; `None` before it. Idle time of the window before that does not count.
+    /// Seconds since the flight's first update; `None` before it, so that idle time does not count.
     seconds: Option<f64>,
 }
 
@@ -442,7 +437,6 @@ impl Navigation {
         before != (self.pose, self.unmoved.is_some())
     }
 
-    /// Computes the pose after the effects of buttons, wheel and keys.
     fn steered(&mut self, input: &Input) -> Pose {
         let (mut pose, up, scale) = (self.pose, self.up, self.scale);
         let [x, y] = input.moved;

@@ -8,7 +8,7 @@ fn bounds() -> Bounds {
     Bounds { min: [-2.0, -1.0, -3.0], max: [4.0, 2.0, 5.0] }
 }
 
-/// Makes a tilted camera with pixels that are not square.
+/// A tilted camera with pixels that are not square.
 fn start() -> Camera {
     let mut camera = Camera::looking_at([6.0, -4.0, -9.0], [1.0, 0.5, 1.0], 70.0, PIXELS);
     let roll = DMat3::from_axis_angle(DVec3::from(camera.axes()[2]), 0.2);
@@ -18,7 +18,6 @@ fn start() -> Camera {
     camera
 }
 
-/// Makes a navigation at rest at [`start`], without animation.
 fn navigation() -> Navigation {
     let mut navigation = Navigation::new(&bounds(), &start(), DEFAULT_UP);
     navigation.set_animated(false);
@@ -38,7 +37,6 @@ fn keys(keys: Keys, seconds: f64) -> Input {
     Input { size: SIZE, keys, seconds, ..Input::default() }
 }
 
-/// Makes a navigation at rest at a camera with another projection.
 fn projected(projection: Projection) -> (Navigation, Camera) {
     let camera = start().with_projection(projection, bounds().center());
     let mut navigation = Navigation::new(&bounds(), &camera, DEFAULT_UP);
@@ -52,7 +50,6 @@ fn pixel(camera: &Camera, point: DVec3) -> [f64; 2] {
     [0.5 * f64::from(camera.width) + camera.fx * x / z, 0.5 * f64::from(camera.height) + camera.fy * y / z]
 }
 
-/// Unprojects a pixel at a depth to the world.
 fn point(camera: &Camera, pixel: [f64; 2], z: f64) -> DVec3 {
     let [right, down, forward] = camera.axes().map(DVec3::from);
     let x = (pixel[0] - 0.5 * f64::from(camera.width)) / camera.fx * z;
@@ -460,7 +457,6 @@ fn framing_and_home_keep_a_field_of_view_that_was_set_and_a_camera_brings_its_ow
     };
     let set = |navigation: &Navigation| (navigation.field_of_view() - 100.0).abs() < 1e-9;
     navigation.frame(SIZE);
-    // During the flight.
     navigation.set_field_of_view(100.0);
     assert!(set(&navigation));
     settle(&mut navigation);

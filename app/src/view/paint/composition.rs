@@ -11,9 +11,7 @@ pub const WINDOW: &str = "frame.window";
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
-/// Name of the buffer with the arguments of the view's draws.
-///
-/// There is one draw for each part of picture A, and one for everything else.
+/// Name of the buffer with the arguments of the view's draws: one for each part of picture A, and one for the rest.
 pub const VIEW_DRAW: &str = "frame.view_draw";
 /// Names of the buffers with the pixels of pictures A and B, packed. Each picture is split into parts of whole rows, so
 /// that no part exceeds the maximum size of a storage binding.
@@ -24,7 +22,7 @@ pub const PICTURES: [[&str; PARTS]; 2] = [
 /// Maximum number of parts that a picture is split into.
 pub const PARTS: usize = 4;
 
-/// Maximum size of a storage binding that every device supports, in bytes.
+/// Largest storage binding that every device supports, in bytes: the least `maxStorageBufferRange` of Vulkan.
 const BINDING: usize = 128 << 20;
 
 /// A picture to show, drawn by a plan or packed by the host (as [`BufferContents::Bytes`]).
@@ -62,9 +60,8 @@ pub enum Mode {
 
 /// The scene's part of the window.
 ///
-/// A picture of the view's size is shown pixel by pixel. A picture of another size was drawn before the view was
-/// resized. It is scaled to the view's height about the view's centre, as [`splatgraph_assets::Camera::resized`] scales
-/// the next one.
+/// A picture of the view's size is shown pixel by pixel. A picture of another size, from before a resize, is scaled to
+/// the view's height about its centre, as [`splatgraph_assets::Camera::resized`] scales the next one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Composition {
     /// Width and height of the window, in pixels.
@@ -103,7 +100,7 @@ struct Block {
 const _: () = assert!(size_of::<Block>() == 96);
 
 impl Composition {
-    /// Packs the composition as the bytes of the uniform block `WINDOW`.
+    /// Packs the uniform block `WINDOW`.
     pub fn bytes(&self) -> Vec<u8> {
         let [r, g, b] = self.background;
         let block = Block {

@@ -20,7 +20,6 @@ pub struct Area {
 }
 
 impl Area {
-    /// The empty area.
     const NONE: Area = Area { first: [f32::INFINITY; 2], beyond: [f32::NEG_INFINITY; 2] };
 
     /// Returns the smallest area of whole pixels that contains these points.
@@ -63,13 +62,11 @@ impl Area {
 pub struct Piece {
     /// Pixels that the mesh may change.
     pub bounds: Area,
-    /// Texture of the mesh.
     pub texture: Texture,
     hash: u64,
 }
 
 impl Piece {
-    /// Describes a mesh with its clip rectangle.
     pub fn new(mesh: &Mesh, clip: Area, texture: Texture, pixels_per_point: f32) -> Piece {
         let mut hasher = DefaultHasher::new();
         (pixels_per_point.to_bits(), &mesh.indices).hash(&mut hasher);
@@ -93,7 +90,6 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Describes an interface with these meshes, in drawing order.
     pub fn new(under: &Composition, texels: Arc<Vec<u8>>, pieces: Vec<Piece>) -> Interface {
         let Composition { window, view, background, .. } = *under;
         Interface { window, view, background, texels, pieces }
@@ -110,8 +106,8 @@ impl Interface {
             && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
-    /// Lists the areas to redraw in a window that shows `former`; `None` redraws all areas. The flag is true if the
-    /// area's background must be redrawn as well.
+    /// Lists the areas to redraw in a window that shows `former`, and whether each needs its background; `None` redraws
+    /// all.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);
@@ -220,7 +216,6 @@ mod tests {
             VIEW_ALONE,
         ];
         assert_eq!(drawn(&now, Some(&shown)), expected);
-        // Removed, added and recoloured meshes, and changes of order.
         let above = ([30.0, 5.0, 40.0, 10.0], true);
         let gone = interface(VIEW, &texels, &[left, right]);
         assert_eq!(drawn(&gone, Some(&shown)), [above, VIEW_ALONE]);

@@ -1,12 +1,11 @@
 //! Converts egui's output to the buffers of the window's graph.
 //!
-//! A render graph, [`GRAPH`], draws the window from buffers that each frame supplies. egui emits clipped triangle
-//! meshes and changes of textures. [`Painter::paint`] concatenates the meshes, keeps all textures in one buffer of
-//! texels, and writes the arguments of one indirect draw. The vertex shader fetches vertices by index; the fragment
-//! shader clips and filters. A [`Composition`] defines the pictures below the user interface.
+//! A render graph, [`GRAPH`], draws the window from buffers that each frame supplies. [`Painter::paint`] concatenates
+//! egui's clipped triangle meshes, keeps all textures in one buffer of texels, and writes the arguments of one indirect
+//! draw. A [`Composition`] defines the pictures below the user interface.
 //!
-//! The graph keeps the window's picture and draws only the changes: the view, whose pictures are new in every frame,
-//! and the rectangles around other changed meshes (`damage`). Each area is redrawn completely, from its background up.
+//! The graph keeps the window's picture. Each frame redraws the view, and the rectangles around meshes that changed
+//! (`damage`). Each area is redrawn completely, from its background up.
 //!
 //! The structs here match `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
@@ -56,7 +55,6 @@ struct Vertex {
     clip: u32,
 }
 
-/// Clip rectangle and texture of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Clip {
@@ -89,7 +87,6 @@ pub struct Painter {
     textures: Textures,
     /// The interface that the window shows; `None` if unknown.
     shown: Option<Interface>,
-    /// The interface that was packed last.
     packed: Option<Interface>,
 }
 
@@ -122,10 +119,9 @@ impl Painted {
 
 impl Painter {
     /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of
-    /// `Context::tessellate`.
+    /// `Context::tessellate`, whose scale is `pixels_per_point`.
     ///
-    /// `pixels_per_point` is the scale of the meshes. Packs only the part of the interface that differs from the one in
-    /// the window: see [`Painter::drawn`].
+    /// Packs only the part of the interface that differs from the one in the window: see [`Painter::drawn`].
     pub fn paint(
         &mut self,
         mut changes: TexturesDelta,
@@ -202,7 +198,6 @@ impl Painter {
     }
 }
 
-/// Vertices, indices and clip rectangles of the packed meshes, for the frame's buffers.
 #[derive(Default)]
 struct Meshes {
     vertices: Vec<Vertex>,
@@ -241,7 +236,6 @@ impl Meshes {
         }
     }
 
-    /// Adds a rectangle of one colour.
     fn rectangle(&mut self, area: Area, colour: [u8; 4]) {
         let (clip, first) = (self.clips.len() as u32, self.vertices.len() as u32);
         let Area { first: [left, top], beyond: [right, bottom] } = area;

@@ -20,7 +20,7 @@ fn changes(list: Vec<(TextureId, ImageDelta)>, free: &[TextureId]) -> TexturesDe
     changes
 }
 
-/// Makes a texture whose texels encode their index.
+/// The texels encode their index.
 fn image([width, height]: [usize; 2], tag: u8) -> ColorImage {
     let pixels = (0..width * height).map(|i| Color32::from_rgba_premultiplied(i as u8, tag, 0, 255));
     ColorImage::new([width, height], pixels.collect())
@@ -30,7 +30,7 @@ fn whole(size: [usize; 2], tag: u8) -> ImageDelta {
     ImageDelta::full(image(size, tag), TextureOptions::LINEAR)
 }
 
-/// Returns a composition whose view is the whole window, so that the interface is drawn in one piece.
+/// The view is the whole window, so that the interface is drawn in one piece.
 fn whole_view() -> Composition {
     Composition { window: [1000, 800], view: [0, 0, 1000, 800], ..composition() }
 }
@@ -57,7 +57,6 @@ fn read<T: Pod>(bytes: &[u8]) -> Vec<T> {
     bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect()
 }
 
-/// Returns the texels of a texture, row by row.
 fn texels(painter: &Painter, id: TextureId) -> Vec<[u8; 4]> {
     let Texture { texels: at, width, height, .. } = painter.textures.get(id).expect("there");
     let all: Vec<[u8; 4]> = read(&painter.textures.texels());

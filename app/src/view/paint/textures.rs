@@ -1,8 +1,7 @@
 //! Packs the texels of all of egui's textures into one buffer.
 //!
-//! A texture occupies consecutive texels, row by row from the top, in the first gap that is large enough. The bytes are
-//! in an [`Arc`] that is replaced only when a texel changes, so that a caller that holds the same [`Arc`] need not copy
-//! them again.
+//! A texture occupies consecutive texels, row by row from the top, in the first gap that is large enough. The [`Arc`]
+//! of the bytes is replaced only when a texel changes, so an upload of the same [`Arc`] can be skipped.
 
 use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TextureFilter;
@@ -24,9 +23,7 @@ pub const SMOOTH_MINIFIED: u32 = 2;
 pub struct Texture {
     /// Index of the first texel.
     pub texels: u32,
-    /// Width in texels.
     pub width: u32,
-    /// Height in texels.
     pub height: u32,
     /// Flags [`SMOOTH_MAGNIFIED`] and [`SMOOTH_MINIFIED`].
     pub smoothing: u32,
@@ -42,7 +39,6 @@ impl Texture {
     }
 }
 
-/// Texels of all textures, and their locations.
 #[derive(Debug)]
 pub struct Textures {
     texels: Arc<Vec<u8>>,
@@ -62,7 +58,6 @@ impl Textures {
         self.known.get(&id).copied().filter(|texture| texture.count() > 0)
     }
 
-    /// Returns the texels of all textures, as they are uploaded.
     pub fn texels(&self) -> Arc<Vec<u8>> {
         self.texels.clone()
     }
@@ -133,8 +128,7 @@ impl Textures {
         }
     }
 
-    /// Returns the first texel of a gap of at least `count` texels between textures, or else the end of the last
-    /// texture.
+    /// Returns the first texel of a gap of at least `count` texels, or else the end of the last texture.
     fn room(&self, count: usize) -> usize {
         let mut taken: Vec<&Texture> = self.known.values().collect();
         taken.sort_by_key(|texture| texture.texels);

@@ -12,10 +12,10 @@ use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake as TaskWake, Waker};
 use std::thread::Thread;
 
-/// The chosen file, `None` if the user cancelled. The role is set if the dialog asked for cameras.
+/// The chosen file, `None` if the user cancelled. The role is that of the request.
 type Answer = Option<(PathBuf, Option<CameraRole>)>;
 
-/// File dialog of a window; at most one is open.
+/// File dialog; at most one is open.
 pub struct Dialog {
     answers: (Sender<Answer>, Receiver<Answer>),
     is_open: bool,
@@ -23,14 +23,13 @@ pub struct Dialog {
 }
 
 impl Dialog {
-    /// Creates the dialog without opening it. It calls `wake` when the user has chosen a file or cancelled.
+    /// `wake` is called when the user has chosen a file or cancelled.
     pub fn new(wake: Wake) -> Dialog {
         Dialog { answers: channel(), is_open: false, wake }
     }
 
-    /// Opens the dialog in the folder of `near`, for any file or, with `cameras`, for cameras of this role.
-    ///
-    /// Does nothing while the dialog is open.
+    /// Opens the dialog in the folder of `near`, for any file or, with `cameras`, for cameras of this role. Does
+    /// nothing while it is open.
     pub fn ask(&mut self, window: &winit::window::Window, near: &Path, cameras: Option<CameraRole>) {
         if std::mem::replace(&mut self.is_open, true) {
             return;
@@ -74,7 +73,6 @@ fn openable() -> Vec<&'static str> {
     scenes.filter(|extension| !extension.contains('.')).chain(["ron", "json"]).collect()
 }
 
-/// A waker that unparks a thread.
 struct Unpark(Mutex<Thread>);
 
 impl TaskWake for Unpark {
@@ -83,7 +81,6 @@ impl TaskWake for Unpark {
     }
 }
 
-/// Blocks the calling thread until a future is complete.
 fn block_on<T>(future: impl Future<Output = T>) -> T {
     let waker = Waker::from(Arc::new(Unpark(Mutex::new(std::thread::current()))));
     let mut future = pin!(future);

@@ -65,9 +65,9 @@ mod wayland {
 }
 
 thread_local! {
-    /// Owner of the code that this thread currently runs within [`guarded`], to whom a panic is attributed.
+    /// Owner of the code that this thread runs within [`guarded`].
     static RUNNING: Cell<Option<Whose>> = const { Cell::new(None) };
-    /// The last panic on this thread.
+    /// The last panic within [`guarded`] on this thread.
     static PANIC: RefCell<Option<Panic>> = const { RefCell::new(None) };
 }
 
@@ -86,7 +86,7 @@ enum Whose {
 pub struct Panic {
     whose: Whose,
     message: String,
-    /// Source location of the panic: file, line and column.
+    /// File, line and column.
     place: String,
 }
 
@@ -142,7 +142,6 @@ pub fn library<T>(call: impl FnOnce() -> T) -> T {
 }
 
 fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
-    /// Guard that restores the previous owner, even if a panic unwinds.
     struct Restore(Option<Whose>);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -157,21 +156,17 @@ fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
 pub struct Handle(Arc<Window>);
 
 impl Handle {
-    /// Opens a window.
-    ///
-    /// # Errors
-    /// The display server refuses the window.
+    /// Fails if the display server refuses the window.
     pub fn open(target: &ActiveEventLoop, attributes: WindowAttributes) -> Result<Handle> {
         let window = library(|| target.create_window(attributes)).context("the window cannot be opened")?;
         Ok(Handle(Arc::new(window)))
     }
 
-    /// Runs a call on the window.
     pub fn with<T>(&self, call: impl FnOnce(&Window) -> T) -> T {
         library(|| call(&self.0))
     }
 
-    /// Returns the window, for a device to create its surface.
+    /// For a device to create its surface.
     pub fn surface(&self) -> Arc<Window> {
         self.0.clone()
     }
@@ -187,9 +182,9 @@ static OPEN: AtomicBool = AtomicBool::new(false);
 
 /// Records whether devices are open.
 ///
-/// Exit handlers of drivers and their layers free memory that other threads may still use. While devices are open, the
-/// process must therefore end without these handlers: see [`is_left_open`]. libX11 calls `exit` by itself, so a handler
-/// is installed that runs before the others.
+/// Exit handlers of drivers free memory that other threads may still use. While devices are open, the process must end
+/// without these handlers: see [`is_left_open`]. libX11 calls `exit` by itself, so this installs a handler that runs
+/// before the others.
 pub fn set_open(open: bool) {
     OPEN.store(open, Ordering::Relaxed);
     #[cfg(unix)]
@@ -239,7 +234,6 @@ mod tests {
         assert_eq!(fitted((900, 720), (1280, 800)), (900, 720));
     }
 
-    /// Prefix of the location of a panic in this file.
     const PLACE: &str = "display.rs:";
 
     #[test]

@@ -1,17 +1,14 @@
 //! Opens a source location in the user's editor.
 //!
-//! `VISUAL` or `EDITOR` names the editor. Editors that need a terminal cannot be started from a window; instead of
-//! them, and if neither variable is set, a `vscode://` link is opened, which other editors also register.
+//! `VISUAL` or `EDITOR` names the editor. An editor unknown to `command`, such as one that needs a terminal, is
+//! replaced by a `vscode://` link.
 
 use splatgraph_framework::ir::Origin;
 use std::env;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Opens a source location in an editor.
-///
-/// # Errors
-/// The file is built into the program, or the editor cannot be started.
+/// Fails if the file does not exist (it may be built into the program), or the editor cannot be started.
 pub fn open(origin: &Origin) -> Result<(), String> {
     let path = Path::new(&origin.file);
     let path = path.canonicalize().map_err(|_| {
@@ -31,7 +28,6 @@ pub fn open(origin: &Origin) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the program and the arguments that open a source location.
 fn command(editor: &str, path: &Path, origin: &Origin) -> (String, Vec<String>) {
     let mut words = editor.split_whitespace().map(str::to_owned);
     let program = words.next().unwrap_or_default();

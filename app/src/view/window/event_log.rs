@@ -8,7 +8,6 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Writer of events, one JSON object per line.
 pub struct EventLog {
     out: Log,
     begun: Instant,

@@ -1,12 +1,10 @@
 //! Opens the window, passes winit's events to a [`Shell`], and presents the shell's frames.
 //!
-//! The window sleeps until an event or the time of the next frame ([`Frame::next`]). While frames are in flight, it
-//! polls them at intervals. While it is minimised or covered, it does not draw.
+//! The window sleeps until an event or the time of the next frame ([`Frame::next`]), polls frames in flight at
+//! intervals, and does not draw while it is minimised or covered. While nothing can be drawn, its title gives the
+//! reason.
 //!
 //! [`Frame::next`]: super::shell::Frame::next
-//!
-//! While nothing can be drawn, the window's title gives the reason: the device was lost, is busy with one pass, or
-//! cannot draw the window itself. Closing waits at most `CLOSING` for each device.
 
 mod dialog;
 mod display;
@@ -49,12 +47,10 @@ const REOPENING: Duration = Duration::from_millis(50);
 /// Minimum and maximum interval between polls of a frame in flight.
 const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_millis(50));
 
-/// Fraction of the age of a frame in flight, as a divisor, that is used as the polling interval. Polling thus adds at
-/// most this fraction to a frame's time.
+/// Divisor of the age of the newest frame in flight; the quotient is the polling interval, within [`LOOKS`].
 const LOOK: u32 = 16;
 
-/// Maximum wait for each device's frames, and for a build, when the window closes. Anything that takes longer is
-/// abandoned when the process exits.
+/// Maximum wait for each device's frames, and for a build, when the window closes.
 const CLOSING: Duration = Duration::from_secs(3);
 
 /// Time after which the program gives up if the window's own graph never had enough memory.
@@ -69,7 +65,7 @@ const MANY: u64 = 30;
 /// A function that sets the initial state of the shell. The pair is the window's size, in pixels.
 pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()>>;
 
-/// The options of the window.
+/// Options of the window.
 pub struct WindowOptions {
     /// The scene to open and the path of its file.
     pub scene: (Scene, PathBuf),
@@ -139,8 +135,7 @@ struct Running {
     input: egui_winit::State,
     window: display::Handle,
     covered: bool,
-    /// True for a minimised window, and the time of the last check. Polled, because not every window system reports
-    /// changes.
+    /// True for a minimised window, and the time of the last check. Polled: not every window system sends an event.
     minimised: (bool, Instant),
     /// True if an event requires a frame.
     asked: bool,
@@ -152,15 +147,13 @@ struct Running {
     frames: u64,
     closing: Closing,
     log: Option<EventLog>,
-    /// The window's current title.
     title: String,
     /// Time since which the window's own graph could not be built; `None` if it can.
     blind: Option<Instant>,
     /// Name of the pass in the last [`Event::Slow`].
     slow: Option<String>,
-    /// File that stores the arrangement.
+    /// See [`WindowOptions::kept`].
     kept: Option<PathBuf>,
-    /// The file dialog.
     open: dialog::Dialog,
     /// Path for the next frame's picture of the window.
     save: Option<PathBuf>,
@@ -168,7 +161,7 @@ struct Running {
     save_a: Option<PathBuf>,
 }
 
-/// Options that close the window: a screenshot, or a number of frames.
+/// See [`WindowOptions`].
 struct Closing {
     screenshot: Option<PathBuf>,
     frames: Option<u64>,
@@ -245,7 +238,6 @@ impl App {
         Ok(())
     }
 
-    /// Closes the window and ends the event loop, with or without an error.
     fn end(&mut self, target: &ActiveEventLoop, result: Result<()>) {
         let messages = self.running.take().map(|running| running.close()).unwrap_or_default();
         self.outcome = result.map(|()| messages);
@@ -375,7 +367,7 @@ impl Running {
         [asked, self.next, self.look].into_iter().flatten().min()
     }
 
-    /// Draws a frame; returns true if the window must close.
+    /// Returns true if the window must close.
     fn draw(&mut self) -> Result<bool> {
         self.asked = false;
         if let Some((path, cameras)) = self.open.take() {
@@ -435,9 +427,8 @@ impl Running {
         Ok(close && self.save.is_none())
     }
 
-    /// Returns true if this frame is the last: it shows the requested state, and enough frames were drawn.
-    ///
-    /// Always false without a screenshot or a number of frames.
+    /// Returns true if this frame is the last: a screenshot or a number of frames was requested, the frame shows the
+    /// requested state, and enough frames were drawn.
     ///
     /// # Errors
     /// The requested state cannot be shown.
@@ -463,7 +454,7 @@ impl Running {
         }
     }
 
-    /// Names in the window's title the pass or the error that delays the next picture.
+    /// Updates the window's title, which names the pass or the error that delays the next picture.
     ///
     /// # Errors
     /// The window's own graph cannot be drawn and never could.
@@ -543,13 +534,11 @@ impl Running {
         }
     }
 
-    /// Opens the file dialog in the scene's folder.
     fn ask(&mut self, cameras: Option<CameraRole>) {
         let near = self.shell.viewer.scene_path();
         self.window.with(|window| self.open.ask(window, near, cameras));
     }
 
-    /// Saves a picture and reports the result.
     fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
         let saved = match image_of(pixels) {
             Some(image) => image.save(path).map_err(Into::into),
