@@ -10,9 +10,7 @@ use super::text::conflict_line;
 use crate::ir::Run;
 use crate::plan::Cause;
 
-/// Formats a dump's encoders with their reasons, next to its barriers, which are Vulkan's.
-///
-/// Returns `None` if the dump has no encoders.
+/// Formats a dump's encoders with their reasons, next to its barriers, which are Vulkan's; `None` without encoders.
 pub fn encoders_text(dump: &Dump) -> Option<String> {
     let encoders = dump.encoders.as_ref()?;
     let mut out = String::new();
@@ -21,7 +19,6 @@ pub fn encoders_text(dump: &Dump) -> Option<String> {
     Some(out)
 }
 
-/// Column widths for passes and for encoders.
 const COLUMNS: (usize, usize) = (26, 44);
 
 fn row(out: &mut String, pass: &str, encoder: &str, plan: &str) -> fmt::Result {

@@ -180,9 +180,7 @@ pub struct DumpResource {
     pub declared: Origin,
 }
 
-/// First and last use, as indices into [`Dump::passes`].
-///
-/// The contents are undefined before the first use and not needed after the last.
+/// First and last use, as indices into [`Dump::passes`]; the contents are undefined before and not needed after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lifetime {
     /// Index of the first pass that accesses the resource.
@@ -207,8 +205,7 @@ pub struct DumpPhase {
 /// A run of passes from one repeat.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpRepeat {
-    /// Name of the include around the repeat, or the first pass's name without index; made unique by a number:
-    /// `sort (2)`.
+    /// Name of the include around the repeat, or the first pass's name without index; `sort (2)` if `sort` is taken.
     pub name: String,
     /// Number of distinct indices among the passes: for nested repeats, the iterations of the innermost body.
     pub iterations: usize,
@@ -398,8 +395,7 @@ pub struct DumpWait {
 pub struct DumpUpdate {
     /// Number of the fence.
     pub fence: u32,
-    /// The stage of draws after which the fence is updated: `vertex`, or `fragment` (so after both stages). `None` in
-    /// other encoders.
+    /// Stage of draws after which the fence is updated: `vertex`, or `fragment` (after both); `None` in other encoders.
     pub stage: Option<String>,
 }
 
@@ -437,8 +433,8 @@ pub struct EncoderTotals {
 }
 
 impl Dump {
-    /// Adds the times of a run, in milliseconds by pass name, and returns the number of passes with a time. Unknown
-    /// names are ignored.
+    /// Adds a run's times, in milliseconds by pass name; unknown names are ignored. Returns the number of passes with a
+    /// time.
     pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
         let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
         for pass in &mut self.passes {
@@ -457,10 +453,8 @@ impl Dump {
         (self, found)
     }
 
-    /// Adds the barriers of an API that has them, and numbers them.
-    ///
-    /// `calls` has one list per pass, in execution order, and the handover's list between those of the prologue and
-    /// those of the frame.
+    /// Adds and numbers the barriers of an API. `calls` has one list per pass, in execution order, and the handover's
+    /// list between those of the prologue and those of the frame.
     pub fn with_barriers(mut self, calls: impl IntoIterator<Item = Vec<DumpBarrier>>) -> Dump {
         let Dump { passes, totals, handover, .. } = &mut self;
         let (mut calls, mut next) = (calls.into_iter(), 1);
@@ -497,8 +491,7 @@ impl Dump {
 }
 
 impl DumpPass {
-    /// Returns true if a run may have no time for the pass: it has no work on the device, or work that a backend may
-    /// skip.
+    /// Returns true if a run may have no time for the pass: it has no work on the device, or a backend may skip it.
     pub fn needs_no_time(&self) -> bool {
         matches!(self.kind.as_str(), "export" | "host" | "start")
     }

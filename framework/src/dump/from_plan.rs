@@ -12,9 +12,8 @@ use crate::ir::{
 use crate::plan::{Cause, Dependency, Plan, Resource, Warning};
 use std::collections::{HashMap, HashSet};
 
-/// Returns the plan with names in place of numbers.
-///
-/// It has no barriers: they belong to an API, and its backend adds them with [`Dump::with_barriers`].
+/// Returns the plan with names in place of numbers, and without barriers: a backend adds those of its API with
+/// [`Dump::with_barriers`].
 pub fn dump(plan: &Plan) -> Dump {
     let mut passes: Vec<DumpPass> = plan.order().map(|id| pass_of(plan, id)).collect();
     let repeats = repeats::find(&mut passes);
@@ -157,10 +156,9 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], free
     }
 }
 
-/// Returns each resource's first and last use in the frame.
-///
-/// `None` for resources that are not transient or not used in the frame, and for contents that outlive a frame: used
-/// by the prologue, with a history, or first used by a pass that does not write them.
+/// Returns each resource's first and last use in the frame. `None` for resources that are not transient or not used in
+/// the frame, and for contents that outlive a frame: used by the prologue, with a history, or first used by a pass that
+/// does not write them.
 fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
     let mut longer: Vec<bool> =

@@ -1,6 +1,4 @@
-//! Formats a dump as an HTML page: a single file for any browser, without network access.
-//!
-//! The page embeds the dump's JSON unchanged, and the scripts in `page/` draw the timeline from it.
+//! Formats a dump as an HTML page without network access: scripts in `page/` draw the timeline from the embedded JSON.
 
 use super::form::Dump;
 use super::from_plan::json;

@@ -85,9 +85,7 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
     repeats
 }
 
-/// Makes a name unique: `sort`, or `sort (2)` if `sort` exists.
-///
-/// `taken` maps each name so far to the next number to try.
+/// Makes a name unique: `sort`, or `sort (2)` if `sort` exists. `taken` maps each name so far to the next number.
 fn unique(wanted: String, taken: &mut HashMap<String, u32>) -> String {
     let mut name = wanted.clone();
     while taken.contains_key(&name) {

@@ -267,10 +267,8 @@ pub(super) fn subject(b: &DumpBarrier) -> String {
     }
 }
 
-/// Formats a reason: `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE
-/// STORAGE_READ`.
-///
-/// Names the waiting pass, unless it is the one right after the barrier.
+/// Formats a reason: `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> ...`. Names the
+/// waiting pass, unless it is the one right after the barrier.
 pub fn cause_line(barrier: &DumpBarrier, cause: &DumpCause) -> String {
     let DumpCause { conflict, masks } = cause;
     let mut line = conflict_line(conflict);

@@ -1,5 +1,4 @@
-//! A hand-made plan for tests: a graph that sorts splats, with every construct that a plan can have; and its dump, with
-//! barriers as an API could place them.
+//! A hand-made plan with every construct that a plan can have, and its dump with barriers as an API could place them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -9,7 +8,6 @@ use crate::ir::{Member, MemberKind, PushBlock, Reflection, ShaderStage};
 use crate::source::Diagnostic;
 use crate::{ir::*, plan::*};
 
-/// A plan under construction.
 struct Maker {
     resources: Vec<Resource>,
     shaders: Vec<Shader>,
@@ -128,7 +126,6 @@ pub fn dump(plan: &Plan) -> Dump {
     crate::dump::dump(plan).with_barriers(calls.into_iter().map(|at| call(plan, at)))
 }
 
-/// Returns the barriers before a pass, or in the handover.
 fn call(plan: &Plan, at: Option<PassId>) -> Vec<DumpBarrier> {
     let here = |d: &&Dependency| match at {
         Some(pass) => d.second == pass && d.since != Since::Prologue,

@@ -1,5 +1,3 @@
-//! Tests the forms of a dump.
-
 mod diff;
 mod encoders;
 mod example;
@@ -54,7 +52,6 @@ fn barriers_are_numbered_in_the_order_of_recording() {
     let plain = dump(&example::splat(4, 1000));
     let mut calls: Vec<_> = plain.passes.iter().map(|pass| pass.barriers.clone()).collect();
     calls.insert(2, plain.handover.clone());
-    // Give the prologue a barrier as well.
     calls[1] = plain.handover.clone();
     let dump = super::dump(&example::splat(4, 1000)).with_barriers(calls);
     let ids: Vec<u32> = dump.barriers().map(|b| b.id).collect();
@@ -143,7 +140,6 @@ fn names_say_which_passes_a_repeat_made() {
     assert_eq!(dump.pass("sort.clear").unwrap().repeat, None);
 }
 
-/// Returns passes of these names, with their repeats, and the list of repeats.
 fn repeated(names: &[&str]) -> (Vec<DumpPass>, Vec<DumpRepeat>) {
     let any = dump(&example::splat(4, 1000)).passes[2].clone();
     let mut passes: Vec<DumpPass> =
@@ -152,7 +148,6 @@ fn repeated(names: &[&str]) -> (Vec<DumpPass>, Vec<DumpRepeat>) {
     (passes, repeats)
 }
 
-/// Returns the repeat that each of these passes belongs to.
 fn grouped(names: &[&str]) -> Vec<Option<String>> {
     repeated(names).0.into_iter().map(|p| p.repeat.map(|r| r.group)).collect()
 }
@@ -262,7 +257,6 @@ fn the_picture_has_an_edge_for_every_pass_that_is_waited_for() {
     assert_eq!(dot.matches('{').count(), dot.matches('}').count());
 }
 
-/// Returns the data embedded in a page.
 fn data_of(page: &str) -> serde_json::Value {
     let (_, rest) = page.split_once("<script type=\"application/json\" id=\"dump\">").expect("it has data");
     let (data, _) = rest.split_once("</script>").expect("the data ends");

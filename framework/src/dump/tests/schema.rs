@@ -181,7 +181,6 @@ fn the_validator_finds_what_does_not_fit() {
     }
 }
 
-/// Lists the fields in the table under a heading.
 fn documented(heading: &str) -> Vec<&str> {
     let (_, section) =
         PAGE.split_once(&format!("\n### {heading}\n")).unwrap_or_else(|| panic!("no section {heading}"));
