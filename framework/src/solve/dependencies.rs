@@ -2,8 +2,7 @@
 //!
 //! The module walks the prologue and two frames, and keeps for every memory cell the last pass that wrote it and all
 //! reads since. A read depends on the last write; a write depends on the reads since the last write, or on that write
-//! if there are none. The second frame follows a frame like itself, so its dependencies hold for every frame. The first
-//! frame adds dependencies on the prologue.
+//! if there are none. The second frame follows a frame like itself, so its dependencies hold for every frame.
 //!
 //! Layouts come first, because they follow from the order of the passes. For an API with layouts, a layout change is a
 //! write of the image; other APIs ignore it. Each dependency therefore tells whether the change waits for it. If only
@@ -41,7 +40,6 @@ pub(super) fn dependencies(plan: &Plan) -> (Vec<LayoutChange>, Vec<Dependency>) 
     (changes, dependencies)
 }
 
-/// Lists the layout changes in the prologue, the handover and every frame, from the uses.
 fn layout_changes(
     plan: &Plan,
     extents: &Extents,
@@ -186,7 +184,6 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds the dependencies of a pass's accesses to one resource.
     fn accesses(&self, pass: PassId, group: &Group, found: &mut Vec<Dependency>) {
         for access in &group.accesses {
             let (touch, write) = (access.touch, access.touch.accesses & Accesses::WRITES);

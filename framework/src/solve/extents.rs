@@ -10,13 +10,11 @@ use std::ops::Range;
 use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Stages, Use, Work};
 use crate::plan::{Plan, Resource};
 
-/// An access and its cells.
 pub(super) struct Access {
     pub touch: Use,
     pub cells: Vec<Range<usize>>,
 }
 
-/// A pass's accesses to one resource.
 pub(super) struct Group {
     pub resource: ResourceId,
     pub accesses: Vec<Access>,
@@ -25,7 +23,6 @@ pub(super) struct Group {
 pub(super) struct Extents {
     /// The accesses of each pass by resource, in the order of first appearance. Reads of uniform blocks are left out.
     pub passes: Vec<Vec<Group>>,
-    /// The cells of each resource.
     pub resources: Vec<Range<usize>>,
     /// The bytes of each cell, from the start of its memory. All resources of a block start there.
     pub cells: Vec<Range<u64>>,

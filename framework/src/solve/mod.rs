@@ -71,7 +71,6 @@ pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Plan {
     plan
 }
 
-/// Assigns memory to the plan's resources, and dependencies to its passes.
 fn place(plan: &mut Plan, share_memory: bool) {
     plan.blocks = memory::place(&plan.passes, &plan.frame, &mut plan.resources, share_memory);
     add_dependencies(plan);

@@ -13,7 +13,6 @@ use crate::plan::Warning;
 use crate::source::{Diagnostic, SourceMap};
 use std::collections::{HashMap, HashSet};
 
-/// Lists the warnings about passes in the plan, and about culled includes.
 pub(super) fn warnings(
     passes: &[LinkedPass],
     order: &Order,

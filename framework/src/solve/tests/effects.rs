@@ -31,7 +31,6 @@ fn effect_with(text: &str, set: &[(&str, &str)], more: &[(&str, &str)]) -> Strin
     effect_in(&plan, "p")
 }
 
-/// Returns the effect of `p` on a graph of these passes.
 fn effect(passes: &[String]) -> String {
     effect_with(&graph(P, &passes.join("\n")), &[], &[])
 }
@@ -237,8 +236,7 @@ fn a_pass_that_is_left_out_counts_as_far_as_its_accesses_go() {
         effect(&[make(), twice.replace("unread", "first"), twice, show()]),
         format!("{NONE}; it is used by `first` and others, and nothing reads what they write")
     );
-    // `p` decides whether the culled pass exists, or which resources it accesses. Either could make the pass live, so `p`
-    // counts as shaping the plan (`+`).
+    // `p` decides whether the culled pass exists, or which resources it accesses: it shapes the plan (`+`).
     assert_eq!(effect(&[make(), unread("when: \"p > 4\", size:"), show()]), "+ ");
     assert_eq!(effect(&[make(), unread("size:").replace("\"b\"", "\"p > 4 ? 'b' : 'a'\""), show()]), "+ ");
     let text = graph(P, &[make(), unread("size:").replace("make.comp", "text.comp"), show()].join("\n"));

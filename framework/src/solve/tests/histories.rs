@@ -1,5 +1,3 @@
-//! Tests resources with a history.
-
 use super::*;
 
 #[test]

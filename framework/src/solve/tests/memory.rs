@@ -1,8 +1,5 @@
-//! Tests the sharing of memory by transient resources.
-
 use super::*;
 
-/// Lists the resources of each block that has several.
 fn aliases(plan: &Plan) -> Vec<Vec<&str>> {
     let names = |block: &crate::plan::Block| {
         block.aliases.iter().map(|id| plan.resource(*id).name.as_str()).collect::<Vec<_>>()

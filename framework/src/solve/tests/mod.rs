@@ -28,12 +28,10 @@ fn shown(plan: &Plan) -> String {
     format!("\n{}{:#?}", plan.order().map(pass).collect::<String>(), plan.layout_changes)
 }
 
-/// Lists the names of the frame's passes, in execution order.
 fn frame(plan: &Plan) -> Vec<&str> {
     plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
 }
 
-/// Formats the dependencies of a pass, one text each.
 fn dependencies(plan: &Plan, pass: &str) -> Vec<String> {
     let id = plan.order().find(|id| plan.pass(*id).name == pass);
     let id = id.unwrap_or_else(|| panic!("{}", shown(plan)));

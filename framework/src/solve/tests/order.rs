@@ -1,5 +1,3 @@
-//! Tests the order of passes, and which passes are culled.
-
 use super::*;
 
 #[test]
