@@ -19,7 +19,6 @@
 //!
 //! [`oracle`] checks the dependencies of a plan independently of [`solve`]. When a file changes, [`reload`] rebuilds
 //! the plan while the last good one is still drawn.
-//! the plan while the last good one is still drawn.
 
 #![deny(missing_docs)]
 

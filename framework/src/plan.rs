@@ -18,9 +18,7 @@ use crate::ir::{
 };
 use crate::source::Diagnostic;
 
-/// The compiled form of a graph: everything that a backend needs to execute it.
-///
-/// The default is an empty plan, a starting point for plans built by hand in tests.
+/// The compiled form of a graph: everything that a backend needs to execute it. The default is an empty plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
     /// The graph that was requested, by preset name or by path.

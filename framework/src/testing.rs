@@ -1,5 +1,4 @@
-//! A stub shader compiler for this crate's tests. Its shaders are lists of accesses, so that thousands of graphs can be
-//! compiled without calling glslang.
+//! A stub shader compiler for tests: its shaders are lists of accesses.
 //!
 //! A shader's text has one line per block: `r Keys 4` (reads a storage buffer of 4-byte elements), `w`, `rw`, `rwa`
 //! (read and write by atomics), `uniform Camera 256`, `image r Color rgba16f`. Further lines are `push shift`,
@@ -124,7 +123,7 @@ impl ShaderCompiler for ListCompiler {
     }
 }
 
-/// Returns the facts of a scene of 1000 splats, a viewport of 64 x 32 and a device with generous limits.
+/// Returns the facts of a scene of 1000 splats, a viewport of 64 x 32 and a device.
 pub fn facts() -> Facts {
     let ints =
         [("scene.count", 1000), ("scene.sh_degree", 2), ("viewport.width", 64), ("viewport.height", 32)];
@@ -241,7 +240,6 @@ pub fn apart(graph: &str) -> Result<Plan, String> {
     plan_with(&files, &[], &[], false)
 }
 
-/// Returns a dispatch of 64 threads, as a line of a graph.
 pub fn dispatch(name: &str, shader: &str, bind: &str) -> String {
     format!(r#"        Dispatch(name: "{name}", shader: "{shader}", size: Threads(64), bind: {{{bind}}}),"#)
 }

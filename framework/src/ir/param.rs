@@ -87,17 +87,16 @@ pub enum ParamBinding {
 /// A set of parameters, as indices into the graph's list.
 pub type ParamSet = BTreeSet<usize>;
 
-/// The parts of a plan that depend on a parameter.
+/// The parts of a plan that depend on a parameter, directly or through other parameters, `let`s or included graphs.
 ///
-/// A part depends on a parameter if it used the parameter's value, directly or through other parameters, `let`s or
-/// parameters of included graphs. A use is an expression that read the value when evaluated, a define that the compiled
-/// text of a shader depends on, or a live parameter that a compiled shader reads. Expressions that were not evaluated
-/// (an untaken branch of `?:`, a short-circuited operand) do not count, and neither does code that was not compiled (an
-/// untaken branch of an `#if`, a pass whose `when` is false).
+/// A part depends on a parameter if an expression read the value, if the compiled text of a shader depends on its
+/// define, or if a compiled shader reads it as a live parameter. Expressions that were not evaluated (an untaken branch
+/// of `?:`, a short-circuited operand) do not count, and neither does code that was not compiled (an untaken branch of
+/// an `#if`, a pass whose `when` is false).
 ///
-/// A parameter without an effect can take any value with which the graph builds: passes, shaders, memory and barriers
-/// stay the same, and shaders read the same bytes, while the other parameters are unchanged. A condition that reads the
-/// parameter counts as an effect, even if it has the same result for all values.
+/// A parameter without an effect can take any value with which the graph builds, while the others are unchanged: the
+/// plan stays the same, and shaders read the same bytes. A condition that reads the parameter counts as an effect, even
+/// if it has the same result for all values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Effect {
     /// The passes that depend on the parameter, in the plan's order.

@@ -246,8 +246,7 @@ pub struct Use<R = ResourceId> {
     pub accesses: Accesses,
     /// The layout that an image must be in; `None` for buffers.
     pub layout: Option<Layout>,
-    /// True if the pass clears the attachment or history first, so that earlier contents may be discarded. False for
-    /// fills.
+    /// True if the pass clears the attachment or history first: earlier contents may be discarded. False for fills.
     pub discards: bool,
 }
 

@@ -12,8 +12,8 @@ pub const OUTPUTS: &str = "outputs.";
 pub struct Facts {
     /// Facts of the device.
     pub device: DeviceFacts,
-    /// Facts of the scene and the viewport, by full name: `scene.count`, `viewport.width`, ... Also the requested
-    /// outputs; see [`OUTPUTS`].
+    /// Facts of the scene and the viewport by full name, such as `scene.count`; also the requested outputs
+    /// ([`OUTPUTS`]).
     pub host: BTreeMap<String, Value>,
 }
 

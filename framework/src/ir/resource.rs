@@ -64,8 +64,7 @@ pub enum Source {
     },
     /// The uniform block of the live parameters, written by the host for every frame.
     Live,
-    /// Host-visible memory for the statistics. The export writes it and the host reads it after the frame. One copy per
-    /// frame in flight.
+    /// Host-visible memory for the statistics, one copy per frame in flight: the export writes it, the host reads it.
     Readback,
 }
 

@@ -21,9 +21,8 @@ pub struct Shader {
     pub msl: Option<Arc<Msl>>,
 }
 
-/// A shader in the Metal Shading Language, with the argument indices of its bindings.
-///
-/// Each stage has its own argument tables: one for buffers and one for textures.
+/// A shader in the Metal Shading Language, with the indices of its bindings in the stage's argument tables: one for
+/// buffers and one for textures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Msl {
     /// Source text of a library with a single function.
@@ -34,28 +33,19 @@ pub struct Msl {
     pub arguments: Vec<MslArgument>,
     /// Index of the push constants in the buffer table; `None` if the shader has none.
     pub push: Option<u32>,
-    /// Index of the buffer sizes in the buffer table; `None` if the code queries no buffer's length.
-    ///
-    /// The sizes are 32-bit byte counts. Each is at the index that its buffer has in the table.
+    /// Index of the buffer sizes in the buffer table; `None` if the code queries no buffer's length. Each size is a
+    /// 32-bit byte count, at the index that its buffer has in the table.
     pub sizes: Option<u32>,
 }
 
 impl Msl {
-    /// Maximum number of buffers of a function, including push constants and sizes.
-    ///
-    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the buffer argument table, per graphics or
-    /// kernel function".
+    /// Maximum number of buffers of a function, including push constants and sizes (Apple, "Metal Feature Set Tables").
     pub const MAX_BUFFERS: u32 = 31;
 
-    /// Maximum number of textures of a function, in Metal.
-    ///
-    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or
-    /// kernel function".
+    /// Maximum number of textures of a function (Apple, "Metal Feature Set Tables").
     pub const MAX_TEXTURES: u32 = 128;
 
-    /// Maximum bytes of push constants, which Metal copies with the command (`setBytes`).
-    ///
-    /// Apple, documentation of `setBytes:length:atIndex:`: "data smaller than 4 KB".
+    /// Maximum bytes of push constants, which Metal copies with the command: "smaller than 4 KB" (Apple, `setBytes`).
     pub const MAX_PUSH_BYTES: u32 = 4095;
 }
 
@@ -131,11 +121,9 @@ pub struct ReflectedBinding {
     pub count: u32,
     /// Type and layout.
     pub kind: ReflectedKind,
-    /// True if the code loads from the binding, directly or through a function argument, or uses atomics on it other
-    /// than stores.
+    /// True if the code loads from the binding, also through a function argument, or uses atomics other than stores.
     pub reads: bool,
-    /// True if the code stores to the binding, directly or through a function argument, or uses atomics on it other
-    /// than loads.
+    /// True if the code stores to the binding, also through a function argument, or uses atomics other than loads.
     pub writes: bool,
     /// True if every load and store is atomic, so that invocations do not race.
     pub atomics_only: bool,

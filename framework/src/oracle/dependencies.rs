@@ -1,8 +1,7 @@
 //! Checks a plan's dependencies and layout changes against the accesses of its passes.
 //!
-//! For each memory cell, the check lists the passes that access it, in the prologue and in three frames, and looks back
-//! from each access to its immediate predecessors. A dependency must cover every such pair, and every stage and access
-//! of a dependency must be required by a pair.
+//! In the prologue and three frames, a dependency must cover every access to a memory cell and its immediate
+//! predecessors, and such a pair must require every stage and access of a dependency.
 
 use super::trace::{Access, Trace};
 use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages};
@@ -348,9 +347,7 @@ impl<'a> Check<'a> {
     }
 }
 
-/// Returns true if the pass of a read does not also write at that stage.
-///
-/// If it does, the dependency on the write covers the read as well.
+/// Returns true unless the pass of a read also writes at that stage: the dependency on the write then covers the read.
 fn is_apart(read: &Access, accesses: &[&Access]) -> bool {
     !accesses.iter().any(|other| other.writes() && other.stage == read.stage)
 }

@@ -37,9 +37,8 @@ pub fn folded(text: &str) -> String {
     text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
-/// A reference to a resource, or an expression that chooses one.
-///
-/// A reference is a name, `front` or `back` of a ping-pong resource, or `last` (the previous frame's contents).
+/// A reference to a resource: a name, `front` or `back` of a ping-pong resource, `last` (the previous frame's
+/// contents), or an expression that chooses one.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(from = "String")]
 pub struct Reference {

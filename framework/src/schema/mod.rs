@@ -34,8 +34,7 @@ impl Document {
     /// Parses the text of a graph file.
     ///
     /// # Errors
-    /// Errors of the `ron` crate, with line and column: syntax errors, unknown or missing fields, unknown variants, and
-    /// values of a wrong type.
+    /// Syntax errors and mismatches with these types, with line and column.
     pub fn parse(text: &str) -> Result<Document, ron::error::SpannedError> {
         let options = ron::Options::default()
             .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);

@@ -5,14 +5,12 @@ use crate::oracle::dependencies;
 use crate::solve::add_dependencies;
 use crate::{ir::*, plan::*};
 
-/// Adds the dependencies to the sketch, changes the plan, and returns the objections.
 fn found(mut sketch: Sketch, change: impl FnOnce(&mut Plan)) -> Vec<String> {
     add_dependencies(&mut sketch.plan);
     change(&mut sketch.plan);
     dependencies(&sketch.plan).iter().map(|objection| objection.describe(&sketch.plan)).collect()
 }
 
-/// Returns a plan with a write, two reads, and a write of an alias of the written memory.
 fn shared() -> Sketch {
     let mut s = Sketch::new();
     let (x, y) = (s.buffer("x"), s.buffer("y"));
@@ -24,7 +22,6 @@ fn shared() -> Sketch {
     s
 }
 
-/// Returns a plan with an image that is drawn to, exported, and reused in the next frame.
 fn drawn() -> Sketch {
     let mut s = Sketch::new();
     let image = s.image("image");

@@ -139,12 +139,10 @@ pub fn writes(resource: ResourceId) -> Use {
     touch(resource, COMPUTE, WRITE)
 }
 
-/// Returns the write of a fill.
 pub fn fills(resource: ResourceId) -> Use {
     touch(resource, CLEAR, Accesses::TRANSFER_WRITE)
 }
 
-/// Returns accesses of a compute shader to a storage image.
 pub fn in_general(resource: ResourceId, accesses: Accesses) -> Use {
     Use { layout: Some(Layout::General), ..touch(resource, COMPUTE, accesses) }
 }
