@@ -332,7 +332,6 @@ fn damaged_graphs_are_plans_or_errors_with_a_place() {
     });
 }
 
-/// One compilation of a shipped graph.
 #[derive(Clone, PartialEq)]
 struct Compilation {
     file: String,
@@ -341,7 +340,6 @@ struct Compilation {
     generated: Vec<(String, String)>,
 }
 
-/// A compiler that records the requests.
 struct Recorder {
     compiler: Glslang,
     seen: Vec<Compilation>,
@@ -366,7 +364,6 @@ impl ShaderCompiler for Recorder {
     }
 }
 
-/// Lists every compilation that the shipped graphs request.
 fn compilations() -> Vec<Compilation> {
     let (facts, catalog) = (nominal::facts(COUNT, SIZE), nominal::catalog(COUNT));
     let mut memory = texts("pipelines");

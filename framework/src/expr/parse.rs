@@ -63,7 +63,6 @@ struct Parser<'a> {
     token: Token,
     start: usize,
     end: usize,
-    /// The end of the previous token.
     last_end: usize,
     /// Nesting depth: open parentheses, arguments, choices, `-` and `!`.
     depth: usize,
@@ -162,7 +161,6 @@ impl Parser<'_> {
         Ok(tree)
     }
 
-    /// Parses the operand of a `-` or `!` at `start`.
     fn unary(&mut self, op: UnaryOp, start: usize) -> Result<Tree, ExprError> {
         self.enter()?;
         let operand = self.operand()?;

@@ -142,8 +142,8 @@ impl Linker<'_> {
         self.errors.push(diagnostic.with_nearest(&bind.block, blocks.iter().copied(), otherwise));
     }
 
-    /// Checks the resources bound to a block, and reports mistakes. Returns the kind of descriptor; `None` if the
-    /// resources do not fit the block.
+    /// Checks the resources bound to a block, and reports mistakes. Returns the kind of descriptor; `None` on a
+    /// mismatch.
     fn fits(
         &mut self,
         shader: ShaderId,

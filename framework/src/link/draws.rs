@@ -88,7 +88,6 @@ impl Linker<'_> {
         }
     }
 
-    /// Checks a depth attachment, and adds its accesses.
     pub(super) fn depth(
         &mut self,
         pass: &LoweredPass,

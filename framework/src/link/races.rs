@@ -140,7 +140,6 @@ impl Linker<'_> {
         }
     }
 
-    /// Returns the shaders that use a block of this name.
     fn blocks<'s>(
         &'s self,
         stages: &'s [(ShaderId, Stages)],

@@ -6,7 +6,6 @@ use crate::ir::{Culled, ParamSet, Reason};
 use crate::schema::{Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, is_choice};
 use crate::source::{Diagnostic, Place};
 
-/// A `when` that evaluated to false, and the reason.
 struct False<'a> {
     condition: &'a Number,
     at: &'a Place,

@@ -15,7 +15,6 @@ use crate::ir::{FileId, Span};
 use crate::schema::{Expose, Expression, Graph, Number, ParamDecl, ParamKind, PassDecl};
 use crate::source::{Diagnostic, Kind, Place, SourceMap};
 
-/// A parameter of a graph, with the file that declares it.
 #[derive(Clone, Debug)]
 pub(super) struct Declared {
     pub name: String,
@@ -39,7 +38,6 @@ pub(super) struct Around {
     hidden: BTreeMap<String, Span>,
 }
 
-/// The value that an include sets for a parameter.
 #[derive(Debug)]
 pub(super) struct Given {
     pub setting: Setting,
@@ -125,7 +123,6 @@ impl Declared {
         .collect()
     }
 
-    /// Returns the graph that declares the parameter. The parameter can grow with this graph's statistics.
     pub fn graph(&self) -> &Graph {
         &self.graph
     }
@@ -194,7 +191,6 @@ impl Parameters {
         )
     }
 
-    /// Returns the error for a cycle of parameters, starting at one of them.
     fn circle(&self, first: usize, next: impl Fn(usize) -> usize) -> Diagnostic {
         let mut way = vec![first];
         let start = loop {

@@ -16,9 +16,8 @@ pub(super) struct Constants {
     pub params: BTreeMap<String, ParamSet>,
 }
 
-/// Lists every constant by its name in capitals.
-///
-/// The options of a choice become constants as well, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
+/// Lists every constant. The options of a choice become constants as well, so that a shader can write
+/// `#if BLEND == BLEND_BACK_TO_FRONT`.
 pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
     let capital = |name: &str| -> String {
         name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()

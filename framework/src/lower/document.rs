@@ -180,7 +180,6 @@ fn requirements(needs: &[(Expression, String)], of: &Place, preference: bool) ->
     needs.iter().enumerate().map(requirement).collect()
 }
 
-/// Reads one file, without following references.
 pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Place), Vec<Diagnostic>> {
     let text = files.text(file);
     // The outline comes first because it limits the nesting, on which the RON parser recurses.

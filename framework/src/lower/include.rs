@@ -16,7 +16,6 @@ use crate::source::{Diagnostic, Kind, Place};
 /// Name of an included graph's output in its includer, after the include's name and a dot.
 const PICTURE: &str = "picture";
 
-/// Returns the error for a name in an included graph that collides with its output.
 fn hides_the_output(inner: &Level) -> Diagnostic {
     let Graph { imports, resources, .. } = &*inner.graph;
     let list = match () {
@@ -173,10 +172,9 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Adds the names of an included graph's resources to the includer: `include.resource`.
-    ///
-    /// Names have their meaning at the end of the included graph: the front of a ping-pong buffer is the half that is
-    /// in front there. A constant that holds a resource's name is added as well, and the output is added as `picture`.
+    /// Adds the names of an included graph's resources to the includer: `include.resource`. They refer to the resources
+    /// at the end of the included graph: the front of a ping-pong buffer is the half in front there. Also adds
+    /// constants that hold a resource's name, and the output as `picture`.
     fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
         let ports = &inner.graph.ports;
         let own = inner.handles.iter().filter(|(name, _)| !ports.contains_key(*name));
@@ -208,10 +206,8 @@ impl Lowering<'_> {
         level.given.extend(decided.into_iter().map(|(name, params)| (format!("{include}.{name}"), params)));
     }
 
-    /// Resolves an included graph's parameters.
-    ///
-    /// Exposed parameters have the includer's value. The others have the value in `set`, or else that of the included
-    /// graph's preset or declaration.
+    /// Resolves an included graph's parameters. Exposed parameters have the includer's value. The others have the value
+    /// in `set`, or else that of the included graph's preset or declaration.
     fn include_params(
         &self,
         level: &Level,

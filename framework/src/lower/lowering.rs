@@ -29,7 +29,6 @@ pub(super) struct Lowering<'a> {
     pub errors: Vec<Diagnostic>,
     pub plan: Plan,
     pub declarations: Vec<Declaration>,
-    /// Name and place of every resource, to detect duplicates.
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
     pub passes: Vec<LoweredPass>,
@@ -37,9 +36,8 @@ pub(super) struct Lowering<'a> {
     steps: usize,
     pub choices: Choices<'a>,
     pub known: Known,
-    /// Name and place of every pass, to detect duplicates; `None` for reserved names.
+    /// `None` for reserved names.
     pub pass_names: BTreeMap<String, Option<Span>>,
-    /// Name and place of every include, to detect duplicates.
     pub include_names: BTreeMap<String, Span>,
     pub histories: Vec<History>,
     pub unwritten: Vec<RemovedUse>,

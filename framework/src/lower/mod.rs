@@ -127,8 +127,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
 ///
 /// # Errors
-/// Errors of the request's settings, of the graph's file, its parameters, and the files that it refers to, or the unmet
-/// requirements if no graph suits the facts.
+/// Those of [`lower`] about the request's settings, files, parameters and requirements.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let mut choices = Choices::new(request);
     let chosen = choices.root(files)?;
@@ -177,8 +176,7 @@ impl ExpressionNames {
 /// Evaluates a graph's parameters and `let`s without lowering its passes, for editors. An invalid `let` is left out.
 ///
 /// # Errors
-/// Errors of the request's settings, of the graph's file, its parameters, and the files that it refers to, or the unmet
-/// requirements if no graph suits the facts.
+/// Those of [`lower`] about the request's settings, files, parameters and requirements.
 pub fn expression_names(
     request: &Request,
     files: &mut SourceMap,

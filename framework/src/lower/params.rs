@@ -18,7 +18,6 @@ pub(super) struct Resolved {
     /// Facts and constants, ready for `let`s and passes.
     pub names: Names,
     pub live_bytes: u64,
-    /// For each live parameter, itself and the parameters that its value depends on.
     pub live: BTreeMap<String, ParamSet>,
     pub skipped: Vec<SkippedUse>,
 }
@@ -169,11 +168,9 @@ fn one(
     Ok(Made { param, params, range, skipped })
 }
 
-/// Returns the scopes of a parameter's expressions: one per include around it, innermost first, then the scope of
-/// the graph that has it.
-///
-/// An include adds the values of `set` that the parameter needs. The others are not evaluated: they may use `let`s
-/// of the includer, which have no values yet.
+/// Returns the scopes of a parameter's expressions: one per include around it, innermost first, then the scope of the
+/// graph that has it. An include adds only the values of `set` that the parameter needs: others may use `let`s of the
+/// includer, which have no values yet.
 fn around<'a>(
     declared: &Declared,
     setting: Option<&Setting>,
@@ -243,7 +240,6 @@ fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
     Err(error.with_nearest(name, graph.stats.keys().map(String::as_str), otherwise))
 }
 
-/// Returns the label and the help of a declaration, which may be empty.
 pub(super) fn texts(declaration: &ParamDecl) -> (&str, &str) {
     let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
     match kind {

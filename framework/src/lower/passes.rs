@@ -16,10 +16,8 @@ use crate::source::{Diagnostic, Place};
 /// Maximum length of a pass's name in the file, in bytes.
 const MAX_NAME: usize = 256;
 
-/// Maximum number of errors before the walk stops.
 const MAX_ERRORS: usize = 20;
 
-/// The fields that all kinds of passes share.
 struct Head<'a> {
     pub name: &'a str,
     pub phase: &'a Option<String>,
@@ -188,7 +186,6 @@ impl Lowering<'_> {
         }
     }
 
-    /// Evaluates the `when` of an attachment; true if there is none.
     fn attaches(&self, level: &Level, when: &Option<Number>, at: &Place) -> Result<bool, Diagnostic> {
         let truth = |when| level.names.deciding(|| level.names.truth(when, &at.field("when")));
         when.as_ref().map_or(Ok(true), truth)

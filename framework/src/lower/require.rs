@@ -13,7 +13,6 @@ use crate::source::{Diagnostic, Kind, SourceMap};
 #[derive(Debug)]
 pub(super) struct Chosen {
     pub opened: Rc<Opened>,
-    /// Graphs of the choice that were passed over, in order.
     pub fallbacks: Vec<Fallback>,
     pub unmet: Vec<Unmet>,
     /// The unmet requirements as errors.
@@ -34,7 +33,7 @@ impl<'a> Choices<'a> {
         Choices { request, known: HashMap::new() }
     }
 
-    /// Returns the same as [`Self::standing`]. If no graph suits the facts, fails with the unmet requirements.
+    /// Like [`Self::standing`], but fails with the unmet requirements if no graph suits the facts.
     pub fn root(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         let chosen = self.standing(files)?;
         if chosen.unmet.is_empty() {
@@ -44,7 +43,6 @@ impl<'a> Choices<'a> {
         }
     }
 
-    /// Returns the first graph of the request whose requirements hold, or else the last one.
     pub fn standing(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         let file = document::find(files, self.request.graph)?;
         self.choose(file, files, 0)
@@ -121,7 +119,6 @@ impl<'a> Choices<'a> {
     }
 }
 
-/// Unmet requirements of a graph, each with its error in case there is no fallback.
 #[derive(Default)]
 struct Needs {
     unmet: Vec<Unmet>,
@@ -130,7 +127,6 @@ struct Needs {
     preference: bool,
 }
 
-/// Lists the graphs that passes include unconditionally.
 fn always_included(passes: &[PassDecl]) -> Vec<&str> {
     let graphs = passes.iter().flat_map(|pass| match pass {
         PassDecl::Include { graph, when: None, .. } => vec![graph.as_str()],

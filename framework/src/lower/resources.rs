@@ -253,8 +253,8 @@ impl Lowering<'_> {
         id
     }
 
-    /// Returns the resources that the reference at `place` refers to at this point of the walk. `Ok(None)` if the name's
-    /// declaration or include is invalid, which is already reported.
+    /// Returns the resources that the reference at `place` refers to at this point of the walk. `Ok(None)` if the
+    /// name's declaration or include is invalid, which is already reported.
     pub(super) fn look_up(
         &self,
         level: &Level,
@@ -346,10 +346,8 @@ impl Lowering<'_> {
         }
     }
 
-    /// Checks an includer's resource against a port, and returns its handle inside the included graph.
-    ///
-    /// A port without `ping_pong` gets only the front of a ping-pong resource, so that the included graph cannot
-    /// exchange the halves.
+    /// Checks an includer's resource against a port, and returns its handle inside the included graph. A port without
+    /// `ping_pong` gets only the front of a ping-pong resource, so that the included graph cannot exchange the halves.
     pub(super) fn port(
         &self,
         name: &str,

@@ -95,7 +95,6 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Adds the statistics of a graph to the plan's, and checks their words.
     pub(super) fn stats(&mut self, level: &Level) {
         for (name, (buffer, offset)) in &level.graph.stats {
             let at = level.root.field("stats").field(name);

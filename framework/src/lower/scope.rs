@@ -11,9 +11,8 @@ use crate::source::{Diagnostic, Place};
 
 pub(super) type Values = BTreeMap<String, Value>;
 
-/// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
-///
-/// Every evaluation records the parameters of the root graph that it read. Lowering a statement takes these records.
+/// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables. Every
+/// evaluation records the parameters of the root graph that it read; [`Names::take_notes`] returns them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Names {
     pub values: Values,
@@ -104,7 +103,6 @@ impl Names {
         result
     }
 
-    /// Records parameters as [`Notes::decided`].
     pub fn note_decided(&self, params: &ParamSet) {
         self.notes.borrow_mut().decided.extend(params);
     }
@@ -125,7 +123,6 @@ impl Names {
         }
     }
 
-    /// Returns the parameters that any name in an expression depends on.
     pub fn named(&self, expression: &Expression) -> ParamSet {
         let names = expression.parsed.iter().flat_map(|expr| expr.names());
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()

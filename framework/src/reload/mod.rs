@@ -12,9 +12,8 @@
 //! new source map and may keep its compiler, which caches shaders by their texts.
 //!
 //! Editors save a file in several steps: they empty it first, remove and create it again, or write it in parts. There
-//! are therefore three delays. The watcher waits until a file stops changing ([`watch::QUIET`]), and longer if it is
-//! empty or missing ([`watch::GONE`]). An error right after a change is shown later ([`last_good::GRACE`]), because
-//! half a file is seldom a valid graph.
+//! are therefore three delays: until a file has stopped changing ([`watch::QUIET`]), longer if it is empty or missing
+//! ([`watch::GONE`]), and until an error right after a change is shown ([`last_good::GRACE`]).
 
 pub mod last_good;
 pub mod rebuild;

@@ -51,8 +51,7 @@ struct State<Job, Output> {
 }
 
 impl<Job, Output> State<Job, Output> {
-    /// Returns true if the running job should stop: the rebuilder is dropped, or [`PATIENCE`] has passed and there is a
-    /// newer job.
+    /// Returns true if the rebuilder is dropped, or if [`PATIENCE`] has passed and there is a newer job.
     fn is_cancelled(&self) -> bool {
         let newer = self.outdated || self.waiting.is_some();
         self.ending || newer && self.building.is_some_and(|begun| begun.elapsed() > PATIENCE)

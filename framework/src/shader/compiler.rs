@@ -28,8 +28,8 @@ pub struct Compiled {
     pub spirv: Arc<Vec<u32>>,
     /// Names and values of the defines that the shader or its includes mention.
     pub defines: Vec<(String, String)>,
-    /// Identifiers that the compiled text depends on: those in active branches of `#if`s, and in conditions. If the
-    /// branches cannot be followed, all identifiers.
+    /// Identifiers that the compiled text depends on: those in active branches of `#if`s, and in conditions. All
+    /// identifiers, if the branches cannot be followed.
     pub reached: Arc<BTreeSet<String>>,
     /// Bindings, accesses, stage inputs and outputs, read from the SPIR-V.
     pub reflection: Reflection,
@@ -60,10 +60,8 @@ pub trait ShaderCompiler {
     }
 }
 
-/// A store that keeps SPIR-V between runs of a program.
-///
-/// Its contents are trusted: a store must return only words that the same build of the program stored under the same
-/// key.
+/// A store that keeps SPIR-V between runs of a program. It is trusted: it must return only words that the same build of
+/// the program stored under the same key.
 pub trait SpirvStore: Send + Sync + std::fmt::Debug {
     /// Returns the words stored under a key, if they are present and undamaged.
     fn load(&self, key: &[u8]) -> Option<Vec<u32>>;

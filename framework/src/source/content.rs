@@ -64,7 +64,7 @@ pub(super) enum Found {
     Nothing,
     /// A regular file, opened for reading.
     File(File),
-    /// An entry that is not a file, such as a pipe, with a description for messages.
+    /// A pipe, for example. The text describes it for messages.
     Other(&'static str),
 }
 

@@ -58,7 +58,7 @@ pub struct Library {
     pub unsaved: BTreeMap<PathBuf, String>,
 }
 
-/// Canonical paths of the folders that may contain a graph's files.
+/// Folders that may contain a graph's files; canonical.
 type Roots = Arc<Vec<PathBuf>>;
 
 /// A finder of files by name, which keeps the opened ones. See the module's documentation for the search.
@@ -267,7 +267,7 @@ impl SourceMap {
         FileId(self.files.len() as u32 - 1)
     }
 
-    /// Looks up one spelling of a name in all places. The error explains why an existing file cannot be used.
+    /// Looks up one spelling of a name. The error explains why an existing file cannot be used.
     fn find_spelling(
         &mut self,
         from: Option<FileId>,
@@ -537,7 +537,6 @@ fn appended(folder: &str, name: &str) -> String {
     }
 }
 
-/// Returns the folder of a path, or `""`.
 fn parent(path: &str) -> &str {
     match path.rsplit_once('/') {
         Some(("", _)) => "/",

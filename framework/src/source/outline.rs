@@ -134,7 +134,6 @@ struct Parser<'a> {
     file: FileId,
     text: &'a str,
     tokens: &'a [Token],
-    /// The lexical error after the last token, if any.
     lexical_error: Option<Diagnostic>,
     at: usize,
     /// Opening brackets not yet closed, outermost first.
@@ -344,7 +343,7 @@ impl<'a> Parser<'a> {
         error
     }
 
-    /// Returns the error for an unexpected token; `what` describes what was expected.
+    /// Returns the error for an unexpected token or end of the text; `what` describes what was expected.
     fn expected(&mut self, what: &str) -> Box<Diagnostic> {
         let Some(token) = self.peek(0) else { return self.expected_more(what) };
         let found = match &token.kind {
@@ -373,7 +372,6 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Returns the error for an unexpected end of the text; `what` describes what was expected.
     fn expected_more(&mut self, what: &str) -> Box<Diagnostic> {
         if let Some(error) = self.lexical_error.take() {
             return Box::new(error);

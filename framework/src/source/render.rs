@@ -48,7 +48,6 @@ fn render_one(
     diagnostic: &Diagnostic,
     renderer: &Renderer,
 ) -> String {
-    // Group labels into one snippet per file, with the primary label's file first.
     let mut snippets: Vec<(FileId, Vec<(AnnotationKind, &Label)>)> = Vec::new();
     let primary = (AnnotationKind::Primary, &diagnostic.primary);
     let secondary = diagnostic.secondary.iter().map(|label| (AnnotationKind::Context, label));
@@ -97,7 +96,6 @@ fn one_line(text: &str) -> String {
     normalize_untrusted_str(&harmless(text)).replace('\n', "\u{240a}")
 }
 
-/// Clamps a span to the text and to character boundaries.
 fn drawable(text: &str, span: Span) -> Range<usize> {
     let on_boundary = |offset: usize| {
         let mut offset = offset.min(text.len());

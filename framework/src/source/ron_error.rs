@@ -199,7 +199,7 @@ impl Translator<'_> {
         error
     }
 
-    /// Returns the error for a value that was read only in part; `wanted` describes the expected type.
+    /// Like [`Self::wrong_kind`], for a value that was read only in part.
     fn wrong_kind_before(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let message = format!("expected {wanted}, found `{}`", &self.text[place.clone()]);

@@ -25,7 +25,6 @@ pub(super) enum TokenKind {
     /// A number, a range of numbers, a character, a byte or a byte string.
     Scalar,
     Text(Text),
-    /// An extension attribute: `#![enable(...)]`.
     Attribute,
 }
 
@@ -381,7 +380,6 @@ impl<'a> Lexer<'a> {
         u8::from_str_radix(digits, 16).ok()
     }
 
-    /// Reads the rest of a raw string from its first `#` or quote.
     fn raw(&mut self, start: usize) -> Result<Text> {
         let hashes = self.rest().len() - self.rest().trim_start_matches('#').len();
         self.at += hashes;

@@ -2,7 +2,6 @@
 
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Value};
 
-/// Bytes of the camera's uniform block.
 pub const CAMERA_BYTES: u64 = 256;
 
 /// Returns the facts of a scene of `count` splats of degree 3, drawn at a size in pixels by a device of 32 lanes with

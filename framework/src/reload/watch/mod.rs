@@ -91,7 +91,6 @@ struct Shared {
     found: Option<Found>,
 }
 
-/// A change that has not been taken yet.
 #[derive(Debug)]
 struct Found {
     files: BTreeMap<PathBuf, Content>,
@@ -244,7 +243,6 @@ struct LookOut<Wake> {
     watched: BTreeSet<PathBuf>,
     /// Watched folders that may have been replaced.
     stale: BTreeSet<PathBuf>,
-    /// Time of the last look at all files.
     looked: Instant,
 }
 
@@ -359,7 +357,6 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.looked = now;
     }
 
-    /// Watches exactly the folders along the subjects' current paths.
     fn watch_folders(&mut self) {
         for _ in 0..MAX_WALKS {
             let mut walk = Walk::default();
@@ -422,7 +419,6 @@ impl<Wake: Fn()> LookOut<Wake> {
         any
     }
 
-    /// Switches from events to polling.
     fn poll(&mut self, error: &notify::Error) {
         self.native = None;
         self.watched.clear();
@@ -452,10 +448,8 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 }
 
-/// True if all folders along a path are watched up to the root, false if only the last ones and those with links.
-///
-/// On macOS a watched folder sends the events of everything below it: for the root, those of the whole machine. There,
-/// changes further up wait for the next regular look.
+/// True if all folders along a path are watched, false if only the last ones and those with links. On macOS, watching
+/// `/` would send the events of the whole machine, so changes further up wait for the next regular look.
 const EVERY_FOLDER: bool = !cfg!(target_os = "macos");
 
 /// Normalizes a path for comparison with those of events: to lower case on systems that ignore case.

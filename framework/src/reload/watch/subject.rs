@@ -33,7 +33,6 @@ pub struct Subject {
     pending: Option<Pending>,
 }
 
-/// The result of one look at a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Glance {
     stamp: Option<Stamp>,

@@ -18,7 +18,6 @@ const MAX_LINKS: u32 = 40;
 pub struct Entry {
     /// The folder that contains the entry: absolute, without links.
     pub folder: PathBuf,
-    /// The entry's own path: `folder`, joined with the entry's name.
     pub path: PathBuf,
     pub is_link: bool,
 }

@@ -55,7 +55,6 @@ impl Desk {
         fs::write(path, text).expect("saved");
     }
 
-    /// Watches these files in their current state.
     fn want(&mut self, names: &[&str]) {
         self.wanted = names.iter().map(|name| self.path(name)).collect();
         self.built();

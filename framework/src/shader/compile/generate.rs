@@ -18,7 +18,6 @@ pub(super) const MAX_INCLUDED_BYTES: usize = 4 << 20;
 pub(super) const INCLUDE_BYTES: usize = 256;
 /// Maximum nesting of includes.
 pub(super) const MAX_DEPTH: usize = 32;
-/// Maximum size of SPIR-V in bytes.
 const MAX_SPIRV_BYTES: usize = 8 << 20;
 
 /// All inputs of a compilation, which identify it.
@@ -32,16 +31,13 @@ pub(super) struct Key {
     pub includes: Vec<BTreeMap<String, Option<usize>>>,
 }
 
-/// The reason why there is no SPIR-V.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Failure {
     /// The log of glslang, or the limit that it exceeded.
     Log(String),
     /// The compiler could not be started, or gave no answer. A second attempt may succeed.
     Crash(String),
-    /// Includes that cannot be followed.
     Includes(Vec<IncludeFailure>),
-    /// The build was cancelled.
     Cancelled,
 }
 

@@ -14,7 +14,6 @@ use crate::ir::Span;
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, SourceMap, nearest};
 
-/// Maximum number of diagnostics per compilation.
 pub(super) const MAX_DIAGNOSTICS: usize = 10;
 
 /// Returns the diagnostics of a log, at least one.
@@ -233,7 +232,6 @@ fn locate(
     }
     match (tokens.first(), tokens.last()) {
         (Some(first), Some(last)) => (first.start..last.end, None),
-        // The line has only a comment.
         _ => (line, None),
     }
 }
@@ -350,7 +348,7 @@ fn quoted(name: &str) -> String {
     }
 }
 
-/// Returns the spelling of a token from its name in the grammar, where keywords are in capitals.
+/// Returns the spelling of a token from its name in glslang's grammar, where keywords are in capitals.
 fn grammar_spelling(name: &str) -> &str {
     match name {
         "LEFT_OP" => "<<",

@@ -160,7 +160,6 @@ impl Failure {
         matches!(self, Failure::Log(_) | Failure::Includes(_))
     }
 
-    /// Returns the diagnostics to show, at least one.
     fn diagnose(&self, files: &mut SourceMap, request: &ShaderRequest, sources: &Sources) -> Vec<Diagnostic> {
         match self {
             Failure::Cancelled => {

@@ -3,10 +3,8 @@
 //! [`scan`] lists every identifier of a text, including inactive branches of `#if`s, where a define cannot change the
 //! compiled shader. This module evaluates the `#if`s with the defines of the compilation. It collects the identifiers
 //! of compiled lines, of the macros that they expand, and of conditions as far as they are evaluated (`&&` and `||`
-//! short-circuit).
-//!
-//! It errs on the side of too many names: if it cannot evaluate a condition (because of an extension, a function-like
-//! macro or a division by zero), all branches count.
+//! short-circuit). It errs on the side of too many names: if it cannot evaluate a condition (because of an extension, a
+//! function-like macro or a division by zero), all branches count.
 //!
 //! It also finds undefined names in conditions, which the preprocessor silently treats as 0.
 
@@ -16,10 +14,9 @@ use std::ops::Range;
 use super::generate::{INCLUDE_BYTES, MAX_DEPTH, MAX_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
 
-/// Maximum number of words visited while expanding a condition, macro names included; beyond it, the condition is
-/// not evaluated.
+/// Maximum number of words visited while expanding a condition. A longer one is not evaluated.
 const MAX_WORDS: usize = 10_000;
-/// Maximum nesting of parentheses and signs; a condition with deeper nesting is not evaluated.
+/// Maximum nesting of parentheses and signs in a condition. A deeper one is not evaluated.
 const MAX_NESTED: usize = 100;
 
 /// A text of a shader, and its includes: indices of their texts, by name.
@@ -37,9 +34,8 @@ pub(super) struct Reached {
     pub undefined: Option<(usize, Range<usize>)>,
 }
 
-/// Finds the names that the preprocessor reaches from `texts[0]` with `defines`.
-///
-/// `None` if the texts cannot be followed: their includes are too large or too deep, or they paste names together.
+/// Finds the names that the preprocessor reaches from `texts[0]` with `defines`. `None` if the texts cannot be
+/// followed: their includes are too large or too deep, or they paste names together.
 pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]) -> Option<Reached> {
     let mut walk = Walk {
         tokens: texts.iter().map(|text| lex(text.text)).collect(),

@@ -138,7 +138,6 @@ mod system {
             let mut limit = MaybeUninit::<libc::rlimit>::zeroed().assume_init();
             if libc::getrlimit(resource, &mut limit) == 0 {
                 limit.rlim_cur = limit.rlim_cur.min(to);
-                // If the call fails, the earlier limit stays.
                 let _ = libc::setrlimit(resource, &limit);
             }
         }

@@ -9,9 +9,8 @@ use crate::ir::{FileId, Span};
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 
-/// Maximum bytes of GLSL in all files of one shader.
+/// Maximum bytes of GLSL in one shader with its includes.
 pub(super) const MAX_BYTES: usize = 256 << 10;
-/// Maximum number of files of one shader.
 pub(super) const MAX_FILES: usize = 256;
 
 pub(super) struct Sources {

@@ -1,14 +1,14 @@
-//! Runs the compiler in a separate process, which contains crashes and limits memory and time.
+//! Runs the compiler in a separate process, which isolates crashes and limits memory and time.
 //!
 //! glslang is C++: some broken shaders make it dereference a null pointer, and macros can grow without bounds. It
 //! therefore runs in a [`Worker`], a program that calls [`serve_if_asked`] first. The program is started for the first
 //! shader, and kept. Parent and worker communicate over pipes: four bytes of length and a JSON text in each direction,
 //! and after a success the SPIR-V as a second message. The worker receives texts and opens no files.
 //!
-//! The worker enforces [`Limits`]: it exits with a specific code when a compilation takes too much memory or time, and
-//! silently when the pipe closes, when its parent is gone, or after a compilation that leaves much memory in use. The
-//! parent kills it when it does not answer for [`PATIENCE`] or when the build is cancelled. The next compilation then
-//! starts a new worker.
+//! The worker enforces [`Limits`]: it exits with a specific code when a compilation takes too much memory or time. It
+//! exits with 0 when the pipe closes, when its parent is gone, or after a compilation that leaves much memory in use.
+//! The parent kills it when it does not answer for [`PATIENCE`] or when the build is cancelled. The next compilation
+//! then starts a new worker.
 
 use std::ffi::OsString;
 use std::io::{self, BufReader, Read, Write};
@@ -39,7 +39,6 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const START: Duration = Duration::from_secs(20);
 /// Interval between checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
-/// Maximum bytes of a message.
 const MAX_BYTES: usize = 64 << 20;
 
 /// Limits of a compilation.
@@ -86,10 +85,8 @@ impl Worker {
         Worker { program: program.into(), arguments: Vec::new(), limits: Limits::default() }
     }
 
-    /// Selects the running program as the compiler. On Linux, this works even if its file has been replaced.
-    ///
-    /// # Errors
-    /// The program's path cannot be determined.
+    /// Selects the running program as the compiler. On Linux, this works even if its file has been replaced. Fails if
+    /// the program's path cannot be determined.
     pub fn this_program() -> io::Result<Worker> {
         let itself = PathBuf::from("/proc/self/exe");
         if cfg!(target_os = "linux") && itself.exists() {
@@ -263,7 +260,6 @@ impl Process {
         })
     }
 
-    /// Waits for the next message, unless cancelled.
     fn wait(&mut self, cancel: &Cancel) -> Result<Vec<u8>, Lost> {
         let begun = Instant::now();
         loop {
@@ -277,7 +273,7 @@ impl Process {
         }
     }
 
-    /// Returns the reason why a worker closed its pipe.
+    /// Returns why the worker closed its pipe. Waits up to 2 s for its exit status.
     fn ended(&mut self) -> Lost {
         let asked = Instant::now();
         while asked.elapsed() < Duration::from_secs(2) {

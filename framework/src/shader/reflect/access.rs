@@ -13,7 +13,6 @@ use rspirv::spirv::{Op, Word};
 
 use super::module::{Module, Type, id};
 
-/// The ids of the variables that the code accesses.
 #[derive(Debug, Default)]
 pub(super) struct Accesses {
     pub reads: HashSet<Word>,
@@ -173,7 +172,6 @@ fn is_opaque(module: &Module, load: &Instruction) -> Result<bool, String> {
     Ok(matches!(module.type_of(result)?.kind, Type::Image { .. } | Type::Other(_) | Type::Pointer { .. }))
 }
 
-/// Records the accesses of an instruction.
 fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses) -> Result<(), String> {
     let opcode = i.class.opcode;
     if opcode == Op::ExtInst && module.non_semantic.contains(&id(i, 0)?) {

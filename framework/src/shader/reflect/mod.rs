@@ -188,7 +188,6 @@ fn storage_buffer(
     Ok(ReflectedKind::StorageBuffer { stride, fixed_bytes })
 }
 
-/// Returns the size in bytes and the members of a uniform or push-constant block.
 fn block(
     module: &Module,
     block: Word,

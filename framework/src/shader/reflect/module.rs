@@ -334,7 +334,6 @@ impl Module {
         }
     }
 
-    /// Returns the name of an id, or of a member of a type; may be empty.
     pub fn name(&self, id: Word, member: Option<u32>) -> &str {
         self.names.get(&(id, member)).map_or("", String::as_str)
     }
@@ -462,7 +461,7 @@ impl Module {
         })
     }
 
-    /// Returns the bytes of a struct's member by the explicit layout.
+    /// Returns the bytes of a struct's member; `None` without an explicit layout.
     fn member_bytes(&self, owner: Word, member: u32, info: &TypeInfo) -> Result<Option<u64>, String> {
         let Type::Matrix { column, columns } = info.kind else { return Ok(info.laid_out) };
         let Some(stride) = self.number(owner, Some(member), Decoration::MatrixStride) else {
