@@ -14,7 +14,7 @@ use splatgraph_api::Device;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Effect of a click in a list of views or keys.
+/// A click in a list of views or keys.
 enum Act {
     Go,
     Remove,
@@ -63,7 +63,6 @@ fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut 
     });
 }
 
-/// Draws the list of saved views.
 fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Saved views");
     let mut act = None;
@@ -93,7 +92,6 @@ fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls
     });
 }
 
-/// Draws the list of the path's keys, and the playback controls.
 fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Path");
     let times = viewer.path.key_seconds();
@@ -163,14 +161,13 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
     fact(ui, "Speed", "constant, rotation included");
 }
 
-/// Draws the button that opens the file dialog for cameras.
 fn read_button(ui: &mut Ui, role: CameraRole, about: &str, controls: &mut Controls) {
     if hint(ui.button("Read a file…"), about).clicked() {
         controls.commands.push(Command::OpenCameras(role));
     }
 }
 
-/// Draws the button that writes cameras to a file with the next free name, and reports the result.
+/// `write` gets the next free name; its result is reported as an event.
 fn write_button<D: Device, E: Display>(
     ui: &mut Ui,
     viewer: &mut Viewer<D>,
@@ -191,7 +188,6 @@ fn write_button<D: Device, E: Display>(
     }
 }
 
-/// Appends the current camera to the path.
 pub fn record<D: Device>(viewer: &mut Viewer<D>) {
     if let Err(error) = viewer.record_key(usize::MAX) {
         viewer.report(Event::Problem { text: error.to_string() });
@@ -207,7 +203,6 @@ pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
     }
 }
 
-/// Returns the first path in `folder`, of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ..., that does not exist yet.
 fn free_name(folder: &Path, stem: &str) -> PathBuf {
     names::first_free(|number| folder.join(format!("{stem}-{number}.cameras.json")))
 }

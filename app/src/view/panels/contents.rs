@@ -14,11 +14,8 @@ use splatgraph_framework::plan::Plan;
 
 /// Shared state that the inspector reads and changes while it draws.
 pub struct Target<'a> {
-    /// Item that is selected in all tools.
     pub selection: &'a mut Option<Selection>,
-    /// Positions of controls, for scripted input, and the user's requests.
     pub controls: &'a mut Controls,
-    /// State of the measurement of the device's copy limit.
     pub copy: Copy,
     /// Set to true to start the measurement.
     pub measure: &'a mut bool,
@@ -27,9 +24,7 @@ pub struct Target<'a> {
 /// State of the measurement of the device's copy limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Copy {
-    /// Not measured yet.
     Unknown,
-    /// The measurement is running.
     Measuring,
     /// Bandwidth in 10^9 bytes per second, reads plus writes.
     Known(f64),
@@ -41,11 +36,10 @@ const LINES: usize = 16;
 /// Number of bars in the histogram.
 const BINS: usize = 64;
 
-/// Maximum width of the image of a resource, in pixels. Larger images are scaled down, because they occupy the user
-/// interface's texture memory.
+/// Maximum width and height of a resource's image, in pixels. Larger images are scaled down, because they occupy the
+/// user interface's texture memory.
 const MAX_WIDTH: usize = 512;
 
-/// State of the inspector's display of contents.
 #[derive(Default)]
 pub struct State {
     first: usize,
@@ -225,7 +219,6 @@ impl State {
     }
 }
 
-/// Draws the choice of the resource and the pass to inspect.
 fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
     ui.horizontal_wrapped(|ui| {
         let mut changed = false;

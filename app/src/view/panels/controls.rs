@@ -35,12 +35,10 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// Clears the positions of the last frame.
     pub(super) fn clear(&mut self) {
         self.now.clear();
     }
 
-    /// Records the position of a control.
     pub(in crate::view) fn see(&mut self, name: &str, rect: Rect) {
         self.now.insert(name.to_owned(), rect);
     }

@@ -1,6 +1,6 @@
 //! Shows errors over the last good picture until they are corrected.
 //!
-//! Errors are underlined as in a terminal, with buttons to copy the text and to open an editor at the location.
+//! The text is that of the terminal, with its colours, and has buttons to copy it and to edit the file.
 
 use super::controls::{Command, Controls};
 use super::theme::{HEADING, Palette, TEXT, strong};
@@ -18,7 +18,6 @@ pub struct State {
 }
 
 impl State {
-    /// Draws the card of errors, if there are any.
     pub fn show<D: Device>(
         &mut self,
         ctx: &Context,

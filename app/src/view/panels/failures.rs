@@ -1,4 +1,4 @@
-//! Converts errors with terminal colours to egui text, for display over the last good picture.
+//! Converts text with terminal colours to egui's layout.
 
 use egui::text::{LayoutJob, TextFormat};
 use egui::{Color32, FontId};
@@ -17,7 +17,7 @@ const PALETTE: [Color32; 8] = [
 
 const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
 
-/// Converts text with ANSI colours to egui's layout, in a monospace font; drops other escape sequences.
+/// Lays out text with ANSI colours in a monospace font; drops other escape sequences.
 pub fn layout(ansi: &str, size: f32) -> LayoutJob {
     let mut job = LayoutJob::default();
     let mut colour = PLAIN;

@@ -57,7 +57,6 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
     ),
 ];
 
-/// Draws the window of keys and mouse controls while it is open.
 pub fn show(ctx: &Context, open: &mut bool) {
     let middle = ctx.content_rect().center();
     egui::Window::new("Keys and mouse")

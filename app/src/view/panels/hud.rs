@@ -16,9 +16,8 @@ use std::time::{Duration, Instant};
 
 /// Display time of a toast.
 const STAY: Duration = Duration::from_secs(5);
-/// Display time of a toast about a failure.
+/// Display time of a toast about a failure, or about dropped parameters.
 const STAY_LONG: Duration = Duration::from_secs(12);
-/// Maximum number of toasts at the same time.
 const MAX_TOASTS: usize = 4;
 /// Number of frames in the sparkline.
 const FRAMES: usize = 120;
@@ -38,7 +37,7 @@ struct Toast {
     end: Instant,
 }
 
-/// Toasts: messages that appear over the picture and disappear by themselves.
+/// Messages that appear over the picture and disappear by themselves.
 #[derive(Default)]
 pub struct Toasts {
     shown: Vec<Toast>,
@@ -46,7 +45,6 @@ pub struct Toasts {
 }
 
 impl Toasts {
-    /// Shows a toast about a completed action.
     pub fn done(&mut self, text: String) {
         self.add(text, Kind::Done, STAY);
     }
@@ -140,9 +138,8 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
         .shadow(ui.visuals().popup_shadow)
 }
 
-/// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner.
-///
-/// Draws nothing before the first measured frame, or if the picture is too small.
+/// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner, once a frame is measured
+/// and if they fit.
 pub fn show<D: Device>(
     ui: &Ui,
     viewer: &Viewer<D>,
@@ -190,7 +187,7 @@ pub fn show<D: Device>(
     controls.see("hud", rect);
 }
 
-/// Formats the frame rate for an interval in milliseconds, such as `60.0 fps`.
+/// Formats the frame rate of an interval in milliseconds.
 pub fn rate(interval_ms: f64) -> String {
     format!("{} fps", widgets::three_digits(1e3 / interval_ms))
 }
@@ -211,9 +208,8 @@ pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     ui.painter().galley(rect.min + vec2(12.0, 8.0), galley, Color32::WHITE);
 }
 
-/// Draws the name of a viewport beside the split line.
-///
-/// The line is at x = `line`, in points. `towards` is -1 to draw left of it, 1 to draw right of it.
+/// Draws the name of a viewport beside the split line at x = `line`, in points: to the left if `towards` is -1, to the
+/// right if it is 1.
 pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     let at = pos2(line + towards * 18.0, view.top() + 24.0);
     if view.contains(at) {
@@ -223,9 +219,7 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     }
 }
 
-/// Draws a comparison's result at the bottom of the split line, with a button that marks the worst pixel.
-///
-/// Draws nothing if there is no result and no comparison is running.
+/// Draws a running comparison or its result at the bottom of the split line, with a button that marks the worst pixel.
 pub fn comparison<D: Device>(
     ctx: &Context,
     viewer: &mut Viewer<D>,

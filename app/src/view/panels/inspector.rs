@@ -13,14 +13,12 @@ use splatgraph_api::Device;
 use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::ir::{Masks, Origin, Run, Use};
 
-/// State of the inspector.
 #[derive(Default)]
 pub struct State {
     contents: contents::State,
 }
 
 impl State {
-    /// Draws the details of the selected pass, barrier, resource or splat.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -64,7 +62,6 @@ impl State {
     }
 }
 
-/// Draws the source location of a declaration; clicking it opens an editor.
 fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     let response = link(ui, format!("{}:{}", origin.file, origin.line));
     if hint(response, "Open this line in an editor").clicked() {
@@ -72,7 +69,6 @@ fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     }
 }
 
-/// Draws a pass's name; clicking it selects the pass.
 fn pass_link(ui: &mut Ui, name: &str, target: &mut Target) {
     if link(ui, name).clicked() {
         *target.selection = Some(Selection::Pass(name.to_owned()));
@@ -171,9 +167,8 @@ fn show_pass<D: Device>(
     }
 }
 
-/// Draws the time of copying as many bytes as the pass binds, as a share of the pass's time.
-///
-/// Draws a button that starts the measurement while the device's copy limit is unknown.
+/// Draws the time of copying as many bytes as the pass binds; without the device's copy limit, a button that measures
+/// it.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     match target.copy {
         Copy::Known(rate) => {
@@ -195,7 +190,7 @@ fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     }
 }
 
-/// Draws one access of a pass: the resource, and a button that inspects it after this pass.
+/// Draws an access of a pass, with a button that inspects the resource after this pass.
 fn show_touch<D: Device>(
     ui: &mut Ui,
     viewport: &mut Viewport<D>,

@@ -59,13 +59,12 @@ impl Tool {
         self == Tool::Timeline
     }
 
-    /// Returns true for tools whose initial place is at the left.
+    /// True for tools that are at the left by default.
     fn is_left(self) -> bool {
         matches!(self, Tool::Parameters | Tool::Cameras)
     }
 }
 
-/// The arrangement of the tools.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Layout {
     /// The tiles; taken out while they are drawn.
@@ -121,7 +120,6 @@ impl Layout {
         panes == all && self.lengths.iter().all(|(_, length)| length.is_finite() && *length >= 0.0)
     }
 
-    /// Returns true if a tool is open, docked or floating.
     pub fn is_open(&self, tool: Tool) -> bool {
         self.open.contains(&tool)
     }
@@ -144,7 +142,6 @@ impl Layout {
         self.tree.make_active(|_, tile| *tile == Tile::Pane(tool));
     }
 
-    /// Undocks or docks a tool.
     pub fn set_floating(&mut self, tool: Tool, floating: bool) {
         self.floating.retain(|other| *other != tool);
         if floating {
@@ -213,7 +210,6 @@ impl Layout {
         }
     }
 
-    /// Lists the visible children of a container, and the sum of their shares.
     fn shares(&self, container: &Linear) -> (Vec<TileId>, f32) {
         let shown: Vec<TileId> = container
             .children
@@ -225,7 +221,6 @@ impl Layout {
         (shown, sum.max(f32::MIN_POSITIVE))
     }
 
-    /// Returns true if a tile is the picture or contains it.
     fn holds_picture(&self, tile: TileId) -> bool {
         match self.tree.tiles.get(tile) {
             Some(Tile::Pane(tool)) => *tool == Tool::Picture,

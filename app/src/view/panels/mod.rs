@@ -1,8 +1,7 @@
 //! Draws the tools around the picture, and the cards over it.
 //!
-//! The top bar selects scene, camera and graph. `layout` docks the tools: parameters and cameras at the left, the
-//! inspector and the times at the right, the timeline below. All tools share one [`Selection`]. Panels read and change
-//! a [`Viewer`]. They do not depend on a window, so tests can operate them.
+//! `layout` docks the tools around the picture. All tools share one [`Selection`]. Panels read and change a [`Viewer`].
+//! They do not depend on a window, so tests can operate them.
 
 mod cameras;
 mod contents;
@@ -61,7 +60,7 @@ const LOG: usize = 200;
 /// Maximum number of recent scenes.
 const RECENT: usize = 12;
 
-/// Output of a frame of the panels.
+/// Results of drawing the panels.
 #[derive(Clone, Debug)]
 pub struct PanelOutput {
     /// Rectangle of the view that shows the pictures, in points.
@@ -103,7 +102,7 @@ pub struct Panels {
     inspector: inspector::State,
     params: params::State,
     presets: Presets,
-    /// Text over the picture, until the user dismisses it.
+    /// See [`Panels::show_notice`].
     notice: Option<String>,
     errors: errors::State,
     toasts: hud::Toasts,
@@ -114,9 +113,8 @@ pub struct Panels {
     /// True if the program changed settings since the last frame: it dropped parameters, or loaded a changed list of
     /// scenes, in which the selected and hidden splats have other indices.
     by_program: bool,
-    /// Recently opened scenes, the newest first.
+    /// The newest first.
     recent: Vec<PathBuf>,
-    /// Search text for scenes.
     scene_search: String,
     camera_search: String,
     /// True once a saved arrangement was restored.
@@ -237,7 +235,6 @@ impl Panels {
         self.restored
     }
 
-    /// Moves a scene to the front of the recent scenes.
     fn remember_scene(&mut self, scene: &Path) {
         // A relative path may refer to another file at the next start.
         let scene = absolute(scene).unwrap_or_else(|_| scene.to_owned());
@@ -260,14 +257,12 @@ impl Panels {
         self.select(Selection::Splat);
     }
 
-    /// Selects the splats in a box once there is a picture.
-    ///
-    /// `corners` are left, top, right and bottom, as fractions of the picture's width and height.
+    /// Selects the splats in a box once there is a picture. `corners` are left, top, right and bottom, as fractions of
+    /// the picture's width and height.
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.select.select_first(corners);
     }
 
-    /// Returns the number of steps to undo.
     #[cfg(test)]
     pub fn undo_steps(&self) -> usize {
         self.undo.steps()
@@ -312,7 +307,6 @@ impl Panels {
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
     }
 
-    /// Draws the cards and toasts over the picture.
     fn over_picture<D: Device>(
         &mut self,
         ctx: &Context,
@@ -350,9 +344,8 @@ impl Panels {
         }
     }
 
-    /// Returns the median interval between recent frames, in milliseconds.
-    ///
-    /// `None` until two frames were drawn without a pause between them.
+    /// Returns the median interval between recent frames, in milliseconds; `None` until two frames were drawn without a
+    /// pause between them.
     fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
@@ -425,7 +418,6 @@ impl Panels {
         rect
     }
 
-    /// Draws the notice's card, until the user dismisses it.
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
         egui::Area::new(egui::Id::unique("notice"))

@@ -22,17 +22,15 @@ const NUMBER: f32 = 80.0;
 /// Width of the button that resets a value, in points.
 const RESET: f32 = 24.0;
 
-/// State of the list of parameters.
 #[derive(Default)]
 pub struct State {
-    /// Search text for parameters.
     filter: String,
     groups: Groups,
     /// Name of the last changed constant, and a sentence about its effect.
     effect: Option<(String, String)>,
 }
 
-/// A change of one parameter: its name and value; `None` restores the default.
+/// Name and new value of a parameter; `None` restores the default.
 type Change = (String, Option<Value>);
 
 impl State {
@@ -133,10 +131,8 @@ impl State {
     }
 }
 
-/// Returns the title of a parameter's group.
-///
-/// The group is the part of the graph that declares the parameter. In a graph without parts, it is the phase of the
-/// passes that depend on the parameter.
+/// Returns the title of a parameter's group: the part of the graph that declares it, or, in a graph without parts, the
+/// phase of the passes that depend on it.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.clone();
@@ -147,12 +143,11 @@ fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     match plan.affected_phases(&control.param.name).as_slice() {
         [phase] => (*phase).to_owned(),
         [] => "Other".to_owned(),
-        // Parameters that affect several phases share one group.
         _ => "Several phases".to_owned(),
     }
 }
 
-/// Groups of parameters. They come from a graph's first plan, so that rows do not move when effects change.
+/// Groups of parameters, from a graph's first plan, so that rows do not move when effects change.
 #[derive(Default)]
 struct Groups {
     graph: String,
@@ -161,7 +156,6 @@ struct Groups {
 }
 
 impl Groups {
-    /// Rebuilds the groups for another graph; for the same graph, adds new parameters and removes deleted ones.
     fn update(&mut self, plan: Option<&Plan>, all: &[Control]) {
         let Some(plan) = plan else { return };
         if self.graph != plan.name {
@@ -201,7 +195,7 @@ pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 
-/// Draws the row of a parameter: label, control, value and reset button. Returns the user's change.
+/// Draws the row of a parameter. Returns the user's change.
 fn row(
     ui: &mut Ui,
     plan: Option<&Plan>,
@@ -260,7 +254,6 @@ fn row(
     change
 }
 
-/// Describes a parameter: its help, its exact value, and the effect of changing it.
 fn help(plan: Option<&Plan>, control: &Control) -> String {
     let Control { param, help: about, .. } = control;
     let mut text = format!("{} = {}", param.name, param.value);
@@ -313,7 +306,7 @@ fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Op
             (changed != *value).then_some(Value::Float(changed))
         }
         (Domain::Choice(choices), Value::Text(value)) => choice(ui, &name, choices, value, width, controls),
-        // Unreachable for a valid plan: its values fit their domains.
+        // Unreachable for a valid plan.
         (_, value) => {
             ui.label(value.to_string());
             None
@@ -427,9 +420,8 @@ impl Scale {
         self.rounded(value)
     }
 
-    /// Returns the next multiple of the step above the value, or below it if `towards` is negative.
-    ///
-    /// In a continuous range, the step is a hundredth of the range.
+    /// Returns the next multiple of the step above the value, or below it if `towards` is negative. In a continuous
+    /// range, the step is a hundredth of the range.
     fn stepped(self, value: f64, towards: f64) -> f64 {
         let step = if self.step > 0.0 { self.step } else { (self.max - self.min) / 100.0 };
         // A value between two multiples moves to the adjacent one.

@@ -15,12 +15,10 @@ const GRIP: f32 = 6.0;
 /// Action of a drag that began over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drag {
-    /// The drag moves the camera.
     #[default]
     Camera,
-    /// The drag moves the line between A and B.
+    /// The line between A and B.
     Split,
-    /// The drag selects splats.
     Select,
 }
 

@@ -8,7 +8,6 @@ use indexmap::IndexMap;
 use splatgraph_api::Device;
 use std::path::Path;
 
-/// An entry of the list: a graph and its summary.
 #[derive(Clone, Debug)]
 struct Entry {
     /// Name of a built-in graph, or path of a file.
@@ -16,15 +15,13 @@ struct Entry {
     summary: String,
 }
 
-/// The list of graphs. Built-in summaries are read once; a file's summary comes from its newest plan.
+/// The list of graphs.
 pub struct Presets {
     entries: Vec<Entry>,
-    /// Search text for graphs.
     search: String,
 }
 
 impl Presets {
-    /// Creates the list with the built-in graphs.
     pub fn new() -> Presets {
         let entry =
             |preset: builtin::Preset| Entry { graph: preset.name.to_owned(), summary: preset.summary };
@@ -87,7 +84,7 @@ impl Presets {
         true
     }
 
-    /// Adds the current graph to the list, so that it can be selected again, and updates its summary.
+    /// Adds the current graph, so that it can be selected again, and updates its summary.
     fn remember<D: Device>(&mut self, renderer: &Renderer<D>) {
         let graph = renderer.graph();
         // While another graph is being built, the plan is still the previous graph's.

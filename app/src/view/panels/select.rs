@@ -25,7 +25,6 @@ const RADII: std::ops::RangeInclusive<f32> = 2.0..=400.0;
 /// Factor by which one key press changes the brush's radius.
 const STEP: f32 = 1.25;
 
-/// A tool for selecting splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SelectTool {
     /// Selects the splats in a rectangle.
@@ -34,7 +33,6 @@ pub enum SelectTool {
     Brush,
 }
 
-/// A drag with a selection tool.
 struct Drag {
     viewport: RendererId,
     combine: Combine,
@@ -42,7 +40,6 @@ struct Drag {
     points: Vec<Pos2>,
 }
 
-/// State of the selection tools.
 pub struct State {
     /// The active tool; `None` if the left button moves the camera.
     tool: Option<SelectTool>,
@@ -52,9 +49,9 @@ pub struct State {
     drag: Option<Drag>,
     /// Viewport of the last drag; see [`State::take_touched`].
     touched: Option<RendererId>,
-    /// Path of the file to write.
+    /// File to write.
     path: String,
-    /// Box to select once there is a picture, as fractions of its width and height.
+    /// See [`State::select_first`].
     first: Option<[f32; 4]>,
 }
 
@@ -73,9 +70,7 @@ impl Default for State {
 }
 
 impl State {
-    /// Selects the splats in a box once there is a picture.
-    ///
-    /// `corners` are left, top, right and bottom, as fractions of the picture's width and height.
+    /// See [`super::Panels::select_first`].
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.first = Some(corners);
     }
@@ -85,7 +80,6 @@ impl State {
         self.tool == Some(SelectTool::Brush)
     }
 
-    /// Returns true while a tool is active.
     pub fn is_active(&self) -> bool {
         self.tool.is_some()
     }
@@ -101,7 +95,6 @@ impl State {
         (self.tool, self.drag) = (None, None);
     }
 
-    /// Multiplies the brush's radius by `STEP` to the power `steps`, within `RADII`.
     fn resize(&mut self, steps: i32) {
         self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start(), *RADII.end());
     }
@@ -122,7 +115,6 @@ impl State {
         self.touched.take()
     }
 
-    /// Adds these pointer positions to the drag.
     pub fn extend(&mut self, points: impl IntoIterator<Item = Pos2>) {
         let Some(drag) = &mut self.drag else { return };
         // Each splat is tested against each segment, so nearby points are merged.
@@ -192,7 +184,6 @@ impl State {
         true
     }
 
-    /// Draws the dragged box, or the brush, over the picture.
     pub fn draw(&self, ui: &Ui, view: Rect) {
         let painter = ui.painter().with_clip_rect(view);
         let (dark, light) = (Color32::from_black_alpha(200), theme::DARK.caution);
@@ -247,7 +238,6 @@ impl State {
         controls.see("splats", shown.response.rect);
     }
 
-    /// Draws the choice of tool, brush radius and reach.
     fn tools(&mut self, ui: &mut Ui, controls: &mut Controls) {
         ui.horizontal_wrapped(|ui| {
             for (tool, name, text, about) in [
@@ -282,8 +272,7 @@ impl State {
         });
     }
 
-    /// Draws the path field and the buttons that write a file; while a file is being written, draws its progress
-    /// instead.
+    /// Draws the path field and the buttons that write a file, or the progress of the file that is being written.
     fn files<D: Device>(
         &mut self,
         ui: &mut Ui,

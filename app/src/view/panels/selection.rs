@@ -73,15 +73,14 @@ pub fn resource<'a>(dump: &'a Dump, name: &str) -> Option<&'a DumpResource> {
     dump.resources.iter().find(|resource| resource.name == name)
 }
 
-/// Returns two flags: true if a pass reads the resource, and true if it writes the resource.
+/// Returns whether a pass reads a resource, and whether it writes it.
 pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
     let of = |touches: &[Use<String>]| touches.iter().any(|touch| touch.resource == resource);
     (of(&pass.reads), of(&pass.writes))
 }
 
-/// Returns two sums of sizes, in bytes: of the resources that a pass reads, and of the resources that it writes.
-///
-/// Each sum is an upper bound of the pass's traffic, provided that the pass accesses each byte at most once.
+/// Returns the bytes of the resources that a pass reads, and of those that it writes: upper bounds of its traffic if it
+/// accesses each byte at most once.
 pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {
     let sum = |touches: &[Use<String>]| {
         touches.iter().filter_map(|touch| resource(dump, &touch.resource)).map(|r| r.bytes).sum()

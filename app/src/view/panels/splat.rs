@@ -14,7 +14,6 @@ const POINTS: usize = 64;
 /// Maximum number of splats in the list.
 const LIST: usize = 200;
 
-/// Draws the details of the picked splat, and the list of the pixel's splats, nearest first.
 pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     if viewer.is_picking() {
         ui.spinner();
@@ -91,7 +90,7 @@ pub fn draw_outline<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     };
     let points: Vec<_> = (0..POINTS).map(point).collect();
     let painter = ui.painter().with_clip_rect(view);
-    // A light line on a dark one is visible on any picture.
+    // A light line on a dark one contrasts with any picture.
     painter.add(egui::Shape::closed_line(points.clone(), Stroke::new(3.0, Color32::from_black_alpha(200))));
     painter.add(egui::Shape::closed_line(points, Stroke::new(1.5, theme::DARK.caution)));
 }

@@ -14,7 +14,6 @@ use splatgraph_framework::reload::WatchKind;
 const LINES: usize = 20;
 
 impl Panels {
-    /// Draws the status line: progress, warnings, and the newest line of the log.
     pub(super) fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
         // Drawn in a child that does not affect the panel's size: a growing panel would resize the picture.

@@ -1,8 +1,7 @@
 //! Defines the look of the window: colours, fonts and spacing, in a dark and a light theme.
 //!
 //! The colours of a theme are a [`Palette`], shared with the dump page (`framework/src/dump/page/page.css`), so that
-//! both look alike. Text has at least 13 points and a contrast of 4.5 : 1 (WCAG 2.1, 1.4.3), which a test computes.
-//! Sizes are multiples of 4 points.
+//! both look alike. Text has at least 13 points and a contrast of 4.5 : 1 (WCAG 2.1, 1.4.3).
 
 use egui::{
     Color32, Context, CornerRadius, FontData, FontDefinitions, FontFamily, FontId, Margin, Shadow, Stroke,
@@ -19,7 +18,6 @@ pub const ROW: f32 = 24.0;
 /// Unit of spacing, in points.
 pub const GRID: f32 = 4.0;
 
-/// Name of the font family for emphasised text.
 const STRONG: &str = "strong";
 
 /// The colours of a theme.
@@ -109,7 +107,7 @@ pub fn phase(index: usize) -> Color32 {
     PHASES[index % PHASES.len()]
 }
 
-/// Returns near-black or white, whichever has more contrast with this colour.
+/// Returns near-black for light backgrounds, white for dark ones.
 pub fn ink_on(background: Color32) -> Color32 {
     if luminance(background) > 0.18 { rgb(0x111111) } else { Color32::WHITE }
 }
@@ -194,7 +192,6 @@ pub fn install(ctx: &Context) {
     }
 }
 
-/// Sets text sizes and spacing.
 fn arrange(style: &mut Style) {
     let text = |size| FontId::new(size, FontFamily::Proportional);
     style.text_styles = [

@@ -1,8 +1,8 @@
 //! Draws the plan as a timeline: bars for passes, as wide as their times; diamonds for barriers between them; and
-//! memory below.
+//! memory below. The lanes match the dump page.
 //!
-//! The lanes match the dump page. The wheel over the passes zooms (elsewhere with Ctrl), and dragging pans. Clicking a
-//! pass, a barrier or a resource selects it for all tools; Tab and Enter do the same from the keyboard.
+//! The wheel over the passes zooms (elsewhere with Ctrl), and dragging pans. Clicking a pass, a barrier or a resource
+//! selects it for all tools; Tab and Enter do the same from the keyboard.
 
 use super::controls::Controls;
 use super::selection::{Selection, barrier, touches};
@@ -22,9 +22,7 @@ const MIN_WIDTH: f32 = 4.0;
 const ONCE: f32 = 12.0;
 /// Width of the column with the lanes' names, in points.
 const NAMES: f32 = 152.0;
-/// Height of a lane, in points.
 const LANE: f32 = 20.0;
-/// Height of the row of phases, in points.
 const PHASES: f32 = 20.0;
 const PASSES: f32 = 28.0;
 const BARRIERS: f32 = 20.0;
@@ -36,8 +34,7 @@ const CLOSEST: f32 = 200.0;
 pub struct Times {
     /// Pairs of pass name and median milliseconds; empty before the plan's first frame.
     pub passes: Vec<(String, f64)>,
-    /// Median GPU time of a frame outside its passes, in milliseconds; `None` without timestamps, or before the plan's
-    /// first frame.
+    /// Median GPU time of a frame outside its passes, in milliseconds; `None` without measured times.
     pub unattributed: Option<f64>,
     /// True if `unattributed` is most of the frame, so that the passes' times are unreliable.
     pub unreliable: bool,
@@ -49,15 +46,13 @@ impl Times {
     }
 }
 
-/// Zoom, position and filter of the timeline.
 pub struct State {
-    /// Zoom factor; 1 fits the width.
+    /// 1 fits the width.
     zoom: f32,
     /// Left end of the visible part, in points of the zoomed timeline.
     offset: f32,
-    /// True to draw all passes with equal width.
+    /// True for passes of equal width.
     equal: bool,
-    /// Search text for resources.
     filter: String,
     /// Graph, number of passes, and times when the pointer entered. They stay fixed while the pointer is inside.
     held: Option<(String, usize, Times)>,
@@ -140,7 +135,6 @@ impl State {
         }
     }
 
-    /// Draws the totals of the plan, and the timeline's controls.
     fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times, controls: &mut Controls) {
         ui.horizontal(|ui| {
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
@@ -195,7 +189,6 @@ impl State {
             return;
         }
         let zoom = (self.zoom * factor).clamp(1.0, CLOSEST);
-        // Zoom around the pointer.
         if let Some(pointer) = ui.input(|input| input.pointer.hover_pos()) {
             let at = pointer.x - area.left();
             let share = (self.offset + at) / whole.max(1.0);
@@ -206,7 +199,7 @@ impl State {
     }
 }
 
-/// The visible part of the timeline, and the theme's colours.
+/// The visible part of the timeline.
 #[derive(Clone, Copy)]
 struct View {
     area: Rect,
@@ -228,7 +221,6 @@ impl View {
     }
 }
 
-/// Draws the legend: each phase with its colour and number of passes, and the symbols.
 fn legend(ui: &mut Ui, dump: &Dump) {
     let palette = Palette::of(ui);
     let mut row = |text: String, sign: &dyn Fn(&Painter, Rect)| {
@@ -300,8 +292,7 @@ fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (V
     (columns, x.max(1.0))
 }
 
-/// Groups the resources that match `filter` into rows: shared blocks, transient resources, then resources of scene and
-/// host.
+/// Groups the resources that match `filter` into rows: shared blocks, then transient resources, then all others.
 fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
     let wanted = filter.trim().to_lowercase();
     let find = |name: &String| dump.resources.iter().find(|resource| resource.name == *name);
@@ -327,7 +318,6 @@ fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
     lanes
 }
 
-/// Draws the phases, the passes and the barriers.
 #[allow(clippy::too_many_arguments)]
 fn draw_head(
     ui: &Ui,
@@ -425,7 +415,6 @@ fn draw_phases(ui: &Ui, painter: &Painter, dump: &Dump, columns: &[Column], view
     }
 }
 
-/// Returns the colour of a phase, by its name in the dump.
 pub fn phase_colour(dump: &Dump, phase: &str) -> Color32 {
     let mut names: Vec<&str> = Vec::new();
     for phase in &dump.phases {

@@ -13,10 +13,8 @@ use splatgraph_framework::dump;
 /// Width of a column of numbers, in points.
 const COLUMN: f32 = 72.0;
 
-/// Draws the times of one viewport.
-///
-/// `window` is the history of the window's graph; `plotted` is the phase whose passes are plotted, `None` for all
-/// phases.
+/// Draws the times of one viewport. `window` is the history of the window's graph; `plotted` is the phase whose passes
+/// are plotted, `None` for all phases.
 pub fn show<D: Device>(
     ui: &mut Ui,
     viewport: &Viewport<D>,
@@ -91,9 +89,7 @@ fn columns_heading(ui: &mut Ui, frames: usize) {
     );
 }
 
-/// Draws 99th percentile and median in their columns.
-///
-/// `None` is drawn as unknown; a 99th percentile that is NaN is omitted.
+/// Draws 99th percentile and median; `None` is drawn as unknown, and a 99th percentile that is NaN is omitted.
 fn numbers(ui: &mut Ui, ms: Option<Quantiles>, grey: bool) {
     match ms {
         Some(Quantiles { median, p99 }) => {
@@ -114,7 +110,6 @@ fn cell(ui: &mut Ui, text: String, grey: bool) {
     });
 }
 
-/// Draws the choice of the plot: all phases, or the passes of one phase.
 fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
     if plotted.as_ref().is_some_and(|phase| !phases.contains(phase)) {
         *plotted = None;
@@ -151,7 +146,7 @@ fn plot(ui: &mut Ui, series: Vec<Series>, changes: &[f64]) {
         });
 }
 
-/// Draws the table of times; `phases` are in the order of the plot's colours.
+/// `phases` are in the order of the plot's colours.
 fn table(ui: &mut Ui, rows: &[Row], phases: &[String], grey: bool) {
     let palette = Palette::of(ui);
     for line in rows {

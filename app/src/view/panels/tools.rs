@@ -71,7 +71,6 @@ impl Panels {
         }
     }
 
-    /// Draws the contents of a tool.
     fn tool<D: Device>(&mut self, ui: &mut Ui, tool: Tool, viewer: &mut Viewer<D>, window: &History) {
         match tool {
             Tool::Picture => {}
@@ -141,13 +140,11 @@ impl Panels {
     }
 }
 
-/// A click on the tab of a tool.
 enum Act {
     Close,
     Float,
 }
 
-/// Context for drawing the tiles, and the results.
 struct Tools<'a, D: Device> {
     panels: &'a mut Panels,
     viewer: &'a mut Viewer<D>,
@@ -157,7 +154,6 @@ struct Tools<'a, D: Device> {
     /// True if the user dragged a border in this frame.
     resized: bool,
     acts: Vec<(Tool, Act)>,
-    /// Tile that holds the picture.
     picture: TileId,
 }
 

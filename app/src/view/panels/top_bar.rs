@@ -15,7 +15,6 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, grouped};
 use std::path::Path;
 
-/// Width of a drop-down list, in points.
 const LIST: f32 = 400.0;
 
 /// Width of buttons with file titles, in points.
@@ -48,7 +47,6 @@ fn short(text: &str) -> String {
 }
 
 impl Panels {
-    /// Draws the bar at the top of the window.
     pub(super) fn top_bar<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let mut compare = viewer.compare;
         ui.horizontal_wrapped(|ui| {
@@ -281,7 +279,6 @@ impl Panels {
         self.controls.see("menu", button.rect);
     }
 
-    /// Draws frame time, rate, device and splat count at the right end.
     fn readout<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
         let splats = format!("{} splats", grouped(viewer.scene_of(self.selected).count().into()));
@@ -306,13 +303,12 @@ impl Panels {
     }
 }
 
-/// Returns true if `text` contains `wanted`, ignoring case. `wanted` must be in lower case.
+/// Ignores case; `wanted` must be in lower case.
 fn contains(text: &str, wanted: &str) -> bool {
     text.to_lowercase().contains(wanted)
 }
 
-/// Returns a scene's file name without extension, and its folder, which distinguishes the `point_cloud.ply` of several
-/// captures.
+/// Returns a scene's name with its folder, which distinguishes the `point_cloud.ply` of several captures.
 fn named(scene: &Path) -> String {
     let folder = scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy());
     let name = file_name(&scene.to_string_lossy());

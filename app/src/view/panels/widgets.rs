@@ -41,7 +41,6 @@ pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOn
     .inner
 }
 
-/// Draws a row with a name and its value.
 pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     let palette = Palette::of(ui);
     ui.horizontal(|ui| {
@@ -60,13 +59,11 @@ pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Control
     text.trim().to_lowercase()
 }
 
-/// Draws the heading of a section in a panel.
 pub fn heading(ui: &mut Ui, text: impl Into<String>) {
     ui.add_space(theme::GRID);
     ui.label(RichText::new(text).family(theme::strong()));
 }
 
-/// Draws clickable text.
 pub fn link(ui: &mut Ui, text: impl Into<String>) -> Response {
     ui.add(egui::Link::new(RichText::new(text).color(Palette::of(ui).accent)))
 }
@@ -120,13 +117,11 @@ pub fn text_in(ui: &Ui, painter: &Painter, rect: Rect, text: &str, colour: egui:
     painter.galley(pos2(rect.left(), top), galley, colour);
 }
 
-/// Draws a diamond centred at a point: the symbol of a barrier.
 pub fn diamond(painter: &Painter, at: Pos2, radius: f32, fill: egui::Color32, stroke: Stroke) {
     let corners = [Vec2::UP, Vec2::RIGHT, Vec2::DOWN, Vec2::LEFT].map(|side| at + radius * side);
     painter.add(egui::Shape::convex_polygon(corners.to_vec(), fill, stroke));
 }
 
-/// Draws a vertical divider between groups of controls, as high as a row.
 pub fn divider(ui: &mut Ui) {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
     let stroke = ui.visuals().widgets.noninteractive.bg_stroke;

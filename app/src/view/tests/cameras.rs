@@ -72,7 +72,6 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
     );
 }
 
-/// Makes the graph of a folder orthographic.
 fn orthographic(folder: &Path) {
     let path = folder.join("graph.ron");
     let text = std::fs::read_to_string(&path).expect("the graph is read");

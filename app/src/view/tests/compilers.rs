@@ -7,9 +7,8 @@ use splatgraph_null::{Config, Fault, Point};
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// Opens a viewer that has drawn its first plan, on a device whose driver hangs in the next pipeline.
-///
-/// The driver's result never arrives; waits for it time out after `patience`.
+/// Opens a viewer that has drawn its first plan, on a device whose driver hangs in the next pipeline. Waits for it time
+/// out after `patience`.
 fn hanging(patience: Duration) -> (Script, TempDir) {
     let mut made = None;
     loop {

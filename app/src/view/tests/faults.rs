@@ -1,8 +1,7 @@
 //! Tests the viewer while single calls of the device fail.
 //!
-//! In each visit, one call fails; the visit must still complete. Nothing may panic, hang or leak, and the last frame
-//! and state must equal those of a visit without faults. With `SPLATGRAPH_LONG`, every call of every kind fails once;
-//! otherwise, some of each kind.
+//! In each visit, one call fails. Nothing may panic, hang or leak, and the last frame and state must equal those of a
+//! visit without faults. With `SPLATGRAPH_LONG`, every call of every kind fails once; otherwise, some of each kind.
 
 use super::script::{Outcome, Script, arrange, check_no_panic, loses};
 use crate::view::events::Event;
@@ -17,7 +16,6 @@ const SOME: u64 = 4;
 /// Entries that each frame needs; more than the plan's capacity, so that the plan must grow.
 const NEEDED: u32 = 300;
 
-/// Number of visits that run in parallel.
 const THREADS: usize = 6;
 
 fn visit(faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<Point, u64>) {

@@ -9,7 +9,7 @@ use splatgraph_framework::ir::Value;
 use splatgraph_null::Config;
 use tempfile::TempDir;
 
-/// Opens a viewer that draws only on changes, and draws until no frame is due.
+/// Opens a viewer that draws only on changes, and is at rest.
 fn resting() -> (Script, TempDir) {
     let folder = tempfile::tempdir().expect("a folder");
     arrange(folder.path());

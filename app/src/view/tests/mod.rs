@@ -1,4 +1,4 @@
-//! Provides plans for tests that need only names; drives the viewer on the null device.
+//! Drives the viewer on the null device.
 
 mod cameras;
 mod compilers;

@@ -1,5 +1,4 @@
-//! Simulates a user's visit to the viewer on a device that executes nothing: open, reload, resize, inspect, compare,
-//! close.
+//! Simulates a user's visit to the viewer on a device that executes nothing.
 
 use crate::view::events::Event;
 use crate::view::paint::Mode;
@@ -79,7 +78,7 @@ const SHADERS: [(&str, &str); 3] = [
     ),
 ];
 
-/// Devices opened during the visit, each with a context that returns its messages at the end.
+/// Devices opened during the visit, each with a context from which its messages are read at the end.
 #[derive(Default)]
 struct Devices {
     opened: Vec<(Option<Null>, Journal)>,
@@ -96,7 +95,6 @@ pub struct Outcome {
     pub state: Vec<String>,
 }
 
-/// A simulated visit; see the module's documentation.
 pub struct Script {
     shell: Shell<Null>,
     recovery: Recovery<Null>,
@@ -104,14 +102,12 @@ pub struct Script {
     size: (u32, u32),
     pub events: Vec<Event>,
     calls: u64,
-    /// Input of the next frame.
     pub input: Vec<egui::Event>,
     /// See [`Script::set_hanging`].
     hangs: bool,
     folder: PathBuf,
 }
 
-/// Writes the files of a visit to a folder.
 pub fn arrange(folder: &Path) {
     let write = |name: &str, text: &str| fs::write(folder.join(name), text).expect("a file is written");
     write("graph.ron", GRAPH);
@@ -209,7 +205,6 @@ impl Script {
         self.folder.join(name)
     }
 
-    /// Resizes the window; the size is in pixels.
     pub fn resize(&mut self, size: (u32, u32)) {
         self.size = size;
         if let Some(canvas) = self.shell.canvas_mut() {
@@ -230,7 +225,6 @@ impl Script {
         self.draw(FrameRequest { read, ..FrameRequest::default() })
     }
 
-    /// Returns true if any event so far satisfies `is_it`.
     pub fn has_event(&self, is_it: impl Fn(&Event) -> bool) -> bool {
         self.events.iter().any(is_it)
     }
@@ -240,7 +234,6 @@ impl Script {
         self.calls += 60 * seconds;
     }
 
-    /// Draws a frame for a window that has lost its content.
     pub fn redraw(&mut self) -> Option<Frame> {
         self.draw(FrameRequest { redraw: true, ..FrameRequest::default() })
     }
@@ -274,7 +267,6 @@ impl Script {
         calls.filter(|call| matches!(call, Call::Submit { encoder, .. } if encoder == "frame")).count()
     }
 
-    /// Takes the results of finished frames; see [`Shell::collect`].
     pub fn collect(&mut self) -> bool {
         self.shell.collect()
     }
@@ -287,17 +279,14 @@ impl Script {
         if hangs { journal.hang() } else { journal.resume() }
     }
 
-    /// Returns the pass that was running when the last wait timed out; see [`Shell::stalled`].
     pub fn stalled(&self) -> Option<&Running> {
         self.shell.stalled()
     }
 
-    /// Returns the size of the window's plan.
     pub fn window_size(&self) -> (u32, u32) {
         self.shell.window().size()
     }
 
-    /// Returns true while frames are in flight.
     pub fn in_flight(&self) -> bool {
         self.shell.in_flight().is_some()
     }
@@ -395,14 +384,11 @@ impl Script {
         }
     }
 
-    /// Performs the steps of the visit.
     pub fn visit(&mut self) {
         self.settle();
-        // Change a constant parameter and a live one.
         self.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
         self.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
         self.settle();
-        // Edit a shader, make a mistake in the graph, and correct it.
         let shader = self.path("shade.comp");
         let text = fs::read_to_string(&shader).expect("it can be read");
         let former = self.viewer().a.renderer.plan().cloned();
@@ -419,7 +405,6 @@ impl Script {
         self.until("the mistake", |script| script.events.iter().any(mistake));
         fs::write(&graph, GRAPH).expect("it can be written");
         self.settle();
-        // Resize the window, also to no pixels.
         for size in [(400, 200), (0, 0), (250, 250), SIZE] {
             self.resize(size);
             if size.0 == 0 {
@@ -430,7 +415,7 @@ impl Script {
                 self.settle();
             }
         }
-        // Inspect the output of a frame's pass, and of a prologue's pass.
+        // A pass of the frame, and one of the prologue.
         for (resource, pass) in [("keys", "key"), ("table", "once")] {
             self.viewer().a.look_at(resource, pass);
             let mut asked = Instant::now();
@@ -447,7 +432,6 @@ impl Script {
         }
         self.viewer().a.inspection = None;
         self.settle();
-        // Compare two graphs.
         self.insist(
             "B",
             |script| script.viewer().choose_compare(Mode::Split),
@@ -467,7 +451,6 @@ impl Script {
         self.settle();
         self.viewer().choose_compare(Mode::A);
         self.settle();
-        // Open other files.
         let (scene, cameras) = (self.path("second.ply"), self.path("cameras.json"));
         self.viewer().open(&scene);
         self.settle();
@@ -477,7 +460,6 @@ impl Script {
             canvas.set_vsync(false);
         }
         self.shell.panels.vsync = false;
-        // Read back the window.
         let mut read = false;
         self.until("a picture of the window", |script| {
             read |= script.frame(true).is_some_and(|frame| frame.picture.is_some());
@@ -486,7 +468,8 @@ impl Script {
         self.settle();
     }
 
-    /// Draws a last frame, records the state, closes everything, and checks that nothing is left.
+    /// Draws a last frame, records the state, closes everything, and checks that nothing is left. Also returns how
+    /// often each call of the first device was reached.
     pub fn close(mut self, faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<splatgraph_null::Point, u64>) {
         self.viewer().continuous = true;
         // A frame that was never waited for may be hanging unnoticed.
@@ -559,7 +542,6 @@ fn command(call: &Call) -> Option<String> {
     }
 }
 
-/// Returns true if the events include the loss of a device.
 pub fn loses(events: &[Event]) -> bool {
     events.iter().any(|event| matches!(event, Event::DeviceLost { .. }))
 }
