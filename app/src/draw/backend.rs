@@ -1,7 +1,6 @@
-//! Chooses the graphics backend. Other modules of the application do not depend on a specific one.
+//! Chooses the graphics backend: a [`Backend`] is a device of the chosen API, and forwards every call to it.
 //!
-//! A [`Backend`] is a device of the chosen API, and forwards every call to it. The program contains the APIs that its
-//! operating system supports; `--backend` chooses among them.
+//! The program contains the APIs that its operating system supports; `--backend` chooses among them.
 
 use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap, Picture,
@@ -23,7 +22,7 @@ pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
 pub use splatgraph_runtime::{Window, abandoned_compilers};
 pub use splatgraph_vulkan::sync;
 
-/// Dumps a plan with its Vulkan barriers, which are finer than Metal's commands.
+/// Dumps a plan with its Vulkan barriers.
 ///
 /// If no valid barriers are found, the dump contains a warning instead. Loading such a plan fails.
 pub fn dump(plan: &Plan) -> Dump {
@@ -63,8 +62,7 @@ impl Api {
     /// Finds an API by its name.
     ///
     /// # Errors
-    /// The name is unknown. The error lists the valid names, and explains why `metal` is not available on other
-    /// systems.
+    /// The name is unknown. The error lists the valid names.
     pub fn parse(name: &str) -> Result<Api, String> {
         Api::find(name).ok_or_else(|| Api::refusal(name, &[]))
     }
@@ -79,7 +77,7 @@ impl Api {
         refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
 
-    /// Finds an API that can draw pictures by its name. [`Api::Null`] is rejected.
+    /// Finds an API that can draw pictures by its name.
     ///
     /// # Errors
     /// The name is unknown, or that of [`Api::Null`]. The error lists the APIs that draw.
@@ -105,7 +103,6 @@ impl Api {
     }
 }
 
-/// Formats the error about an API that is not in `names`, with the reason if it is known.
 fn refusal(name: &str, names: &[&str]) -> String {
     let why = match name {
         "metal" => ": Metal exists only on Apple's systems",
@@ -142,11 +139,11 @@ pub enum Backend {
     /// A Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(Metal),
-    /// A device that executes nothing. The application does not read the journal of its calls.
+    /// A device that executes nothing, with the journal of its calls, which is not read.
     Null(Null, Journal),
 }
 
-/// Loader of one [`Backend`]: prepares plans on another thread.
+/// Loader of a [`Backend`].
 pub enum Loader {
     /// Loader of a Vulkan device.
     Vulkan(<Vulkan as Device>::Loader),
@@ -170,7 +167,6 @@ pub enum Ready {
 
 type ReadyOf<D> = <<D as Device>::Loader as splatgraph_api::Loader>::Ready;
 
-/// Evaluates `$call` on the device of any backend.
 macro_rules! each {
     ($backend:expr, $device:ident => $call:expr) => {
         match $backend {
@@ -219,9 +215,8 @@ impl Backend {
 
     /// Opens a second device that does not delay this device's frames, for example to draw beside a window.
     ///
-    /// On a GPU, it is another context of this device. A CPU driver has one queue, and all devices of a Vulkan instance
-    /// share its threads, so a pass on one device delays the frames of the others. There, the new device gets its own
-    /// instance.
+    /// On a GPU, it is another context of this device. On a CPU, devices of one Vulkan instance share a queue and
+    /// threads, so the new device gets its own instance.
     ///
     /// # Errors
     /// See [`Backend::open`].
@@ -246,7 +241,6 @@ impl Backend {
     }
 }
 
-/// Opens the null device, which executes nothing.
 fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, BackendError> {
     if options.validation != Validation::Off {
         let why =
@@ -255,7 +249,7 @@ fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, Backen
     }
     let devices = Null::devices()?;
     splatgraph_runtime::choose(&devices.iter().collect::<Vec<_>>(), options.device.as_deref())?;
-    // The null device never hangs, but on a busy machine its threads may wait for a processor.
+    // On a busy machine, even the null device's threads wait for a processor.
     const PATIENCE: Duration = Duration::from_secs(60);
     let config = Config { window, patience: PATIENCE, compile_patience: PATIENCE, ..Config::default() };
     let (device, journal) = splatgraph_null::open(&config);

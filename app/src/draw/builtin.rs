@@ -10,7 +10,7 @@ use splatgraph_framework::schema::Document;
 use splatgraph_framework::schema::folded;
 use splatgraph_framework::source::{Library, SourceMap, nearest};
 
-/// Default of `--pipeline`: the fastest graph for the device, chosen by its facts.
+/// Default of `--pipeline`: chooses a graph by the device's facts.
 pub const DEFAULT_PIPELINE: &str = "auto";
 
 /// Path (`pipelines/splat.ron`, `shaders/sort/scatter.comp`) and text of each file, sorted by path.
@@ -23,12 +23,12 @@ pub fn source_map() -> SourceMap {
 
 /// Lists the names of the built-in graphs that draw a scene, sorted.
 ///
-/// Excludes parts, which have no output, and graphs in subfolders, which the program itself uses.
+/// Excludes graphs without an output, and graphs in subfolders: parts, filters, and the program's own.
 pub fn names() -> Vec<&'static str> {
     let draws = |text: &str| match Document::parse(text) {
         Ok(Document::Graph(graph)) => graph.output.is_some(),
         Ok(Document::Preset(_) | Document::Choice(_)) => true,
-        // List a graph with errors: using it reports them.
+        // A graph with errors is listed: using it reports them.
         Err(_) => true,
     };
     let graph = |(path, text): &(&'static str, &str)| {
@@ -113,7 +113,6 @@ pub fn find(name: &str) -> Result<File, Vec<&'static str>> {
     Err(near.and_then(|near| names().find(|name| *name == near)).into_iter().collect())
 }
 
-/// Converts the path of a built-in file to its name.
 fn name_of(path: &'static str) -> &'static str {
     let inside = path.split_once('/').map_or(path, |(_, inside)| inside);
     inside.strip_suffix(".ron").unwrap_or(inside)

@@ -2,8 +2,7 @@
 //!
 //! Cameras have the form of the reference implementation's `cameras.json`: a position in the world, a rotation from the
 //! camera's axes (x right, y down, z forward) to the world's, and focal lengths in pixels. Shaders need the opposite
-//! direction, world to camera. Everything is computed in f64 and rounded to f32 once, at the end, as in the reference
-//! pipeline: equal bits give equal depths, and equal depths give the same order of the splats.
+//! direction, world to camera. Everything is computed in f64 and rounded to f32 once, at the end.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -42,7 +41,7 @@ struct Block {
     /// Vector from the camera to the origin: `to_origin` in world axes, `view_origin` in camera axes.
     to_origin: [f32; 4],
     view_origin: [f32; 4],
-    /// Padding for future members, which keeps the block's size constant.
+    /// For future members, without a change of the block's size.
     reserved: [f32; 4],
 }
 
@@ -67,8 +66,7 @@ pub fn frame_uniforms(
     [(CAMERA.to_owned(), uniform(camera, depth, distance, background, frame))].into()
 }
 
-/// Computes a range that contains the f32 view depths of all points in the scene's box. Both ends are at least
-/// [`NEAR`].
+/// Computes a range that contains the f32 view depths of all points in the scene's box, at least [`NEAR`].
 ///
 /// A depth is a sum of four terms, each rounded to 24 bits. The range includes depths that this rounding moves out of
 /// the box.
@@ -79,9 +77,7 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the relative error of a view depth in f32: four roundings, doubled.
-///
-/// The error is relative to the coordinates from which the depth is computed.
+/// Bound on the error of a view depth in f32, relative to the coordinates it is computed from: four roundings, doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
 /// Computes an upper bound on the distance from the camera to a splat in the scene's box, even in f32.
@@ -91,7 +87,6 @@ fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     corner.fold(NEAR, f64::max) * (1.0 + ROUNDING)
 }
 
-/// Packs the block. `depth` is the scene's depth range, and `distance` its greatest distance from the camera.
 fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3], frame: u32) -> Vec<u8> {
     // World to camera: `rows * p + translation`.
     let rows = camera.axes();
@@ -129,7 +124,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3]
     bytemuck::bytes_of(&block).to_vec()
 }
 
-/// A number as the unevaluated sum of two f32: the rounded value and the remainder.
+/// A number as the sum of two f32: the rounded value and the remainder.
 #[derive(Clone, Copy)]
 struct Double {
     high: f32,
@@ -150,8 +145,8 @@ impl Double {
 /// Chooses the reference point for positions in camera space. `depth` is the scene's depth range.
 ///
 /// A position relative to the camera is rounded by 6e-8 of its distance. On the picture, this is fx * 6e-8 pixels at
-/// any distance: several pixels for a long focal length. A position relative to a point inside the scene is rounded by
-/// 6e-8 of its distance from that point.
+/// any distance: several pixels for a long focal length. Relative to a point inside the scene, it is rounded by 6e-8 of
+/// its distance from that point.
 fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     let [near, far] = depth;
     let is_telephoto = camera.fx.max(camera.fy) > LONG_FOCAL;
@@ -191,7 +186,6 @@ mod tests {
             width: 200,
             height: 100,
             position: [1.0, 2.0, 3.0],
-            // Columns: right, down, forward.
             rotation: [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]],
             fx: 50.0,
             fy: 40.0,
@@ -237,7 +231,7 @@ mod tests {
         let origin: Vec<f64> = point(44).iter().zip(point(48)).map(|(high, low)| high + low).collect();
         assert!((origin[0] - 0.1).abs() < 1e-7, "{origin:?}");
         assert_eq!((point(52), point(56)), ([1e6, 0.0, 0.0], [0.0, 0.0, 1e6]));
-        // If the scene surrounds the camera, the origin is the camera's position.
+        // Here the scene surrounds the camera.
         let f = floats(&uniform(&camera, [0.2, 1_000_001.0], 1_000_001.0, [0.0; 3], 0));
         assert_eq!(f[44..47], f[16..19]);
     }

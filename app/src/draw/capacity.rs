@@ -1,10 +1,9 @@
 //! Detects incomplete frames, and raises the capacity of their lists.
 //!
 //! A pass may write a list whose length only the device knows. The list's capacity is a constant parameter of the graph
-//! that `grows` with a statistic: the number of entries that the passes needed. If a frame's statistic exceeds the
-//! parameter, the list overflowed, and the frame contains only the entries that fitted. [`overflows`] detects this from
-//! the frame's statistics. [`Capacities`] stores the minimum values of such parameters, so that the next plan has
-//! capacity for the same frame plus a quarter.
+//! that `grows` with a statistic: the number of entries that the frame needed. If the statistic exceeds the parameter,
+//! the list overflowed, and the frame contains only the entries that fitted. [`overflows`] detects this.
+//! [`Capacities`] stores the minimum values of such parameters for the next plan: the need plus a quarter.
 
 use splatgraph_assets::grouped;
 use splatgraph_framework::ir::{Domain, Value};
@@ -64,7 +63,7 @@ impl Capacities {
     pub fn raise(&mut self, short: &Overflow) -> bool {
         let target = short.target();
         match self.0.iter_mut().find(|(name, _)| *name == short.parameter) {
-            // Several frames in flight may report the same overflow; the first report raised the minimum.
+            // Several frames in flight may report the same overflow.
             Some((_, least)) if *least >= short.needed.min(short.most) => false,
             Some((_, least)) => {
                 *least = target;

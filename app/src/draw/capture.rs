@@ -2,8 +2,7 @@
 //!
 //! A wrong picture usually comes from a wrong order, so studies capture both. The order is read from the buffer that a
 //! graph binds as `Order`, after its last reader. The distance between two orders is Kendall's tau distance: the number
-//! of pairs of splats that they order differently. It equals the number of swaps of neighbours that turn one order into
-//! the other.
+//! of pairs of splats that they order differently.
 
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::io::image::Image;
@@ -59,8 +58,7 @@ pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capt
 
 /// Finds the buffer with the order of the splats, and the last pass that binds it as `Order`.
 ///
-/// `None` if a later pass uses the buffer: it may overwrite the order before contents are read, at the end of the
-/// frame.
+/// `None` if a later pass uses the buffer, and so may overwrite the order before it is read.
 fn order_of(plan: &Plan) -> Option<Inspect> {
     let steps = || plan.frame.iter().rev().copied();
     let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
@@ -84,7 +82,7 @@ pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
     inversions(&kept, &only(after, &kept))
 }
 
-/// Filters `order`: keeps the splats that `of` contains.
+/// Keeps the splats of `order` that `of` contains.
 pub fn only(order: &[u32], of: &[u32]) -> Vec<u32> {
     let mut held = vec![false; order.iter().max().map_or(0, |most| *most as usize + 1)];
     for index in of {
@@ -105,7 +103,7 @@ mod tests {
         assert_eq!(wrong_pairs(&[4, 3, 2, 1, 0], &[4, 2]), Some(0));
         assert_eq!(wrong_pairs(&[1, 2], &[1, 9]), None, "9 has no place in the truth");
         assert_eq!(wrong_pairs(&[1, 2], &[1, 1]), None);
-        // 7 disappears and 8 appears. Among the common splats 1, 2 and 3, one pair changes places.
+        // 7 disappears and 8 appears. Among 1, 2 and 3, one pair changes places.
         assert_eq!(order_changes(&[1, 7, 2, 3], &[2, 1, 8, 3]), Some(1));
         assert_eq!(order_changes(&[1, 2, 3], &[3, 2, 1]), Some(3));
         assert_eq!(order_changes(&[], &[1]), Some(0));

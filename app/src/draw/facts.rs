@@ -1,8 +1,7 @@
 //! Collects facts and imports for graphs, from the scene, the device and the viewport.
 //!
-//! A plan depends only on numbers, so neither a scene nor a GPU is needed: a nominal scene and [`portable_device`] can
-//! replace them. That device has the smallest limits on which the built-in graphs run. A graph that builds for it with
-//! all [`SUBGROUP_SIZES`] builds for every device with at least these limits.
+//! Plans can be built without a scene or a GPU: for the nominal scene and for [`portable_device`], which has the
+//! smallest limits on which the built-in graphs run.
 
 use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
@@ -93,7 +92,7 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
     facts
 }
 
-/// Returns the facts for a graph that draws no scene. The size is the picture's width and height in pixels.
+/// Returns the facts for a graph that draws no scene. The size is in pixels.
 pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts {
     let viewport = [("viewport.width", width), ("viewport.height", height)];
     Facts {
@@ -103,14 +102,12 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
 }
 
 /// Maximum number of storage buffers in a shader of the built-in graphs, for harmonics of degree 3.
-///
-/// Vulkan guarantees only 4 per stage (`maxPerStageDescriptorStorageBuffers`).
 pub const MAX_STORAGE_BUFFERS: usize = 20;
 
-/// Subgroup sizes of real devices: CPUs have 4 to 16 lanes, most GPUs 32, some 64.
+/// Subgroup sizes for which the built-in graphs are checked, ascending.
 pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
 
-/// Subgroup size of most GPUs.
+/// Subgroup size that plans without a device assume: that of most GPUs.
 pub const USUAL_SUBGROUP_SIZE: u32 = 32;
 
 /// Optional features that the built-in graphs use.
@@ -122,8 +119,8 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
 
 /// Returns the facts of the smallest device on which the built-in graphs run.
 ///
-/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Three requirements
-/// exceed its guarantees: 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
+/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Beyond its guarantees,
+/// the graphs require 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
 /// shader (guaranteed: 4), and [`PORTABLE_FEATURES`] (guaranteed: only the basic subgroup operations).
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
@@ -140,11 +137,10 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     }
 }
 
-/// Returns the facts of the smallest GPU of family Apple 7, the oldest in Macs with Apple silicon.
+/// Returns the facts of the smallest GPU of family Apple 7.
 ///
-/// Apple's "Metal Feature Set Tables" state SIMD groups of 32 threads, 32 KiB of threadgroup memory and 1,024 threads.
-/// Metal does not limit the number of threadgroups of a grid, so Vulkan's limit is used. The tables guarantee buffers
-/// of 256 MiB; devices may support larger ones. The rounding of blending is not documented.
+/// Buffer size, threadgroup memory and threads are the minima in Apple's "Metal Feature Set Tables". Other limits are
+/// those of [`portable_device`].
 pub fn apple_device() -> DeviceFacts {
     DeviceFacts {
         max_storage_bytes: 1 << 28,
@@ -169,7 +165,7 @@ pub fn nominal_catalog() -> Catalog {
         opacity: 1.0,
         sh: [0.0; 48],
     };
-    // Strides depend only on the degree, so one splat is enough.
+    // Strides depend only on the degree.
     let scene = Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat);
     catalog_of(&scene, SceneFacts::NOMINAL.count)
 }

@@ -1,9 +1,9 @@
 //! Draws films: pictures of a moving camera at equal steps of time, with motion blur.
 //!
 //! A [`Film`] computes the camera at any time. Each picture is the mean of its samples, whose times are spread evenly
-//! over the interval in which the shutter is open. The mean is computed in linear light, as a sensor integrates it, so
-//! a bright point leaves a bright streak. With one sample, the picture stays as drawn. [`draw`] keeps frames in flight,
-//! and passes finished pictures to threads that encode them.
+//! over the interval in which the shutter is open. The mean is computed in linear light, as a sensor integrates it.
+//! With one sample, the picture stays as drawn. [`draw`] keeps frames in flight, and passes finished pictures to
+//! threads that encode them.
 
 use crate::draw::camera_path::CameraPath;
 use crate::draw::orbit::Orbit;
@@ -109,10 +109,9 @@ pub fn draw<D: Device, T: Send + 'static>(
     developing.finish()
 }
 
-/// Pictures in progress: frames in flight, the sum of the samples so far, and pictures being encoded.
+/// Pictures in progress.
 struct Developing<T, E, F> {
-    /// Frames in flight, each with its frame number in the film. The last sample of a frame also has the number of
-    /// samples.
+    /// Frames in flight, with their frame number in the film. A frame's last sample also has the number of samples.
     flying: VecDeque<(FrameId, u32, Option<usize>)>,
     exposure: Exposure,
     pictures: Pictures<T>,
@@ -148,7 +147,6 @@ where
         finished.into_iter().try_for_each(&mut self.done)
     }
 
-    /// Waits for all pictures, and returns the GPU time of all samples in milliseconds.
     fn finish(mut self) -> Result<Option<f64>> {
         while let Some(outcome) = self.pictures.wait()? {
             (self.done)(outcome)?;
@@ -179,7 +177,6 @@ impl Exposure {
         self.sum.par_iter_mut().zip(values).for_each(|(sum, value)| *sum += linear(*value));
     }
 
-    /// Computes the mean of the samples, display-encoded.
     fn developed(self) -> Image {
         let (width, height) = self.size;
         let pixel = |sum: &[f32; 3]| sum.map(|sum| encoded(sum / self.count));
@@ -221,7 +218,7 @@ mod tests {
     fn samples_lie_evenly_in_the_opening_around_the_time_of_the_frame() {
         let film = Film { motion: Motion::Path(path(false)), frames: 9, samples: 4, shutter: 0.5 };
         assert_eq!(places(&film, 3), [2.8125, 2.9375, 3.0625, 3.1875]);
-        // An open path rests at its ends, so the cameras before the start and after the end stay there.
+        // An open path rests at its ends.
         assert_eq!(places(&film, 0), [0.0, 0.0, 0.0625, 0.1875]);
         assert_eq!(places(&film, 8), [7.8125, 7.9375, 8.0, 8.0]);
         let still = Film { samples: 1, ..film };

@@ -1,8 +1,8 @@
 //! Checks whether a scene fits a device when drawn with a graph, and how many splats would fit.
 //!
-//! Two limits stop large scenes: the maximum size of a storage buffer, 128 MiB on the smallest devices, and the
-//! device's memory. The graph is first built for the device itself. If that fails, it is built for the same device
-//! without the buffer limit, to find how large the buffers would be.
+//! Two limits stop large scenes: the maximum size of a storage buffer, and the device's memory. The graph is first
+//! built for the device itself. If that fails, it is built without the buffer limit, to find how large the buffers
+//! would be.
 //!
 //! Buffer sizes at two numbers of splats show how the buffers grow, and give an estimate of the number that fits. The
 //! estimate and some larger numbers are then tried. The result is a lower bound: a few more splats might fit.
@@ -72,17 +72,16 @@ pub struct Fit {
     pub too_large: Vec<(String, u64)>,
     /// A number of splats that fits, if the scene's number does not; slightly more may fit.
     ///
-    /// `None` if the scene fits, or if no smaller number was found that fits, for example because the graph's buffers
-    /// do not grow with the number of splats.
+    /// `None` if the scene fits, or if no number was found that fits.
     pub most_splats: Option<u64>,
 }
 
 /// Memory that a plan needs, in bytes.
 struct Needs {
     storage: BTreeMap<String, u64>,
-    /// Bytes of the resources that stay allocated.
+    /// Stays allocated.
     total: u64,
-    /// Bytes of the resources that are freed after the prologue.
+    /// Freed after the prologue.
     loading: u64,
 }
 
@@ -113,8 +112,7 @@ pub fn resident_bytes(plan: &Plan) -> u64 {
 
 /// Estimates whether a scene of `count` splats may exceed the device's free memory or maximum buffer size.
 ///
-/// `size` is the picture's, in pixels. If the result is false, the built-in graphs fit with their default parameters,
-/// and no plan needs to be built.
+/// `size` is the picture's, in pixels. If the result is false, the built-in graphs fit with their default parameters.
 pub fn may_exceed(count: u64, size: (u32, u32), device: &DeviceFacts, heap: &Heap) -> bool {
     let free = available(heap).unwrap_or(u64::MAX);
     count.saturating_mul(MAX_SPLAT_BYTES) > device.max_storage_bytes || usual_bytes(count, size) > free
@@ -126,13 +124,13 @@ pub fn may_exceed_any(count: u64, size: (u32, u32)) -> bool {
     may_exceed(count, size, &Target::nominal().facts, &heap)
 }
 
-/// Upper estimate of the bytes per splat of a single buffer: twice the largest in the built-in graphs.
+/// Upper estimate of the bytes per splat of a single buffer.
 const MAX_SPLAT_BYTES: u64 = 96;
 
 /// Assumed free memory of the least capable device, in bytes.
 const MIN_MEMORY: u64 = 512 << 20;
 
-/// Estimates the bytes that stay on the device: an upper bound for every built-in graph.
+/// Estimates the bytes that stay on the device: an upper bound for every built-in graph with default parameters.
 fn usual_bytes(count: u64, (width, height): (u32, u32)) -> u64 {
     let splats = count.saturating_mul(640);
     let pixels = u64::from(width) * u64::from(height) * 64;
@@ -160,7 +158,7 @@ pub fn fit(
     let plan = built.map_or_else(|| build(planner, wanted, &device.facts, count), Ok);
     let (plan, built) = match plan {
         Ok(plan) => (plan, true),
-        // If the plan builds without the buffer limit, only the size was wrong. Otherwise, report the first errors.
+        // If the plan builds without the buffer limit, only the size was wrong.
         Err(errors) => match build(planner, wanted, &boundless(&device.facts), count) {
             Ok(plan) => (plan, false),
             Err(_) => return Err(errors),
@@ -187,7 +185,6 @@ fn boundless(device: &DeviceFacts) -> DeviceFacts {
     DeviceFacts { max_storage_bytes: i64::MAX as u64, ..*device }
 }
 
-/// Builds the plan for `count` splats.
 fn build(
     planner: &mut Planner,
     wanted: &Wanted,
@@ -207,7 +204,6 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) 
     let (count, half) = (wanted.scene.count, wanted.scene.count / 2);
     let fewer = Needs::of(&build(planner, wanted, &boundless(&device.facts), half.max(1)).ok()?);
     let room = |bytes: u64, fewer: u64, limit: u64| {
-        // Bytes per splat, and bytes that do not depend on the number of splats.
         let slope = bytes.checked_sub(fewer).filter(|more| *more > 0)? as f64 / (count - half) as f64;
         let fixed = (bytes as f64 - slope * count as f64).max(0.0);
         Some(((limit as f64 - fixed) / slope).max(0.0) as u64)
@@ -239,7 +235,7 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) 
 
 /// Searches for larger numbers of splats that fit. `fit` is known to fit, and `none` is known not to.
 ///
-/// The estimate alone is too low for a graph that chooses smaller formats when larger formats do not fit.
+/// The estimate alone is too low for a graph that chooses smaller formats when larger ones do not fit.
 fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Option<u64> {
     let mut found = None;
     for _ in 0..8 {
@@ -255,8 +251,7 @@ fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Optio
 
 /// Rejects a scene that cannot fit the device from its file's header, before its splats are loaded.
 ///
-/// The header does not show which bands of harmonics are used, so only band 0 is counted. If the scene is small for the
-/// device, no plan is built.
+/// The header does not show which bands of harmonics are used, so only band 0 is counted.
 ///
 /// # Errors
 /// The header is invalid, or the scene is too large.
@@ -280,7 +275,7 @@ pub fn check_header(
         ..facts::SceneFacts::NOMINAL
     };
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
-    // Errors of the graph are reported later, when it is built for the loaded scene.
+    // The graph's errors are reported later, when it is built for the loaded scene.
     match fit(&mut Planner::default(), &wanted, &target, None) {
         Ok((_, fit)) if !fit.fits => anyhow::bail!("{}: {}", path.display(), fit.to_string().trim_end()),
         _ => Ok(()),
@@ -295,7 +290,6 @@ fn loading(bytes: u64) -> String {
 }
 
 impl fmt::Display for Fit {
-    /// Formats the device, whether the scene fits, and the number of splats that would fit.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Target { name, facts, heap } = &self.device;
         let limit = facts.max_storage_bytes;

@@ -34,7 +34,7 @@ pub struct Frames {
 impl Frames {
     /// Chooses the rounds and frames for a session that is prepared at the camera's size.
     ///
-    /// If the user gave no number of frames, a round has the default number divided by `part`.
+    /// The default number of frames, [`frames_of`] the frame time, is divided by `part`.
     ///
     /// # Errors
     /// The device fails.
@@ -105,11 +105,11 @@ pub type Rounds = Vec<Vec<Timed>>;
 pub enum Timestamps {
     /// Timestamps of the frame and of each pass.
     Passes,
-    /// Timestamps of the frame only: timestamps of passes take GPU time.
+    /// Timestamps of the frame only, because timestamps of passes take GPU time.
     Frame,
 }
 
-/// Draws a single frame on the device, with timestamps of its passes.
+/// Draws a single frame, with timestamps of its passes.
 ///
 /// # Errors
 /// The device fails.
@@ -131,9 +131,7 @@ fn draw<D: Device>(
     Ok(Timed { result, submit_ms, wall_ms: ms() })
 }
 
-/// Draws frames of several sessions interleaved. The sessions must be prepared at the camera's size.
-///
-/// Returns the rounds of each session, in the order of `sessions`.
+/// Draws frames of several sessions interleaved, and returns their rounds. They must be prepared at the camera's size.
 ///
 /// # Errors
 /// The device fails.
@@ -156,12 +154,10 @@ pub fn rounds<D: Device>(
     Ok(all)
 }
 
-/// Duration of a warm-up after a long pause. An idle device runs at a lower clock, so warm-up frames are not measured.
+/// Duration of a warm-up: an idle device may run at a lower clock.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws interleaved frames for at least `least` without measuring them.
-///
-/// Returns the host time of one frame of each session together, in milliseconds.
+/// Draws interleaved frames for at least `least`, and returns the time of a frame of each together, in milliseconds.
 ///
 /// # Errors
 /// The device fails.
@@ -177,16 +173,14 @@ pub fn warm_up<D: Device>(
         let turn_begun = Instant::now();
         rounds(sessions, camera, turn, Timestamps::Passes)?;
         turns += 1;
-        // Draw at least two frames each: a graph may use the order of the previous frame.
+        // At least two: a graph may use the order of the previous frame.
         if turns >= 2 && begun.elapsed() >= least {
             return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
         }
     }
 }
 
-/// Computes the fraction of the host's frame time that the device spends drawing, at most 1.
-///
-/// `None` without timestamps or frames.
+/// Computes the fraction of the frames' time on the host that the GPU draws, at most 1; `None` without timestamps.
 pub fn busy(frames: &[Timed]) -> Option<f64> {
     let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;
     let all: f64 = frames.iter().map(|frame| frame.wall_ms).sum();
@@ -196,7 +190,7 @@ pub fn busy(frames: &[Timed]) -> Option<f64> {
 /// Target length of a round.
 const ROUND: Duration = Duration::from_millis(200);
 
-/// Returns the number of frames that fill a round, at `wall_ms` milliseconds per frame.
+/// Returns the number of frames of `wall_ms` milliseconds that fill a round, 1 to 30.
 pub fn frames_of(wall_ms: f64) -> u32 {
     ((1e3 * ROUND.as_secs_f64() / wall_ms) as u32).clamp(1, 30)
 }

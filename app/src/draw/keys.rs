@@ -2,7 +2,7 @@
 //!
 //! A key never decreases with depth. Therefore, only splats with equal keys can be in the wrong order: a stable sort
 //! leaves them in file order. Only pairs that overlap on the screen matter. The keys are computed with the same
-//! operations as in shaders/depth_key.glsl; a test compares the two.
+//! operations as in shaders/depth_key.glsl.
 //!
 //! [`of_scene`] computes the width that orders every view of a scene exactly, which graphs read as the fact
 //! `scene.key_bits`. [`needs`] finds the width for given views.
@@ -29,11 +29,11 @@ pub enum Mapping {
     Equalised,
 }
 
-/// Widths of keys in bits, from the narrowest to the widest.
+/// Range of widths of keys, in bits.
 pub const WIDTHS: std::ops::RangeInclusive<u32> = 8..=32;
 
 impl Mapping {
-    /// All mappings, from cheapest to compute to most expensive.
+    /// All mappings.
     pub const ALL: [Mapping; 4] =
         [Mapping::FloatBits, Mapping::Linear, Mapping::Logarithmic, Mapping::Equalised];
 
@@ -57,14 +57,13 @@ pub struct Keys {
     starts: Vec<u32>,
 }
 
-/// Number of bits of a depth class, for equalised keys; see shaders/depth_classes.glsl.
+/// Bits of a depth class, for equalised keys; see shaders/depth_classes.glsl.
 const CLASS_BITS: u32 = 11;
 
 impl Keys {
-    /// Prepares keys of `bits` bits for depths from `near` to `far`.
+    /// Prepares keys of `bits` bits for depths from `near` to `far`, the range of the scene's box.
     ///
-    /// The range is that of the scene's box, clamped at the near plane. `depths` are the depths of the frame's visible
-    /// splats.
+    /// `depths` are those of the frame's visible splats; only [`Mapping::Equalised`] reads them.
     pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
         let mut keys = Keys { map, range: (near, far.max(near)), bits, starts: Vec::new() };
         if map == Mapping::Equalised {
@@ -110,14 +109,13 @@ impl Keys {
             }
             Mapping::Linear => {
                 let share = (z_held - near) * (1.0 / (far - near).max(1e-30));
-                // The product stays below 2^bits, so the cast never saturates; the shader's cast does not either.
+                // Below 2^bits, so the cast does not saturate, here or in the shader.
                 (share.min(0.999_999_94) * (bits as f32).exp2()) as u32
             }
         }
     }
 }
 
-/// Returns the upper 32 bits of the 64-bit product `a * b`.
 fn high(a: u32, b: u32) -> u32 {
     ((u64::from(a) * u64::from(b)) >> 32) as u32
 }
@@ -133,7 +131,7 @@ fn key_after(count: u32, all: u32, bits: u32) -> u32 {
 
 /// Computes 2^bits divided by a range of at least 2^31, in units of 2^-32.
 ///
-/// The same rounded factor scales all keys, so rounding does not change their order.
+/// One rounded factor scales all keys, so rounding does not change their order.
 fn factor(range: u32, bits: u32) -> u32 {
     let factor = (bits as f32).exp2() * (4_294_967_296.0 / (range as f32 + 1.0));
     factor.min(4_294_967_040.0) as u32
@@ -181,10 +179,9 @@ pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
     Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
 }
 
-/// Finds the smallest sufficient key width of a mapping; `None` if 32 bits are not enough.
 fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
-    // Start with the widest key: wide keys have few ties, and the first insufficient width ends the search.
+    // Wide keys have few ties, and the first insufficient width ends the search.
     WIDTHS.rev().take_while(enough).last()
 }
 
@@ -203,7 +200,7 @@ impl Seen<'_> {
         Seen { scene, cameras, visible }
     }
 
-    /// Projects the splats that reach the published alpha floor, and ignores the others.
+    /// Projects only the splats that reach the published alpha floor.
     ///
     /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be below the published floor.
     pub fn shown<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
@@ -239,8 +236,8 @@ pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
 ///
 /// Keys are exact if their range contains at most 2^width floats. In a view, depths range from some `near` to at most
 /// `near` plus the diagonal of the scene's box. Floats become sparser with increasing value, so the range that starts
-/// at the near plane contains the most floats. Rounding of the depths ([`depth_range`]) extends the range only slightly
-/// for cameras whose distance from the origin is at most a thousand times the scene's size.
+/// at the near plane contains the most floats. It is extended by the rounding of depths ([`depth_range`]) for cameras
+/// no farther from the origin than about a thousand times the box's largest coordinates.
 pub fn of_scene(bounds: &Bounds) -> u32 {
     let side = |i: usize| f64::from(bounds.max[i]) - f64::from(bounds.min[i]);
     let diagonal = (0..3).map(|i| side(i) * side(i)).sum::<f64>().sqrt();
@@ -253,13 +250,13 @@ pub fn of_scene(bounds: &Bounds) -> u32 {
 
 /// Maximum number of tiles and pairs to examine for one width in one view.
 ///
-/// The limit prevents quadratic time for thousands of splats with equal keys, at one position or on a plane.
+/// It prevents quadratic time for thousands of splats with equal keys.
 const MAX_WORK: u64 = 20_000_000;
 
 /// Counts the pairs that overlap on the screen and are drawn in the wrong order. Stops above `limit`.
 ///
-/// Pairs count as overlapping if they touch a common tile; a few of these share no pixel. If counting takes more than
-/// [`MAX_WORK`], the result exceeds the limit, so that keys become too wide rather than too narrow.
+/// Pairs count as overlapping if they touch a common tile. If counting takes more than [`MAX_WORK`], the result exceeds
+/// the limit, so that keys become too wide rather than too narrow.
 fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
     let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
@@ -279,7 +276,6 @@ fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     ties.count
 }
 
-/// Counter of wrong pairs among splats with equal keys.
 struct Ties<'a, 'b> {
     view: &'a View<'b>,
     limit: u64,
@@ -337,7 +333,7 @@ impl Ties<'_, '_> {
                 }
                 for &nearer in &in_tile[tile] {
                     let other = &self.view.visible[nearer];
-                    // Count a pair only in the first tile that both splats touch.
+                    // Count a pair only in the first tile that both touch.
                     let first = (splat.tiles[0].max(other.tiles[0]), splat.tiles[1].max(other.tiles[1]));
                     self.count += u64::from(other.index > splat.index && first == (x, y));
                 }
@@ -354,7 +350,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Makes splats at these depths, each nearer than the previous one in file order. Every tie is then a wrong pair.
+    /// Makes splats whose file order is the reverse of their depths, so that every tie is a wrong pair.
     fn reversed(depths: &[f64], tiles: impl Fn(usize) -> [u32; 4]) -> Vec<Visible> {
         let last = depths.len() - 1;
         let splat = |(at, depth): (usize, &f64)| Visible {
@@ -373,7 +369,7 @@ mod tests {
 
     #[test]
     fn steps_within_one_unit_of_depth_need_as_many_bits_as_there_are_steps() {
-        // 512 depths in equal steps: linear keys need 9 bits.
+        // 512 equal steps.
         let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
         let visible = reversed(&depths, |_| [0, 0, 1, 1]);
         assert_eq!(bits(&visible, Mapping::Linear, 0), Some(9));
@@ -403,7 +399,6 @@ mod tests {
         let behind: Vec<Visible> =
             (0..10_000).map(|index| Visible { index: 9_999 - index, ..same[0] }).collect();
         assert_eq!(bits(&behind, Mapping::FloatBits, 0), None);
-        // Counting all pairs would exceed the limit on work.
         assert_eq!(bits(&same, Mapping::FloatBits, 1), None);
     }
 
@@ -495,7 +490,6 @@ mod tests {
             for share in shares {
                 let z = camera.to_view(at(share))[2] as f32;
                 prop_assume!(z > NEAR as f32);
-                // The range includes all depths of the box, so none is clamped.
                 prop_assert!(near <= z && z <= far, "{z} is not in {near} to {far}");
                 prop_assert!(keys.of(z) < keys.of(z.next_up()) || z == far, "{bits} bits, {z} in {near} to {far}");
             }
@@ -505,7 +499,6 @@ mod tests {
         fn keys_never_decrease_with_depth(a in 0.2f32..1e6, b in 0.2f32..1e6, width in 8u32..=32, far in 1f32..1e6) {
             let (a, b) = (a.min(b), a.max(b));
             for map in Mapping::ALL {
-                // The other depths in the frame are arbitrary.
                 let keys = Keys::new(map, (0.2, far), width, [a, 0.3, 7.0, 7.1].into_iter());
                 let (first, second) = (keys.of(a), keys.of(b));
                 prop_assert!(first <= second, "{map:?}: {first} {second}");

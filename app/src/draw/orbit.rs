@@ -1,7 +1,6 @@
 //! Moves cameras around a point, and turns cameras towards a point.
 //!
-//! Rotations without an axis are about the camera's own vertical axis: captured scenes have no up direction, but each
-//! of their cameras has one. An [`Orbit`] has its own axis.
+//! Rotations without an axis are about the camera's own vertical axis, because captured scenes have no up direction.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;
@@ -15,7 +14,6 @@ pub fn turned(camera: &Camera, around: [f64; 3], degrees: f64) -> Camera {
     moved_by(camera, around, DQuat::from_axis_angle(axis, degrees.to_radians()))
 }
 
-/// Moves a camera around a point by a world-space rotation. The point stays at its position in the picture.
 fn moved_by(camera: &Camera, around: [f64; 3], turn: DQuat) -> Camera {
     let around = DVec3::from(around);
     let position = around + turn * (DVec3::from(camera.position) - around);
@@ -54,7 +52,7 @@ impl Orbit {
 /// Computes the angle of the rotation between two cameras, in degrees from 0 to 180.
 pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     let axes = |camera: &Camera| DMat3::from_cols_array_2d(&camera.axes());
-    // The vector part of the quaternion is accurate for small angles; an arc cosine is not.
+    // Accurate for small angles, unlike an arc cosine.
     let turn = DQuat::from_mat3(&(axes(to) * axes(from).transpose()));
     2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
 }

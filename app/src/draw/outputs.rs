@@ -1,8 +1,8 @@
 //! Reads the images that a frame has besides its picture (alpha, depths, normals and others) as arrays and files.
 //!
-//! A graph declares them under `outputs`. [`Session::set_outputs`] requests some of them, and the plan then computes
-//! them; a plan without a request does no work for them. [`draw`] draws a frame and returns its colours with its
-//! outputs. docs/splatting.md defines the built-in graphs' outputs.
+//! A graph declares them under `outputs`. [`Session::set_outputs`] requests some of them; a plan without a request does
+//! no work for them. [`draw`] draws a frame and returns its colours with its outputs. docs/splatting.md defines the
+//! built-in graphs' outputs.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -102,7 +102,7 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
     let output = |((output, target), bytes): ((&splatgraph_framework::ir::Output, Inspect), &Vec<u8>)| {
         let Finding { mut shape, mut words, .. } = Finding::new(plan, &target, bytes, &[]);
-        // Image formats have one or four channels. Drop the unused fourth.
+        // Images have one or four channels; a fourth is unused.
         if let ([.., channels @ 4], Words::Float(values)) = (&mut shape[..], &mut words) {
             *channels = 3;
             *values = values.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();
@@ -115,7 +115,7 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
 /// Checks that the output named `name` can be written in a format.
 ///
 /// # Errors
-/// The format is not possible. The error lists the possible formats.
+/// It cannot. The error lists the possible formats.
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
         ("contributors" | "index", Format::Png | Format::Exr) => {
@@ -132,8 +132,8 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 impl Output {
     /// Writes the values as an array or a float image, or normals and fractions as a picture.
     ///
-    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2. Call [`check_format`] first: this
-    /// function clamps depths to 1 in a PNG.
+    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2. Call [`check_format`] first: a PNG
+    /// clamps depths to 1.
     ///
     /// # Errors
     /// The extension is not one of `.npy`, `.exr` and `.png`, the values are integers and the extension is not `.npy`,

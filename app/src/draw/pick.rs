@@ -1,8 +1,8 @@
 //! Finds the splats that contribute to a pixel, and outlines a splat on the picture.
 //!
 //! [`pick`] lists every splat that is blended at a pixel, near to far, with its share of the colour.
-//! [`Picked::selected`] is the splat that the user means: first the splat with the largest share; [`Picked::step`] then
-//! selects its neighbours in depth.
+//! [`Picked::selected`] is first the splat with the largest share; [`Picked::step`] then selects its neighbours in
+//! depth.
 //!
 //! Whichever graph draws, the rules are [`Rules::of`] the scene, in f64: the published rasteriser's, unless the scene's
 //! file has tags. A graph with other rules (another `low_pass`, a `cutoff`, culling, an inexact order) draws a
@@ -18,9 +18,7 @@ use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, projec
 /// Ellipse on which a splat's alpha falls to the alpha floor, 1/255. The splat has fragments only inside it.
 ///
 /// Its semi-axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser
-/// evaluates a splat only in the tiles within 3 deviations, so the last 0.3 may be cut off at the border of a tile. An
-/// ellipse of 3 deviations would be too large for a splat with an opacity below 0.35: it would contain pixels without a
-/// fragment.
+/// evaluates a splat only in the tiles within 3 deviations, so the rest may be cut off at the border of a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outline {
     /// Centre, in pixels from the picture's top left corner; may be outside the picture.
@@ -41,14 +39,14 @@ impl Outline {
 
     fn of(splat: &Projected, rules: &Rules) -> Option<Outline> {
         let radius = (2.0 * (splat.opacity / rules.alpha_floor).ln()).sqrt();
-        // The radius is NaN if even the centre is below the alpha floor.
+        // NaN if even the centre is below the alpha floor.
         if !(radius > 0.0 && radius.is_finite()) {
             return None;
         }
         let [xx, xy, yy] = splat.covariance;
         let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
         let longer = middle + half;
-        // For a needle, `middle - half` would lose all digits to cancellation.
+        // For a needle, `middle - half` would lose all digits.
         let shorter = splat.determinant / longer;
         Some(Outline {
             center: splat.center.map(|v| v + 0.5),
@@ -87,7 +85,7 @@ pub struct PickedSplat {
     pub outline: Option<Outline>,
 }
 
-/// The splats that are blended at a pixel, with a selected one.
+/// The splats that are blended at a pixel, and the selected one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picked {
     /// The camera of the picture, in the scene's coordinates.
@@ -121,8 +119,7 @@ impl Picked {
 /// Lists the splats that are blended at a pixel, without hidden splats, and selects the largest share.
 ///
 /// `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is called from several threads.
-/// Returns `None` for a pixel outside the picture, or once `cancelled` returns true. A million splats take 0.1 s on two
-/// cores.
+/// Returns `None` for a pixel outside the picture, or once `cancelled` returns true.
 pub fn pick(
     masked: &Masked,
     camera: &Camera,
@@ -160,8 +157,7 @@ pub fn pick(
 
 /// Computes the outline of a splat. `camera` is in the scene's coordinates.
 ///
-/// `None` for a splat that is culled, fainter than 1/255 or outside the picture, and for an index beyond the scene's
-/// splats.
+/// `None` for a splat that is culled, fainter than 1/255, outside the picture or not in the scene.
 pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
     if index >= scene.count() {
         return None;

@@ -1,8 +1,8 @@
 //! Encodes and writes pictures on worker threads while the device draws the next ones.
 //!
-//! Encoding a picture takes up to a hundred times as long as drawing it. [`Pictures`] passes each picture to the thread
-//! pool and returns the results in the order of the cameras, so that messages and the first error are the same as
-//! without threads.
+//! Encoding a picture can take much longer than drawing it. [`Pictures`] passes each picture to the thread pool and
+//! returns the results in the order of the pictures, so that messages and the first error are the same as without
+//! threads.
 
 use anyhow::{Result, anyhow};
 use splatgraph_api::Pixels;
@@ -38,6 +38,7 @@ impl<T: Send + 'static> Pictures<T> {
     /// First waits for older pictures if the queue or the memory is full, and returns their results.
     ///
     /// # Errors
+    /// The error of the oldest of these pictures that failed.
     /// One of these pictures failed. The error is from the oldest one that failed.
     pub fn start(&mut self, bytes: u64, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<Vec<T>> {
         let room = memory::available().map_or(u64::MAX, |available| available / MEMORY_SHARE / bytes.max(1));
@@ -92,7 +93,6 @@ mod tests {
             let (running, most) = (running.clone(), most.clone());
             let work = move || {
                 most.fetch_max(running.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
-                // Later pictures finish sooner.
                 std::thread::sleep(std::time::Duration::from_millis(3 - index % 3));
                 running.fetch_sub(1, Ordering::SeqCst);
                 Ok(index)

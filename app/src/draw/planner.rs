@@ -30,7 +30,6 @@ static SETTINGS: OnceLock<Settings> = OnceLock::new();
 
 /// Sets the settings of all planners from [`Planner::default`]. Only the first call has an effect.
 pub fn configure(settings: Settings) {
-    // Only tests call this twice, with equal settings.
     let _ = SETTINGS.set(settings);
 }
 
@@ -128,9 +127,7 @@ impl Planner {
         plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
     }
 
-    /// Lists the parameters of `graph`, with the values of `set`.
-    ///
-    /// Growing parameters have at least the value in [`Planner::capacities`].
+    /// Lists the parameters of `graph`, with the values of `set`; growing ones are at least [`Planner::capacities`].
     pub fn controls(
         &mut self,
         graph: &str,
@@ -145,9 +142,8 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Returns the graphs of a choice that a device with these facts cannot run.
-    ///
-    /// If no graph is left, also returns the unmet requirements.
+    /// Returns the graphs of a choice that a device with these facts cannot run, and the unmet requirements if none is
+    /// left.
     pub fn standing(
         &mut self,
         graph: &str,
@@ -189,8 +185,9 @@ impl Planner {
         Some(self.files.text(file).to_owned())
     }
 
-    /// Finds a shader that a graph names: its path, as in [`PlainDiagnostic::file`], and its text. `None` if it cannot
-    /// be read.
+    /// Finds a shader that a graph names: its path, as in [`PlainDiagnostic::file`], and its text.
+    ///
+    /// `None` if it cannot be read.
     pub fn shader(&mut self, graph: &str, name: &str) -> Option<(String, String)> {
         let graph = self.files.find(None, graph, Kind::Graph).ok()?;
         let file = self.files.find(Some(graph), name, Kind::Shader).ok()?;
@@ -215,7 +212,7 @@ impl Planner {
     }
 }
 
-/// Adds a suggestion to the error about a missing output: the built-in graphs that have the output.
+/// Adds the built-in graphs with the output to the error about a missing output.
 fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     let graphs = builtin::giving(output).join(", ");
     for error in errors.iter_mut().filter(|error| !graphs.is_empty() && error.message == no_output(output)) {
@@ -277,9 +274,9 @@ impl std::error::Error for GraphErrors {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// The graph has no plan and cannot be drawn.
+    /// The graph has no plan.
     Error,
-    /// The graph can be drawn in spite of the problem.
+    /// The graph can be drawn all the same.
     Warning,
 }
 

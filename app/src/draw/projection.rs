@@ -1,6 +1,6 @@
 //! Finds the projection that a graph draws, and converts cameras to it.
 //!
-//! A graph's projection is a constant, its parameter `projection`, because shaders are compiled for it. A camera has a
+//! A graph's projection is its constant parameter `projection`, because shaders are compiled for it. A camera has a
 //! projection as well: files store it, and the exact renderer draws it. Pinhole cameras are converted to the graph's
 //! projection; any other camera needs a graph with the same projection.
 
@@ -11,7 +11,6 @@ use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_framework::ir::{Param, Value};
 use splatgraph_framework::lower::Control;
 
-/// Name of the projection parameter in graphs.
 const PARAMETER: &str = "projection";
 
 /// Error about a camera that the graph cannot draw.
@@ -54,7 +53,7 @@ pub fn of_controls(controls: &[Control]) -> Projection {
 /// Returns the projection of a graph with the parameters in `set`, before a scene is loaded.
 ///
 /// `pipeline` is a preset's name or a path. Returns pinhole for a graph with errors; building its plan reports them.
-/// All graphs of a preset's choice have the same projection, so the device does not matter.
+/// The device does not matter, because all graphs of a choice have the same projection.
 pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
     let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);

@@ -1,7 +1,6 @@
 //! Formats the `splatgraph render` command that reproduces a picture.
 //!
-//! The command contains the camera as JSON, in world coordinates. Its numbers have enough digits to restore every bit,
-//! so the picture is the same.
+//! The command contains the camera as JSON, in world coordinates, with all digits.
 
 use crate::draw::planner;
 use crate::io::output::shell_word;
@@ -29,12 +28,12 @@ impl<'a, S: IntoIterator<Item = (&'a str, &'a str)>> RenderCommand<'a, S> {
     /// Formats the command for a POSIX shell.
     pub fn line(self) -> String {
         let RenderCommand { scene, camera, graph, set, background, output } = self;
-        // `cameras.json` is a list, here of one camera.
+        // `cameras.json` is a list.
         let camera_json = serde_json::to_string(&[camera]).unwrap_or_default();
         let mut words = vec!["splatgraph".to_owned(), "render".to_owned(), file(scene)];
         let mut add = |option: &str, value: String| words.extend([option.to_owned(), value]);
         add("--cameras", camera_json);
-        // The camera already has this size; the option is there for the user to edit.
+        // The camera already has this size, which the user may edit.
         add("--size", format!("{}x{}", camera.width, camera.height));
         add("--pipeline", graph.to_owned());
         set.into_iter().for_each(|(name, value)| add("--set", format!("{name}={value}")));

@@ -72,7 +72,6 @@ impl Region {
     }
 }
 
-/// Computes the distance of a point to the segment between two points.
 fn distance(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     let [x, y] = [point[0] - from[0], point[1] - from[1]];
     let [u, v] = [to[0] - from[0], to[1] - from[1]];
@@ -83,8 +82,8 @@ fn distance(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
 
 /// Finds the splats in a region of the picture. Hidden splats are left out.
 ///
-/// `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is called from several threads.
-/// Returns `None` once it returns true.
+/// `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is called from several threads;
+/// once it returns true, the result is `None`.
 pub fn select(
     masked: &Masked,
     camera: &Camera,
@@ -107,7 +106,6 @@ pub fn select(
     }
 }
 
-/// Finds the visible splats whose centres are in the region and in the picture.
 fn centres(
     masked: &Masked,
     camera: &Camera,

@@ -2,8 +2,8 @@
 //!
 //! The folder is in the user's cache folder, and can be shared and deleted. Several processes may read and write it at
 //! the same time: each file is either complete or absent. A file that is damaged or from another build of the program
-//! is ignored and replaced. To detect hash collisions, each file contains its whole key (texts, defines, build of the
-//! program) besides the SPIR-V.
+//! is ignored and replaced. Each file contains its whole key (texts, defines, build of the program), to detect hash
+//! collisions.
 
 use crate::io::folders;
 use splatgraph_framework::shader::SpirvStore;
@@ -16,9 +16,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Environment variable that disables the cache if set to `off`.
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
-/// Total size of the cache, in bytes, above which the oldest files are deleted before another file is written.
+/// Size of the cache, in bytes, above which the oldest files are deleted before another is written.
 const MAX_BYTES: u64 = 64 << 20;
-/// Maximum size of a file to read, in bytes. The shader of the longest allowed text is smaller.
+/// Number of bytes after which a file is no longer read.
 const MAX_FILE_BYTES: u64 = 16 << 20;
 /// Magic number at the start of a file. It changes with the file's layout.
 const MAGIC: &[u8; 8] = b"sgspv001";
@@ -51,7 +51,7 @@ impl ShaderCache {
         self.folder.join(format!("{:016x}.spv", hasher.finish()))
     }
 
-    /// Returns the file header for `key`: all bytes before the SPIR-V.
+    /// Returns the bytes before the SPIR-V.
     fn head(&self, key: &[u8]) -> Vec<u8> {
         let lengths = [self.build.len() as u64, key.len() as u64].map(u64::to_le_bytes);
         [&MAGIC[..], &lengths[0], &lengths[1], &self.build, key].concat()
@@ -98,7 +98,6 @@ impl ShaderCache {
     }
 }
 
-/// Lists the files of a folder with modification time, size in bytes, and path.
 fn found(folder: &Path) -> Vec<(SystemTime, u64, PathBuf)> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let file = |entry: fs::DirEntry| {
@@ -140,7 +139,7 @@ mod tests {
         assert_eq!(one.load(b"other"), None);
         let other = ShaderCache { build: b"two".to_vec(), ..cache(folder.path()) };
         assert_eq!(other.load(b"key"), None);
-        // Simulate a hash collision: both keys have the same path.
+        // Simulate a hash collision.
         fs::copy(one.path(b"key"), one.path(b"other")).unwrap();
         assert_eq!(one.load(b"other"), None);
     }

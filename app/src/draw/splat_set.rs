@@ -1,7 +1,7 @@
-//! Implements sets of a scene's splats, and selection files.
+//! Implements sets of a scene's splats, which the viewer selects and hides, and selection files.
 //!
-//! The viewer selects and hides splats in sets. A selection file is JSON: the number of the scene's splats, to detect
-//! files of another scene, and the indices. `convert --keep` and `--remove` read it.
+//! A selection file is JSON: the number of the scene's splats, to detect files of another scene, and the indices.
+//! `convert --keep` and `--remove` read it.
 
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::{Mesh, Scene};
@@ -20,9 +20,7 @@ pub struct SplatSet {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SelectionFile {
-    /// Number of splats in the scene.
     splats: u32,
-    /// Indices of the splats in the set.
     indices: Vec<u32>,
 }
 
@@ -120,7 +118,6 @@ impl FromIterator<u32> for SplatSet {
     }
 }
 
-/// The empty set.
 static NONE: SplatSet = SplatSet { words: Vec::new() };
 
 /// A scene without its hidden splats. They keep their indices, but count as splats with opacity 0.

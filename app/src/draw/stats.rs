@@ -1,7 +1,7 @@
-//! Summarises the times and counts of frames.
+//! Summarises the times and counts of frames, in one [`CameraStats`] per camera.
 //!
-//! There is one [`CameraStats`] per camera. Times are medians over the camera's frames. A pass of the prologue, which
-//! runs in the first frame after a load, has a single time.
+//! Times are medians over the camera's frames. A pass of the prologue, which runs in the first frame after a load, has
+//! a single time.
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
@@ -32,10 +32,9 @@ pub struct CameraStats {
     pub driver: String,
     /// Values of all parameters of the graph, in the order of the file.
     pub parameters: Map<String, Json>,
-    /// Reasons for parameter values that come from expressions over facts or other parameters, by parameter.
+    /// The reason for each parameter value that comes from an expression over facts or other parameters.
     pub reasons: BTreeMap<String, Reason>,
-    /// Counts by name: `loaded`, the splats of the scene, and the statistics of the last frame, such as `visible` and
-    /// `drawn`.
+    /// Counts by name: `loaded`, the scene's splats, and the last frame's statistics, such as `visible` and `drawn`.
     pub counts: Map<String, Json>,
     /// Times of the passes, in order of execution.
     pub passes: Vec<PassTime>,
@@ -47,7 +46,7 @@ pub struct CameraStats {
     pub gpu_ms: Option<f64>,
     /// Host time to record and submit a frame, in milliseconds.
     pub record_ms: f64,
-    /// Fraction of time that the device spends drawing, at most 1; `None` if unknown. An idle device lowers its clock.
+    /// Fraction of time that the device spends drawing, at most 1; `None` if unknown.
     pub busy: Option<f64>,
     /// Number of frames whose times are summarised.
     pub frames: usize,
@@ -161,7 +160,7 @@ impl CameraStats {
 
 /// Formats the statistic `unordered`: `12 pairs left unsorted`. `None` if it is 0.
 ///
-/// Tiles leave pairs of a splat and a bin unsorted if too many pairs of the bin have nearly the same depth.
+/// Tiles leave pairs unsorted if too many pairs of a bin have nearly the same depth.
 pub(crate) fn unordered(pairs: u64) -> Option<String> {
     (pairs > 0).then(|| format!("{} pairs left unsorted", grouped(pairs)))
 }
@@ -171,7 +170,6 @@ pub(crate) fn reasons(plan: &Plan) -> BTreeMap<String, Reason> {
     plan.params.iter().filter_map(|param| Some((param.name.clone(), param.reason.clone()?))).collect()
 }
 
-/// Converts the value of a parameter to JSON.
 pub(crate) fn json(value: &Value) -> Json {
     match value {
         Value::Bool(v) => (*v).into(),
@@ -199,7 +197,6 @@ pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     values.get(rank.saturating_sub(1)).copied()
 }
 
-/// Computes the median time of each pass, in the order in which the passes first ran.
 fn pass_times(plan: &Plan, frames: &[FrameResult]) -> Vec<PassTime> {
     let mut order: Vec<PassId> = Vec::new();
     let mut times: BTreeMap<PassId, Vec<f64>> = BTreeMap::new();

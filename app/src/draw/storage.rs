@@ -1,9 +1,8 @@
 //! Chooses the storage of a scene's splats: the most accurate one that fits in the available memory.
 //!
 //! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their values form a ladder, from the
-//! most accurate to the smallest. The plan of each rung is built in order, and its resident bytes are counted, until
-//! one fits. Rungs are skipped if the graph lacks the parameter value, or if the device does not support the buffers.
-//! If the user sets one of these parameters, there is nothing to choose.
+//! most accurate to the smallest. The plan of each rung is built in order, until its resident bytes fit. Rungs whose
+//! plan cannot be built are skipped. If the user sets one of these parameters, there is nothing to choose.
 
 use crate::draw::fit;
 use serde_json::{Value as Json, json};
@@ -20,7 +19,7 @@ struct Rung {
     psnr: u32,
 }
 
-/// Rungs to try after the graph's own storage, from the most accurate to the smallest.
+/// Rungs after the graph's own storage, from the most accurate to the smallest.
 const LADDER: [Rung; 4] = [
     Rung { set: ("sh_storage", "q8"), psnr: 79 },
     Rung { set: ("storage", "b64"), psnr: 70 },
@@ -28,7 +27,7 @@ const LADDER: [Rung; 4] = [
     Rung { set: ("storage", "b24"), psnr: 45 },
 ];
 
-/// Parameters that decide the storage. If the user sets one, there is nothing to choose.
+/// Parameters that decide the storage.
 const PARAMETERS: [&str; 4] = ["storage", "sh_storage", "covariance", "position_storage"];
 
 /// Storage that was chosen, and the settings that were tried before it.
@@ -36,7 +35,7 @@ const PARAMETERS: [&str; 4] = ["storage", "sh_storage", "covariance", "position_
 pub struct Choice {
     /// Setting to add to the user's; `None` for the graph's own storage.
     pub set: Option<(String, String)>,
-    /// Tried settings with their resident bytes. The last one is chosen.
+    /// Tried settings with their resident bytes; the chosen one is last.
     tried: Vec<(String, u64)>,
     psnr: Option<u32>,
     memory: u64,
@@ -79,10 +78,10 @@ impl Choice {
         Some((last.set.0.to_owned(), last.set.1.to_owned()))
     }
 
-    /// Chooses the most accurate storage whose plan keeps at most `memory` bytes on the device.
+    /// Chooses the most accurate storage whose plan keeps at most `memory` bytes on the device, and returns its plan.
     ///
     /// Bytes that are freed after the first frame do not count. `set` are the user's parameters. `plan` builds a plan
-    /// from a list of parameters. Also returns the plan of the choice.
+    /// from a list of parameters.
     ///
     /// # Errors
     /// No plan can be built, or all plans need too much memory.
@@ -115,7 +114,7 @@ impl Choice {
         }
     }
 
-    /// Converts to JSON: the memory, and the tried settings with their resident bytes. The chosen setting is last.
+    /// Converts to JSON: the memory, and the tried settings with their resident bytes, the chosen one last.
     pub fn json(&self) -> Json {
         let row = |(setting, needed): &(String, u64)| json!({ "setting": setting, "bytes": needed });
         json!({ "memory": self.memory, "tried": self.tried.iter().map(row).collect::<Vec<_>>() })
@@ -127,13 +126,11 @@ fn decided(set: &[(String, String)]) -> bool {
     set.iter().any(|(name, _)| PARAMETERS.contains(&name.as_str()))
 }
 
-/// Formats a setting for messages. `None` is the graph's own storage.
 fn name(set: Option<&(String, String)>) -> String {
     set.map_or_else(|| "the graph's own storage".to_owned(), |(name, value)| format!("{name}={value}"))
 }
 
 impl fmt::Display for Choice {
-    /// Formats a line with the chosen setting and its bytes, and the settings that need too much memory.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Some(((chosen, needed), larger)) = self.tried.split_last() else { return Ok(()) };
         let memory = display(self.memory);
@@ -202,7 +199,7 @@ mod tests {
             chosen.push(choice.set);
         }
         let settings = LADDER.map(|rung| Some((rung.set.0.to_owned(), rung.set.1.to_owned())));
-        // The first setting is chosen twice: without a limit, and with a limit of exactly its bytes.
+        // Chosen twice: without a limit, and with a limit of exactly its bytes.
         assert_eq!(chosen[0], chosen[1]);
         assert_eq!(chosen[2..], settings);
         match choose("tiled_cpu", &[], memory) {

@@ -1,7 +1,6 @@
 //! Draws the exact picture of a scene on the CPU, as the reference for all comparisons.
 //!
-//! The renderer is `splatgraph-reference`: f64, and the rules of the published rasteriser. Each rule can be changed by
-//! its name, to show its effect on the picture.
+//! The renderer is `splatgraph-reference`: f64, and the published rasteriser's rules, each of which can be changed.
 
 use crate::draw::inspect::Words;
 use crate::draw::outputs::Output;
@@ -66,7 +65,7 @@ impl Truth {
         let begun = Instant::now();
         let progress = Mutex::new(Progress::new("drawing exactly"));
         let picture = render(scene, camera, background.map(f64::from), rules, &|done, of| {
-            // Called on many threads. If one of them is reporting, the others skip their report.
+            // Called on many threads. While one reports, the others skip their report.
             if let Ok(mut progress) = progress.try_lock() {
                 progress.set(done as u64, of as u64, &camera.img_name);
             }
@@ -93,9 +92,8 @@ impl Truth {
         image_of(&self.picture)
     }
 
-    /// Returns the output named `name`, with values rounded to f32.
-    ///
-    /// `None` if the name is not in [`NAMES`](crate::draw::outputs::NAMES).
+    /// Returns an output with values rounded to f32; `None` if its name is not in
+    /// [`NAMES`](crate::draw::outputs::NAMES).
     pub fn output(&self, name: &str) -> Option<Output> {
         let picture = &self.picture;
         let rounded = |values: &[f64]| Words::Float(values.iter().map(|v| *v as f32).collect());
@@ -156,7 +154,6 @@ mod tests {
         let image = truth.image();
         assert_eq!((image.width, image.height), (40, 30));
         assert!(truth.stats.covered > 0.0 && truth.stats.most_contributors > 1, "{}", truth.stats);
-        // Where there are no splats, the picture is the background.
         let empty =
             truth.picture.transmittance.iter().position(|t| *t == 1.0).expect("a pixel without splats");
         assert_eq!((image.rgb[empty], truth.picture.contributors[empty]), ([0.0, 0.0, 1.0], 0));

@@ -6,9 +6,9 @@
 //! components share the knots, so that they pass a key without a kink. Rotations are interpolated by squad (Shoemake,
 //! Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
 //!
-//! A component that is equal at two adjacent keys stays constant between them. If a component changes little beside
-//! keys with large steps, its slopes are limited: it overshoots by at most a sixth of a radian, so that the camera does
-//! not spin.
+//! A component that is equal at two adjacent keys stays constant between them. Slopes of a component that changes
+//! little beside keys with large steps are limited, so that the camera does not spin: it overshoots by at most a sixth
+//! of a radian.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Camera, Projection};
@@ -22,11 +22,11 @@ const STILL: f64 = 1e-9;
 const STEEPEST: (f64, f64) = (3.0, 1.0);
 /// Maximum relative difference between the halves of an interval of the table, and between its length and its chord.
 const UNEVEN: f64 = 1e-3;
-/// Minimum and maximum number of bisections of a segment. The maximum is reached near a point where the curve stops.
+/// Minimum and maximum number of bisections of a segment.
 const BISECTIONS: (u32, u32) = (4, 24);
 /// Length below which an interval is not bisected, as a fraction of the summed distances between keys.
 const TINY: f64 = 1e-7;
-/// Length below which an interval is noise and is not bisected, in rounding errors of a view.
+/// Length below which an interval is not bisected, in rounding errors of a view.
 const NOISE: f64 = 1e3;
 
 /// Position, rotation and zoom of a camera.
@@ -35,8 +35,8 @@ pub(super) struct View {
     position: DVec3,
     /// Unit quaternion from the camera's axes to the world's.
     rotation: DQuat,
-    /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; the third
-    /// component is 0. An equirectangular view has no zoom: it shows all directions.
+    /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; then 0.
+    /// All are 0 in an equirectangular view, which shows all directions.
     zoom: DVec3,
 }
 
@@ -79,7 +79,7 @@ impl View {
         let between = self.rotation.inverse() * to.rotation;
         // A quaternion and its negative are the same rotation.
         let turn = 2.0 * log(if between.w < 0.0 { -between } else { between }).length();
-        // Root mean square of the horizontal and the vertical zoom.
+        // Root mean square of the two zooms.
         let zoom = (to.zoom - self.zoom).length() * std::f64::consts::FRAC_1_SQRT_2;
         DVec3::new(way, turn, zoom).length()
     }
@@ -94,11 +94,11 @@ impl View {
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     from: View,
-    /// Second key. Its quaternion's sign is chosen so that the rotation between the keys is at most 180 degrees.
+    /// Second key. Its quaternion's sign gives a rotation between the keys of at most 180 degrees.
     to: View,
-    /// Slopes of the position at both ends.
+    /// At both ends.
     position: [DVec3; 2],
-    /// Slopes of the zoom at both ends.
+    /// At both ends.
     zoom: [DVec3; 2],
     /// Inner quaternions of squad.
     inner: [DQuat; 2],
@@ -198,14 +198,13 @@ impl Curve {
         }
     }
 
-    /// Returns the length of the curve, in the unit of [`View::distance`].
+    /// In the unit of [`View::distance`].
     pub(super) fn length(&self) -> f64 {
         self.table.last().map_or(0.0, |(length, _)| *length)
     }
 
     /// Computes the view at a length from the start; `None` for a curve of length 0.
     pub(super) fn at(&self, length: f64) -> Option<View> {
-        // Find the table entries on both sides of `length`.
         let beyond =
             self.table.partition_point(|(start, _)| *start <= length).min(self.table.len().saturating_sub(1));
         let (to, from) = (self.table.get(beyond)?, self.table.get(beyond.checked_sub(1)?)?);
@@ -238,7 +237,6 @@ fn slopes(steps: &[DVec3], distances: &[f64], closed: bool, unit: f64) -> Vec<[D
     (0..count).map(ends).collect()
 }
 
-/// Evaluates a cubic Hermite segment at `u`, from 0 to 1.
 fn hermite(from: DVec3, to: DVec3, [start, end]: [DVec3; 2], u: f64) -> DVec3 {
     let (square, cube) = (u * u, u * u * u);
     from * (2.0 * cube - 3.0 * square + 1.0)
@@ -251,11 +249,10 @@ fn hermite(from: DVec3, to: DVec3, [start, end]: [DVec3; 2], u: f64) -> DVec3 {
 fn log(q: DQuat) -> DVec3 {
     let (vector, w) = (DVec3::new(q.x, q.y, q.z), q.w);
     let sine = vector.length();
-    // The quaternion -1 has no axis; it is a full turn, so no rotation.
+    // The quaternion -1 has no axis, and rotates by nothing.
     if sine > 0.0 { vector / sine * sine.atan2(w) } else { DVec3::ZERO }
 }
 
-/// Computes the unit quaternion of a logarithm.
 fn exp(v: DVec3) -> DQuat {
     let angle = v.length();
     let (sine, cosine) = angle.sin_cos();
@@ -263,9 +260,7 @@ fn exp(v: DVec3) -> DQuat {
     DQuat::from_xyzw(vector.x, vector.y, vector.z, cosine)
 }
 
-/// Interpolates between unit quaternions along the great circle.
-///
-/// Takes the longer arc if the signs of the quaternions require it: squad needs both arcs.
+/// Interpolates along the great circle: along the longer arc if the signs require it, as squad does.
 fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
     from * exp(t * log(from.inverse() * to))
 }

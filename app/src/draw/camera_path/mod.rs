@@ -5,9 +5,8 @@
 //! zoom, so that a rotation in place also takes time. [`Playback`] is the state of a player.
 //!
 //! Keys are in the world's coordinates, and a path is saved as a `cameras.json` of its keys. Consecutive equal keys
-//! count as one. The path has the projection that all keys share; between keys with several projections, which a
-//! viewer may record, the cameras are pinholes. Between opposite rotations, the path takes one of the two shortest
-//! ways, the same in every run.
+//! count as one. The path has the projection that all keys share; with several projections, its cameras are pinholes.
+//! Between opposite rotations, the path takes one of the two shortest ways, the same in every run.
 
 mod curve;
 #[cfg(test)]
@@ -140,7 +139,6 @@ impl CameraPath {
 
     /// Sets the distance in world units that takes as long as a rotation by one radian; see [`CameraPath::new`].
     pub fn set_radian(&mut self, radian: f64) {
-        // Camera positions are limited to 1e18 world units.
         self.radian = if radian > 0.0 { radian.clamp(1e-18, 1e18) } else { 1.0 };
         self.update();
     }
@@ -199,7 +197,7 @@ pub fn length_of_radian(scene: &Scene) -> f64 {
 pub struct Playback {
     position: f64,
     playing: bool,
-    /// True until the first frame. The time before that frame does not advance the path.
+    /// True until the first frame: the time before it does not count.
     starting: bool,
 }
 
@@ -249,7 +247,6 @@ impl Playback {
             (self.position, self.playing) = (path.seconds(), false);
         }
         let camera = path.at(self.position);
-        // All keys may have been removed.
         self.playing &= camera.is_some();
         camera
     }

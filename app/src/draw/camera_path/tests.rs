@@ -21,7 +21,6 @@ fn key(position: [f64; 3], turn: [f64; 3], focal: f64) -> Camera {
     }
 }
 
-/// Makes unevenly spaced keys that also turn and zoom.
 fn keys() -> Vec<Camera> {
     vec![
         key([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 200.0),
@@ -165,7 +164,6 @@ fn two_keys_make_a_straight_way_with_an_even_turn_and_an_even_zoom_in_logarithms
             key([1.0 + 2.0 * part, 2.0, 3.0 + 4.0 * part], [0.0, angle, 0.0], 100.0 * 4f64.powf(part));
         assert!(distance(&camera, &expected) < 1e-4, "{camera:?}, not {expected:?}");
     }
-    // Outside its duration, an open path shows its end cameras.
     for (time, end) in [(-1.0, 0), (f64::NEG_INFINITY, 0), (11.0, 1), (f64::INFINITY, 1), (f64::NAN, 0)] {
         assert!(distance(&path.at(time).unwrap(), &ends[end]) < 1e-9, "at {time}");
     }
@@ -214,7 +212,6 @@ fn equal_keys_in_a_row_count_as_one() {
             assert_eq!(path.at(f64::from(step) / 5.0), expected.at(f64::from(step) / 5.0));
         }
     }
-    // A closed path whose last key equals its first.
     let mut round = keys();
     round.push(round[0].clone());
     let (path, expected) = (path(round, true), path(keys(), true));
@@ -340,7 +337,6 @@ fn the_lens_is_the_one_that_all_keys_share() {
     let text =
         "camera path: expected cameras with one projection, found camera 0 (fisheye) and plan (orthographic)";
     assert_eq!((error.as_str(), path.keys()), (text, &keys()[..]));
-    // A viewer records a file's camera beside its own.
     path.insert(9, with(Projection::Fisheye).remove(2)).unwrap();
     assert_eq!(path.at(5.0).unwrap().projection, Projection::Pinhole);
 }
@@ -365,7 +361,6 @@ fn a_played_path_runs_by_the_seconds_of_frames_and_an_open_one_ends() {
     let mut play = Playback::default();
     assert_eq!(play.advance(1.0, &path), None);
     play.play(&path);
-    // The time before the first frame does not advance the path.
     assert_eq!(play.advance(60.0, &path), path.at(0.0));
     assert_eq!(play.advance(2.5, &path), path.at(2.5));
     play.pause();
@@ -399,7 +394,6 @@ fn a_closed_path_is_played_round_and_round_and_one_without_keys_not_at_all() {
     assert!(!play.is_playing());
 }
 
-/// Generates extreme numbers among ordinary ones.
 fn wild() -> impl Strategy<Value = f64> {
     let extremes = [0.0, -0.0, 1e-300, 1e-9, 1.0, 1e9, 1e17, -1e17];
     prop_oneof![2 => -10.0..10.0, 1 => prop::sample::select(extremes.to_vec())]
@@ -418,7 +412,6 @@ proptest! {
         few in prop::collection::vec(wild_key(), 1..5), picks in prop::collection::vec(0..5usize, 0..6),
         closed: bool, radian in prop_oneof![3 => 0.1..10.0f64, 1 => prop::sample::select(vec![0.0, -1.0, f64::NAN, 1e-300, 1e300])],
     ) {
-        // Keys recur, some of them consecutively.
         let keys: Vec<Camera> = few.iter().chain(picks.iter().map(|pick| &few[pick % few.len()])).cloned().collect();
         let mut path = CameraPath::new(radian);
         path.set_keys(keys.clone()).unwrap();

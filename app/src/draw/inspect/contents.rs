@@ -1,7 +1,4 @@
 //! Interprets the contents of a resource as numbers, a histogram or a picture.
-//!
-//! The words of a buffer have no type; they can be read as integers or floats. The texels of an image have the type of
-//! its format.
 
 use crate::io::image::Image;
 use std::ops::Range;
@@ -15,7 +12,7 @@ pub enum Words {
     Float(Vec<f32>),
 }
 
-/// Type as which a buffer's words are read.
+/// Type as which a buffer's words are read; an image's texels have the type of its format.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReadAs {
     /// Unsigned integers.
@@ -87,8 +84,8 @@ impl Words {
         Histogram { range, counts, not_finite: numbers().count() as u64 - found }
     }
 
-    /// Converts an image to a picture: in colour for the shape `[height, width, channels]`, in grey for
-    /// `[height, width]`.
+    /// Converts an image to a picture: in colour for the shape `[height, width, channels]`, in grey for `[height,
+    /// width]`.
     ///
     /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. `None` for
     /// other shapes, and for a shape that does not match the number of words.
@@ -134,7 +131,6 @@ mod tests {
         let evens = words.histogram(0..4, 2, ReadAs::Uint, 2);
         assert_eq!(evens.counts, [1, 1]);
         assert_eq!(words.histogram(4..5, 1, ReadAs::Uint, 2).range, [0.0, 0.0]);
-        // If all values are equal, they fall into the first bin.
         assert_eq!(Words::Uint(vec![5; 3]).histogram(0..3, 1, ReadAs::Uint, 3).counts, [3, 0, 0]);
     }
 

@@ -1,7 +1,7 @@
 //! Checks whether sorted keys ascend. Only keys in use and only bits that the sort reads are compared.
 //!
-//! In `splat` and `tiled_cpu`, the keys are depths, one for each visible splat. In `tiled`, a key is a bin and a depth.
-//! The radix sort does not read its lowest bits (`tie_bits`): a later pass orders keys that agree in the other bits.
+//! In `splat` and `tiled_cpu`, a key is the depth of a visible splat. In `tiled`, a key is a bin and a depth, whose
+//! lowest bits (`tie_bits`) the radix sort does not read: a later pass orders keys that agree in the other bits.
 
 use serde::Serialize;
 use splatgraph_framework::ir::{Pass, Work};
@@ -12,9 +12,7 @@ use std::fmt;
 const KEYS_BYTE: u64 = 12;
 const PAIRS_BYTE: u64 = 32;
 
-/// Returns true if a resource of this name holds sort keys.
-///
-/// For example, `keys`, `order.keys#1` and `pair_keys`, but not `last(keys)`.
+/// Returns true if a resource of this name holds sort keys: `order.keys#1` or `pair_keys`, but not `last(keys)`.
 pub fn holds_keys(name: &str) -> bool {
     let last = name.rsplit_once('.').map_or(name, |(_, last)| last);
     (last.starts_with("keys") || without_half(last).ends_with("_keys")) && !name.starts_with("last(")
@@ -69,7 +67,7 @@ impl fmt::Display for KeyOrder {
 }
 
 impl KeyOrder {
-    /// Checks the first `count` keys, or all if `count` is unknown. Ignores their lowest `ignored_bits`.
+    /// Checks the first `count` keys, or all if it is unknown, without their lowest `ignored_bits`.
     pub(super) fn of(keys: &[u32], count: Option<u64>, ignored_bits: u32) -> KeyOrder {
         let count = count.map_or(keys.len(), |n| keys.len().min(n as usize));
         let compared = |i: usize| keys[i].checked_shr(ignored_bits).unwrap_or(0);
@@ -94,6 +92,7 @@ fn is_zero(bits: &u32) -> bool {
 /// The number is word 3 of the buffer that the pass binds as `Args`. If only the number of needed pairs is read back,
 /// that number is used: a frame without capacity for all pairs is drawn again. In other graphs, there is a key for each
 /// visible splat.
+/// visible splat.
 pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
     let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
     let Some(args) = pass.bindings.iter().find(|binding| binding.name == "Args") else {
@@ -107,16 +106,13 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
     at(KEYS_BYTE).or_else(|| if pairs { at(PAIRS_BYTE) } else { value("visible") })
 }
 
-/// Returns the lowest key bit that a sort reads.
-///
-/// This is the smallest push constant `shift` among the iterations of the pass; 0 if the pass has none.
+/// Returns the lowest key bit that a sort reads: the smallest push constant `shift` of its iterations, or 0.
 pub(super) fn lowest_bit(plan: &Plan, pass: &Pass) -> u32 {
     let iterations =
         plan.passes.iter().filter(|other| without_index(&other.name) == without_index(&pass.name));
     iterations.filter_map(|pass| pushed(plan, pass, "shift")).min().unwrap_or(0)
 }
 
-/// Reads a push constant of a dispatch; `None` if the pass does not have it.
 fn pushed(plan: &Plan, pass: &Pass, member: &str) -> Option<u32> {
     let Work::Dispatch { shader, .. } = &pass.work else { return None };
     let block = plan.shader(*shader).reflection.push.as_ref()?;
@@ -172,7 +168,7 @@ mod tests {
                 (&resource, &after)
             );
         }
-        // Without a sort, the check covers the keys as the splats were compacted.
+        // Without a sort, these are the keys as the splats were compacted.
         let unsorted = Some(("order.keys#0".to_owned(), "order.compact".to_owned()));
         assert_eq!(sorted_keys(&plan("unsorted", 32)), unsorted);
     }
@@ -181,7 +177,7 @@ mod tests {
     fn pair_keys_are_judged_over_the_pairs_and_without_the_bits_that_the_sort_leaves_alone() {
         let plan = plan("tiled", 32);
         let target = resolve(&plan, "keys", "scatter").expect("short names");
-        // Keys that ascend above the lowest 5 of 32 bits. The last one is not a pair of this frame.
+        // Ascending above the lowest 5 of 32 bits. The last one is not a pair of this frame.
         let keys = [5 << 5 | 7, 5 << 5, 9 << 5 | 1, 9 << 5, 0];
         let bytes: Vec<u8> = keys.iter().flat_map(|key: &u32| key.to_le_bytes()).collect();
         let stats = [("visible".to_owned(), 2), ("entries_needed".to_owned(), 4)];

@@ -2,8 +2,8 @@
 //!
 //! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
 //! of the ping-pong pair `keys#0`, `keys#1` that the pass writes. `sort.scatter`, or just `scatter`, is the last of
-//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. If the resource holds depth keys,
-//! the finding reports whether the keys in use ascend.
+//! `sort.scatter[0]`, `sort.scatter[1]`, ... If the resource holds depth keys, the finding reports whether the keys in
+//! use ascend.
 
 mod contents;
 mod keys;
@@ -24,7 +24,7 @@ use keys::{without_half, without_index};
 /// Number of words to show at each end of the contents.
 const SHOWN: usize = 8;
 
-/// Error about a resource or a pass that the plan lacks. Holds the message.
+/// Error about a resource or a pass that the plan lacks.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct InspectError(String);
@@ -56,7 +56,7 @@ fn last_part(name: &str) -> &str {
     stem.rsplit_once('.').map_or(stem, |(_, last)| last)
 }
 
-/// Lists the passes that match a name, last pass first. The list is not empty.
+/// Lists the passes that match a name, last pass first; at least one.
 fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
     let passes = plan.order();
     let part = |full: fn(&str) -> &str| -> Vec<PassId> {
@@ -297,7 +297,7 @@ mod tests {
         assert!(
             error("keys", "draw").starts_with("`keys` is keys#0 or keys#1, and `draw` does not say which")
         );
-        // The pass `both` is in the plan's list of passes, but no step runs it.
+        // No step of the plan runs `both`.
         assert!(error("keys", "both").starts_with("no pass `both` runs"));
     }
 

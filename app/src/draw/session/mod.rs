@@ -5,10 +5,10 @@
 //! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be in flight.
 //!
 //! All results are of complete frames. If a list overflowed in a frame (see [`capacity`]), [`Session::wait`] builds a
-//! plan with more capacity and draws the frame again. It also repeats the later frames in flight, so that all results
-//! come from the current plan. A repeated frame has the same inputs. The graph's histories are not restored:
-//! `last(...)` then contains a frame of the same camera, or of the next one in flight. The larger capacity is kept
-//! until [`Session::set_graph`], for pictures of all sizes, unless the default for another size is larger.
+//! plan with more capacity and draws the frame again with the same inputs. The later frames in flight are repeated when
+//! they are waited for. The graph's histories are not restored: `last(...)` then contains a frame of the same camera,
+//! or of the next one in flight. The larger capacity is kept until [`Session::set_graph`], for pictures of all sizes,
+//! unless the default for another size is larger.
 
 use crate::draw::camera;
 use crate::draw::capacity::{self, Capacities, Overflow};
@@ -89,11 +89,10 @@ pub struct Session<D> {
     pipeline: String,
     set: Vec<(String, String)>,
     planner: Planner,
-    /// True once the graph's warnings have been printed.
     warned: bool,
-    /// Fallbacks that were reported last.
+    /// Reported last.
     told: Vec<Fallback>,
-    /// Settings without an effect that were already reported.
+    /// Settings without an effect that were reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
@@ -104,7 +103,7 @@ pub struct Session<D> {
     completed: Option<Instant>,
 }
 
-/// A submitted frame without a result yet, with the inputs to repeat it.
+/// A submitted frame without a result yet.
 struct Flight {
     id: FrameId,
     camera: Camera,
@@ -114,7 +113,7 @@ struct Flight {
     growths: u32,
 }
 
-/// Maximum number of frames whose inputs are kept. A device keeps the results of the same number.
+/// Maximum number of frames whose inputs are kept: as many as a device keeps the results of.
 const MAX_FLYING: usize = 64;
 
 /// Options of a frame: background, results to read back, and timestamps.
@@ -178,18 +177,14 @@ impl<D: Device> Session<D> {
         Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
-    /// Gives every resource its own memory, so that its contents can be read after any pass.
-    ///
-    /// Takes effect with the next plan.
+    /// Gives every resource of the next plan its own memory, so that its contents can be read after any pass.
     pub fn keep_contents(&mut self) {
         self.planner.share_memory = false;
     }
 
-    /// Requests outputs of the graph besides its picture, such as `depth`. Takes effect with the next
-    /// [`Session::prepare`].
+    /// Requests outputs of the graph besides its picture, such as `depth`, from the next [`Session::prepare`].
     ///
-    /// Initially none are requested, and plans do no work for them. [`outputs::draw`](crate::draw::outputs::draw) reads
-    /// the outputs.
+    /// [`outputs::draw`](crate::draw::outputs::draw) reads them.
     pub fn set_outputs(&mut self, names: &[String]) {
         if self.planner.outputs != names {
             self.planner.outputs = names.to_vec();
@@ -197,7 +192,7 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Changes the graph and its parameters. Takes effect with the next [`Session::prepare`].
+    /// Changes the graph and its parameters from the next [`Session::prepare`].
     ///
     /// Discards frames in flight, and resets growing parameters to their defaults, so that a measurement does not
     /// depend on earlier ones.
@@ -223,16 +218,13 @@ impl<D: Device> Session<D> {
         Ok(())
     }
 
-    /// Changes the scene. Takes effect with the next [`Session::prepare`].
-    ///
-    /// Discards frames in flight, like [`Session::set_graph`].
+    /// Changes the scene from the next [`Session::prepare`], and discards frames in flight.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
         self.forget_plan();
         self.planner.capacities = Capacities::default();
     }
 
-    /// Discards the plan and the frames in flight.
     fn forget_plan(&mut self) {
         self.loaded = None;
         self.flying.clear();
@@ -257,7 +249,6 @@ impl<D: Device> Session<D> {
         Ok(self.planner.controls(pipeline, set, &facts, &catalog)?)
     }
 
-    /// Returns the facts and the imports for a picture size.
     fn facts(&self, size: (u32, u32)) -> (Facts, Catalog) {
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
         (facts, facts::catalog(&self.scene))
@@ -273,8 +264,6 @@ impl<D: Device> Session<D> {
     }
 
     /// Builds the plan of another graph for a picture size, without loading it.
-    ///
-    /// A shader that several graphs use is compiled once.
     ///
     /// # Errors
     /// The graph or its shaders have errors.
@@ -293,8 +282,8 @@ impl<D: Device> Session<D> {
 
     /// Chooses the most accurate storage that fits in the device's memory, for pictures of this size.
     ///
-    /// The plan may use at most `limit` bytes, and at most the device's free memory. Returns `None` without a limit if
-    /// the scene is small for the device or the device's memory is unknown; the storage is then unchanged.
+    /// The plan may use at most `limit` bytes, and at most the device's free memory. `None`, with unchanged storage, if
+    /// there is no limit and the scene is small for the device, or if neither the limit nor the memory is known.
     ///
     /// # Errors
     /// The graph has errors, or no storage fits.
@@ -328,7 +317,7 @@ impl<D: Device> Session<D> {
         &mut self.device
     }
 
-    /// Returns the device and drops everything else, so that the device can be closed.
+    /// Returns the device, so that it can be closed.
     pub fn into_device(self) -> D {
         self.device
     }
@@ -348,15 +337,13 @@ impl<D: Device> Session<D> {
         self.planner.wanted()
     }
 
-    /// Returns the loaded plan. `None` before [`Session::prepare`], and after a change of the graph, the scene or the
-    /// outputs until the next one.
+    /// Returns the loaded plan; `None` before [`Session::prepare`], also after a change of graph, scene or outputs.
     pub fn plan(&self) -> Option<&Plan> {
         self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
     }
 
-    /// Returns how often a plan was rebuilt with more capacity.
-    ///
-    /// Measurements before and after a rebuild are of different plans.
+    /// Returns how often a plan was rebuilt with more capacity: measurements before and after it are of different
+    /// plans.
     pub fn growths(&self) -> u32 {
         self.growths
     }
@@ -368,9 +355,8 @@ impl<D: Device> Session<D> {
 
     /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
-    /// Returns true if it loaded a plan; the next frame then runs the prologue. Warnings of the first plan that has any
-    /// are printed to standard error. So is a line for each graph of a choice that the device cannot run, whenever
-    /// these change.
+    /// Returns true if it loaded a plan; the next frame then runs the prologue. Prints to standard error the warnings
+    /// of the first plan that has any, and, whenever these change, the graphs of a choice that the device cannot run.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -394,7 +380,6 @@ impl<D: Device> Session<D> {
         let plan = info_span!("build the plan")
             .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog))?;
         if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
-            // Failing to write a warning is not an error.
             let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
         }
         if plan.fallbacks != self.told {
@@ -413,8 +398,8 @@ impl<D: Device> Session<D> {
 
     /// Lists the settings that have no effect in the current plan, as lines with reasons. Returns each line once.
     ///
-    /// An unused mesh is listed as well. Only settings that the user made should be reported: measurements set
-    /// parameters without knowing whether they have an effect.
+    /// An unused mesh is listed as well. Call this for settings of the user: measurements set parameters regardless of
+    /// their effect.
     pub fn settings_without_effect(&mut self) -> Vec<String> {
         let Some((plan, _)) = &self.loaded else { return Vec::new() };
         let found = planner::without_effect(plan, &self.set).into_iter();
@@ -428,9 +413,8 @@ impl<D: Device> Session<D> {
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
 
-    /// Submits a frame. The camera must have the prepared size.
-    ///
-    /// A pinhole camera is converted to the graph's projection.
+    /// Submits a frame. The camera must have the prepared size; a pinhole camera is converted to the graph's
+    /// projection.
     ///
     /// # Errors
     /// The camera has another projection than the graph, no plan is prepared, or the device fails.
@@ -446,7 +430,6 @@ impl<D: Device> Session<D> {
         Ok(id)
     }
 
-    /// Submits a frame with the current plan, and returns it with its inputs.
     fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
@@ -466,8 +449,8 @@ impl<D: Device> Session<D> {
 
     /// Waits for a frame and returns its results, drawn with the current plan.
     ///
-    /// Repeats an incomplete frame with more capacity: its need plus a quarter; see the [module documentation](self).
-    /// Wait for all frames before another size is prepared.
+    /// Repeats an incomplete frame with more capacity; see the [module documentation](self). Wait for all frames before
+    /// another size is prepared.
     ///
     /// # Errors
     /// - The device fails.
@@ -519,7 +502,7 @@ impl<D: Device> Session<D> {
         Ok(result)
     }
 
-    /// Builds and loads a plan with capacity for an overflowed frame, unless the current plan already has it.
+    /// Loads a plan with capacity for an overflowed frame, unless the current plan already has it.
     fn grow(&mut self, short: &[Overflow], size: (u32, u32), share: bool) -> Result<(), SessionError> {
         if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
             return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
@@ -541,7 +524,6 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Draws a frame again, with the current plan and the same inputs.
     fn repeat(&mut self, frame: Flight) -> Result<Flight, SessionError> {
         let Flight { camera, mut request, number, plan: former, .. } = frame;
         let plan = self.plan().ok_or(SessionError::NotPrepared)?;
@@ -553,7 +535,7 @@ impl<D: Device> Session<D> {
     }
 }
 
-/// Copies the times of `Once` passes from an incomplete frame to the frame that replaces it and reused their results.
+/// Copies the times of `Once` passes from an incomplete frame to the frame that reused their results.
 fn keep_once_times(
     (former_plan, former): &(Arc<Plan>, FrameResult),
     (plan, result): (&Plan, &mut FrameResult),
@@ -568,7 +550,6 @@ fn keep_once_times(
     result.pass_ms.splice(0..0, reused);
 }
 
-/// Lists the passes of a frame that have a start and a time, for the timeline.
 fn timed(plan: &Plan, result: &FrameResult) -> Vec<timeline::Pass> {
     let passes = result.pass_ms.iter().zip(&result.pass_start_ms);
     let timed = passes.filter_map(|((pass, ms), start)| {
@@ -593,7 +574,7 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// Converts a device's pixels to an RGB image. `None` if the format has no colours, or the bytes do not match the size.
+/// Converts pixels to an RGB image; `None` if the format has no colours, or the bytes do not match the size.
 pub fn image_of(pixels: &Pixels) -> Option<Image> {
     let (width, height) = (pixels.width as usize, pixels.height as usize);
     let rgb: Vec<[f32; 3]> = match pixels.format {

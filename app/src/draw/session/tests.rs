@@ -10,7 +10,7 @@ const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growin
 
 const SIZE: (u32, u32) = (32, 16);
 
-/// Makes a session on a device whose every frame needs this many entries, with the device's journal and a camera.
+/// Makes a session on a device whose every frame needs this many entries.
 fn session(needed: u32, config: Config) -> (Session<Null>, Journal, Camera) {
     let (null, journal) = open(&Config { read: needed, ..config });
     let scene = synth::generate("demo", 10, 0).expect("a scene");
@@ -42,12 +42,11 @@ fn a_frame_in_part_is_drawn_again_with_room_for_a_quarter_more() {
     assert_eq!(result.stats, [("entries_needed".to_owned(), 300)]);
     assert_eq!((entries(&session), session.growths()), (Value::Int(375), 1));
     assert_eq!(submitted(&journal), 2);
-    // Later frames have enough capacity, also for pictures of another size.
     draw(&mut session, &camera).unwrap_or_else(|error| panic!("{error}"));
     assert!(session.prepare((64, 32), &mut |_| {}).unwrap_or_else(|error| panic!("{error}")));
     draw(&mut session, &camera.resized(64, 32)).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!((entries(&session), session.growths(), submitted(&journal)), (Value::Int(375), 1, 2));
-    // Another setting starts another measurement, so the capacity is reset.
+    // A change of the graph resets the capacity.
     session.set_graph(GRAPH, &[("entries".into(), "200".into())]);
     session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(entries(&session), Value::Int(200));
@@ -116,7 +115,6 @@ fn a_scene_whose_buffers_fit_and_whose_plan_does_not_is_packed() {
     };
     let plan = opened(None).plan_of("tiled_cpu", &[], SIZE).unwrap_or_else(|error| panic!("{error}"));
     let needed = fit::resident_bytes(&plan);
-    // The total is much larger than the largest buffer alone.
     assert!(needed > 96 * u64::from(COUNT), "{needed}");
     let (own, _) = chosen(needed);
     assert_eq!(own, None);
