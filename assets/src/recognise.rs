@@ -1,7 +1,4 @@
 //! Recognises the format of a scene file by its first bytes, and describes files that are not scenes.
-//!
-//! Users pass the wrong file, a compressed one, or a Git LFS pointer. The first bytes usually identify it, and "this is
-//! a gzip file" helps more than "bad magic".
 
 use crate::error::SceneError;
 use crate::{gltf, ksplat, rad, sog, splat, spz, usd};

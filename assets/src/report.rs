@@ -1,8 +1,7 @@
 //! Reports the flaws of a scene that affect rendering.
 //!
-//! Captured scenes have flaws that explain many later problems: values that are not numbers, floaters far from most
-//! splats that waste the bits of a depth key, splats as large as the scene. The report counts them. It does not change
-//! the scene. Splats that cannot be drawn were dropped on load, and are counted here as well.
+//! Flaws are, for example, floaters far from most splats, which waste the bits of a depth key, and splats as large as
+//! the scene. The report counts them, and the splats that were dropped on load; it does not change the scene.
 
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;

@@ -30,7 +30,6 @@ pub(crate) fn captures(test: &str) -> Option<PathBuf> {
     folder
 }
 
-/// Returns the folder `golden`, which has the files of the scene `rules`.
 pub(crate) fn golden() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("golden")
 }

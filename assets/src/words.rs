@@ -22,7 +22,6 @@ pub(crate) fn write_words(words: &[u32], offset: u64, out: &mut [u8]) {
     out.chunks_exact_mut(4).zip(words).for_each(|(out, word)| out.copy_from_slice(&word.to_le_bytes()));
 }
 
-/// Copies the bytes of floats, in parallel.
 pub(crate) fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]) {
     let values: &[f32] = bytemuck::cast_slice(values);
     out.par_chunks_mut(4 * CHUNK).zip(values.par_chunks(CHUNK)).for_each(|(out, values)| {

@@ -27,9 +27,7 @@ fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
 
 struct Steps {
     position: f32,
-    /// Tolerance of the logarithm of a scale.
     scale: f32,
-    /// Tolerance of a component of the quaternion.
     rotation: f32,
     opacity: f32,
     dc: f32,

@@ -6,7 +6,6 @@ use crate::error::SceneError;
 use crate::floats::Floats;
 use crate::input::Source;
 
-/// The elements of an accessor, with their location and type.
 pub(super) struct Column<'a> {
     source: Source<'a>,
     start: u64,

@@ -16,8 +16,7 @@
 //! front in glTF, so x and y change their signs. Format: <https://github.com/KhronosGroup/glTF>,
 //! extensions/2.0/Khronos.
 //!
-//! [`document`] parses the JSON, [`container`] finds the bytes, [`columns`] reads the values of accessors, and
-//! [`mod@cameras`] the cameras. The crate `gltf` is not used: it drops the names of attributes that it does not know.
+//! The crate `gltf` is not used here: it drops the names of attributes that it does not know.
 
 mod cameras;
 mod columns;

@@ -12,10 +12,6 @@
 //! | `opacity` | logit |
 //! | `f_dc_0..2` | spherical harmonics, band 0, red green blue |
 //! | `f_rest_*` | bands 1 to the degree, channel-major: all of red's coefficients, then green's, then blue's |
-//!
-//! [`header`] parses the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] parse the rows,
-//! [`tags`] interprets comments, [`origin`] moves distant scenes near their origin, [`read`] combines these into a
-//! [`crate::Scene`], and [`write`] writes one. [`packed`] reads PlayCanvas's compressed layout, and [`pack`] writes it.
 
 pub(crate) mod ascii;
 pub(crate) mod binary;

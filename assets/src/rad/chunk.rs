@@ -9,7 +9,6 @@ use std::path::Path;
 
 const REQUIRED: [Name; 5] = [Name::Center, Name::Alpha, Name::Rgb, Name::Scales, Name::Orientation];
 
-/// A chunk with a checked description.
 pub(super) struct Chunk {
     index: usize,
     place: Place,

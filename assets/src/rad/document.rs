@@ -45,7 +45,6 @@ pub(super) struct ChunkDocument {
     pub properties: Vec<Property>,
 }
 
-/// The description of an array of the payload.
 #[derive(Clone, Debug, Deserialize)]
 pub(super) struct Property {
     /// Offset in the payload.

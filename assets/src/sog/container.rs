@@ -41,7 +41,6 @@ pub(super) fn damaged(name: &str, message: String) -> SceneError {
 }
 
 impl<'a> Container<'a> {
-    /// Opens an archive, or a `meta.json` in `folder`.
     pub(super) fn open(source: &'a Source<'a>, folder: Option<&Path>) -> Result<Self, SceneError> {
         let place = if source.head(MAGIC.len())? == MAGIC {
             Place::Archive(input::archive(source)?, source.length())

@@ -23,7 +23,6 @@ const MAX_SIDE: usize = 16_383;
 const MIN_WEIGHT: f32 = 1e-12;
 const MAX_WEIGHT: f32 = 1e12;
 
-/// A texel of a splat or of a coefficient.
 type Texel = [u8; 4];
 
 /// Returns the number of palette entries for `count` splats, as in PlayCanvas's writer.
@@ -32,7 +31,6 @@ fn entries(count: usize) -> usize {
     ((1 << thousands) * 1024).min(count).min(MAX_ENTRIES as usize)
 }
 
-/// An archive in progress, in memory.
 struct Files {
     zip: ZipWriter<Cursor<Vec<u8>>>,
 }

@@ -21,7 +21,6 @@ const MAX_OF_ZSTD: u64 = (128 << 10) / 4;
 /// Minimum growth of an array, in bytes.
 const PIECE: usize = 64 << 10;
 
-/// Fields of a file's header, the same for all versions.
 pub(super) struct Header {
     pub version: u32,
     pub count: u32,

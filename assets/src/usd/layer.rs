@@ -91,7 +91,6 @@ pub(super) enum Value {
     Array(Array),
 }
 
-/// The kind of value that an attribute has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
     /// Numbers of a scalar, a vector, a quaternion or a matrix.
@@ -153,14 +152,12 @@ impl Component {
     }
 }
 
-/// Numbers of an array, in the file or in memory.
 pub(super) enum Numbers {
     /// Offset in the layer.
     File(u64),
     Memory(Vec<f32>),
 }
 
-/// An array of elements with `width` components.
 pub(super) struct Array {
     pub width: usize,
     pub count: u64,

@@ -18,8 +18,6 @@
 //! One layer is read. Layers that refer to others, or have variants, are refused: OpenUSD's `usdcat --flatten` joins
 //! them. Format: <https://openusd.org/release/api/usd_vol_page_front.html> and `pxr/usd/usd/crateFile.cpp` in
 //! <https://github.com/PixarAnimationStudios/OpenUSD>.
-//!
-//! [`package`] finds the layer in an archive, [`binary`] and [`text`] parse it, and [`xform`] computes the transforms.
 
 mod binary;
 mod layer;

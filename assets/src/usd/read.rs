@@ -31,7 +31,6 @@ struct Splats<'a> {
 }
 
 impl Splats<'_> {
-    /// Returns the degree of the harmonics that are read.
     fn stored_degree(&self) -> u32 {
         self.degree.min(3)
     }
@@ -251,7 +250,6 @@ fn prim_scene(
     Ok(input::finish(filled, *count, size_breakdown, notes)?.with_offset(transform.offset()))
 }
 
-/// An array with a row of `width` numbers for each splat.
 struct Table<'a> {
     array: &'a Array,
     bytes: &'a Bytes<'a>,

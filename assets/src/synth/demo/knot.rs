@@ -7,9 +7,7 @@ use crate::synth::random::Random;
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// Centre of the knot.
 const CENTER: DVec3 = DVec3::new(0.0, -1.52, 0.0);
-/// Mean radius of the rope.
 const RADIUS: f64 = 0.120;
 /// Number of turns of the lobes along the rope.
 const TWISTS: f64 = 7.0;

@@ -25,7 +25,6 @@ const RINGS: [Ring; 4] = [
     Ring { petals: 5, length: 0.50, width: 0.165, rise: (50.0, 84.0), turn: 0.6 },
 ];
 
-/// A petal and its random deviations.
 struct Petal {
     ring: usize,
     azimuth: f64,

@@ -4,9 +4,7 @@
 //! 1 to 3 of the harmonics). Reeds are needles. Mist, water and glow are large and nearly transparent, so a pixel has
 //! many layers. The reflection in the water consists of splats mirrored below the surface, with mirrored harmonics.
 //!
-//! [`materials`] converts light to harmonics and [`surface`] covers parametric surfaces with splats; [`knot`],
-//! [`lotus`], [`pond`] and [`particles`] make the objects. Water is at y = 0 and up is -y; the sun sets behind, at +z
-//! and to the left.
+//! Water is at y = 0 and up is -y; the sun sets behind, at +z and to the left.
 
 mod knot;
 mod lotus;

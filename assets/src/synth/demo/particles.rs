@@ -7,7 +7,6 @@ use crate::synth::random::Random;
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Distance of the sky, in world units.
 const SKY_RADIUS: f64 = 26.0;
 
 /// Computes a direction from azimuth (from +x towards +z) and height above the horizon, in radians.
@@ -79,7 +78,6 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     splats
 }
 
-/// Generates three ridges, each paler than the previous one.
 pub(super) fn hills(random: &mut Random, count: usize) -> Vec<Splat> {
     const RIDGES: usize = 3;
     (0..count)
@@ -131,7 +129,6 @@ pub(super) fn mist(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// Generates points of light over the water, each with a soft halo.
 pub(super) fn fireflies(random: &mut Random, count: usize) -> Vec<Splat> {
     let mut splats = Vec::with_capacity(count);
     while splats.len() < count {
@@ -160,7 +157,6 @@ fn spiral(t: f64, start: f64) -> DVec3 {
     DVec3::new(azimuth.cos() * radius, GLOW.y - 0.10 - 2.05 * t, azimuth.sin() * radius)
 }
 
-/// Generates gold dust that rises in two strands.
 pub(super) fn dust(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count)
         .map(|index| {
@@ -179,7 +175,6 @@ pub(super) fn dust(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// Generates a few dozen drifting, curled petals, each of many splats.
 pub(super) fn drifting_petals(random: &mut Random, count: usize) -> Vec<Splat> {
     const PETALS: usize = 46;
     let petals = PETALS.min(count);

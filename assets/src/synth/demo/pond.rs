@@ -9,7 +9,6 @@ use std::f64::consts::TAU;
 
 /// Radius of the water, in world units; mist hides its edge.
 const SHORE: f64 = 9.0;
-/// Share of the light that the water reflects.
 const REFLECTED: f64 = 0.72;
 
 /// Evaluates the slope of the ripples: rings around the lotus, and a light wind across.

@@ -10,7 +10,6 @@ pub(super) fn even(index: usize) -> DVec2 {
     DVec2::new(fraction(0.754_877_666_246_692_8), fraction(0.569_840_290_998_053_2))
 }
 
-/// A point of a surface with its derivatives.
 pub(super) struct Patch {
     pub at: DVec3,
     /// Unit normal, in the direction of `du x dv`.
