@@ -1,8 +1,5 @@
 //! Provides readers with access to the bytes, memory limits, parallel conversion, and the final checks of a load.
 //!
-//! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] checks a scene against
-//! the available memory; [`fill`] converts tables of rows, in pieces; [`finish`] creates the scene.
-//!
 //! The file is not mapped into memory: on Unix, a process that reads a mapped file after its truncation is killed by a
 //! signal. Here truncation is a read error. [`OpenFile`] records the file's length and modification time before the
 //! first read, and checks at the end that they are unchanged.

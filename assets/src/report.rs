@@ -84,8 +84,6 @@ pub struct PlaceReport {
 }
 
 /// View depths of the splats beyond a camera's near plane ([`NEAR`]), whether inside the image or not.
-///
-/// A sort by depth processes all of them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthReport {
     /// Name of the camera, or its number.

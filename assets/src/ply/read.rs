@@ -3,9 +3,6 @@
 //! The file is read in pieces ([`crate::input`]), so that at most one piece per thread is in memory. Binary rows have a
 //! fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows vary
 //! in length, so a first pass finds the start of each chunk.
-//!
-//! The header's counts are checked against the file's length and the available memory before anything is allocated. A
-//! file that is modified during the read is an error, and never loaded as a mixture of two scenes.
 
 use super::header::{Element, Encoding, HEADER_LIMIT, Header};
 use super::layout::{Layout, MAX_SLOTS};

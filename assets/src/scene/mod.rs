@@ -273,9 +273,6 @@ impl Scene {
     }
 
     /// Returns the centre of splat `index` at full precision, in world units, relative to [`Scene::offset`].
-    ///
-    /// # Panics
-    /// Panics if `index` is not below [`Scene::count`].
     pub fn position(&self, index: usize) -> [f64; 3] {
         let high = self.columns.position[index].map(f64::from);
         match self.columns.low.get(index) {
@@ -285,9 +282,6 @@ impl Scene {
     }
 
     /// Returns the centre of splat `index` in the world's coordinates.
-    ///
-    /// # Panics
-    /// Panics if `index` is not below [`Scene::count`].
     pub fn world_position(&self, index: usize) -> [f64; 3] {
         let position = self.position(index);
         std::array::from_fn(|axis| position[axis] + self.offset[axis])
@@ -326,9 +320,6 @@ impl Scene {
     }
 
     /// Returns true if splat `index` can be visible under the published rules: its opacity is 1/255 or more.
-    ///
-    /// # Panics
-    /// Panics if `index` is not below [`Scene::count`].
     pub fn can_show(&self, index: usize) -> bool {
         self.columns.opacity[index] >= ALPHA_FLOOR
     }
@@ -347,9 +338,6 @@ impl Scene {
     }
 
     /// Copies splat `index`.
-    ///
-    /// # Panics
-    /// Panics if `index` is not below [`Scene::count`].
     pub fn splat(&self, index: usize) -> Splat {
         let c = &self.columns;
         let floats = sh_floats(c.degree);

@@ -1,7 +1,4 @@
 //! Parses the header of SPZ, and limits the decompressed data to the sizes that it declares.
-//!
-//! A decompressed array is at most as long as the header's number of splats requires, and grows only as its bytes
-//! arrive.
 
 use super::layout::HEADER;
 use crate::error::{SceneError, field};

@@ -18,9 +18,6 @@ const MAX_FIXED: f64 = 8_388_607.0;
 const LEVEL: i32 = 12;
 
 /// Writes a scene.
-///
-/// # Errors
-/// The writer fails, or the absolute value of a coordinate exceeds 8,388,607, the format's maximum.
 pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
     let bits = fractional_bits(scene)?;
     let flags = if scene.notes().is_antialiased() { ANTIALIASED } else { 0 };

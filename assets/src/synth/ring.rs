@@ -1,7 +1,4 @@
 //! Generates a mesh for the demo scene: an upright bronze ring, half sunk into the pond.
-//!
-//! Its material has all three images: worn bronze and verdigris as colours, roughness and metalness, and hammer marks
-//! as normals.
 
 use crate::mesh::{Mesh, MeshMaterial, Texture};
 use glam::{DVec2, DVec3};
