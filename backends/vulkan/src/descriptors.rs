@@ -48,7 +48,6 @@ impl DescriptorSets {
         Ok(DescriptorSets { sets, _pool: Some(pool) })
     }
 
-    /// Writes one binding in one copy of a pass's descriptor set.
     pub(crate) fn write(
         &self,
         gpu: &VulkanGpu,
@@ -83,7 +82,6 @@ impl DescriptorSets {
         unsafe { gpu.device.update_descriptor_sets(&[write], &[]) };
     }
 
-    /// Returns a pass's descriptor set for the frame in this slot; null if it has no bindings.
     pub(crate) fn set(&self, pass: PassId, slot: usize) -> vk::DescriptorSet {
         self.sets[pass.index()][slot]
     }

@@ -1,8 +1,6 @@
-//! Lists physical devices with their properties and facts for graphs, and chooses one.
+//! Lists physical devices with their properties, and opens one.
 //!
-//! A device is described once, as plain data: a [`DeviceInfo`] for users and graphs, and the [`Limits`] that plans are
-//! checked against. The logical device is created with the features that [`create`] lists, and one queue that supports
-//! compute, graphics and transfer.
+//! The logical device has a single queue, for compute, graphics and transfer.
 
 use crate::error::api;
 use crate::features::OptionalFeatures;
@@ -14,7 +12,6 @@ use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
 use std::time::Duration;
 
-/// A physical device and its properties.
 pub(crate) struct Physical {
     pub handle: vk::PhysicalDevice,
     /// Index of a queue family with compute and graphics. With a window, the family can also present to it. Meaningless
@@ -35,14 +32,12 @@ impl Physical {
     }
 }
 
-/// Lists the physical devices of the instance, in the loader's order. With a window, devices that cannot present to it
-/// are marked unfit.
+/// Lists the physical devices. With a window, those that cannot present to it are marked unfit.
 pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
     let handles = instance.physical_devices()?;
     Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, handle, index)).collect())
 }
 
-/// Chooses the device to open; see [`splatgraph_runtime::choose`].
 pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
     if devices.is_empty() {
         return Err(BackendError::Unavailable(NO_DRIVER.to_string()));
@@ -112,10 +107,7 @@ fn queue_family(
 
 const NO_PRESENTING: &str = "it cannot show pictures in this window";
 
-/// Returns the index of the first family with compute and graphics that satisfies `presents`.
-///
-/// # Errors
-/// The reason why there is none, for [`DeviceInfo::unfit`].
+/// Finds the first family with compute and graphics that satisfies `presents`; an error says why there is none.
 fn fit_family(families: &[vk::QueueFlags], presents: impl Fn(u32) -> bool) -> Result<u32, &'static str> {
     let needed = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
     let mut able = (0..).zip(families).filter(|(_, flags)| flags.contains(needed)).peekable();
@@ -131,8 +123,7 @@ fn has_extension(instance: &Instance, handle: vk::PhysicalDevice, name: &CStr) -
     extensions.is_ok_and(|extensions| offers(&extensions, name))
 }
 
-/// Describes the largest device-local heap. The available bytes are known only if `budget`: the device has
-/// `VK_EXT_memory_budget`.
+/// Describes the largest device-local heap. Its available bytes are known only with `VK_EXT_memory_budget` (`budget`).
 pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool) -> Heap {
     let mut left = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
     let mut answer = vk::PhysicalDeviceMemoryProperties2::default();
@@ -149,7 +140,6 @@ pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool
     Heap { bytes: memory.memory_heaps[index].size, available: known.then_some(available) }
 }
 
-/// Returns the index of the largest device-local heap; `None` if there is none.
 fn largest_heap(memory: &vk::PhysicalDeviceMemoryProperties) -> Option<usize> {
     let heaps = &memory.memory_heaps[..memory.memory_heap_count as usize];
     let local = (0..heaps.len()).filter(|&i| heaps[i].flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
@@ -206,7 +196,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         buffer_image_granularity: core.buffer_image_granularity,
         independent_blend: features.independent_blend == vk::TRUE,
         subgroup: SubgroupLimits {
-            // Some drivers report a default size outside the range that they accept in a request.
+            // The default size may lie outside the range that a request may name.
             size: subgroups.subgroup_size.clamp(control.min_subgroup_size, control.max_subgroup_size),
             min_size: control.min_subgroup_size,
             max_size: control.max_subgroup_size,
@@ -215,7 +205,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         },
         // Lavapipe truncates when it blends into half floats.
         rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
-        // Lavapipe computes `fma` as a multiplication and an addition, on any CPU. Vulkan allows both.
+        // Lavapipe computes `fma` as a multiplication and an addition.
         fused_fma: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,

@@ -33,7 +33,6 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Creates an encoder with its own command pool.
     pub(crate) fn new(gpu: &Arc<VulkanGpu>, name: &str) -> Result<Encoder, BackendError> {
         let (pool, commands) = queue::command_pool(gpu)?;
         gpu.name(commands, name);
@@ -49,7 +48,6 @@ impl Encoder {
         })
     }
 
-    /// Records the barriers collected in `dependency`, if any, with one call.
     fn flush(&mut self) {
         self.memory.clear();
         self.memory.extend(self.dependency.memory.iter().map(memory_barrier));
@@ -346,7 +344,6 @@ fn memory_barrier(barrier: &MemoryBarrier) -> vk::MemoryBarrier2<'static> {
         .dst_access_mask(barrier.target.accesses)
 }
 
-/// Converts a barrier on a whole image to Vulkan's structure.
 pub(crate) fn image_barrier(barrier: &ImageBarrier) -> vk::ImageMemoryBarrier2<'static> {
     vk::ImageMemoryBarrier2::default()
         .src_stage_mask(barrier.source.stages)

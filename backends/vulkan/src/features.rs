@@ -4,8 +4,7 @@ use crate::instance::{Instance, offers};
 use ash::{ext, vk};
 use splatgraph_framework::ir::Features;
 
-/// The optional features that the device is opened with. Features that [`OptionalFeatures::of`] does not select stay
-/// off.
+/// The optional features that the device is opened with. All others stay off.
 pub(crate) struct OptionalFeatures {
     pub core: vk::PhysicalDeviceFeatures,
     pub vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,
@@ -99,7 +98,6 @@ impl OptionalFeatures {
         }
     }
 
-    /// Returns the shader features that these device features provide.
     pub fn shaders(&self) -> Features {
         let OptionalFeatures { core, vulkan11, vulkan12, .. } = self;
         let float = self.atomic_float.unwrap_or_default();

@@ -28,7 +28,6 @@ pub struct VulkanGpu {
     pub(crate) family: u32,
     pub(crate) limits: Limits,
     pub(crate) physical: vk::PhysicalDevice,
-    /// True if the device has `VK_EXT_memory_budget`.
     pub(crate) budget: bool,
     /// Pipeline cache, kept across loads, so that a rebuilt plan reuses pipelines that did not change.
     pub(crate) pipeline_cache: vk::PipelineCache,
@@ -37,9 +36,7 @@ pub struct VulkanGpu {
     /// Fences of waits for an idle device, which a submission may still signal. If the wait timed out, its fence is
     /// destroyed with the device.
     fences: Mutex<Vec<vk::Fence>>,
-    /// Time limit of one pass; see [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,
-    /// Time limit of compiling one pipeline; see [`splatgraph_runtime::Gpu::compile_patience`].
     pub(crate) compile_patience: Duration,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.
@@ -90,7 +87,6 @@ impl VulkanGpu {
         Ok(gpu)
     }
 
-    /// Locks the queue, for one submission or one present.
     pub(crate) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -124,7 +120,6 @@ impl VulkanGpu {
         let _ = unsafe { labels.set_debug_utils_object_name(&info) };
     }
 
-    /// Opens a debug label around the next commands. Does nothing without `VK_EXT_debug_utils`.
     pub(crate) fn begin_label(&self, commands: vk::CommandBuffer, name: Arguments) {
         let Some(labels) = &self.labels else { return };
         let name = c_string(&name.to_string());

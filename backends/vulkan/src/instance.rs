@@ -13,7 +13,6 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// Advice for a machine with a loader but no driver.
 pub(crate) const NO_DRIVER: &str = "the Vulkan loader finds no driver that works; on Debian and Ubuntu the package \
     `mesa-vulkan-drivers` has drivers for many GPUs, and one that runs on the CPU; NVIDIA's comes with its own \
     driver (and needs `libx11-6` and `libxext6`, also without a display)";
@@ -27,13 +26,11 @@ pub(crate) struct Instance {
     /// True if objects and command buffers can be named (`VK_EXT_debug_utils`).
     pub labels: bool,
     pub messages: Arc<Messages>,
-    /// The surface of the device's window, if it has one.
     surface: Mutex<Option<Arc<Surface>>>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
 }
 
 impl Instance {
-    /// Creates an instance that can present to `window`.
     pub fn in_window(validation: Validation, window: Arc<dyn Window>) -> Result<Instance, BackendError> {
         let instance = Instance::new(validation, &surface::extensions(&*window)?)?;
         let surface = Surface::new(loader()?, &instance.raw, window)?;
@@ -45,7 +42,6 @@ impl Instance {
         self.surface.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the surface of the instance's window; `None` without a window.
     pub fn surface(&self) -> Option<Arc<Surface>> {
         self.lock_surface().clone()
     }
@@ -54,7 +50,7 @@ impl Instance {
     pub fn renew_surface(&self) -> Result<(), BackendError> {
         let mut surface = self.lock_surface();
         let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
-        // A window has one surface at a time. If a second one cannot be created, the window is gone.
+        // A window has one surface at a time. If the new one cannot be created, none is left.
         *surface = None;
         *surface = Some(Arc::new(Surface::new(loader()?, &self.raw, window)?));
         Ok(())
@@ -103,9 +99,8 @@ impl Instance {
             info = info.push_next(&mut messenger_info);
         }
         if validation == Validation::Synchronization {
-            // Newer layers read layer settings, older ones the extension that these replaced. The newer extension is
-            // not enabled by name: a loader older than the layer would refuse it, and the layer reads the settings
-            // without it.
+            // Older layers have `VK_EXT_validation_features` instead of `VK_EXT_layer_settings`. The latter is not
+            // enabled by name: the layer reads the settings anyway, and a loader older than the layer refuses the name.
             if offers(&layer_extensions, ext::layer_settings::NAME) {
                 info = info.push_next(&mut settings);
             } else {
@@ -127,7 +122,6 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Registers the validation messenger, which stays until the instance is destroyed.
     fn listen(&mut self, entry: &ash::Entry) -> Result<(), BackendError> {
         let functions = ext::debug_utils::Instance::new(entry, &self.raw);
         let info = messenger_info(&self.messages);
@@ -158,9 +152,7 @@ impl Drop for Instance {
     }
 }
 
-/// Returns the Vulkan loader, opened once and never closed.
-///
-/// Drivers keep threads and thread-local data that do not survive unloading while another instance is in use.
+/// Returns the Vulkan loader, opened once and never closed, because drivers can leave threads and thread-local data.
 fn loader() -> Result<&'static ash::Entry, BackendError> {
     static LOADER: OnceLock<Result<ash::Entry, String>> = OnceLock::new();
     LOADER

@@ -1,8 +1,6 @@
 //! Lowers the plan to Vulkan's terms, as plain data.
 //!
-//! Everything here is a pure function of the plan. Formats, blends and usages become Vulkan's, bindings become
-//! descriptor set layouts, and passes share a pipeline if they can. Nothing calls the API, so the lowering can be
-//! tested on any machine.
+//! Nothing here calls the API, so the lowering can be tested on any machine.
 
 use ash::vk;
 use splatgraph_framework::ir::Reflection;
@@ -14,7 +12,6 @@ use splatgraph_runtime::SubgroupLimits;
 pub(crate) struct Interface {
     pub bindings: Vec<InterfaceBinding>,
     pub push_bytes: u32,
-    /// The shader stages that access the descriptors and the push constants.
     pub stages: vk::ShaderStageFlags,
 }
 
@@ -51,7 +48,6 @@ impl PipelineState {
     }
 }
 
-/// The subgroup requirements of a compute pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Subgroups {
     /// The subgroup size to request; `None` to let the driver choose.
@@ -73,14 +69,12 @@ pub(crate) struct BlendState {
     pub alpha: (vk::BlendFactor, vk::BlendFactor),
 }
 
-/// The interfaces and pipelines of a whole plan.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Lowered {
     pub interfaces: Vec<Interface>,
     /// Pipelines, each with the index of its interface.
     pub pipelines: Vec<(PipelineState, usize)>,
-    /// Index into [`Lowered::pipelines`], by pass; `None` for passes other than dispatches and draws, and for passes
-    /// not in the order.
+    /// Index into [`Lowered::pipelines`], by pass; `None` if the pass has no pipeline or is not in the order.
     pub of_pass: Vec<Option<usize>>,
 }
 
@@ -149,9 +143,8 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
     }
 }
 
-/// Chooses the subgroup size of a shader with subgroup operations.
-///
-/// Requests the size that the graph assumes, and full subgroups, if the device and the workgroup size allow it.
+/// Requests the subgroup size that the graph assumes and full subgroups, each if the device and the workgroup size
+/// allow it.
 pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgroups {
     if !shader.subgroups || limits.size == 0 {
         return Subgroups::default();
@@ -174,7 +167,6 @@ pub(crate) fn format(format: Format) -> vk::Format {
     }
 }
 
-/// Returns the aspect of images of a format: depth or colour.
 pub(crate) fn aspect(format: Format) -> vk::ImageAspectFlags {
     match format {
         Format::Depth32Float => vk::ImageAspectFlags::DEPTH,
@@ -216,7 +208,6 @@ pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
     }
 }
 
-/// Lowers the usage of a buffer.
 pub(crate) fn buffer_usage(usage: Usage) -> vk::BufferUsageFlags {
     const TABLE: [(Usage, vk::BufferUsageFlags); 5] = [
         (Usage::STORAGE, vk::BufferUsageFlags::STORAGE_BUFFER),
@@ -231,7 +222,6 @@ pub(crate) fn buffer_usage(usage: Usage) -> vk::BufferUsageFlags {
         .fold(vk::BufferUsageFlags::empty(), |all, (_, flag)| all | *flag)
 }
 
-/// Lowers the usage of an image.
 pub(crate) fn image_usage(usage: Usage) -> vk::ImageUsageFlags {
     const TABLE: [(Usage, vk::ImageUsageFlags); 5] = [
         (Usage::STORAGE, vk::ImageUsageFlags::STORAGE),

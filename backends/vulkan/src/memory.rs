@@ -29,11 +29,9 @@ pub enum Dedicated {
     Image(vk::Image),
 }
 
-/// The memory requirements of an object.
 pub(crate) type Requirements = splatgraph_runtime::Requirements<Dedicated>;
 
 impl Memory {
-    /// Allocates memory that meets the requirements; `name` names it in errors.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         name: &str,
@@ -50,7 +48,7 @@ impl Memory {
             location: match location {
                 Location::Device => MemoryLocation::GpuOnly,
                 Location::Upload => MemoryLocation::CpuToGpu,
-                // Staging is not `CpuToGpu`: host writes would cross the bus, more slowly than a copy reads.
+                // Not `CpuToGpu`, which may be device memory: slow for the host to write.
                 Location::Staging | Location::Readback | Location::Host => MemoryLocation::GpuToCpu,
             },
             linear: matches!(
@@ -107,7 +105,6 @@ impl Drop for Memory {
     }
 }
 
-/// Creates a buffer without memory, and returns its memory requirements.
 pub(crate) fn create_buffer(
     gpu: &Arc<VulkanGpu>,
     desc: &BufferDesc,
@@ -129,7 +126,6 @@ pub(crate) fn create_buffer(
     Ok((buffer, requirements(answer, &dedicated, MemoryKind::Linear, Dedicated::Buffer(raw))))
 }
 
-/// Binds a buffer to memory that meets its requirements.
 pub(crate) fn bind_buffer(
     gpu: &VulkanGpu,
     buffer: Owned<vk::Buffer>,
@@ -151,13 +147,11 @@ pub struct UnboundImage {
 
 /// An image and a view of it.
 pub struct Image {
-    /// A view of the whole image, for storage and as a target.
     pub(crate) view: Owned<vk::ImageView>,
     // Dropped after the view.
     pub(crate) raw: Owned<vk::Image>,
 }
 
-/// Creates an image without memory, and returns its memory requirements.
 pub(crate) fn create_image(
     gpu: &Arc<VulkanGpu>,
     desc: &ImageDesc,
@@ -188,7 +182,6 @@ pub(crate) fn create_image(
     Ok((image, requirements(answer, &dedicated, MemoryKind::Optimal, Dedicated::Image(raw))))
 }
 
-/// Binds an image to memory that meets its requirements, and creates its view.
 pub(crate) fn bind_image(
     gpu: &Arc<VulkanGpu>,
     image: UnboundImage,

@@ -1,7 +1,4 @@
-//! Creates pipelines and their layouts, once per plan.
-//!
-//! [`crate::lower`] lists them. Each interface becomes a descriptor set layout and a pipeline layout, and each pipeline
-//! refers to its interface.
+//! Creates the pipelines of a plan and their layouts, which [`crate::lower`] lists.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -41,8 +38,7 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// Creates the pipelines of all dispatches and draws of a plan on several threads; calls `next` before the wait for
-    /// each.
+    /// Creates a plan's pipelines on several threads. Calls `next` before it waits for each.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,
@@ -51,7 +47,6 @@ impl Pipelines {
         let lowered = lower::lower(plan, &gpu.limits.subgroup);
         let layouts: Vec<PipelineLayout> =
             lowered.interfaces.iter().map(|interface| layout(gpu, interface)).collect::<Result<_, _>>()?;
-        // Needed only until the pipelines are created.
         let modules = modules(gpu, plan, &lowered)?;
         let create = |at: usize| create(gpu, plan, (&lowered.pipelines[at], &modules), &layouts);
         let raw = in_parallel(lowered.pipelines.len(), create, |done| {
@@ -73,13 +68,11 @@ impl Pipelines {
         Ok(Pipelines { pipelines, layouts, lowered })
     }
 
-    /// Returns a pass's pipeline and pipeline layout; `None` if it has no pipeline.
     pub(crate) fn find(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
         let pipeline = &self.pipelines[self.lowered.of_pass[pass.index()]?];
         Some((pipeline, &self.layouts[pipeline.layout]))
     }
 
-    /// Returns the interface of a pass's pipeline; `None` if it has no pipeline.
     pub(crate) fn interface(&self, pass: PassId) -> Option<&Interface> {
         let pipeline = self.lowered.of_pass[pass.index()]?;
         Some(&self.lowered.interfaces[self.lowered.pipelines[pipeline].1])
@@ -128,7 +121,6 @@ fn in_parallel<T: Send>(
     })
 }
 
-/// Creates the modules of all shaders that the pipelines use.
 fn modules(
     gpu: &Arc<VulkanGpu>,
     plan: &Plan,
@@ -143,7 +135,6 @@ fn modules(
     Ok(modules)
 }
 
-/// Creates a pipeline and names it after its first shader. Can be called on several threads at once.
 fn create(
     gpu: &Arc<VulkanGpu>,
     plan: &Plan,

@@ -1,4 +1,4 @@
-//! Submits uploads and frames, with their command pools, fences and semaphores.
+//! Creates command pools, fences and semaphores, submits command buffers, and presents.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -7,7 +7,6 @@ use splatgraph_api::BackendError;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Creates a command pool with one primary command buffer.
 pub(crate) fn command_pool(
     gpu: &Arc<VulkanGpu>,
 ) -> Result<(Owned<vk::CommandPool>, vk::CommandBuffer), BackendError> {
@@ -41,7 +40,6 @@ pub(crate) fn begin(
     unsafe { gpu.device.begin_command_buffer(commands, &info) }.map_err(api("vkBeginCommandBuffer"))
 }
 
-/// Ends recording into a command buffer.
 pub(crate) fn end(gpu: &VulkanGpu, commands: vk::CommandBuffer) -> Result<(), BackendError> {
     // SAFETY: the command buffer is being recorded.
     unsafe { gpu.device.end_command_buffer(commands) }.map_err(api("vkEndCommandBuffer"))
@@ -59,7 +57,6 @@ pub(crate) fn semaphore(gpu: &Arc<VulkanGpu>) -> Result<Owned<vk::Semaphore>, Ba
     Ok(Owned::new(gpu, semaphore.map_err(api("vkCreateSemaphore"))?))
 }
 
-/// Submits one command buffer. `fence` is signalled when it completes.
 pub(crate) fn submit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
@@ -84,8 +81,8 @@ pub(crate) struct Blit {
 
 /// Submits a frame, followed by the blit of its output. `fence` is signalled when both complete.
 ///
-/// They are two batches. Drivers wait for a semaphore before they begin a batch, whatever stage the wait names, and the
-/// frame must not wait for the window.
+/// The blit is a batch of its own: a driver may begin a batch only after its semaphores, and the frame must not wait
+/// for the window.
 pub(crate) fn submit_and_blit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
@@ -130,9 +127,8 @@ pub(crate) fn present(
     unsafe { functions.queue_present(*queue, &info) }
 }
 
-/// Blocks until the fence is signalled, for at most `limit`. If it was signalled, resets it and returns true.
-///
-/// The queue is not locked during the wait.
+/// Blocks until the fence is signalled, for at most `limit`, without locking the queue. If it was signalled, resets it
+/// and returns true.
 pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result<bool, BackendError> {
     let nanoseconds = u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX);
     // SAFETY: the fence is alive, and a submission will signal it.

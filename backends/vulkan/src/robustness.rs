@@ -16,7 +16,6 @@ pub(crate) struct RobustnessFeatures {
 }
 
 impl RobustnessFeatures {
-    /// Queries the robustness features of a device.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> RobustnessFeatures {
         // SAFETY: `handle` is one of the instance's.
         let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
@@ -36,7 +35,6 @@ impl RobustnessFeatures {
         RobustnessFeatures { buffers, images, two: has_two.then_some(two) }
     }
 
-    /// Returns the bounds of out-of-range accesses that these features guarantee.
     pub fn bounds(&self) -> Robustness {
         let bounds = |exact, memory| match (exact == vk::TRUE, memory == vk::TRUE) {
             (true, _) => Bounds::Exact,

@@ -1,8 +1,7 @@
 //! Creates the surface of a window, and queries its properties.
 //!
-//! A surface belongs to an instance, not to a device. Queries on it tell which devices can present to the window, with
-//! which formats and present modes. The choices based on these ([`format()`], [`present_mode`], [`extent`] and others)
-//! are pure functions. [`crate::swapchain`] creates the swapchain.
+//! A surface belongs to an instance, not to a device. The choices based on its properties ([`format()`],
+//! [`present_mode`], [`extent`] and others) are pure functions.
 
 use crate::error::api;
 use ash::{khr, vk};
@@ -12,7 +11,6 @@ use splatgraph_runtime::Window;
 use std::ffi::CStr;
 use std::sync::Arc;
 
-/// Returns the instance extensions for the window's window system.
 pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, BackendError> {
     let display = window.display_handle().map_err(no_handle)?;
     let names = ash_window::enumerate_required_extensions(display.as_raw()).map_err(|_| {
@@ -53,7 +51,6 @@ impl Surface {
             .unwrap_or(false)
     }
 
-    /// Queries the surface's current capabilities, such as its size and the number of images.
     pub fn capabilities(
         &self,
         device: vk::PhysicalDevice,
@@ -151,7 +148,6 @@ pub(crate) fn image_count(capabilities: &vk::SurfaceCapabilitiesKHR) -> u32 {
     (capabilities.min_image_count + 1).min(most)
 }
 
-/// Chooses the alpha mode: opaque if offered, else another offered one.
 pub(crate) fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::CompositeAlphaFlagsKHR {
     use vk::CompositeAlphaFlagsKHR as Alpha;
     let known = [Alpha::OPAQUE, Alpha::INHERIT, Alpha::PRE_MULTIPLIED, Alpha::POST_MULTIPLIED];
@@ -235,7 +231,7 @@ mod tests {
         assert_eq!(extent(&capabilities(size(0, 0)), size(800, 600)), None);
         assert_eq!(extent(&capabilities(size(640, 480)), size(0, 600)), None);
         assert_eq!(extent(&capabilities(size(u32::MAX, u32::MAX)), size(800, 0)), None);
-        // Some window systems report a hidden window through its extent limits.
+        // A hidden window can have no extent at all.
         let none = vk::SurfaceCapabilitiesKHR {
             min_image_extent: size(0, 0),
             max_image_extent: size(0, 0),

@@ -1,8 +1,7 @@
 //! Creates swapchains, and blits frames into a window's images.
 //!
 //! The blit has its own command buffer, submitted right after the frame's. Output and image may differ in size and
-//! format. Colours are already display-encoded and are not converted. The runtime decides when to create and replace a
-//! swapchain.
+//! format. Colours are already display-encoded and are not converted.
 //!
 //! The semaphore for an acquired image belongs to the frame's slot: a slot is reused only when its frame, blit
 //! included, has completed. The semaphore for a completed blit belongs to the *image*: the window system waits for it,
@@ -21,10 +20,7 @@ use splatgraph_framework::ir::Stages;
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
-/// Maximum wait for an image, in nanoseconds.
-///
-/// Some window systems return no image while the window is hidden, and do not report that it is. The program must not
-/// block.
+/// Maximum wait for an image, in nanoseconds. While a window is hidden, it may return none.
 const PATIENCE: u64 = 2_000_000_000;
 
 /// A window's swapchain, with the semaphores and command buffers of its blits. The device must be idle when it is
@@ -40,11 +36,9 @@ pub struct Swapchain {
     acquired: [Owned<vk::Semaphore>; FRAMES_IN_FLIGHT],
     /// A semaphore per image, signalled when the blit into the image completes.
     finished: Vec<Owned<vk::Semaphore>>,
-    /// The blit's command buffer for each slot.
     blits: [(Owned<vk::CommandPool>, vk::CommandBuffer); FRAMES_IN_FLIGHT],
 }
 
-/// Returns the surface of the device's window.
 fn window_surface(gpu: &VulkanGpu) -> Result<Arc<Surface>, BackendError> {
     let none = || {
         BackendError::Unavailable("this device was not opened in a window, or the window is gone".to_string())
@@ -52,8 +46,6 @@ fn window_surface(gpu: &VulkanGpu) -> Result<Arc<Surface>, BackendError> {
     gpu.instance.surface().ok_or_else(none)
 }
 
-/// Returns the size to create the swapchain with, given the size reported to the program; `None` while the window has
-/// no pixels.
 pub(crate) fn window_size(
     gpu: &VulkanGpu,
     (width, height): (u32, u32),
@@ -124,7 +116,6 @@ impl Swapchain {
         Ok(swapchain)
     }
 
-    /// Acquires an image for the frame in `slot`.
     pub(crate) fn acquire(&self, slot: usize) -> Result<Acquired, BackendError> {
         // SAFETY: the slot's former frame, which waited for the semaphore, has completed, and every image acquired
         // before was presented.
@@ -139,7 +130,6 @@ impl Swapchain {
         }
     }
 
-    /// Returns the recorded blit of the frame in `slot` to image number `image`, with its semaphores.
     pub(crate) fn blit(&self, slot: usize, image: u32) -> Blit {
         Blit {
             commands: self.blits[slot].1,
@@ -209,7 +199,6 @@ impl Drop for Swapchain {
     }
 }
 
-/// Chooses the blit's filter: nearest for equal sizes; otherwise linear, if the device supports it.
 fn filter(features: vk::FormatFeatureFlags, same_size: bool) -> vk::Filter {
     if same_size || !features.contains(vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR) {
         vk::Filter::NEAREST
@@ -280,7 +269,6 @@ fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, around: Around, image: 
     pipeline_barrier(gpu, commands, &info);
 }
 
-/// Returns the two corners of a blit region that covers an image of this size.
 fn corners(extent: vk::Extent2D) -> [vk::Offset3D; 2] {
     // Image sizes are far below the range of `i32`.
     [vk::Offset3D::default(), vk::Offset3D { x: extent.width as i32, y: extent.height as i32, z: 1 }]
@@ -292,7 +280,6 @@ mod tests {
 
     #[test]
     fn the_blit_takes_its_place_between_the_exports_copies_and_whatever_waits_for_them() {
-        // Checked here, because the validation layer does not check the second scope across submissions.
         let [(copies, _), (blit, access)] = BEFORE.output;
         assert_eq!((copies, blit), (vk::PipelineStageFlags2::COPY, vk::PipelineStageFlags2::BLIT));
         assert_eq!(access, vk::AccessFlags2::TRANSFER_READ);

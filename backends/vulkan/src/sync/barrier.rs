@@ -32,9 +32,8 @@ impl Barriers {
         }
     }
 
-    /// Lists the calls of the prologue, the handover (`None`) and the first frame, in order, with their barriers.
-    ///
-    /// Passes without barriers have an empty call.
+    /// Lists the calls of the prologue, the handover (`None`) and the frame, in order. A pass without barriers has an
+    /// empty call.
     pub fn calls<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (Option<PassId>, &'a Vec<Barrier>)> {
         let passes = |ids: &'a [PassId]| ids.iter().copied().map(Some);
         let all = passes(&plan.prologue).chain([None]).chain(passes(&plan.frame));

@@ -1,22 +1,18 @@
 //! Lowers barriers to Vulkan's structures, as plain data.
 //!
-//! The barriers that are recorded as one call become the contents of one `VkDependencyInfo`: a barrier on all memory
-//! becomes a `VkMemoryBarrier2`, and a barrier on an image a `VkImageMemoryBarrier2` with exactly its layouts. The
-//! runtime's own barriers have the same form. Nothing here calls the API.
+//! The barriers of one call become one `VkDependencyInfo`. Nothing here calls the API.
 
 use super::barrier::Barrier;
 use ash::vk;
 use splatgraph_framework::ir::*;
 use splatgraph_framework::plan::Transition;
 
-/// One side of a barrier: the stages and accesses of its source or target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Scope {
     pub stages: vk::PipelineStageFlags2,
     pub accesses: vk::AccessFlags2,
 }
 
-/// All commands of the queue, with all memory accesses.
 pub(crate) const ANYTHING: Scope = Scope {
     stages: vk::PipelineStageFlags2::ALL_COMMANDS,
     accesses: vk::AccessFlags2::from_raw(
@@ -28,7 +24,6 @@ pub(crate) const ANYTHING: Scope = Scope {
 pub(crate) const BEFORE_COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
-/// Copy commands, with their writes.
 pub(crate) const COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::COPY, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
@@ -36,18 +31,15 @@ pub(crate) const COPIES: Scope =
 pub(crate) const READERS: Scope =
     Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::MEMORY_READ };
 
-/// Target for readback: the host, with its reads.
 pub(crate) const HOST: Scope =
     Scope { stages: vk::PipelineStageFlags2::HOST, accesses: vk::AccessFlags2::HOST_READ };
 
-/// A barrier on all memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MemoryBarrier {
     pub source: Scope,
     pub target: Scope,
 }
 
-/// A barrier on a whole image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ImageBarrier {
     pub image: vk::Image,
@@ -68,7 +60,6 @@ pub(crate) struct Dependency {
 }
 
 impl Dependency {
-    /// Removes all barriers, but keeps the allocated capacity.
     pub fn clear(&mut self) {
         self.memory.clear();
         self.images.clear();
@@ -112,10 +103,8 @@ impl Dependency {
     }
 }
 
-/// Lowers stages. `CLEAR`, the stage of fills, becomes both `CLEAR` and `COPY`.
-///
-/// The specification counts `vkCmdFillBuffer` among the clear commands; validation layers before 1.3.280 counted it
-/// among the copies. Naming both stages costs nothing, as both run in the same stage of the hardware.
+/// Lowers stages. `CLEAR`, the stage of fills, becomes both `CLEAR` and `COPY`: the specification counts
+/// `vkCmdFillBuffer` among the clear commands, validation layers before 1.3.280 counted it among the copies.
 pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
     const TABLE: [(Stages, vk::PipelineStageFlags2); 10] = [
         (Stages::INDIRECT, vk::PipelineStageFlags2::DRAW_INDIRECT),
@@ -138,7 +127,6 @@ pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
         .fold(vk::PipelineStageFlags2::NONE, |all, (_, flag)| all | *flag)
 }
 
-/// Lowers accesses.
 pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
     const TABLE: [(Accesses, vk::AccessFlags2); 11] = [
         (Accesses::INDIRECT_READ, vk::AccessFlags2::INDIRECT_COMMAND_READ),
@@ -159,7 +147,6 @@ pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
         .fold(vk::AccessFlags2::NONE, |all, (_, flag)| all | *flag)
 }
 
-/// Lowers an image layout to Vulkan's.
 pub(crate) fn layout(layout: Layout) -> vk::ImageLayout {
     match layout {
         Layout::Undefined => vk::ImageLayout::UNDEFINED,

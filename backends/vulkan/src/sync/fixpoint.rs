@@ -58,7 +58,6 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     }
 }
 
-/// Returns true if the barriers in `steps` meet every requirement, in all frames.
 fn holds(steps: &[Step], inputs: &Inputs) -> bool {
     let mut state = SyncState::new(inputs);
     (0..FRAMES).all(|_| {

@@ -10,8 +10,8 @@
 //! follows an access, a dependency on the access counts as a dependency on the change, which waited for the access.
 //!
 //! Every frame records the same barriers, and follows such a frame. The walk over the frame is therefore repeated until
-//! the list of barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of
-//! the first frame, which follows the prologue, are met once, by the handover between them.
+//! the list of barriers is a fixpoint. Additional requirements of the first frame, which follows the prologue, are met
+//! once, by the handover between them.
 
 mod barrier;
 pub(crate) mod commands;
@@ -32,7 +32,7 @@ use splatgraph_framework::ir::{Hazard, Masks, PassId};
 use splatgraph_framework::plan::{LayoutChange, Plan, Transition};
 use state::{Inputs, SyncState};
 
-/// Maximum number of rounds of the walk before it is treated as cyclic. Three suffice for nearly every graph.
+/// Maximum number of rounds of the walk before it is treated as cyclic.
 const MAX_ROUNDS: usize = 8;
 
 /// Lowers the dependencies of a plan to barriers.
@@ -80,8 +80,6 @@ fn place(plan: &Plan) -> Option<Barriers> {
 }
 
 /// Computes the call between the prologue and the first frame; `None` if no call suffices.
-///
-/// It transitions images to the layouts that frames expect, and makes the prologue's writes visible.
 fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Barrier>> {
     let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
     for change in inputs.plan.layout_changes.iter().filter(|change| change.handover) {
@@ -104,7 +102,6 @@ fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Ba
     Some(call.barriers())
 }
 
-/// The handover under construction.
 struct Handover {
     memory: Masks,
     /// The requirements that `memory`, the barrier on all memory, meets.

@@ -42,7 +42,6 @@ impl Requirement {
         asked(self) == asked(other)
     }
 
-    /// Returns true if a barrier with these masks meets the requirement.
     pub fn is_met_by(&self, masks: &Masks) -> bool {
         let target = match self.access.is_empty() {
             true => with_later(masks.target_stages).contains(self.to),
@@ -51,7 +50,6 @@ impl Requirement {
         target && self.source_is_met_by(masks)
     }
 
-    /// Returns true if the masks' source meets the requirement; see [`Self::is_met_by`].
     pub fn source_is_met_by(&self, masks: &Masks) -> bool {
         let flushes = !self.flush.is_empty()
             && masks.source_stages.contains(self.from)
@@ -64,7 +62,6 @@ impl Requirement {
         self.access.is_empty() && self.is_met_by(masks)
     }
 
-    /// Returns the smallest source masks that meet the requirement.
     pub fn least_source(&self) -> Masks {
         let chained = self.via.iter().find(|stage| *stage == self.from).or(self.via.iter().next());
         match chained {
@@ -73,7 +70,6 @@ impl Requirement {
         }
     }
 
-    /// Returns the smallest target masks that meet the requirement.
     pub fn least_target(&self) -> Masks {
         Masks { target_stages: self.to, target_accesses: self.access, ..Masks::default() }
     }
@@ -152,7 +148,6 @@ pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
     causes
 }
 
-/// Creates a cause that lists no earlier passes yet.
 pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
     Cause { hazard, before, resource, after: Vec::new(), previous_frame: false, alias: None }
 }

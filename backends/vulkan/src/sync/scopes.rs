@@ -6,10 +6,8 @@
 
 use splatgraph_framework::ir::{Accesses, Masks, Stages};
 
-/// Number of stages that [`Stages`] names.
 pub(super) const STAGES: usize = Stages::all().bits().count_ones() as usize;
 
-/// Number of accesses that [`Accesses`] names.
 const ACCESSES: usize = Accesses::all().bits().count_ones() as usize;
 
 /// A position in the walk. Pass number `n`, from 1, is at time `2 n`, the barriers before it at `2 n - 1`. 0 precedes
@@ -44,7 +42,6 @@ fn later_in(pipeline: &[Stages], stages: Stages) -> Stages {
     pipeline.iter().skip_while(|stage| !stages.contains(**stage)).copied().collect()
 }
 
-/// Number of [`Origin`]s.
 pub(super) const ORIGINS: usize = STAGES + 1;
 
 /// The stage at which a command accesses memory.
@@ -80,7 +77,6 @@ impl Origin {
     }
 }
 
-/// Returns the access with which commands write at a stage.
 pub(super) fn write_access(stage: Stages) -> Accesses {
     match stage {
         Stages::COLOR_OUTPUT => Accesses::COLOR_WRITE,
@@ -90,7 +86,6 @@ pub(super) fn write_access(stage: Stages) -> Accesses {
     }
 }
 
-/// The effect of the barriers so far; see the module's documentation.
 #[derive(Clone, Debug)]
 pub(super) struct Scopes {
     /// `ordered[to][from]`: work of `from` up to this time happens before later work of `to`.
@@ -118,9 +113,8 @@ impl Scopes {
         origin.named_by() | reached(&self.ordered, origin, time)
     }
 
-    /// Returns the source stages that chain with the barrier which made a write by `stage` at `time` available.
-    ///
-    /// A barrier needs any one of them.
+    /// Returns the source stages that chain with the barrier which made a write by `stage` at `time` available. A
+    /// barrier needs any one of them.
     pub fn available(&self, stage: Stages, time: Time) -> Stages {
         reached(&self.available, Origin::new(stage, false), time)
     }

@@ -6,7 +6,6 @@ use super::scopes::{Origin, Scopes, Time, with_later, write_access};
 use splatgraph_framework::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages, Work};
 use splatgraph_framework::plan::{Dependency, LayoutChange, Plan, Transition};
 
-/// Inputs that stay the same for the whole walk.
 pub(super) struct Inputs<'a> {
     pub plan: &'a Plan,
     /// Layout changes before each pass, except the handover's.
@@ -31,7 +30,6 @@ impl Inputs<'_> {
     }
 }
 
-/// The state of the walk before the next pass.
 #[derive(Clone, Debug)]
 pub(super) struct SyncState {
     scopes: Scopes,
@@ -43,9 +41,8 @@ pub(super) struct SyncState {
     changed: Vec<Option<Changed>>,
     /// The last barrier call, if later passes may extend it.
     call: Option<Call>,
-    /// Passes at the start of a frame whose requirements a call at the end of the previous frame must meet.
-    ///
-    /// Each has the index of the call's step.
+    /// Passes at the start of a frame whose requirements a call at the end of the previous frame must meet, each with
+    /// the index of the call's step.
     ahead: Vec<(usize, PassId)>,
 }
 
@@ -62,7 +59,6 @@ struct Call {
     needs: Vec<Requirement>,
     /// The requirements for which `memory` was created or extended.
     reasons: Vec<Requirement>,
-    /// The masks of the barrier on all memory.
     memory: Masks,
     images: Vec<Barrier>,
 }
@@ -125,7 +121,6 @@ struct Changed {
     is_read: bool,
 }
 
-/// A layout change that a pass requires, with its requirements.
 struct Change {
     transition: Transition,
     before: PassId,
@@ -150,9 +145,8 @@ impl SyncState {
         self.frame_start = self.now + 1;
     }
 
-    /// Advances the walk by a pass, and appends its step with the barriers that it needs to `steps`.
-    ///
-    /// If the last call can meet the requirements, extends that call instead.
+    /// Advances the walk by a pass, and appends its step. Barriers that the pass needs extend the last call if that
+    /// can meet them; otherwise, they come with the step.
     pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>, inputs: &Inputs) {
         self.now += 2;
         let changes: Vec<Change> =
@@ -247,7 +241,6 @@ impl SyncState {
         self.apply(barriers, pass);
     }
 
-    /// Returns a layout change that a pass requires, with the requirements of the change itself.
     fn change(&self, change: &LayoutChange, inputs: &Inputs) -> Change {
         let LayoutChange { image, old, new, before, .. } = *change;
         let mut target = Masks::default();
@@ -435,7 +428,6 @@ impl SyncState {
         }
     }
 
-    /// Records that the pass has run, at the current time, and what it did to images.
     fn record(&mut self, id: PassId, inputs: &Inputs) {
         self.ran[id.index()] = self.now;
         for touch in &inputs.plan.pass(id).uses {
@@ -449,7 +441,6 @@ impl SyncState {
     }
 }
 
-/// Adds a requirement, unless it is a duplicate. Duplicates are common among the stages of one pass.
 fn add(needs: &mut Vec<Requirement>, need: Requirement) {
     if !needs.contains(&need) {
         needs.push(need);

@@ -25,7 +25,6 @@ pub fn finish(vulkan: Vulkan) {
     assert_eq!(vulkan.close(), Vec::<String>::new());
 }
 
-/// Opens another context on the same device.
 pub fn new_context(vulkan: &Vulkan) -> Vulkan {
     vulkan.new_context().expect("there can be another")
 }
@@ -42,7 +41,6 @@ pub fn load(vulkan: &mut Vulkan, plan: Plan) {
     vulkan.load(plan, &Scene::default(), &mut |_| {}).expect("the plan loads");
 }
 
-/// Submits a frame and waits for it.
 pub fn frame(vulkan: &mut Vulkan, inputs: &FrameInputs) -> FrameResult {
     let id = vulkan.submit(inputs).expect("the frame is submitted");
     vulkan.wait(id).expect("the frame is done")
@@ -99,13 +97,11 @@ impl Scene {
         Scene { identity, planes: [((attribute.to_string(), plane), bytes)].into(), ..Default::default() }
     }
 
-    /// Adds another plane.
     pub fn and(mut self, attribute: &str, plane: u32, bytes: Vec<u8>) -> Scene {
         self.planes.insert((attribute.to_string(), plane), bytes);
         self
     }
 
-    /// Returns the number of calls of [`SceneData::write`].
     pub fn asked(&self) -> usize {
         self.asked.load(Ordering::Relaxed)
     }
@@ -138,7 +134,6 @@ pub struct Build {
 }
 
 impl Build {
-    /// Starts a plan without passes.
     pub fn new() -> Build {
         Build { plan: Plan { name: "hand-made".to_string(), ..Plan::default() } }
     }
@@ -401,7 +396,6 @@ pub fn barriers_everywhere(plan: &Plan) -> Barriers {
     }
 }
 
-/// Returns a barrier on all memory.
 pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
     Barrier { image: None, masks: Masks::new(source, target), causes: Vec::new() }
 }

@@ -162,7 +162,6 @@ fn a_resource_is_inspected_as_it_is_right_after_the_pass() {
     let result = frame(&mut vulkan, &inputs);
     let inspected: Vec<Vec<u32>> = result.inspected.iter().map(|bytes| words(bytes)).collect();
     assert_eq!(inspected, [vec![6, 7, 8], vec![7, 9, 11], vec![5, 5, 5]]);
-    // Inspection changed nothing.
     assert_eq!(words(&result.output.unwrap().bytes), [7, 9, 11]);
 
     let too_early = FrameInputs { inspect: vec![at(row, fill)], ..Default::default() };

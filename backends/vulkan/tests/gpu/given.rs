@@ -169,7 +169,6 @@ fn a_buffer_that_is_longer_than_a_binding_may_be_is_a_limit() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(1));
     let most = vulkan.info().facts.max_storage_bytes;
-    // One word more than a binding can have.
     let long = vec![0; most as usize / 4 * 4 + 4];
     let error = vulkan.submit(&giving(BufferContents::Bytes(Arc::new(long))));
     assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");

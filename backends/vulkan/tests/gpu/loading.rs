@@ -49,7 +49,6 @@ fn another_plan_may_be_loaded_while_frames_are_in_flight_and_keeps_the_scenes_pl
     for frame in pending {
         assert_eq!(words(&vulkan.wait(frame).unwrap().output.unwrap().bytes), [105, 106, 107]);
     }
-    // Other data has another identity.
     let second = scene(2, &[8, 8, 8]);
     vulkan.load(numbers(3, 200), &second, &mut |_| {}).unwrap();
     assert_eq!(shown(&mut vulkan), [208, 208, 208]);
@@ -109,7 +108,6 @@ fn a_plan_that_cannot_be_loaded_leaves_the_former_one_running() {
     finish(vulkan);
 }
 
-/// Returns the error of loading an altered plan.
 fn refused(alter: impl FnOnce(&mut Plan)) -> String {
     let mut plan = numbers(4, 0);
     alter(&mut plan);

@@ -54,7 +54,6 @@ fn value(value: u32) -> FrameInputs {
     FrameInputs { buffers: [("frame.value".to_string(), bytes)].into(), ..Default::default() }
 }
 
-/// Draws and shows a frame of [`plain`].
 fn draw(vulkan: &mut Vulkan, pixels: u32) -> Picture {
     vulkan.submit(&FrameInputs { show: true, ..value(pixels) }).expect("the frame is submitted");
     vulkan.picture().expect("it was shown")
@@ -187,7 +186,6 @@ fn a_picture_that_is_gone_cannot_be_given_and_frames_that_were_given_it_read_it_
     refused(&mut window, second);
     assert_eq!(row(&mut window, pending), [1, 9, 9, 1, 9, 9]);
     assert_eq!(row(&mut window, mixed), [2, 2, 2, 2, 2, 2]);
-    // A picture with a wrong size is refused.
     let mut scene = new_context(&window);
     load(&mut scene, plain(2));
     let third = draw(&mut scene, 3);

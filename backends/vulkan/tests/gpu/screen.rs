@@ -47,7 +47,6 @@ void main() {{
     build.export(image)
 }
 
-/// Computes the expected contents of a window of the given size.
 fn drawn(blue: u8, (width, height): (u32, u32)) -> Vec<[u8; 3]> {
     // Interpolated between pixel centres, and clamped at the outermost.
     let along = |at: u32, of: u32, pixels: u32| {
@@ -63,7 +62,6 @@ fn inputs(blue: u8, present: bool) -> FrameInputs {
     FrameInputs { live, present, ..with_output() }
 }
 
-/// Draws and presents a frame.
 fn show(vulkan: &mut Vulkan, blue: u8) {
     let result = frame(vulkan, &inputs(blue, true));
     let output = result.output.expect("the output was asked for");

@@ -57,7 +57,6 @@ pub fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
     (name, value)
 }
 
-/// Returns the value after one more frame.
 pub fn grow(vulkan: &mut Vulkan) -> u32 {
     let frame = submit(vulkan);
     grown(vulkan, frame).1
@@ -70,7 +69,6 @@ fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight
     let slow = [submit(&mut vulkan), submit(&mut vulkan)];
     load(&mut vulkan, growing("fast", 10));
     let fast = [submit(&mut vulkan), submit(&mut vulkan), submit(&mut vulkan)];
-    // Swaps back, with another frame in between.
     load(&mut vulkan, growing("slow again", 1));
     let again = [submit(&mut vulkan), submit(&mut vulkan)];
     let values: Vec<_> =

@@ -9,12 +9,10 @@ use std::sync::Barrier as Meeting;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-/// Prepares a plan that reads no scene.
 fn prepare(loader: Loader, plan: Plan) -> Ready {
     loader.prepare(plan, &Scene::default(), &mut |_| {}).expect("the plan is made ready")
 }
 
-/// Returns a plan that outputs the attribute `numbers` of the scene.
 fn numbers(count: u64) -> Plan {
     let mut build = Build::new();
     let numbers = build.scene("numbers", 0, 4, count);
@@ -33,7 +31,6 @@ fn shown(vulkan: &mut Vulkan) -> Vec<u32> {
 fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_drawn_meanwhile() {
     let mut vulkan = open();
     load(&mut vulkan, growing("slow", 1));
-    // Before the first frame there is no history.
     let loader = vulkan.loader();
     let done = AtomicBool::new(false);
     let mut frames = Vec::new();
@@ -207,7 +204,6 @@ void main() { last = numbers[numbers.length() - 1]; }",
     finish(vulkan);
 }
 
-/// A scene that cannot supply its data.
 struct Broken {
     panics: bool,
 }

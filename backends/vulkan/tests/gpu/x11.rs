@@ -14,7 +14,6 @@ use x11rb::connection::Connection;
 use x11rb::protocol::xproto::*;
 use x11rb::xcb_ffi::XCBConnection;
 
-/// An X server for one test; dropping it stops the server.
 pub struct Server {
     process: Child,
     display: CString,
@@ -41,7 +40,6 @@ impl Server {
         server
     }
 
-    /// Opens a mapped window.
     pub fn window(&self, width: u16, height: u16) -> Arc<Window> {
         let (connection, screen) = XCBConnection::connect(Some(&self.display)).expect("the server answers");
         let root = &connection.setup().roots[screen];
@@ -95,7 +93,7 @@ impl Window {
         let (format, all) = (ImageFormat::Z_PIXMAP, u32::MAX);
         let image = self.connection.get_image(format, self.id.get(), 0, 0, size.width, size.height, all);
         let image = image.expect("asked").reply().expect("answered");
-        // 32 bits per pixel at depth 24, as on every current server.
+        // Pixels of depth 24 take 32 bits, which the assertion below checks.
         let pixels: Vec<[u8; 3]> = match self.connection.setup().image_byte_order {
             ImageOrder::LSB_FIRST => image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
             _ => image.data.chunks_exact(4).map(|p| [p[1], p[2], p[3]]).collect(),
@@ -125,7 +123,6 @@ impl Window {
     }
 }
 
-/// Time limit for the window system.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn until(what: &str, mut is_so: impl FnMut() -> bool) {

@@ -14,7 +14,6 @@ use splatgraph_framework::plan::Transition;
 /// The barriers of a call without their causes. Calls with equal keys are of one kind.
 type Key = Vec<(Option<Transition>, Masks)>;
 
-/// The calls of a replay so far.
 #[derive(Default)]
 pub struct Calls {
     /// The kind of each call, an index into `kinds`.
@@ -29,8 +28,7 @@ struct Kind {
     calls: Vec<u32>,
 }
 
-/// Number of calls up to which a cell passes through them one by one. Searching for the calls that change it would take
-/// longer.
+/// Up to this number of calls (or of kinds, if larger), a cell passes through them one by one instead of searching.
 const FEW: usize = 8;
 
 impl Calls {
@@ -49,7 +47,6 @@ impl Calls {
         self.calls.push(kind);
     }
 
-    /// Removes all but the first `len` calls.
     pub fn truncate(&mut self, len: usize) {
         for kind in self.calls.drain(len..) {
             self.kinds[kind as usize].calls.pop();

@@ -54,7 +54,6 @@ impl Scope {
         self.source.intersects(named_by) || self.source_reach.intersects(ordered)
     }
 
-    /// Returns true if the memory dependency covers accesses through `resource`.
     fn concerns(&self, resource: ResourceId) -> bool {
         self.image.is_none_or(|transition| transition.image == resource)
     }
@@ -72,7 +71,6 @@ impl Scope {
     }
 }
 
-/// A read at one stage.
 #[derive(Clone)]
 pub struct Read {
     pub actor: Actor,
@@ -118,7 +116,6 @@ pub struct Write {
 }
 
 impl Write {
-    /// Applies the barriers of one call. Returns true if the record changed.
     fn pass_through(&mut self, scopes: &[Scope]) -> bool {
         // Barriers of one call do not chain: all of them see the record as it was before the call.
         let before = self.clone();
@@ -155,7 +152,6 @@ impl Write {
     }
 }
 
-/// The state of a cell's bytes, and the access that caused it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contents {
     pub state: State,
@@ -195,7 +191,6 @@ pub struct Cell {
 impl Cell {
     pub const FRESH: Cell = Cell { reads: Vec::new(), writes: Vec::new(), contents: Contents::NEVER };
 
-    /// Applies the barriers of one call to all records.
     pub fn pass_through(&mut self, scopes: &[Scope]) {
         for read in &mut self.reads {
             read.pass_through(scopes);
@@ -205,7 +200,6 @@ impl Cell {
         }
     }
 
-    /// Returns true if the barriers of a call would change any record.
     pub fn is_changed_by(&self, scopes: &[Scope]) -> bool {
         self.reads.iter().any(|read| read.clone().pass_through(scopes))
             || self.writes.iter().any(|write| write.clone().pass_through(scopes))

@@ -17,7 +17,6 @@ use splatgraph_framework::oracle::trace::{Access, Clash, Trace};
 use splatgraph_framework::plan::{Plan, Transition};
 use std::collections::HashSet;
 
-/// The state of all memory and of all image layouts during a replay.
 pub struct MemoryState {
     cells: Vec<Cell>,
     /// The barrier calls so far. `passed` has, for each cell, the number of calls that it has passed through.
@@ -45,7 +44,6 @@ struct BeforeTrial {
     calls: usize,
 }
 
-/// A position in a replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum At {
     /// Before a step of the prologue.
@@ -82,7 +80,6 @@ pub struct Carried {
 }
 
 impl MemoryState {
-    /// Creates the state of fresh memory.
     pub fn new(trace: &Trace, rules: Rules, first_only: bool) -> MemoryState {
         let mut memory = MemoryState {
             cells: vec![Cell::FRESH; trace.cells.len()],
@@ -114,9 +111,8 @@ impl MemoryState {
         cell
     }
 
-    /// Replays another plan's barriers from `at` to the first violation, then restores the state.
-    ///
-    /// Returns true if there was a violation.
+    /// Replays another plan's barriers from `at` to the first violation, then restores the state. Returns true if there
+    /// was a violation.
     pub fn trial(
         &mut self,
         (plan, barriers): (&Plan, &Barriers),
@@ -184,7 +180,6 @@ impl MemoryState {
         }
     }
 
-    /// Returns the resources that the next plan can continue from.
     pub fn carry(&self, plan: &Plan, trace: &Trace) -> Vec<Carried> {
         let mut carried = Vec::new();
         for (index, resource) in plan.resources.iter().enumerate() {
@@ -201,7 +196,6 @@ impl MemoryState {
         carried
     }
 
-    /// Runs the whole replay; stops at the first violation if `first_only` was set.
     pub fn run(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay) {
         let mut next = Some(self.start(plan, trace, replay));
         while let Some(at) = next.filter(|_| !self.findings.enough()) {

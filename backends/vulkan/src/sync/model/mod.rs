@@ -19,11 +19,6 @@
 //! frame.
 //!
 //! [`mutate`] tests the reverse: a barrier, or one bit of it, is needless if the replay without it shows no violation.
-//! Together, over all mutations of every preset and of 100,000 random graphs, this is strong evidence, but no proof.
-//!
-//! The files: `stages` defines the logical order of pipeline stages; the framework's `trace` lists the accesses of each
-//! pass by their bytes; `cell` records the accesses to a few bytes, and how barriers change these records; `calls`
-//! stores the barriers until a cell is next accessed; `memory_state` walks the plan.
 //!
 //! # Limits of the model
 //!
@@ -50,11 +45,9 @@ use memory_state::MemoryState;
 pub use rules::{Replay, Rules};
 pub use violation::{Actor, Missing, Violation, ViolationKind, When};
 
-/// Replays a plan and returns its violations.
+/// Replays a plan and returns its violations. The ids in the plan must be valid, as in every solved plan.
 ///
 /// A violation that recurs between the same two passes, for instance in every frame, is reported once.
-///
-/// The ids in the plan must be valid, as in every solved plan.
 pub fn replay(plan: &Plan, barriers: &Barriers, replay: &Replay) -> Vec<Violation> {
     let trace = Trace::new(plan, replay.copies);
     let mut memory = MemoryState::new(&trace, Rules::HAZARDS, false);
@@ -85,13 +78,12 @@ pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     violations
 }
 
-/// Returns true if a replay of four frames, by the rules [`Rules::HAZARDS`], shows a violation. It stops at the first
-/// one.
+/// Returns true if a replay of four frames shows a violation of [`Rules::HAZARDS`].
 pub fn has_violation(plan: &Plan, barriers: &Barriers) -> bool {
     has_violation_by(plan, barriers, Rules::HAZARDS)
 }
 
-/// Returns true if a replay of four frames, by `rules`, shows a violation. It stops at the first one.
+/// Returns true if a replay of four frames shows a violation of `rules`.
 pub fn has_violation_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> bool {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);

@@ -35,9 +35,8 @@ impl Mutation {
         }
     }
 
-    /// Describes the mutation and its place.
-    ///
-    /// For instance: "target stage COMPUTE of barrier 0 (all memory) before `sort` in the frame".
+    /// Describes the mutation and its place, for instance "target stage COMPUTE of barrier 0 (all memory) before `sort`
+    /// in the frame".
     pub fn describe(&self, plan: &Plan, barriers: &Barriers) -> String {
         let (at, number) = self.at();
         let place = match at {
@@ -122,9 +121,7 @@ fn put_back(barriers: &mut Barriers, mutation: &Mutation, before: Barrier) {
     }
 }
 
-/// Returns the mutations that cause no violation within four frames, by [`Rules::NECESSARY`].
-///
-/// The unmutated barriers must cause no violation.
+/// Calls [`needless_by`] with [`Rules::NECESSARY`].
 pub fn needless(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     needless_by(plan, barriers, Rules::NECESSARY)
 }

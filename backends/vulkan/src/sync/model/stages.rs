@@ -54,7 +54,6 @@ impl Pairs {
         Pairs(self.0 | other.0)
     }
 
-    /// Returns true if the set contains this access at this stage.
     pub fn has(self, stage: Stages, access: Accesses) -> bool {
         self.0 & Pairs::of(stage, access).0 != 0
     }

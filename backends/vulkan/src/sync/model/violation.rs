@@ -118,7 +118,6 @@ impl Actor {
         }
     }
 
-    /// Returns true if both are the same actor, ignoring the frame.
     fn recurs_as(self, other: Actor) -> bool {
         match (self, other) {
             (Actor::Pass { pass, .. }, Actor::Pass { pass: other, .. }) => pass == other,
@@ -169,9 +168,7 @@ impl Violation {
             && (self.kind, self.resource) == (other.kind, other.resource)
     }
 
-    /// Formats a sentence with the accesses, the resource, its byte range and what is missing.
-    ///
-    /// `plan` is the replayed plan.
+    /// Formats the violation as a sentence. `plan` is the replayed plan.
     pub fn describe(&self, plan: &Plan) -> String {
         let second = self.second.describe(plan);
         let Range { start, end } = self.range;
@@ -210,7 +207,6 @@ impl Violation {
     }
 }
 
-/// The violations collected during a replay.
 pub(super) struct Findings {
     pub violations: Vec<Violation>,
     pub first_only: bool,

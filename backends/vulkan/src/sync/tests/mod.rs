@@ -25,7 +25,6 @@ fn shown(plan: &Plan) -> String {
     format!("\n{}", placed(plan).calls(plan).map(call).collect::<String>())
 }
 
-/// Returns the names of the frame's passes, in execution order.
 fn frame(plan: &Plan) -> Vec<&str> {
     plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
 }

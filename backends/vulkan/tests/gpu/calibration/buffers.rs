@@ -2,7 +2,6 @@
 
 use super::*;
 
-/// Returns a case with two successive passes on one buffer.
 fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let words = build.words("words", 4);
@@ -11,7 +10,6 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
     case(build)
 }
 
-/// Returns a case with two successive passes on two buffers that alias.
 fn aliased(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let aliases = [build.words("alias", 4), build.words("other alias", 4)];
@@ -25,7 +23,6 @@ fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
     build.fill(Run::Frame, name, buffer, 1);
 }
 
-/// Returns a case with a dispatch whose indirect arguments another dispatch wrote.
 fn indirect() -> Case {
     let mut build = Build::new();
     let args = build.words("args", 4);
@@ -36,7 +33,6 @@ fn indirect() -> Case {
     case(build).between("second", COMPUTE_WRITES, (Stages::INDIRECT, Accesses::INDIRECT_READ))
 }
 
-/// Returns a case with a buffer that is written by a dispatch and read as a uniform block.
 fn uniform() -> Case {
     let mut build = Build::new();
     let (words, sink) = (build.words("words", 4), build.words("sink", 4));

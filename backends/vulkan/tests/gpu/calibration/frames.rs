@@ -39,7 +39,6 @@ fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
     build.fill(Run::Frame, name, buffer, 1);
 }
 
-/// Returns a case with a buffer that every frame fills, and its first word as a statistic.
 fn statistic() -> Case {
     let mut build = Build::new();
     let words = build.words("words", 4);

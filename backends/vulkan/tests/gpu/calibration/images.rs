@@ -15,7 +15,6 @@ layout(location = 0) out vec4 color;
 void main() { color = vec4(0.5); }";
 
 impl Build {
-    /// Adds a dispatch that writes the pixel of an image.
     fn writes_image(&mut self, name: &str, image: ResourceId) {
         let shader = self.shader(
             "writes_image.comp",
@@ -27,7 +26,6 @@ void main() { imageStore(image, ivec2(0), vec4(1)); }",
         self.dispatch(Run::Frame, name, shader, 1, &[(image, 0, WRITE)]);
     }
 
-    /// Adds a dispatch that reads the pixel of an image and writes a buffer of its own.
     fn reads_image(&mut self, name: &str, image: ResourceId) {
         let sink = self.words(&format!("sink of {name}"), 4);
         let shader = self.shader(
@@ -41,7 +39,6 @@ void main() { sink = imageLoad(image, ivec2(0)); }",
         self.dispatch(Run::Frame, name, shader, 1, &[(image, 0, READ), (sink, 1, WRITE)]);
     }
 
-    /// Adds a draw whose vertex shader reads a buffer.
     fn draws(&mut self, name: &str, image: ResourceId, load: Load, blend: Blend, corners: ResourceId) {
         let shaders = [self.shader("corners.vert", VERTEX), self.shader("half.frag", FRAGMENT)];
         let call = DrawCall::Direct { vertices: 3, instances: 1 };
@@ -66,7 +63,6 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
     case
 }
 
-/// Returns a case with a draw into an image, then a dispatch that reads the image.
 fn drawn_then_read() -> Case {
     let mut build = Build::new();
     let (image, corners) = (build.picture(), build.words("corners", 4));
@@ -75,7 +71,6 @@ fn drawn_then_read() -> Case {
     case(build).at_change("second", DRAWN, COMPUTE_READS)
 }
 
-/// Returns a case with a dispatch that writes an image, then a draw that loads the image.
 fn stored_then_drawn() -> Case {
     let mut build = Build::new();
     let (image, corners) = (build.picture(), build.words("corners", 4));
@@ -84,7 +79,6 @@ fn stored_then_drawn() -> Case {
     case(build).at_change("second", COMPUTE_WRITES, BLENDS)
 }
 
-/// Returns a case that writes an image, then exports it: the export is the second pass.
 fn exported(first: impl FnOnce(&mut Build, ResourceId), source: Side) -> Case {
     let mut build = Build::new();
     let image = build.picture();
@@ -93,7 +87,6 @@ fn exported(first: impl FnOnce(&mut Build, ResourceId), source: Side) -> Case {
     case.at_change("export", source, COPIED)
 }
 
-/// Finds the layout transition before a pass, its only barrier.
 fn transition<'a>(case: &'a mut Case, pass: &str) -> &'a mut Transition {
     let [change] = &mut case.before(pass)[..] else { panic!("one change of a layout") };
     change.image.as_mut().expect("a change of a layout")

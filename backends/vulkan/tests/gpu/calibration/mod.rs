@@ -7,11 +7,7 @@
 //!
 //! In short, the layer does not report: write-after-write hazards between shaders; the writing half of atomics (a
 //! binding counts as a write if the shader stores to it, else as a read, and never as both); colour attachment
-//! accesses, and their layout; hazards between submissions, unless requested; the host. The files:
-//!
-//! - [`buffers`]: dispatches, fills and indirect arguments on one buffer, or on two that alias;
-//! - [`images`]: layouts, storage images and colour attachments;
-//! - [`frames`]: between frames, and with the host.
+//! accesses, and their layout; hazards between submissions, unless requested; the host.
 
 mod buffers;
 mod frames;
@@ -22,7 +18,6 @@ use splatgraph_api::{Device, FrameInputs};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::sync::{Barrier, Barriers};
 
-/// Stages and accesses, one side of a barrier.
 type Side = (Stages, Accesses);
 
 const COMPUTE_READS: Side = (Stages::COMPUTE, Accesses::STORAGE_READ);
@@ -30,7 +25,6 @@ const COMPUTE_WRITES: Side = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
 const COMPUTE_DOES_BOTH: Side = (Stages::COMPUTE, BOTH);
 const FILLS: Side = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
 
-/// The layer's name for a read-after-write hazard.
 const RAW: &str = "SYNC-HAZARD-READ-AFTER-WRITE";
 const WAR: &str = "SYNC-HAZARD-WRITE-AFTER-READ";
 const WAW: &str = "SYNC-HAZARD-WRITE-AFTER-WRITE";
@@ -56,7 +50,6 @@ impl Case {
         Case { barriers: barriers_everywhere(&plan), plan, frames: 1, read_output: false }
     }
 
-    /// Finds the pass of this name.
     fn at(&self, pass: &str) -> Option<PassId> {
         let index = self.plan.passes.iter().position(|p| p.name == pass).expect("a pass");
         Some(PassId(index as u32))
@@ -90,7 +83,6 @@ impl Case {
         assert!(said.iter().any(|text| text.contains(expected)), "expected {expected} in {said:#?}");
     }
 
-    /// Checks that the layer does not report the mistake.
     fn not_seen(&self, mistake: impl FnOnce(&mut Case)) {
         assert_eq!(self.said(mistake), Vec::<String>::new(), "the layer sees what it did not see before");
     }
@@ -104,7 +96,6 @@ impl Case {
         wrong.messages()
     }
 
-    /// Returns the layer's messages about submitting frames of the plan and completing them.
     fn messages(&self) -> Vec<String> {
         let inputs = FrameInputs { read_output: self.read_output, ..Default::default() };
         let mut vulkan = open();
@@ -117,7 +108,6 @@ impl Case {
     }
 }
 
-/// Removes all barriers before a pass.
 fn removed(pass: &'static str) -> impl FnOnce(&mut Case) {
     move |case| case.before(pass).clear()
 }
@@ -136,12 +126,10 @@ fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut C
 
 const NOTHING: Side = (Stages::empty(), Accesses::empty());
 
-/// Returns a barrier side with these accesses and no stage.
 fn access(accesses: Accesses) -> Side {
     (Stages::empty(), accesses)
 }
 
-/// Returns a barrier side with this stage and no access.
 fn stage(stages: Stages) -> Side {
     (stages, Accesses::empty())
 }
@@ -161,7 +149,6 @@ void main() { uint i = gl_WorkGroupID.x; sink[i] = source[i]; }",
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, READ), (sink, 1, WRITE)]);
     }
 
-    /// Adds a dispatch that writes all of a buffer.
     fn writes(&mut self, name: &str, buffer: ResourceId) {
         let shader = self.shader(
             "writes.comp",
@@ -173,7 +160,6 @@ void main() { words[gl_WorkGroupID.x] = gl_WorkGroupID.x; }",
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, WRITE)]);
     }
 
-    /// Adds a dispatch that reads and writes all of a buffer.
     fn changes(&mut self, name: &str, buffer: ResourceId) {
         let shader = self.shader("add.comp", &add(1));
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, BOTH)]);

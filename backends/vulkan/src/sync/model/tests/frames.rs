@@ -24,7 +24,6 @@ fn prologue_passes_need_barriers_among_themselves() {
     assert_eq!(sketch.found_in(0), NOTHING);
 }
 
-/// Returns a plan in which a dispatch writes a buffer and then a draw reads it, in every frame.
 fn every_frame(first: &[Barrier]) -> Sketch {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
@@ -96,7 +95,6 @@ fn the_prologue_reads_the_uniforms_of_the_first_frame() {
     assert_eq!(sketch.found_in(4), NOTHING);
 }
 
-/// Returns a plan that exports two statistics of one buffer to the host in every frame.
 fn with_statistics(to_host: &[Barrier]) -> Sketch {
     let mut sketch = Sketch::new();
     let counts = sketch.buffer("counts");

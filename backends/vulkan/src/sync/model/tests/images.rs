@@ -5,7 +5,6 @@ use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Und
 
 const NONE: (Stages, Accesses) = (Stages::empty(), NO_ACCESS);
 
-/// Writes an image as a storage image, then copies from it after `barriers`.
 fn written_then_copied(barriers: &[Barrier]) -> Vec<String> {
     let (mut sketch, image) = written();
     let copied = Use { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };

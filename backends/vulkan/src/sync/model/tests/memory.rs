@@ -136,7 +136,6 @@ fn a_write_after_a_write_needs_memory_too() {
     assert_eq!(after_write(&[&[right]], second), NOTHING);
 }
 
-/// Writes in a compute shader, reads in a fragment shader, and writes again in a compute shader after `barriers`.
 fn write_read_write(barriers: &[Barrier]) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");

@@ -18,7 +18,6 @@ mod order;
 mod sketch;
 mod swap;
 
-/// A handwritten plan and its barriers.
 struct Sketch {
     sketch: sketch::Sketch,
     barriers: Barriers,
@@ -43,7 +42,6 @@ impl Sketch {
         Sketch { sketch: sketch::Sketch::new(), barriers: Barriers { before: vec![], handover: vec![] } }
     }
 
-    /// Adds a dispatch to the frame, with the barriers before it.
     fn frame(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
         self.frame_work(name, barriers, dispatch(), uses);
     }
@@ -53,7 +51,6 @@ impl Sketch {
         self.barriers.before.push(barriers.to_vec());
     }
 
-    /// Adds a dispatch to the prologue, with the barriers before it.
     fn once(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
         self.once_work(name, barriers, dispatch(), uses);
     }
@@ -63,13 +60,11 @@ impl Sketch {
         self.barriers.before.push(barriers.to_vec());
     }
 
-    /// Returns the barriers before the frame's pass number `place`.
     fn before(&mut self, place: usize) -> &mut Vec<Barrier> {
         let pass = self.sketch.plan.frame[place];
         self.barriers.at_mut(Some(pass))
     }
 
-    /// Returns the barriers before the prologue's pass number `place`.
     fn before_once(&mut self, place: usize) -> &mut Vec<Barrier> {
         let pass = self.sketch.plan.prologue[place];
         self.barriers.at_mut(Some(pass))
@@ -79,12 +74,10 @@ impl Sketch {
         super::replay(&self.sketch.plan, &self.barriers, replay)
     }
 
-    /// Replays `frames` frames and returns the violations; see [`tell`].
     fn found_in(&self, frames: u32) -> Vec<String> {
         tell(&self.sketch.plan, &self.replay(&Replay { frames, ..Replay::default() }))
     }
 
-    /// Replays one frame.
     fn found(&self) -> Vec<String> {
         self.found_in(1)
     }
@@ -122,12 +115,10 @@ fn order(source: Stages, target: Stages) -> Barrier {
     barrier((source, NO_ACCESS), (target, NO_ACCESS))
 }
 
-/// Returns the barrier for a read in a compute shader after a write in another one.
 fn compute_to_compute() -> Barrier {
     barrier((COMPUTE, WRITE), (COMPUTE, READ))
 }
 
-/// Returns a barrier that changes an image's layout.
 fn change(
     image: ResourceId,
     (old, new): (Layout, Layout),

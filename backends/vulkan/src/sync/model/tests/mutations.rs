@@ -79,7 +79,6 @@ fn a_trial_leaves_the_replay_as_it_was() {
 fn every_barrier_and_every_bit_is_tried() {
     let sketch = minimal();
     let all = mutations(&sketch.plan, &sketch.barriers);
-    // Seven barriers can be removed, and each bit of their masks can be cleared.
     assert_eq!(sketch.barriers.calls(&sketch.plan).flat_map(|(_, call)| call).count(), 7);
     assert_eq!(all.iter().filter(|m| matches!(m, Mutation::Remove { .. })).count(), 7);
     // Stage and access bits: 5 in the prologue, 4 in the handover, 2 + 3, 4 + 4 and 4 in the frame.

@@ -2,7 +2,6 @@
 
 use super::*;
 
-/// Writes at one stage, reads at another after the barrier calls, and returns the violations.
 fn order_of(write: Stages, barriers: &[&[Barrier]], read: (Stages, Accesses)) -> Vec<String> {
     let mut sketch = Sketch::new();
     let (a, other) = (sketch.buffer("a"), sketch.buffer("other"));
@@ -299,7 +298,6 @@ fn barriers_of_one_call_do_not_chain() {
     assert_eq!(write_after_read_in_one_call(one, two), OVERTAKEN);
 }
 
-/// Reads in a compute shader, then writes after both barriers in one call.
 fn write_after_read_in_one_call(one: Barrier, two: Barrier) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
