@@ -19,7 +19,6 @@ pub struct ArgumentTables {
     places: Vec<Vec<((u32, u32), ArgumentSlot)>>,
 }
 
-/// The arguments of one copy of a pass's bindings.
 #[derive(Clone, Default)]
 pub(crate) struct Table {
     pub arguments: Vec<(ArgumentSlot, Argument)>,
@@ -27,7 +26,6 @@ pub(crate) struct Table {
     pub sizes: Vec<(Stage, [u32; Msl::MAX_BUFFERS as usize])>,
 }
 
-/// An object to set in an argument slot.
 #[derive(Clone)]
 pub(crate) enum Argument {
     /// A buffer, and the byte offset at which the argument starts.
@@ -36,7 +34,6 @@ pub(crate) enum Argument {
 }
 
 impl ArgumentTables {
-    /// Creates an empty table per copy for each pass with bindings.
     pub(crate) fn new(plan: &Plan, pipelines: &Pipelines) -> ArgumentTables {
         let mut tables = vec![Vec::new(); plan.passes.len()];
         let mut places = vec![Vec::new(); plan.passes.len()];
@@ -55,7 +52,6 @@ impl ArgumentTables {
         ArgumentTables { tables, places }
     }
 
-    /// Writes one binding in one copy of a pass's table.
     pub(crate) fn write(
         &mut self,
         pass: PassId,
@@ -85,7 +81,6 @@ impl ArgumentTables {
         self.tables[pass.index()].fill(Table::default());
     }
 
-    /// Returns a pass's table for the frame in this slot; `None` if the pass has no bindings.
     pub(crate) fn of(&self, pass: PassId, slot: usize) -> Option<&Table> {
         let copies = &self.tables[pass.index()];
         copies.get(slot.checked_rem(copies.len())?)

@@ -5,19 +5,16 @@ use crate::objc;
 use metal::{Device, MTLGPUFamily};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 
-/// A GPU, and what Metal reports about it.
 pub(crate) struct Physical {
     pub raw: Device,
     pub info: DeviceInfo,
     pub told: Told,
 }
 
-/// Lists the machine's GPUs.
 pub(crate) fn all() -> Vec<Physical> {
     objc::pool(|| Device::all().into_iter().enumerate().map(|(index, raw)| describe(raw, index)).collect())
 }
 
-/// Chooses the device to open; see [`splatgraph_runtime::choose`].
 pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
     if devices.is_empty() {
         return Err(BackendError::Unavailable("Metal finds no GPU".to_string()));

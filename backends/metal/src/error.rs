@@ -1,7 +1,7 @@
 //! Converts Metal's failures to [`BackendError`]s.
 //!
-//! Metal's calls rarely fail: objects that cannot be created are `nil`, and commands fail when they run. A failed
-//! command buffer has an error, and its results are unreliable. The device then counts as lost and must be reopened.
+//! Objects that cannot be created are `nil`, and commands fail when they run. The results of a failed command buffer
+//! are unreliable, so the device then counts as lost and must be reopened.
 
 use splatgraph_api::BackendError;
 
@@ -10,9 +10,7 @@ pub fn no_object(call: &'static str) -> BackendError {
     BackendError::Api { call, answer: "nil".to_string() }
 }
 
-/// Returns the error for a failed command buffer.
-///
-/// `code` is its `MTLCommandBufferError`, and `text` the description.
+/// Returns the error for a command buffer that failed with this `MTLCommandBufferError` and description.
 pub fn of_command_buffer(code: i64, text: &str) -> BackendError {
     let name = match code {
         1 => "Internal",

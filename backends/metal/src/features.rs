@@ -22,7 +22,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// Limits of the smallest Mac of family Apple 7, for plans built without a device.
+    /// Assumed limits of a small Mac of family Apple 7, for plans built without a device.
     pub const APPLE_7: Told = Told {
         max_buffer_bytes: 4 << 30,
         threadgroup_bytes: 32 << 10,
@@ -32,7 +32,7 @@ impl Told {
     };
 }
 
-/// Number of lanes of a SIMD group, on every Apple GPU.
+/// Number of lanes of a SIMD group. The pipelines of shaders with subgroup operations are checked to have it.
 pub const LANES: u32 = 32;
 
 /// Returns the limits that plans are checked against, for a device that reports `told`.
@@ -102,10 +102,8 @@ pub fn features() -> Features {
     Features::all() - missing
 }
 
-/// Returns the uses that images of a format support.
-///
-/// 32-bit float formats can be blended if they can be filtered (MoltenVK issue 2301), as on all Macs with Apple
-/// silicon.
+/// Returns the uses that images of a format support. Formats of 32-bit floats count as blendable if they can be
+/// filtered (MoltenVK issue 2301).
 pub fn format_support(format: Format, filters_floats: bool) -> FormatSupport {
     let integers = format == Format::R32Uint;
     let floats = matches!(format, Format::R32Float | Format::Rgba32Float);

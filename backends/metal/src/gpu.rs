@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Default time limit of one pass. macOS itself aborts commands after some seconds.
+/// Default time limit of one pass.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// An open Apple GPU; see [`crate::Metal`].
@@ -35,7 +35,6 @@ pub struct MetalGpu {
     pub(crate) labels: bool,
     pub(crate) patience: Duration,
     pub(crate) compile_patience: Duration,
-    /// Bytes that buffers and images occupy.
     pub(crate) allocated: AtomicU64,
     /// Submissions that may not have completed.
     in_flight: Mutex<Vec<Submission>>,
@@ -94,7 +93,6 @@ impl MetalGpu {
         })
     }
 
-    /// Locks the list of submissions that may not have completed, and removes the completed ones.
     pub(crate) fn in_flight(&self) -> MutexGuard<'_, Vec<Submission>> {
         let mut all = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|submission| !submission.is_done());
@@ -111,8 +109,7 @@ impl MetalGpu {
     }
 }
 
-/// Finds the timestamp counters; `None` if they cannot be sampled at the ends of encoders, the only place where Apple's
-/// GPUs can sample them.
+/// Finds the timestamp counters; `None` if they cannot be sampled at the ends of encoders.
 fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
     if !device.supports_counter_sampling(MTLCounterSamplingPoint::AtStageBoundary) {
         return None;

@@ -11,10 +11,8 @@
 //! - [`walk`]: when to open, order and close each encoder, as the passes of a frame are announced;
 //! - [`error`]: conversion of Metal's failures to errors.
 //!
-//! The other half, only for Apple's systems, creates the objects and follows this data. Its files are named after the
-//! Vulkan backend's: `surface` and `device`; `gpu`; `memory`, `pipelines`, `descriptors` (argument tables), `queue`,
-//! `encoder` and `swapchain`; and `backend`, which implements the runtime's [`Gpu`](splatgraph_runtime::Gpu). In
-//! addition, `objc` has the calls that the crate `metal` lacks, and `capture` records a frame for Xcode.
+//! The other half, only for Apple's systems, creates the objects and follows this data. `objc` has the calls that the
+//! crate `metal` lacks.
 //!
 //! That half has never been run: it is compiled and linted for Apple silicon on other systems. `docs/metal-mac.md`
 //! lists the first things to check on a Mac.

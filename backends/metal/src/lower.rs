@@ -1,8 +1,7 @@
 //! Lowers the plan to Metal's terms, as plain data.
 //!
-//! Everything here is a pure function of the plan. Formats, blends and usages become Metal's, passes share a pipeline
-//! if they can, and the bindings of each pass get their indices in the argument tables, as in the translated shaders.
-//! Nothing calls the API, so the lowering can be tested on any machine.
+//! The bindings of each pass get their indices in the argument tables from the translated shaders. Nothing calls the
+//! API, so the lowering can be tested on any machine.
 //!
 //! Two things need no lowering. Arguments of indirect commands have equal layouts in both APIs: three words of a
 //! dispatch (`MTLDispatchThreadgroupsIndirectArguments`), and four of a draw (`MTLDrawPrimitivesIndirectArguments`:
@@ -108,8 +107,7 @@ pub struct ArgumentSlot {
 pub struct Lowered {
     /// Pipelines of the plan, without duplicates.
     pub pipelines: Vec<PipelineState>,
-    /// Index into [`Lowered::pipelines`], by pass; `None` for passes other than dispatches and draws, and for passes
-    /// not in the order.
+    /// Index into [`Lowered::pipelines`], by pass; `None` if the pass has no pipeline or is not in the order.
     pub of_pass: Vec<Option<usize>>,
     /// The arguments of each pass, by stage; empty for passes without a pipeline.
     pub arguments: Vec<Vec<StageArguments>>,
@@ -253,9 +251,8 @@ pub fn image_usage(usage: Usage) -> TextureUsage {
 /// Threadgroup size in x and y of the kernel that clears an image.
 pub const CLEAR_THREADS: [u32; 2] = [16, 16];
 
-/// Returns the number of threadgroups that fill `words` words with 256 threads each.
-///
-/// It never exceeds the limit in x: with fewer threads than words, the kernel loops.
+/// Returns the number of threadgroups that fill `words` words with 256 threads each, at most 65,535: with fewer
+/// threads than words, the kernel loops.
 pub fn fill_groups(words: u64) -> u32 {
     const MAX_GROUPS: u64 = 65535;
     words.div_ceil(256).min(MAX_GROUPS) as u32

@@ -32,7 +32,6 @@ enum Backing {
 pub(crate) type Requirements = splatgraph_runtime::Requirements<()>;
 
 impl Memory {
-    /// Allocates memory that meets the requirements; `name` names it in errors.
     pub(crate) fn new(
         gpu: &Arc<MetalGpu>,
         name: &str,
@@ -108,7 +107,6 @@ pub struct UnboundImage {
     descriptor: TextureDescriptor,
 }
 
-/// Returns the description of a buffer without memory, and its memory requirements.
 pub(crate) fn create_buffer(gpu: &MetalGpu, desc: &BufferDesc) -> (UnboundBuffer, Requirements) {
     // Shaders and fills access whole words.
     let bytes = desc.bytes.next_multiple_of(4);
@@ -116,7 +114,6 @@ pub(crate) fn create_buffer(gpu: &MetalGpu, desc: &BufferDesc) -> (UnboundBuffer
     (UnboundBuffer { name: desc.name.to_string(), bytes }, requirements(needed, MemoryKind::Linear))
 }
 
-/// Returns the description of an image without memory, and its memory requirements.
 pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, Requirements) {
     let descriptor = TextureDescriptor::new();
     descriptor.set_texture_type(MTLTextureType::D2);
@@ -129,7 +126,6 @@ pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, R
     (UnboundImage { name: desc.name.to_string(), descriptor }, requirements(needed, MemoryKind::Optimal))
 }
 
-/// Creates a buffer at the start of memory that meets its requirements.
 pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buffer, BackendError> {
     let raw = match &memory.backing {
         Backing::Heap(heap) => heap
@@ -141,7 +137,6 @@ pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buf
     Ok(raw)
 }
 
-/// Creates an image at the start of memory that meets its requirements.
 pub(crate) fn bind_image(image: &UnboundImage, memory: &Memory) -> Result<Texture, BackendError> {
     let raw = match &memory.backing {
         Backing::Heap(heap) => heap.new_texture_with_offset(&image.descriptor, 0),

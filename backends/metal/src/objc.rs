@@ -17,12 +17,10 @@ pub(crate) const COMPLETED: u64 = 4;
 /// `MTLCommandBufferStatus` of a failed command buffer.
 pub(crate) const FAILED: u64 = 5;
 
-/// Runs `body` in an autorelease pool.
 pub(crate) fn pool<T>(body: impl FnOnce() -> T) -> T {
     metal::objc::rc::autoreleasepool(body)
 }
 
-/// Creates a command queue of the device; `None` if Metal creates none.
 pub(crate) fn new_queue(device: &DeviceRef) -> Option<CommandQueue> {
     // SAFETY: the method takes no arguments, and returns a retained object or nil.
     let raw: *mut MTLCommandQueue = unsafe { msg_send![device, newCommandQueue] };
@@ -63,7 +61,6 @@ pub(crate) fn max_buffer_length(device: &DeviceRef) -> u64 {
     unsafe { msg_send![device, maxBufferLength] }
 }
 
-/// Returns how many bytes of device memory this process has allocated.
 pub(crate) fn allocated_bytes(device: &DeviceRef) -> u64 {
     // SAFETY: a property of type NSUInteger.
     unsafe { msg_send![device, currentAllocatedSize] }
@@ -95,7 +92,6 @@ pub(crate) fn is_main_thread() -> bool {
     answer == YES
 }
 
-/// Records a barrier between an encoder's earlier and later dispatches, for the resources in its scope.
 pub(crate) fn memory_barrier(encoder: &ComputeCommandEncoderRef, buffers: bool, textures: bool) {
     // MTLBarrierScopeBuffers and MTLBarrierScopeTextures.
     let scope = u64::from(buffers) | u64::from(textures) << 1;
@@ -103,13 +99,11 @@ pub(crate) fn memory_barrier(encoder: &ComputeCommandEncoderRef, buffers: bool, 
     unsafe { msg_send![encoder, memoryBarrierWithScope: scope] }
 }
 
-/// Returns the status of a command buffer, one of `MTLCommandBufferStatus`.
 pub(crate) fn status(commands: &CommandBufferRef) -> u64 {
     // SAFETY: a property of type NSUInteger.
     unsafe { msg_send![commands, status] }
 }
 
-/// Returns the code and the description of a command buffer's error.
 pub(crate) fn error(commands: &CommandBufferRef) -> (i64, String) {
     pool(|| {
         // SAFETY: a property that is an error or nil.
@@ -158,7 +152,6 @@ pub(crate) fn resolve(samples: &CounterSampleBufferRef, count: usize) -> Option<
     })
 }
 
-/// Sets the document of a capture.
 pub(crate) fn set_output(descriptor: &CaptureDescriptorRef, path: &Path) -> Result<(), String> {
     let text = path.to_str().and_then(|path| CString::new(path).ok());
     let text = text.ok_or_else(|| format!("expected a path in Unicode, found {}", path.display()))?;
@@ -212,7 +205,6 @@ pub(crate) fn set_srgb(layer: &MetalLayerRef) {
     }
 }
 
-/// Returns the text of an NSString; empty for `nil`.
 fn string(text: *mut Object) -> String {
     if text.is_null() {
         return String::new();

@@ -52,7 +52,7 @@ impl Order {
 }
 
 impl Pipelines {
-    /// Creates the pipelines of all dispatches and draws of a plan; calls `next` before each.
+    /// Creates a plan's pipelines; calls `next` before each.
     pub(crate) fn new(
         gpu: &MetalGpu,
         plan: &Plan,
@@ -60,7 +60,6 @@ impl Pipelines {
     ) -> Result<Pipelines, BackendError> {
         let plan = &*translated(plan)?;
         let lowered = lower::lower(plan)?;
-        // Needed only until the pipelines are created.
         let mut functions = HashMap::new();
         let mut pipelines = Vec::new();
         for (done, state) in lowered.pipelines.iter().enumerate() {
@@ -98,7 +97,6 @@ impl Pipelines {
         })
     }
 
-    /// Returns a pass's pipeline; `None` if it has no pipeline.
     pub(crate) fn of(&self, pass: PassId) -> Option<&Pipeline> {
         self.lowered.of_pass[pass.index()].map(|pipeline| &self.pipelines[pipeline])
     }
@@ -119,7 +117,6 @@ fn translated(plan: &Plan) -> Result<Cow<'_, Plan>, BackendError> {
 
 fn function(gpu: &MetalGpu, plan: &Plan, shader: ShaderId) -> Result<Function, BackendError> {
     let shader = plan.shader(shader);
-    // The lowering guarantees that there is a translation.
     let Some(Msl { source, entry, .. }) = shader.msl.as_deref() else {
         unreachable!("a lowered plan is translated")
     };

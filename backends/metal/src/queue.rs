@@ -14,17 +14,14 @@ use std::time::{Duration, Instant};
 /// Interval between checks for failed submissions during a wait for the whole queue.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// Events that a submission's commands wait for before they start.
 pub(crate) struct After<'a> {
-    /// Event that the commands wait for, and the value it must reach.
     pub event: (&'a SharedEventRef, u64),
     /// True to wait for all earlier submissions, false to wait for published ones only.
     pub all: bool,
 }
 
-/// Submits a frame or an upload, followed by the draw into a window, if any.
-///
-/// `commands` has one command buffer for each; the last one signals `done`.
+/// Submits a frame or an upload, followed by the draw into a window, if any: one command buffer for each, of which the
+/// last signals `done`.
 ///
 /// The commands start once the event in `after` reaches its value. This function makes the queue signal that value when
 /// the earlier submissions that `after` covers, of all executors, have completed.
@@ -54,9 +51,8 @@ pub(crate) fn submit(
     Ok(())
 }
 
-/// Blocks until `commands`, the last of which signals `done`, have completed, for at most `limit`.
-///
-/// Returns false if the limit has passed.
+/// Blocks until `commands`, the last of which signals `done`, have completed, for at most `limit`. Returns false if the
+/// limit has passed.
 ///
 /// # Errors
 /// Returns an error if a command buffer failed. `done` gets its value anyway, so that no waiter hangs.
@@ -86,9 +82,7 @@ pub(crate) fn wait(
 }
 
 /// Blocks until all earlier submissions have completed or failed, for at most `limit`. Returns false if the limit has
-/// passed.
-///
-/// Other threads can submit meanwhile.
+/// passed. Other threads can submit meanwhile.
 pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
     let begun = Instant::now();
     let before = gpu.in_flight().clone();
@@ -104,7 +98,7 @@ pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
     true
 }
 
-/// The timestamps of a frame: two of its command buffer, then samples taken at the ends of encoders.
+/// The timestamps of a frame: two of its command buffer, then samples at the ends of encoders.
 #[derive(Clone)]
 pub struct Timestamps(Arc<Times>);
 
@@ -124,10 +118,8 @@ struct Written {
 }
 
 impl Timestamps {
-    /// Creates `count` timestamps. Those of passes are optional.
-    ///
-    /// They are missing if the device cannot sample counters at the ends of encoders, or has no counter sample buffer
-    /// left: macOS allows 32 (gpuweb issue 3652).
+    /// Creates `count` timestamps. Those of passes are missing if the device cannot sample counters at the ends of
+    /// encoders, or has no counter sample buffer left.
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
         let samples = u64::from(count.saturating_sub(2).min(lower::MAX_SAMPLES));
         let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {

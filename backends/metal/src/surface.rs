@@ -10,7 +10,6 @@ use std::sync::Arc;
 /// Pixel format of the drawables. It is not sRGB, because colours are already display-encoded.
 pub(crate) const FORMAT: MTLPixelFormat = MTLPixelFormat::BGRA8Unorm;
 
-/// A window's layer.
 pub(crate) struct Surface {
     pub layer: MetalLayer,
     // The view belongs to the window.
@@ -18,7 +17,6 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// Attaches a layer to the window, for images of `device`.
     pub fn new(window: Arc<dyn Window>, device: &metal::DeviceRef) -> Result<Surface, BackendError> {
         let handle = window.window_handle().map_err(no_handle)?.as_raw();
         let RawWindowHandle::AppKit(handle) = handle else {

@@ -1,8 +1,7 @@
 //! Acquires drawables of a window's layer, and draws a frame's output into them.
 //!
-//! A layer has three drawables, which alternate between the layer and the program. A triangle that covers the drawable
-//! samples the output, which is scaled if the sizes differ. The draw has its own command buffer, so the frame does not
-//! wait for the window.
+//! A triangle that covers the drawable samples the output, which is scaled if the sizes differ. The draw has its own
+//! command buffer, so the frame does not wait for the window.
 
 use crate::error::no_object;
 use crate::gpu::MetalGpu;
@@ -21,7 +20,6 @@ pub struct Swapchain {
     output: Option<Output>,
 }
 
-/// The output to draw into the acquired drawable.
 struct Output {
     texture: Texture,
     format: Format,
@@ -51,7 +49,6 @@ impl Swapchain {
         }
     }
 
-    /// Sets the output to draw into the acquired drawable.
     pub(crate) fn set_output(&mut self, output: &Image<MetalGpu>) {
         self.output = Some(Output { texture: output.raw.clone(), format: output.format, size: output.size });
     }

@@ -11,12 +11,10 @@ pub use sketch::{Sketch, reads, writes};
 use sketch::{dispatch, touch};
 
 impl Sketch {
-    /// Adds a readback buffer, which has a copy per frame in flight.
     pub fn readback(&mut self) -> ResourceId {
         self.resource("readback", Shape::Buffer { stride: 4, count: 16 }, Source::Readback)
     }
 
-    /// Adds a pass to the prologue or the frame, with its dependencies.
     fn add(&mut self, name: &str, run: Run, work: Work, uses: &[Use]) {
         match run {
             Run::Once => self.once_work(name, work, uses),
@@ -93,7 +91,6 @@ impl Sketch {
         (lines(&encoders.prologue), lines(&encoders.frame))
     }
 
-    /// Formats the encoders of the frame, in [`Division::Merged`].
     pub fn lines(&self) -> Vec<String> {
         self.told(Division::Merged).1
     }

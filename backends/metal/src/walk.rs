@@ -253,7 +253,6 @@ mod tests {
         moves
     }
 
-    /// Walks through a whole frame, and marks it as submitted.
     fn frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> Vec<Move> {
         let mut walk = Walk::default();
         walk.begin();

@@ -5,7 +5,6 @@ use std::path::Path;
 #[path = "../../../tests/module_order.rs"]
 mod module_order;
 
-/// The modules, in order: each may import only earlier ones.
 const ORDER: [&str; 18] = [
     "objc",
     "error",

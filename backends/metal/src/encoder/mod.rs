@@ -30,7 +30,6 @@ pub use state::Encoder;
 use state::{Bound, Open};
 
 impl Encoder {
-    /// Submits the recorded commands, followed by the draw of the output into a window, if any.
     pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
         objc::pool(|| self.submit_pooled(window))
     }
@@ -69,7 +68,6 @@ impl Encoder {
         Ok(())
     }
 
-    /// Blocks until the last submission has completed, for at most `limit`. Returns true if it has completed.
     pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
         let done = objc::pool(|| queue::wait(&self.submitted, (&self.done.0, self.done.1), limit))?;
         if let (true, Some(frame)) = (done, self.submitted.first()) {
@@ -81,7 +79,6 @@ impl Encoder {
         Ok(done)
     }
 
-    /// Carries out the moves that the walk has added to `moves`.
     fn follow(&mut self) {
         let moves = std::mem::take(&mut self.moves);
         for step in &moves {
@@ -370,9 +367,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.times = Some(timestamps.clone());
     }
 
-    /// Stores the first timestamp's index for the pass's encoder, which is opened later.
-    ///
-    /// The encoder samples both of the pass's timestamps, so the first index determines both.
+    /// Stores the first timestamp's index for the pass's encoder, which is opened later and samples both timestamps.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
         if let (Some(sample), Some(_)) = (lower::sample(index), self.next)
             && sample.is_multiple_of(2)

@@ -10,8 +10,8 @@ use splatgraph_runtime::Image;
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {
-        // Other encoders may be ordered only through this one, but Metal may drop an encoder without commands, and its
-        // fences with it. A command without effect prevents that. (Metal does not drop render encoders.)
+        // Other encoders may be ordered only through this one. A command without effect keeps it from being empty, in
+        // case Metal drops empty encoders with their fences. Render encoders have their load actions.
         match self.next {
             Some(EncoderKind::Compute) => {
                 if let Some(encoder) = self.compute() {
@@ -95,7 +95,6 @@ impl Encoder {
         });
     }
 
-    /// Returns the open compute encoder; opens one if necessary.
     pub(super) fn compute(&mut self) -> Option<ComputeCommandEncoder> {
         if !matches!(self.open, Open::Compute(_)) {
             if self.next != Some(EncoderKind::Compute) {
@@ -122,7 +121,6 @@ impl Encoder {
         Some(encoder.clone())
     }
 
-    /// Returns the open blit encoder; opens one if necessary.
     pub(super) fn blit(&mut self) -> Option<BlitCommandEncoder> {
         if !matches!(self.open, Open::Blit(_)) {
             if self.next != Some(EncoderKind::Blit) {

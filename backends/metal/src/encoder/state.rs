@@ -12,7 +12,6 @@ use std::ffi::c_void;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The Metal encoder that records commands.
 pub(super) enum Open {
     None,
     Compute(ComputeCommandEncoder),
@@ -40,13 +39,11 @@ pub struct Encoder {
     pub(super) walk: Walk,
     pub(super) order: Option<Arc<Order>>,
     pub(super) moves: Vec<Move>,
-    /// The encoder that is open now.
     pub(super) open: Open,
     /// Kind of encoder to open for the next command, after waiting for `waits`; `None` if it is open already.
     pub(super) next: Option<EncoderKind>,
     pub(super) waits: Vec<FenceUse>,
     pub(super) bound: Bound,
-    /// The timestamps that the frame writes.
     pub(super) times: Option<Timestamps>,
     /// Index of the first of the next encoder's two samples.
     pub(super) sample: Option<u32>,
@@ -56,7 +53,6 @@ pub struct Encoder {
     pub(super) gpu: Arc<MetalGpu>,
 }
 
-/// The pipeline and the arguments of the next command.
 #[derive(Default)]
 pub(super) struct Bound {
     pub(super) pipeline: Option<Pipeline>,

@@ -3,7 +3,6 @@
 use super::encoding::{Division, EncoderKind};
 use splatgraph_framework::{ir::*, plan::*};
 
-/// The passes of one encoder.
 pub(super) struct Group {
     pub kind: EncoderKind,
     pub passes: Vec<PassId>,
@@ -36,10 +35,8 @@ fn kind(work: &Work) -> Option<EncoderKind> {
     }
 }
 
-/// Returns true if a draw can join the group's encoder.
-///
-/// It must have the same targets, keep their contents, and depend on the group's draws only by blending and depth
-/// tests.
+/// Returns true if a draw can join the group's encoder: it has the same targets, keeps their contents, and depends on
+/// the group's draws only by blending and depth tests.
 fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
         Work::Draw { targets, depth, .. } => (targets.as_slice(), *depth),
@@ -47,7 +44,6 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     };
     let ((own, tested), (others, other_depth)) = (targets(pass), targets(group.passes[0]));
     let images = |targets: &[Target]| targets.iter().map(|target| target.image).collect::<Vec<_>>();
-    // The encoder itself orders its draws' accesses to a target.
     let blends = |dependency: &Dependency| {
         let both = dependency.masks.source_stages | dependency.masks.target_stages;
         let attached = Stages::COLOR_OUTPUT | Stages::DEPTH_TESTS;

@@ -17,9 +17,8 @@ pub struct Encoders {
     /// Encoders that run once, after the plan or the scene has changed. With a [`handover`](Encoders::handover), all
     /// later submissions wait for all of them.
     pub prologue: Vec<Encoding>,
-    /// True if the first frame must wait for the whole prologue, by an event.
-    ///
-    /// That is the case if a pass of the frame accesses memory that the prologue accessed.
+    /// True if the first frame must wait for the whole prologue, by an event, because a pass of the frame accesses
+    /// memory that the prologue accessed.
     pub handover: bool,
     /// Encoders that run every frame. Only fences order one frame after another.
     pub frame: Vec<Encoding>,
@@ -127,7 +126,7 @@ impl MemoryBarrier {
 pub enum Division {
     /// As few encoders as the kinds of passes allow.
     Merged,
-    /// One encoder per pass: Apple's GPUs take timestamps only at the boundaries of encoders.
+    /// One encoder per pass, for timestamps at the ends of encoders.
     Passes,
 }
 

@@ -28,7 +28,6 @@ pub(super) type Uses = (Vec<(u32, RenderStages)>, Vec<(u32, RenderStages)>);
 /// A stage of an encoder. Encoders of the next frame have indices that continue those of this frame.
 type Moment = (usize, RenderStages);
 
-/// The use of a fence from an update to a wait for it.
 struct Span {
     update: Moment,
     wait: Moment,
@@ -80,9 +79,8 @@ struct Order<'a> {
 }
 
 impl Order<'_> {
-    /// Lists the spans of all waits, sorted by their updates.
-    ///
-    /// The longest span of equal updates comes first, because it fits the fewest fences.
+    /// Lists the spans of all waits, sorted by their updates. Of equal updates, the longest span comes first: it
+    /// conflicts with the most others.
     fn spans(&self) -> Vec<Span> {
         let mut spans = Vec::new();
         for (encoder, waits) in self.waits.iter().enumerate() {

@@ -40,9 +40,8 @@
 //!
 //! Apple's pages do not state the following, which must be confirmed on a Mac (`docs/metal.md` has the list). Arguments
 //! of indirect draws are read in the vertex stage, and arguments of indirect dispatches within a barrier's scope for
-//! buffers. Targets are loaded, cleared and stored in the fragment stage (MoltenVK maps Vulkan's stages in this way,
-//! `MVKCmdPipeline.mm`). A barrier orders writes after reads, as it orders reads after writes. An encoder without
-//! commands still waits and updates.
+//! buffers. Targets are loaded, cleared and stored in the fragment stage. A barrier orders writes after reads, as it
+//! orders reads after writes. An encoder without commands still waits and updates.
 
 mod divide;
 mod encoding;

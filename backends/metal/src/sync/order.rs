@@ -44,9 +44,8 @@ struct Walk<'a> {
     places: Vec<Option<(usize, usize)>>,
     /// The waits of each encoder in the walk: those of the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// For each encoder, the numbers of the last searches that visited the ends of its vertices and of its rest.
-    ///
-    /// Numbering the searches saves clearing the marks.
+    /// For each encoder, the numbers of the last searches that visited the ends of its vertices and of its rest. With
+    /// numbers, no marks must be cleared between searches.
     seen: Vec<u32>,
     searches: u32,
 }
@@ -61,7 +60,6 @@ struct Ordered<'a> {
     handover: Vec<&'a Dependency>,
 }
 
-/// Orders the encoders of a plan.
 pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (Encoders, Vec<(At, Cause)>) {
     let mut walk = Walk {
         plan,
@@ -265,9 +263,7 @@ fn add_reasons(reasons: &mut Vec<(At, Cause)>, encoder: &Ordered, at: impl Fn(Po
     }
 }
 
-/// Adds a dependency to the reasons of a wait or barrier.
-///
-/// Merges it with a reason that differs only in the earlier passes, if there is one.
+/// Adds a dependency to the reasons of a wait or barrier, merged with a reason that differs only in the earlier passes.
 fn add_reason(reasons: &mut Vec<(At, Cause)>, at: At, dependency: &Dependency) {
     let Dependency { hazard, first, second, since, resource, alias, .. } = *dependency;
     let previous_frame = since == Since::PreviousFrame;

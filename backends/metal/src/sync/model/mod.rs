@@ -114,7 +114,6 @@ enum Part {
     Rest,
 }
 
-/// A dependency of a part of one pass on a part of another.
 struct Pair<'a> {
     dependency: &'a Dependency,
     parts: [Part; 2],
@@ -130,7 +129,6 @@ pub struct Model<'a> {
     pairs: Vec<Pair<'a>>,
 }
 
-/// An encoder in the order of submission.
 struct Submitted<'a> {
     encoding: &'a Encoding,
     frame: Option<u32>,
@@ -293,7 +291,6 @@ fn overtaking(plan: &Plan, encoders: &Encoders) -> Vec<String> {
     found
 }
 
-/// Returns true if the earlier pass of a pair is complete when the later one begins.
 fn in_order(pair: &Pair, submitted: &[Submitted], first: (usize, usize), second: (usize, usize)) -> bool {
     let (encoder, later) = (&submitted[first.0], &submitted[second.0]);
     if first.0 != second.0 {
@@ -348,7 +345,6 @@ fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
     submitted
 }
 
-/// Returns the part that begins after a wait, or ends before an update.
 fn part(fence: &FenceUse) -> Part {
     if fence.stages == Some(RenderStages::Vertex) { Part::Vertices } else { Part::Rest }
 }
@@ -372,7 +368,6 @@ fn add(known: &mut [u64], more: &[u64]) {
     known.iter_mut().zip(more).for_each(|(known, more)| *known |= more);
 }
 
-/// Returns the parts of a pass that include any of these stages.
 fn parts(plan: &Plan, pass: PassId, stages: Stages) -> Vec<Part> {
     let draws = matches!(plan.pass(pass).work, Work::Draw { .. });
     let early = Stages::INDIRECT | Stages::VERTEX;
@@ -386,7 +381,6 @@ fn scope(plan: &Plan, resource: ResourceId) -> MemoryBarrier {
     MemoryBarrier { buffers: !textures, textures }
 }
 
-/// Reports the mistakes within one encoder to `say`.
 fn malformed(plan: &Plan, encoding: &Encoding, fences: u32, mut say: impl FnMut(String)) {
     let Encoding { kind, waits, passes, updates } = encoding;
     if passes.is_empty() {

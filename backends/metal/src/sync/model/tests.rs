@@ -4,7 +4,6 @@ use super::mutate::{At, Mutation, apply, mutations};
 use super::*;
 use crate::testing::*;
 
-/// Lowers a plan, changes its encoders, and returns the model's objections.
 fn told(sketch: &Sketch, change: impl FnOnce(&mut Encoders)) -> Vec<String> {
     let mut encoders = encoders(&sketch.plan, Division::Merged);
     change(&mut encoders);
@@ -164,8 +163,6 @@ fn each_part_of_the_synchronization_can_be_taken_away() {
     let s = chain();
     let encoders = encoders(&s.plan, Division::Merged);
     let all = mutations(&encoders);
-    // The mutations: the handover, the waits of all three encoders, their updates, the barrier, and weaker stages of
-    // the draw.
     assert!(
         all.contains(&Mutation::Handover) && all.contains(&Mutation::Barrier(At::Frame(0), 1)),
         "{all:?}"
