@@ -152,7 +152,6 @@ fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// Reads the files of a folder of the repository, by paths such as `shaders/sort/scatter.comp`.
 fn texts(folder: &str) -> BTreeMap<String, String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut found = BTreeMap::new();

@@ -48,7 +48,6 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Reads the files that every section can use, by their path under `in`.
 fn shared_files() -> BTreeMap<String, String> {
     let root = folder("tests/golden/in");
     let shared = ["pipelines", "shaders"].map(|name| files_in(&root.join(name))).concat();
@@ -82,7 +81,6 @@ fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
 }
 
-/// Renders the diagnostics of one section of the input `name`.
 fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compiler: &mut Glslang) -> String {
     let host = [("scene.count", 1000), ("viewport.width", 64), ("viewport.height", 32)]
         .map(|(name, value)| (name.to_string(), Value::Int(value)));

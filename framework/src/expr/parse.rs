@@ -59,7 +59,6 @@ struct Parser<'a> {
     text: &'a str,
     /// Offset after `token`, where [`Parser::advance`] continues.
     at: usize,
-    /// The next token, at `start..end`.
     token: Token,
     start: usize,
     end: usize,

@@ -112,7 +112,6 @@ impl Linker<'_> {
             || self.shaders[shader.index()].reflection.bindings.iter().any(used)
     }
 
-    /// Returns true if the host rewrites one of these resources for every frame.
     pub(super) fn changes_every_frame(&self, resources: &[ResourceId]) -> bool {
         resources.iter().any(|id| self.resource(*id).source.is_per_frame())
     }

@@ -59,7 +59,6 @@ pub(super) struct Level {
     pub graph: Rc<Graph>,
     pub root: Place,
     pub names: Names,
-    /// Parameters of the graph itself, and those exposed by its parts.
     pub params: Vec<Param>,
     pub exposed: Exposed,
     /// Resources by name; `None` for an invalid declaration.
@@ -91,7 +90,6 @@ impl Level {
     }
 }
 
-/// The names at the start of a level.
 pub(super) struct Scope {
     /// Facts and parameters.
     pub names: Names,

@@ -107,7 +107,6 @@ pub(super) fn resolve(
     Resolved { params, names, live_bytes: live_bytes(parameters.all.len()), live, skipped }
 }
 
-/// A parameter, with the other parameters of the root graph that it depends on.
 struct Made {
     param: Param,
     /// Parameters that the value depends on.

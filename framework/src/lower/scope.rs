@@ -180,7 +180,6 @@ impl Names {
         u64::try_from(v).map_err(|_| place.error("this cannot be negative", format!("is {v}")))
     }
 
-    /// Evaluates one to three non-negative integers. Missing dimensions are 1.
     pub fn extent(&self, extent: &schema::Extent, place: &Place) -> Result<Extent, Diagnostic> {
         let mut size = [1; 3];
         for (axis, number) in extent.0.iter().enumerate() {
@@ -224,7 +223,6 @@ impl Scope for Reached<'_> {
     }
 }
 
-/// Formats a value with its type, for messages.
 pub(super) fn describe(value: &Value) -> String {
     match value {
         Value::Bool(v) => v.to_string(),

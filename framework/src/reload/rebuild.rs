@@ -160,7 +160,6 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
     }
 }
 
-/// Returns the message of a panic, or a placeholder if it has none.
 fn message(payload: Box<dyn Any + Send>) -> String {
     match payload.downcast::<String>() {
         Ok(text) => *text,

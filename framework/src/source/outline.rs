@@ -246,7 +246,6 @@ impl<'a> Parser<'a> {
         Ok(self.push(first.start..end, first.start..first.end, content))
     }
 
-    /// Parses a field name or map key and its colon. Returns the name and its span.
     fn key(&mut self, bracket: char) -> ParseResult<(String, Range<usize>)> {
         let Some(token) = self.peek(0) else { return Err(self.expected("a name")) };
         let (name, place) = match &token.kind {
@@ -395,7 +394,6 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Returns the error for an expression that lacks its quotes.
 pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
     Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
         .with_help(format!("write it as a string: `\"{name}\"`"))

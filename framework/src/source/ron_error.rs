@@ -239,7 +239,6 @@ impl Translator<'_> {
                 .starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
     }
 
-    /// Returns the element that starts at the cursor, if any.
     fn node_at_cursor(&self) -> Option<&Node> {
         self.outline.as_ref()?.starting_at(self.end)
     }

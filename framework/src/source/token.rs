@@ -39,7 +39,6 @@ pub(super) struct Text {
 }
 
 impl Text {
-    /// Converts a byte offset in the value to an offset in the file.
     pub fn file_offset(&self, offset: usize) -> usize {
         let next = self.steps.partition_point(|(value, _)| *value <= offset);
         let (value, file) = self.steps[next - 1];

@@ -43,7 +43,6 @@ pub(super) enum Failure {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct IncludeFailure {
-    /// Index of the unit with the `#include`.
     pub unit: usize,
     pub name: String,
     pub why: IncludeProblem,

@@ -82,7 +82,6 @@ impl From<Option<i64>> for Truth {
     }
 }
 
-/// An open `#if`.
 struct Group {
     /// Certainty that the current branch is compiled.
     active: Truth,

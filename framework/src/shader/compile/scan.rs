@@ -139,7 +139,6 @@ pub(super) struct Scan<'t> {
     pub identifiers: HashSet<&'t str>,
     /// Names after `#include`, with their places (inside the quotes).
     pub includes: Vec<(&'t str, Range<usize>)>,
-    /// Names after `#define`.
     pub macros: HashSet<&'t str>,
     /// All words, numbers and symbols after `#if` and `#elif`.
     pub conditions: HashSet<&'t str>,

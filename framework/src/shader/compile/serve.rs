@@ -51,7 +51,6 @@ pub(super) fn on_large_stack<T: Send, W: FnOnce() -> T + Send>(work: W) -> Optio
     })
 }
 
-/// The start or the end of a compilation, sent to the watching thread.
 enum Turn {
     Begin,
     End,

@@ -31,7 +31,6 @@ pub(super) struct Unit {
     pub text: String,
     /// Included files, by the name in the `#include`.
     pub includes: BTreeMap<String, Include>,
-    /// Names that follow a number type, as in `uint count`, with their places.
     pub declared: Vec<(String, Range<usize>)>,
 }
 
@@ -43,7 +42,6 @@ pub(super) enum UnitOrigin {
 }
 
 pub(super) struct Include {
-    /// Place of the name in the including file.
     pub place: Range<usize>,
     /// Index of the included unit, or the error if the file is missing.
     pub target: Result<usize, NotFound>,

@@ -9,7 +9,6 @@ struct Bench {
 }
 
 impl Bench {
-    /// Takes the path (`shaders/sort.comp`) and text of each file.
     fn new(files: &[(&str, &str)]) -> Bench {
         let memory = files.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
         Bench { files: SourceMap::new(Library { memory, ..Library::default() }), compiler: Glslang::new() }

@@ -295,7 +295,6 @@ impl Drop for Process {
     }
 }
 
-/// Reads up to the end of [`MAGIC`].
 fn find_magic(input: &mut impl Read) -> io::Result<()> {
     let mut last = Vec::new();
     let mut byte = [0];
