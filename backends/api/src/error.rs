@@ -53,9 +53,8 @@ pub enum BackendError {
         /// The call that failed.
         call: &'static str,
     },
-    /// A pass or an upload ran longer than [`Options::patience`](crate::Options::patience).
-    ///
-    /// A frame stays in flight and can be waited for again. An upload fails its load.
+    /// A pass or an upload ran longer than [`Options::patience`](crate::Options::patience). A frame stays in flight and
+    /// can be waited for again; an upload fails its load.
     #[error("{place} has been running for {seconds} s; it may never end")]
     Stuck {
         /// Description of the running work, as in [`Running::place`](crate::Running::place).
@@ -63,9 +62,7 @@ pub enum BackendError {
         /// Seconds for which this work has been observed running.
         seconds: u64,
     },
-    /// The driver's compiler did not finish a pipeline in time, and the load was abandoned.
-    ///
-    /// The plan can be loaded once the compiler has finished.
+    /// The driver's compiler did not finish a pipeline in time. The plan can be loaded once it has finished.
     #[error(
         "the driver has been compiling shader `{shader}` for pass `{pass}` of `{plan}` for more than {seconds} s; it may never end"
     )]

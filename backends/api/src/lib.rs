@@ -89,10 +89,8 @@ impl fmt::Display for Robustness {
 pub struct Heap {
     /// Size of the heap in bytes.
     pub bytes: u64,
-    /// Bytes that this process can still allocate; `None` if unknown.
-    ///
-    /// This is the driver's estimate (Vulkan: `VK_EXT_memory_budget`), made when the device was listed or, from
-    /// [`Device::heap`], at the time of that call.
+    /// Bytes that this process can still allocate, as the driver estimated when the device was listed or
+    /// [`Device::heap`] was called; `None` if unknown.
     pub available: Option<u64>,
 }
 
@@ -208,10 +206,8 @@ pub enum BufferContents {
 /// Required byte alignment of the first row of [`BufferContents::Rows`]; sufficient on every device.
 pub const ROWS_ALIGNMENT: u64 = 256;
 
-/// A frame's output on the device, kept because the frame was submitted with [`FrameInputs::show`].
-///
-/// It can be read until its context is dropped or shows a frame of another size or format. Frames in flight keep it
-/// alive.
+/// A frame's output on the device, kept because the frame was submitted with [`FrameInputs::show`]. It can be read
+/// until its context is dropped or shows a frame of another size or format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Picture {
     /// Unique number among the pictures of a device.
@@ -283,10 +279,8 @@ pub struct Pixels {
     pub bytes: PixelBytes,
 }
 
-/// The bytes of a picture that was read back, in the memory that the device wrote. Clones share them.
-///
-/// The memory is reused once the last clone is dropped. Until then other frames allocate other memory, so keeping many
-/// pictures costs memory.
+/// The bytes of a picture that was read back, in the memory that the device wrote. Clones share them. The memory is
+/// reused once the last clone is dropped; until then other frames allocate more.
 #[derive(Clone)]
 pub struct PixelBytes(Arc<dyn AsRef<[u8]> + Send + Sync>);
 
@@ -344,16 +338,13 @@ pub trait Loader: Send + 'static {
     type Ready: Send + 'static;
 
     /// Makes [`Loader::prepare`] return [`BackendError::Cancelled`] if `cancel` requests it while pipelines are
-    /// compiled, even if the driver is busy.
-    ///
-    /// A later request has no effect: the upload is finished, so that the next plan finds the scene on the device.
+    /// compiled, even if the driver is busy. Later, the upload is finished, so that the next plan finds the scene on
+    /// the device.
     #[must_use]
     fn cancelled_by(self, cancel: Cancel) -> Self;
 
-    /// Lets the plan reuse results of `run: Once` passes of the device's other plans.
-    ///
-    /// A result is reused if everything that it depends on is equal. Its passes are then omitted, so do not use this to
-    /// measure or inspect them.
+    /// Lets the plan reuse results of `run: Once` passes of the device's other plans, if everything that they depend on
+    /// is equal. The passes are then omitted, so do not use this to measure or inspect them.
     #[must_use]
     fn sharing_results(self) -> Self;
 
