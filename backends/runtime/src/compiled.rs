@@ -34,7 +34,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub pass_names: Arc<[String]>,
     /// Number of the plan within its executor, set by [`CompiledPlan::follow`]; frames refer to it.
     pub number: u64,
-    /// The scene's identity; see [`SceneData::identity`].
     identity: u64,
     /// For each resource, its layout after the frames submitted so far; meaningful only for images.
     pub layouts: Vec<Layout>,
@@ -58,7 +57,6 @@ pub(crate) struct PlanSlot<G: Gpu> {
 }
 
 impl<G: Gpu> CompiledPlan<G> {
-    /// Creates the objects of a plan, and uploads the planes that are not on the device yet.
     pub fn new(
         shared: &Shared<G>,
         plan: Plan,
@@ -213,7 +211,6 @@ impl<G: Gpu> CompiledPlan<G> {
         self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory))
     }
 
-    /// Lists the plan's device memory by name, in bytes; see [`splatgraph_api::Device::memory`].
     pub fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.resources.memory(&self.plan);
         let readback: u64 = self.readbacks.iter().map(|buffer| buffer.memory.bytes()).sum();

@@ -44,7 +44,6 @@ pub struct Executor<G: Gpu> {
     /// Replaced plans with frames still in flight. They are dropped when the frames are collected.
     former: Vec<CompiledPlan<G>>,
     plans: u64,
-    /// One slot per frame in flight.
     slots: Vec<Slot<G>>,
     results: BTreeMap<FrameId, FrameResult>,
     next: u64,
@@ -185,7 +184,6 @@ impl<G: Gpu> Executor<G> {
         }
     }
 
-    /// Returns the error. If the device was lost, first records the loss, with where it happened.
     fn losing(&self, error: BackendError) -> BackendError {
         self.shared.losing(error, || self.where_lost())
     }
@@ -361,10 +359,8 @@ impl<G: Gpu> Device for Executor<G> {
     }
 }
 
-/// Presents frames; without a window, nothing is presented.
-///
-/// [`Device::submit`] of a presented frame waits until the window has a free image. If the wait exceeds the backend's
-/// limit of a second or two, the frame is drawn but not shown: some window systems give a hidden window no image.
+/// Presents frames; without a window, nothing is presented. If the window has no free image for a second or two, the
+/// frame is drawn but not shown: some window systems give a hidden window no image.
 impl<G: Gpu> Windowed for Executor<G> {
     fn resize_window(&mut self, width: u32, height: u32) {
         if let Some(swapchain) = &mut self.swapchain {
@@ -384,8 +380,7 @@ impl<G: Gpu> Drop for Executor<G> {
         if let Some(output) = &self.output {
             self.shared.outputs.remove(output);
         }
-        // The fields are dropped after this. The device may use their objects until it is idle. (Other executors hold
-        // what they use.)
+        // The device may use the fields' objects until it is idle. (Other executors hold what they use.)
         if self.shared.gpu.wait_idle(self.shared.gpu.patience()) {
             self.shared.drop_abandoned();
         } else {

@@ -120,10 +120,8 @@ impl<G: Gpu> Slot<G> {
         Ok(image)
     }
 
-    /// Returns the result of the slot's frame, and frees the slot unless waiting fails. `None` if no frame is pending.
-    ///
-    /// If `patient`, blocks until the frame has completed; otherwise an unfinished frame gives `None`. `compiled` is
-    /// the frame's plan, `slot` this slot's index.
+    /// Returns the result of the slot's frame, and frees the slot unless waiting fails. `None` if no frame is pending,
+    /// or it is unfinished and `patient` is false. `compiled` is the frame's plan, `slot` this slot's index.
     pub fn collect(
         &mut self,
         shared: &Shared<G>,

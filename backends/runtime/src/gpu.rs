@@ -26,9 +26,8 @@ pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
 
 impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 
-/// An open device of one graphics API.
-///
-/// Several threads can use it concurrently: executors share its one queue, and plans are prepared on their own threads.
+/// An open device of one graphics API, usable from several threads: executors share its one queue, and plans are
+/// prepared on their own threads.
 pub trait Gpu: Sized + Send + Sync + 'static {
     /// A device memory allocation, freed when it is dropped.
     type Memory: Memory;
@@ -178,14 +177,12 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// false once `limit` has passed.
     fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
 
-    /// Returns the size to create the swapchain with, in pixels; `None` while the window shows nothing.
-    ///
-    /// `told` is the window's size as reported to the program, used if the surface does not dictate one.
+    /// Returns the size to create the swapchain with, in pixels; `None` while the window shows nothing. `told` is the
+    /// size reported to the program, used if the surface does not dictate one.
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError>;
 
-    /// Recreates the window's surface. The caller has dropped its swapchain.
-    ///
-    /// Calls that find the surface lost return [`BackendError::SurfaceLost`].
+    /// Recreates the window's surface, after a call returned [`BackendError::SurfaceLost`]. The caller has dropped the
+    /// swapchain.
     fn renew_surface(&self) -> Result<(), BackendError>;
 
     /// Creates a swapchain of `size` pixels for the device's window, replacing `former`. The device must be idle.
@@ -200,9 +197,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// an image, for at most two seconds.
     fn acquire(&self, swapchain: &mut Self::Swapchain, slot: usize) -> Result<Acquired, BackendError>;
 
-    /// Records the blit of a frame's output into an acquired image, scaled to the image's size.
-    ///
-    /// Later work that waits for the plan's export also waits for the blit.
+    /// Records the blit of a frame's output into an acquired image, scaled to the image's size. Later work that waits
+    /// for the plan's export also waits for the blit.
     fn record_blit(
         &self,
         show: Show<Self>,

@@ -17,7 +17,6 @@ use splatgraph_framework::{ir::*, plan::*};
 pub(crate) struct History<G: Gpu> {
     pub name: String,
     pub shape: Shape,
-    /// Identity of the scene; see [`splatgraph_api::SceneData::identity`].
     pub identity: u64,
     /// For an image, its layout after the last frame.
     pub layout: Layout,

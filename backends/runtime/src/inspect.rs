@@ -7,7 +7,6 @@ use splatgraph_api::{BackendError, Inspect};
 use splatgraph_framework::ir::Use;
 use std::sync::Arc;
 
-/// Creates a readback buffer for each resource to inspect.
 pub(crate) fn buffers<G: Gpu>(
     gpu: &Arc<G>,
     compiled: &CompiledPlan<G>,
@@ -40,10 +39,8 @@ pub(crate) fn buffers<G: Gpu>(
     inspect.iter().map(buffer).collect()
 }
 
-/// Refuses a resource that has no valid contents right after pass number `last` of the next frame.
-///
-/// Such a resource has been freed, is an image that no pass has written yet, or shares its memory with a resource that
-/// owns it at that time: a layout change of an image would overwrite the owner.
+/// Refuses a resource that has no valid contents right after pass number `last` of the next frame: it is freed, or an
+/// image not written yet, or shares its memory with a resource that holds it then, which a layout change would destroy.
 fn check_contents<G: Gpu>(
     compiled: &CompiledPlan<G>,
     inspect: &Inspect,

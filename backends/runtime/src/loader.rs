@@ -12,9 +12,8 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 use std::sync::Arc;
 
-/// Prepares plans for one [`Executor`](crate::Executor); see [`splatgraph_api::Device::loader`].
-///
-/// It keeps the device open. [`splatgraph_api::Device::memory`] lists the plan's memory only once it is swapped in.
+/// Prepares plans for one [`Executor`](crate::Executor), and keeps the device open; see
+/// [`splatgraph_api::Device::loader`].
 pub struct Loader<G: Gpu> {
     pub(crate) shared: Arc<Shared<G>>,
     pub(crate) executor: u64,

@@ -34,7 +34,6 @@ pub fn abandoned_compilers() -> usize {
     ABANDONED.load(Ordering::Relaxed)
 }
 
-/// The abandoned compilations on a device.
 #[derive(Default)]
 pub(crate) struct Compilers {
     abandoned: Mutex<Vec<Abandoned>>,
@@ -83,7 +82,6 @@ impl Compilers {
         self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Creates the pipelines of a checked plan; see [`Gpu::create_pipelines`].
     pub fn create<G: Gpu>(
         &self,
         gpu: &Arc<G>,
@@ -145,7 +143,6 @@ impl Compilers {
         Err(error)
     }
 
-    /// Waits until fewer than [`MAX_ABANDONED`] abandoned threads run.
     fn wait_for_room(&self, plan: &Plan, cancel: &Cancel, patience: Duration) -> Result<(), BackendError> {
         while !self.has_room(plan, patience)? {
             if cancel.is_requested() {

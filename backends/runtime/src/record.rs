@@ -106,10 +106,9 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Records the barriers before a pass or (`None`) the first frame, with their layout changes.
-    ///
-    /// A continued history is not zeroed. The layout change that would discard its contents is dropped, but its
-    /// execution dependency stays: other passes may rely on it.
+    /// Records the barriers before a pass or (`None`) the first frame, with their layout changes. A continued history
+    /// is not zeroed: the layout change that would discard its contents is dropped, but its execution dependency stays,
+    /// because other passes may rely on it.
     fn synchronize(&mut self, at: Option<PassId>, layouts: &mut [Layout]) {
         let compiled = self.compiled;
         let is_start = at.is_some_and(|pass| {

@@ -79,7 +79,6 @@ impl<G: Gpu> Resources<G> {
         Ok((Resources { held }, missing))
     }
 
-    /// Returns the image of a resource; `None` if it is a buffer.
     pub fn image(&self, id: ResourceId) -> Option<&Image<G>> {
         match &self.held[id.index()] {
             Held::Transient(Transient::Image(image)) => Some(image),
@@ -87,10 +86,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Returns the buffer of a resource for the frame in this slot.
-    ///
-    /// # Panics
-    /// Panics as [`Resources::part`] does.
+    /// Returns the buffer of a resource for the frame in this slot; panics as [`Resources::part`] does.
     pub fn buffer(&self, id: ResourceId, slot: usize) -> &Buffer<G> {
         self.part(id, slot).0
     }
@@ -117,10 +113,8 @@ impl<G: Gpu> Resources<G> {
         (buffer, 0..buffer.bytes)
     }
 
-    /// Returns the binding target of a resource for the frame in this slot.
-    ///
-    /// # Panics
-    /// Panics as [`Resources::part`] does, but not for an image.
+    /// Returns the binding target of a resource for the frame in this slot; panics as [`Resources::part`] does, except
+    /// for an image.
     pub fn binding_target(&self, id: ResourceId, slot: usize) -> BindingTarget<'_, G> {
         match self.image(id) {
             Some(image) => BindingTarget::Image(image),
@@ -174,7 +168,6 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Iterates over the memory allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
         self.held.iter().flat_map(|held| match held {
             Held::Transient(transient) => vec![transient.memory()],
@@ -190,7 +183,6 @@ impl<G: Gpu> Resources<G> {
     pub fn memory(&self, plan: &Plan) -> Vec<(String, u64)> {
         use crate::gpu::Memory;
         let mut entries: Vec<(String, u64)> = Vec::new();
-        // Maps each allocation to its entry.
         let mut seen = HashMap::new();
         let is_plane = |index: &usize| matches!(self.held[*index], Held::Plane(_));
         let (planes, own): (Vec<_>, Vec<_>) = (0..self.held.len()).partition(is_plane);
@@ -256,7 +248,6 @@ fn transients<G: Gpu>(
     Ok(all)
 }
 
-/// Refuses an image if the device does not support a use that the plan makes of its format.
 fn check_format<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,

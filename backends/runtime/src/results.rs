@@ -56,7 +56,6 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
 }
 
 /// Returns the prologue's passes that need not run: everything that they write is `taken`, or used only by such passes.
-///
 /// Removes from `taken` the results that a remaining pass computes anyway.
 pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
     let prologue = Prologue::new(plan);
@@ -123,7 +122,6 @@ impl<'a> Prologue<'a> {
         touched(self.plan.pass(pass)).filter(|(_, writes)| *writes).map(|(id, _)| id)
     }
 
-    /// Returns true for a transient buffer that frames do not write, that has no aliases, and that is not a history.
     fn is_result(&self, id: ResourceId) -> bool {
         let resource = self.plan.resource(id);
         resource.source == Source::Transient

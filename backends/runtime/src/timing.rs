@@ -38,7 +38,6 @@ impl Times {
         (!self.ticks.is_empty()).then(|| (0..passes).map(done).collect())
     }
 
-    /// Returns the milliseconds between two timestamps, given by index; `None` if either was not written.
     fn between(&self, from: u32, to: u32) -> Option<f64> {
         let ticks = |query: u32| self.ticks.get(query as usize).copied().flatten();
         Some(milliseconds(ticks(from)?, ticks(to)?, self.bits, self.period))
@@ -48,7 +47,6 @@ impl Times {
         self.between(queries(index), queries(index) + 1)
     }
 
-    /// Returns the milliseconds from the start of the frame to the start of a pass.
     pub fn pass_start(&self, index: usize) -> Option<f64> {
         self.between(0, queries(index))
     }

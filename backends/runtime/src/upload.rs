@@ -33,7 +33,6 @@ pub(crate) fn upload<G: Gpu>(
     Uploader::new(shared, missing, planes)?.run(scene, missing, progress)
 }
 
-/// One half of the staging memory, for one chunk, with the encoder of its copy.
 struct Half<G: Gpu> {
     staging: Buffer<G>,
     encoder: G::Encoder,
@@ -77,7 +76,6 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         progress(Progress::Upload { done_bytes: 0, of_bytes: self.total });
         let mut next = 0;
         for key in missing {
-            // An entry longer than a chunk is copied whole.
             let chunk = (CHUNK / key.stride.max(1)).max(1) * key.stride.max(1);
             let mut offset = 0;
             while offset < key.bytes {
@@ -93,7 +91,6 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         self.wait(1)
     }
 
-    /// Writes a byte range of a plane into a half, and copies it to the plane's buffer.
     fn send(
         &mut self,
         half: usize,

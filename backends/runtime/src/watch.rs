@@ -41,7 +41,6 @@ pub(crate) struct Submission<G: Gpu> {
     pub frame: Option<Frame<G>>,
 }
 
-/// The passes of a submitted frame, and the timestamps that show which are complete.
 pub(crate) struct Frame<G: Gpu> {
     pub plan: Arc<str>,
     /// Names of all passes of the plan.

@@ -87,7 +87,6 @@ impl<G: Gpu> Swapchain<G> {
         Ok(Some(image))
     }
 
-    /// Returns the acquired image as an argument for [`Gpu::submit`]; `None` without a swapchain.
     pub fn show(&mut self, image: u32, slot: usize) -> Option<Show<'_, G>> {
         self.raw.as_mut().map(|swapchain| Show { swapchain, image, slot })
     }
@@ -185,7 +184,6 @@ impl<G: Gpu> Swapchain<G> {
     }
 }
 
-/// Refuses an output that is not a picture, or that the device cannot blit.
 fn check_output(format: Format, blit: bool) -> Result<(), BackendError> {
     let name = format.name();
     if format == Format::Depth32Float {

@@ -8,7 +8,6 @@ use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
 
 impl Checker<'_> {
-    /// Refuses a pass that writes to a host buffer or binds one as a uniform block.
     pub(super) fn host_buffers(&self, pass: &Pass) -> Result<(), BackendError> {
         let given = |id: ResourceId| {
             let resource = self.plan.resources.get(id.index())?;

@@ -49,7 +49,6 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     checker.output()
 }
 
-/// Returns the error for an inconsistent plan, or for inputs that do not fit it.
 pub(crate) fn invalid<T>(text: String) -> Result<T, BackendError> {
     Err(BackendError::Invalid(text))
 }
@@ -197,7 +196,6 @@ impl<'a> Checker<'a> {
         within_bytes(what, total, self.limits.heap_bytes)
     }
 
-    /// Checks the ids of the dependencies, and that they are sorted by the later pass.
     fn dependencies(&self) -> Result<(), BackendError> {
         for Dependency { first, second, resource, alias, .. } in &self.plan.dependencies {
             let user = &self.passes(*second)?.name;
@@ -458,10 +456,8 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Checks the order of special passes.
-    ///
-    /// Histories are cleared only in the prologue. The frame ends with its only export, followed by the host's pass if
-    /// the plan has statistics.
+    /// Checks that histories are cleared only in the prologue, and that the frame ends with its only export, followed
+    /// by the host's pass if the plan has statistics.
     fn order(&self) -> Result<(), BackendError> {
         let work = |pass: &PassId| &self.plan.pass(*pass).work;
         if self.plan.frame.iter().any(|pass| matches!(work(pass), Work::ClearHistory { .. })) {

@@ -31,7 +31,6 @@ fn limits() -> Limits {
     }
 }
 
-/// Returns the error for an altered plan under altered limits; empty if it is accepted.
 fn said(alter: impl FnOnce(&mut Plan, &mut Limits)) -> String {
     let (mut plan, mut limits) = (plan(), limits());
     alter(&mut plan, &mut limits);
@@ -142,7 +141,6 @@ fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_
         "{}",
         with(fixed, [64, 1, 1])
     );
-    // With a single possible size, no size has to be requested.
     let one = SubgroupLimits { max_size: 32, ..fixed };
     assert_eq!(with(one, [16, 16, 1]), "");
 }
@@ -151,7 +149,6 @@ fn changed(image: ResourceId, old: Layout, new: Layout) -> LayoutChange {
     LayoutChange { image, old, new, before: PassId(1), handover: false }
 }
 
-/// Returns a dependency of `second` on a write of `first`.
 fn needs(first: PassId, second: PassId, resource: ResourceId, alias: Option<ResourceId>) -> Dependency {
     let masks = Masks {
         source_stages: Stages::COMPUTE,
