@@ -9,8 +9,7 @@ pub struct Gaussian {
     pub position: [f64; 3],
     /// Standard deviation along each of its axes, in world units.
     pub scale: [f64; 3],
-    /// Quaternion w, x, y, z that rotates the splat's axes into the world. It must be a unit quaternion, because it is
-    /// not normalised again.
+    /// Unit quaternion w, x, y, z that rotates the splat's axes into the world; it is not normalised again.
     pub rotation: [f64; 4],
     /// Opacity at the centre, 0 to 1.
     pub opacity: f64,

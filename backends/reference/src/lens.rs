@@ -7,10 +7,9 @@ use crate::rules::Rules;
 use splatgraph_assets::{Camera, Projection};
 use std::f64::consts::FRAC_PI_2;
 
-/// Minimum of the sine of the angle from the axis in the Jacobian of a fisheye camera, beyond 90 degrees.
-///
-/// Straight behind the camera, a splat covers a ring in the picture, which no ellipse approximates. Within 14.5 degrees
-/// of that direction it is drawn narrower than it is, rather than as a streak across the picture.
+/// Minimum of the sine of the angle from the axis in the Jacobian of a fisheye camera, beyond 90 degrees. Straight
+/// behind the camera, a splat covers a ring in the picture, which no ellipse approximates: within 14.5 degrees of that
+/// direction it is drawn narrower than it is.
 const MIN_SINE: f64 = 0.25;
 
 /// Minimum of the cosine of the latitude in the Jacobian of an equirectangular camera. A splat at a pole covers the
@@ -47,9 +46,8 @@ impl Lens {
         (self.projection == Projection::Equirectangular).then_some(self.size[0])
     }
 
-    /// Returns the pixel position of a point in view space.
-    ///
-    /// For a pinhole, it is `((ndc + 1) size - 1) / 2` (`ndc2Pix` in auxiliary.h).
+    /// Returns the pixel position of a point in view space. For a pinhole, it is `((ndc + 1) size - 1) / 2` (`ndc2Pix`
+    /// in auxiliary.h).
     pub(crate) fn pixel(&self, p: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = p;
         let from_middle = match self.projection {
@@ -71,9 +69,8 @@ impl Lens {
         })
     }
 
-    /// Returns the rows of the Jacobian: the derivative of the pixel position with respect to the point.
-    ///
-    /// For a pinhole, x / z and y / z are clamped (`computeCov2D` in forward.cu).
+    /// Returns the rows of the Jacobian: the derivative of [`Lens::pixel`] with respect to the point. For a pinhole, x
+    /// / z and y / z are clamped (`computeCov2D` in forward.cu).
     pub(crate) fn jacobian(&self, p: [f64; 3]) -> [[f64; 3]; 2] {
         let [x, y, z] = p;
         let [fx, fy] = self.focal;

@@ -11,7 +11,6 @@ use rayon::prelude::*;
 use splatgraph_assets::{Camera, Mesh, MeshMaterial, Texture};
 use std::f64::consts::PI;
 
-/// Number of rows of pixels that one task shades.
 const ROWS: usize = 8;
 
 /// Minimum roughness, so that highlights do not fall between pixels.
@@ -68,7 +67,6 @@ struct Hit {
     weights: [f64; 3],
 }
 
-/// Casts the rays of one camera against a mesh.
 pub(crate) struct Caster<'a> {
     mesh: &'a Mesh,
     camera: &'a Camera,

@@ -11,7 +11,6 @@ pub(crate) struct View {
     eye: [f64; 3],
     /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
     depth_row: [f32; 4],
-    /// True if f32 is too coarse for the positions.
     wide: bool,
     /// True if the camera sees splats behind it. The near plane is then a sphere, if splats are sorted by distance.
     sees_behind: bool,

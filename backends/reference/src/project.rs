@@ -19,7 +19,6 @@ use splatgraph_assets::Camera;
 /// Side of a tile of the rasteriser, in pixels (`BLOCK_X` and `BLOCK_Y` of its config.h).
 pub(crate) const TILE: u32 = 16;
 
-/// A splat projected to the image.
 #[derive(Clone, Debug)]
 pub(crate) struct Ellipse {
     /// Index among the splats.
@@ -28,10 +27,8 @@ pub(crate) struct Ellipse {
     pub depth: f64,
     /// Tiles that the splat touches: first column and row, then end column and row (exclusive).
     pub tiles: [u32; 4],
-    /// The data needed at every pixel.
     pub footprint: Footprint,
-    /// The splat's shortest axis in world space, pointing towards the camera; the first one if several are equally
-    /// short.
+    /// Shortest axis in world space, pointing towards the camera; the first one if several are equally short.
     pub normal: [f64; 3],
 }
 
@@ -75,7 +72,7 @@ impl Turn {
 }
 
 impl Footprint {
-    /// Returns the alpha at a pixel, before the cap; `None` if the splat has no fragment there.
+    /// Returns the alpha at a pixel, after the cap; `None` if the splat has no fragment there.
     #[inline]
     pub(crate) fn alpha(&self, x: f64, y: f64, rules: &Rules) -> Option<f64> {
         let dx = match self.turn {
@@ -105,7 +102,6 @@ impl Footprint {
     }
 }
 
-/// Projects splats to the image of one camera.
 pub(crate) struct Projector<'a> {
     view: View,
     lens: Lens,
@@ -212,10 +208,8 @@ impl<'a> Projector<'a> {
         }
     }
 
-    /// Returns the range of tiles that the splat may touch; `None` if it is empty.
-    ///
-    /// In a panorama, a splat within a tile of the left or right edge, or beyond it, gets all columns. Each pixel then
-    /// finds the copy that it sees.
+    /// Returns the range of tiles that the splat may touch; `None` if it is empty. In a panorama, a splat within a tile
+    /// of the left or right edge, or beyond it, gets all columns; each pixel then finds the copy that it sees.
     fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
         let half = self.half_extent(a, c, det);
         let tile = f64::from(TILE);

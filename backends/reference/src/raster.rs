@@ -109,9 +109,7 @@ impl Pixel {
 }
 
 /// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it; only
-/// pinhole cameras draw it.
-///
-/// The result does not depend on the number of threads.
+/// pinhole cameras draw it. The result does not depend on the number of threads.
 pub fn render(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,
@@ -247,8 +245,7 @@ fn tile_row(
 }
 
 /// Blends footprints, near to far, at one pixel (`renderCUDA` in forward.cu). Returns the remaining transmittance.
-///
-/// `fragment` is called for each blended splat with the splat, its alpha, and the transmittance before it.
+/// Calls `fragment` for each blended splat with the splat, its alpha, and the transmittance before it.
 #[inline(always)]
 pub(crate) fn blend<'a, T: 'a>(
     splats: impl IntoIterator<Item = &'a T>,

@@ -82,9 +82,8 @@ impl Rules {
         rules
     }
 
-    /// Returns the published rules, adapted to the scene as [`Rules::of`] does, and to the camera.
-    ///
-    /// A camera that [sees behind itself](splatgraph_assets::Projection::sees_behind) sorts by distance.
+    /// Returns the published rules, adapted to the scene ([`Rules::of`]) and to the camera: if it
+    /// [sees behind itself](splatgraph_assets::Projection::sees_behind), splats are sorted by distance.
     pub fn of_view(scene: &Scene, camera: &Camera) -> Rules {
         let rules = Rules::of(scene);
         if camera.projection.sees_behind() { Rules { key_of: KeyOf::Distance, ..rules } } else { rules }
@@ -143,9 +142,8 @@ pub enum LowPass {
     None,
     /// Adds this variance, in square pixels, to the diagonal of the 2D covariance.
     Dilate(f64),
-    /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det') to conserve the splat's energy.
-    ///
-    /// It is the 2D filter of Mip-Splatting (Yu et al., CVPR 2024, equation 9).
+    /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det') to conserve the splat's energy
+    /// (Mip-Splatting, Yu et al., CVPR 2024, equation 9).
     Compensated(f64),
 }
 
@@ -176,9 +174,8 @@ impl LowPass {
 /// The pixels at which a splat is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Extent {
-    /// Every pixel of the 16 x 16 tiles that a square around the centre touches.
-    ///
-    /// Half its side is `ceil(3 sqrt(l))`, with `l` the larger eigenvalue of the 2D covariance.
+    /// Every pixel of the 16 x 16 tiles that a square around the centre touches. Half its side is `ceil(3 sqrt(l))`,
+    /// with `l` the larger eigenvalue of the 2D covariance.
     Tiles,
     /// Every pixel within this many standard deviations of the centre.
     Sigma(f64),
