@@ -18,8 +18,7 @@ pub struct Config {
     pub limits: Limits,
     /// Size of the window in pixels; `None` for a device without a window.
     pub window: Option<(u32, u32)>,
-    /// Device memory that the driver reports as available at first, in bytes; `None` if unknown. Allocations may exceed
-    /// it.
+    /// Bytes of device memory reported as available at first; `None` if unknown. Allocations may exceed it.
     pub budget: Option<u64>,
     /// The calls that fail.
     pub faults: Vec<Fault>,
@@ -54,7 +53,6 @@ pub struct NullGpu {
     pub(crate) compile_patience: Duration,
     pub(crate) read: u32,
     pub(crate) journal: Journal,
-    /// Bytes of device memory that are allocated.
     pub(crate) used: Arc<AtomicU64>,
     pub(crate) tick: AtomicU64,
     _owned: Owned,
@@ -123,7 +121,6 @@ impl NullGpu {
         (info, Arc::new(gpu))
     }
 
-    /// Creates an object; fails if a fault is due.
     pub(crate) fn create(&self, object: Object, name: &str) -> Result<Owned, BackendError> {
         if self.journal.fails(Point::Create) {
             let reason = format!("a fault prevents the creation of {object:?}");

@@ -76,7 +76,6 @@ pub fn histories() -> Plan {
     plan
 }
 
-/// Returns the plan of the unit tests with a host buffer instead of the scene's attribute.
 pub fn with_host_buffer() -> Plan {
     let mut plan = plan();
     let splats = &mut plan.resources[crate::testing::SPLATS.index()];

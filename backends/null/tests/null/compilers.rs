@@ -47,7 +47,6 @@ fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader
     assert_eq!((name.as_str(), pass.as_str()), ("other", "splat"));
     assert!(other.shaders.iter().any(|known| known.name == *shader), "{shader}");
     assert_eq!(error.recovery(), Recovery::Retry);
-    // The last good plan still draws while the compiler hangs.
     frame(&mut null, &inputs());
     // Every context refuses the same plan at once, and can load another.
     let reached = journal.reached(Point::Compile);
@@ -57,7 +56,6 @@ fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader
     assert_eq!(journal.reached(Point::Compile), reached, "the compiler is not asked again");
     load(&mut beside, named("third"));
     frame(&mut beside, &inputs());
-    // Once the compiler has finished, the plan can be loaded.
     journal.resume();
     let begun = Instant::now();
     while let Err(again) = null.load(named("other"), &Zeros::default(), &mut |_| {}) {
@@ -89,7 +87,6 @@ fn cancelled_at_once(null: &Null) {
 
 #[test]
 fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines() {
-    // The first pipeline hangs.
     let (null, journal) = hanging([0]);
     cancelled_at_once(&null);
     // The thread finishes that pipeline, and creates no other.

@@ -72,7 +72,6 @@ const STEPS: [Action; 14] = [
 struct Outcome {
     /// Errors, each with the index of the failed step; `None` for opening the device.
     errors: Vec<(Option<usize>, BackendError)>,
-    /// The commands of the last frame.
     last: Vec<Call>,
     journal: Journal,
 }
@@ -214,7 +213,6 @@ fn a_device_that_is_lost_in_a_frame_names_the_pass_that_was_done_last() {
     let BackendError::DeviceLost(text) = &error else { panic!("{error}") };
     assert!(text.contains("frame 1") && text.contains("complete is `scan[1]`"), "{text}");
     assert!(text.contains("next one is `splat`"), "{text}");
-    // Every executor of the device returns the same error.
     assert_eq!(error_of(null.wait(first)), error);
     assert_eq!(error_of(null.new_context()), error);
     assert_eq!(error_of(null.load(plan(), &Zeros::default(), &mut |_| {})), error);

@@ -6,7 +6,6 @@ use splatgraph_api::{Device, Loader as _};
 use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Null, Object};
 
-/// Returns the names of the buffers and images that a frame clears.
 fn started(calls: &[Call]) -> Vec<&str> {
     fn name(call: &Call) -> Option<&str> {
         match call {
@@ -51,7 +50,6 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
     assert!(last_frame(&calls).contains(&Call::FullBarrier { images }));
     // Of the clear's layout change, only the execution dependency remains.
     assert!(last_frame(&calls).contains(&Call::Synchronize { dependencies: 0, images: Vec::new() }));
-    // The plan's own buffer and image were not used, and are destroyed.
     assert_eq!(destroyed(&calls, Object::Image), ["color"]);
     finish(null, &journal);
 }
@@ -154,7 +152,6 @@ fn a_plan_made_ready_on_another_thread_goes_on_from_the_one_that_is_current_when
     null.swap(ready).expect("it becomes the current plan");
     frame(&mut null, &inputs());
     assert_eq!(started(&journal.take()), Vec::<&str>::new());
-    // A prepared plan belongs to the executor of its loader.
     let ready = null.loader().prepare(plan(), &Zeros::default(), &mut |_| {}).expect("it is made ready");
     let mut other: Null = null.new_context().expect("there can be another");
     assert!(error_of(other.swap(ready)).to_string().contains("another executor"));

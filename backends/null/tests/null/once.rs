@@ -84,7 +84,6 @@ fn a_new_plan_uploads_again_unless_it_takes_over_all_that_was_made_of_the_scene(
     let once = |(id, _): &&(PassId, Option<f64>)| packing().pass(*id).run == Run::Once;
     assert_eq!(result.pass_ms.iter().filter(once).count(), 3, "`clear`, `sum` and `fold` run");
     assert_eq!(null.device_memory().used, resident);
-    // With reused results, neither the scene nor the sums are needed.
     load_sharing(&mut null, packing(), 0);
     let result = frame(&mut null, &inputs());
     assert_eq!(result.pass_ms.iter().filter(once).count(), 1, "`clear` alone runs");

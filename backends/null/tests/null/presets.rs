@@ -87,7 +87,6 @@ fn every_preset_runs_through_the_runtime_call_by_call_as_its_plan_says() {
             let result = device.wait(frame).expect("the frame is done");
             assert_eq!(result.stats.len(), plan.stats.len());
         }
-        // Counts the work of a frame that does not run the prologue.
         let work = |is: fn(&Work) -> bool| plan.frame.iter().filter(|s| is(&plan.pass(**s).work)).count();
         let expected = [
             work(|work| matches!(work, Work::Dispatch { .. })),

@@ -207,7 +207,6 @@ fn results_are_computed_again_where_anything_that_they_depend_on_differs() {
     frame(&mut null, &inputs());
     load_sharing(&mut null, folding(64), 2);
     assert_eq!(run(&mut null, &journal).0, all, "another scene");
-    // A load that does not share results computes everything.
     load(&mut null, folding(64));
     assert_eq!(run(&mut null, &journal).0, all, "a measurement");
     finish(null, &journal);
@@ -219,7 +218,6 @@ fn a_result_is_not_there_before_its_frame_was_submitted() {
     load_sharing(&mut null, folding(64), 1);
     load_sharing(&mut null, folding(64), 1);
     assert_eq!(run(&mut null, &journal).0, names(["clear", "sum", "fold"]));
-    // Results of omitted passes cannot be inspected in the frame.
     load_sharing(&mut null, folding(64), 1);
     let inspect = vec![Inspect { resource: TABLE, after: PassId(7) }];
     let error = error_of(null.submit(&splatgraph_api::FrameInputs { inspect, ..inputs() }));

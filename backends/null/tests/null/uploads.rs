@@ -6,7 +6,6 @@ use splatgraph_api::{BackendError, Device, Progress, SceneData};
 use splatgraph_framework::ir::Shape;
 use splatgraph_null::{Call, Config};
 
-/// Returns the offsets and sizes of the copies to a plane.
 fn copies(calls: &[Call]) -> Vec<(u64, u64)> {
     let copy = |call: &Call| match call {
         Call::CopyBuffer { source, target, bytes } if source.0 == "staging" => Some((target.1, *bytes)),
@@ -32,7 +31,6 @@ fn a_plane_larger_than_a_chunk_goes_in_chunks_and_each_half_is_waited_for_before
     let calls = journal.take();
     assert_eq!(copies(&calls), [(0, CHUNK), (CHUNK, CHUNK), (2 * CHUNK, 40_000_000 - 2 * CHUNK)]);
     assert_eq!(told, [0, CHUNK, 2 * CHUNK, 40_000_000]);
-    // The scene never writes more than one chunk at a time.
     assert_eq!(scene.largest.into_inner() as u64, CHUNK);
     // Submissions and waits alternate: two chunks are in flight, then the first is waited for.
     let order: String = calls

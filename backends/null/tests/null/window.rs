@@ -22,7 +22,6 @@ fn shown(calls: &[Call]) -> usize {
     calls.iter().filter(|call| matches!(call, Call::Present { .. })).count()
 }
 
-/// Returns the size and vsync of every swapchain created.
 fn made(calls: &[Call]) -> Vec<((u32, u32), bool)> {
     let swapchain = |call: &Call| match call {
         Call::CreateSwapchain { size, vsync } => Some((*size, *vsync)),
