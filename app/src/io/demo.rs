@@ -1,7 +1,6 @@
 //! Generates and finds the demo scene, which `render` and `view` draw by default.
 //!
-//! The first use writes the scene as an ordinary `.ply` in the layout of the reference implementation; later uses load
-//! that file.
+//! The first use writes the scene as a `.ply`; later uses load that file.
 
 use crate::io::folders;
 use crate::io::output;
@@ -22,7 +21,7 @@ pub fn path() -> Option<PathBuf> {
         |folder: &&Path| folder.join("pipelines/splat.ron").is_file() && folder.join("assets").is_dir();
     match here.ancestors().find(in_checkout) {
         Some(root) => Some(root.join("assets/splats/demo.ply")),
-        // The name includes the version, because other versions may generate another scene.
+        // Another version may generate another scene.
         None => Some(folders::cache()?.join(concat!("splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply"))),
     }
 }
@@ -69,7 +68,6 @@ mod tests {
 
     #[test]
     fn in_a_checkout_the_scene_lies_among_the_assets() {
-        // The working directory of tests is `app/`.
         assert!(path().is_some_and(|path| path.ends_with("assets/splats/demo.ply")), "{:?}", path());
     }
 

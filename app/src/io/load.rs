@@ -47,7 +47,6 @@ impl LoadOptions {
         })
     }
 
-    /// Removes the tags of a loaded scene if they are to be ignored.
     fn tagged(&self, scene: Scene) -> Scene {
         if self.ignore_tags { scene.without_tags() } else { scene }
     }

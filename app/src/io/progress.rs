@@ -1,7 +1,7 @@
 //! Shows the progress of long tasks on standard error.
 //!
-//! Tasks of less than a second show nothing. After that, a terminal shows a bar. A file or a pipe, where a bar would
-//! become thousands of lines, gets a plain line every ten seconds.
+//! Tasks of less than a second show nothing. After that, a terminal shows a bar; a file or a pipe gets a plain line
+//! every ten seconds.
 
 use crate::io::output::{one_line, say};
 use indicatif::{ProgressBar, ProgressStyle};

@@ -21,8 +21,7 @@ pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
 ///
-/// `version` applies only to [`SceneFormat::Spz`]. `progress` is not called if it applies; otherwise, it is called as
-/// by [`Scene::write`].
+/// `version` applies only to [`SceneFormat::Spz`]; `progress` is then not called.
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.
@@ -53,7 +52,6 @@ pub fn write_new(
     Ok(bytes)
 }
 
-/// Writes a scene, and returns the number of bytes.
 fn fill(
     scene: &Scene,
     format: SceneFormat,
@@ -69,7 +67,6 @@ fn fill(
     Ok(counted.bytes)
 }
 
-/// A writer that counts its bytes.
 struct Counted<'a> {
     out: &'a mut dyn Write,
     bytes: u64,
@@ -115,7 +112,7 @@ impl Original {
         }
     }
 
-    /// Lists what a file of `written` lacks compared with the original, one phrase per line.
+    /// Lists what a file of `written` lacks compared with the original, one phrase per loss.
     pub fn losses(&self, written: &Scene, format: SceneFormat) -> Vec<String> {
         let mut losses = Vec::new();
         let dropped = &self.dropped;

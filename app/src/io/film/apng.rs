@@ -1,4 +1,4 @@
-//! Writes animated PNGs, which keep all 8 bits of each channel.
+//! Writes animated PNGs.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::output::file::Cause;
@@ -27,7 +27,7 @@ impl<'a> Film<'a> {
     }
 }
 
-/// Computes the time between two frames, as a fraction of a second with 16-bit numbers.
+/// Computes the time between two frames in seconds, as a fraction of 16-bit numbers.
 fn delay(rate: Rate) -> (u16, u16) {
     let exact = u16::try_from(rate.seconds).ok().zip(u16::try_from(rate.frames).ok());
     exact.unwrap_or_else(|| ((10_000.0 / rate.per_second()).round().min(65_535.0) as u16, 10_000))

@@ -1,4 +1,4 @@
-//! Writes AV1 in MP4. rav1e encodes it without its assembler code, and shiguredo_mp4 writes the boxes of the file.
+//! Writes AV1 in MP4.
 //!
 //! The encoded film is kept in memory until its end, because a box near the start of the file describes all frames.
 //! Colours are converted as in [`super::y4m`], and the stream declares their encoding.
@@ -16,20 +16,19 @@ use std::num::NonZeroU32;
 const QUANTIZER: usize = 80;
 /// Preset of rav1e, 0 (slowest) to 10.
 const SPEED: u8 = 8;
-/// Maximum number of frames between two key frames, which are the frames that players can seek to.
+/// Maximum number of frames between two key frames, to which players can seek.
 const KEY_INTERVAL: u64 = 120;
-/// The OBU that begins each packet of rav1e. It is removed, because MP4 does not store it.
+/// OBU at the start of each packet, which MP4 does not store.
 const TEMPORAL_DELIMITER: [u8; 2] = [0x12, 0];
 
 pub(super) struct Film<'a> {
     out: &'a mut dyn Write,
     context: Context<u8>,
     muxer: Mp4FileMuxer,
-    /// Encoded packets so far, one after the other.
+    /// Encoded packets so far.
     bytes: Vec<u8>,
     size: (u32, u32),
     rate: Rate,
-    /// Number of packets so far.
     packets: u32,
 }
 
@@ -79,7 +78,6 @@ impl<'a> Film<'a> {
         })
     }
 
-    /// Takes the packets that the encoder has finished, and appends them.
     fn receive(&mut self) -> Result<(), Cause> {
         loop {
             match self.context.receive_packet() {

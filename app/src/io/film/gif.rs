@@ -5,10 +5,9 @@ use crate::io::image::Image;
 use crate::io::output::file::Cause;
 use std::io::Write;
 
-/// Maximum width and height of a GIF, in pixels.
 const MAX_GIF_SIDE: usize = 65_535;
 
-/// Sampling factor of NeuQuant, 1 to 30: larger is faster and less accurate. The crate recommends 10.
+/// Sampling factor of NeuQuant, 1 to 30: larger is faster and less accurate.
 const SPEED: i32 = 10;
 
 /// Chooses a frame's 256 colours, and compresses the frame.
@@ -61,7 +60,6 @@ impl Writer for Film<'_> {
     }
 
     fn finish(self: Box<Self>) -> Result<(), Cause> {
-        // Writes the trailer.
         self.encoder.into_inner()?;
         Ok(())
     }

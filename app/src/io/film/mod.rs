@@ -1,10 +1,10 @@
 //! Writes films: pictures at a constant frame rate in one file.
 //!
-//! Writing a frame has two steps. [`Format::encode`] does the work that depends on this frame alone, on any thread. A
-//! [`Writer`] then takes the results in order. Values are clamped to 0..1, as in 8-bit pictures.
+//! [`Format::encode`] does the work that depends on one frame alone, on any thread. A [`Writer`] then takes the results
+//! in order. Values are clamped to 0..1, as in 8-bit pictures.
 //!
-//! - `.gif` plays everywhere. NeuQuant chooses 256 colours for each frame. Nothing is dithered, because dithered
-//!   pictures compress badly;
+//! - `.gif`: NeuQuant chooses 256 colours for each frame; nothing is dithered, because dithered pictures compress
+//!   badly;
 //! - `.apng` and `.png` are animated PNGs, and keep all 8 bits of each channel;
 //! - `.y4m` is uncompressed video, for a pipe into an encoder;
 //! - `.mp4` is AV1, in programs that were built with the feature `av1`.
@@ -92,7 +92,6 @@ mod tests {
 
     const SIZE: (u32, u32) = (9, 5);
 
-    /// A picture of few colours that differs from frame to frame.
     fn picture(frame: usize) -> Image {
         Image::from_fn(SIZE.0 as usize, SIZE.1 as usize, |x, y| {
             [((x + frame) % 4) as f32 / 3.0, y as f32 / 4.0, 0.2 * frame as f32]
@@ -124,7 +123,7 @@ mod tests {
             assert_eq!(found, expected, "frame {}", delays.len());
             delays.push(frame.delay);
         }
-        // The four frames take 13.3 hundredths of a second.
+        // Four frames take 13.3 hundredths of a second.
         assert_eq!(delays, [3, 4, 3, 3]);
         assert_eq!(decoder.repeat(), ::gif::Repeat::Infinite);
     }
@@ -155,7 +154,7 @@ mod tests {
         for (at, frame) in frames.chunks(frame).enumerate() {
             assert_eq!(&frame[..6], b"FRAME\n", "frame {at}");
         }
-        // Black, white, red and blue in BT.709, limited to 16..235 and 16..240 (ITU-R BT.709-6, table 3.5).
+        // BT.709, limited to 16..235 and 16..240 (ITU-R BT.709-6, table 3.5).
         for (rgb, expected) in [
             ([0.0, 0.0, 0.0], [16, 128, 128]),
             ([1.0, 1.0, 1.0], [235, 128, 128]),

@@ -1,8 +1,7 @@
 //! Writes YUV4MPEG2 (`.y4m`): a line of text, then uncompressed frames.
 //!
 //! Colours are as in HD video: BT.709 in the limited range, 4:2:0, with each chroma sample in the middle of four
-//! pixels. The format has no field for the matrix, so a reader has to assume BT.709; most do so for pictures of 720
-//! rows or more.
+//! pixels. The format has no field for the matrix, so a reader has to assume BT.709.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::image::Image;
@@ -15,7 +14,6 @@ const RED: f32 = 0.2126;
 /// Luma weight of blue in BT.709; green has the rest.
 const BLUE: f32 = 0.0722;
 
-/// Returns the bytes of a frame: its header line, then its planes.
 pub(super) fn encode(image: &Image) -> Vec<u8> {
     [b"FRAME\n".as_slice(), &planes(image)].concat()
 }
@@ -53,7 +51,7 @@ fn luma([red, green, blue]: [f32; 3]) -> f32 {
 }
 
 fn level(value: f32) -> u8 {
-    // A float cast to an integer saturates, and turns NaN into 0.
+    // The cast saturates, and turns NaN into 0.
     value.round() as u8
 }
 
@@ -68,7 +66,7 @@ impl<'a> Film<'a> {
         rate: Rate,
     ) -> Result<Self, Cause> {
         let Rate { frames, seconds } = rate;
-        // FFmpeg reads the last two words. Other programs skip them as comments.
+        // FFmpeg reads the last two words, which are comments by the format.
         writeln!(
             out,
             "YUV4MPEG2 W{width} H{height} F{frames}:{seconds} Ip A1:1 C420jpeg XYSCSS=420JPEG XCOLORRANGE=LIMITED"

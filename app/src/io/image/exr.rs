@@ -32,7 +32,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     });
     let layer =
         x::Layer::new((image.width, image.height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
-    // The writer seeks back to the offset table at the start. A pipe cannot seek, so the file is built in memory.
+    // The library seeks in its output, which a pipe does not support.
     let mut bytes = Vec::new();
     x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
     Ok(out.write_all(&bytes)?)
@@ -92,13 +92,11 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
 }
 
 thread_local! {
-    /// True while [`quietly`] catches this thread's panics; the panic hook then prints no message.
+    /// True while [`quietly`] catches this thread's panics, whose messages the panic hook then suppresses.
     static QUIET: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs `body`. If it panics, prints no message and returns `None`.
-///
-/// The library's decoders panic on some damaged files.
+/// Runs `body`; if it panics, prints no message and returns `None`. The library panics on some damaged files.
 fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {

@@ -2,9 +2,7 @@
 //!
 //! The case's number determines the case, so all runs are identical. In half of the cases, the checksums of PNG chunks
 //! are repaired, and arrays are damaged both before and after they are put into an archive, so that the damage reaches
-//! the decoders.
-//!
-//! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each format.
+//! the decoders. `SPLATGRAPH_LONG=1` (`./x test --long`) runs more cases.
 
 use super::{Image, split_member};
 use crate::numbers::Random;
@@ -15,10 +13,8 @@ use std::time::{Duration, Instant};
 /// Damaged files per format: in the long run, and in the default run.
 const CASES: (u64, u64) = (100_000, 1_000);
 
-/// Maximum duration of a case.
 const TIME_LIMIT: Duration = Duration::from_secs(30);
 
-/// Numbers at the limits of the integer types that readers use.
 const NUMBERS: [u64; 12] = [
     0,
     1,
@@ -36,7 +32,7 @@ const NUMBERS: [u64; 12] = [
 
 fn damage(bytes: &mut Vec<u8>, words: &[&str], random: &mut Random) {
     for _ in 0..=random.below(3) {
-        // Headers matter most, so half of the damage is in the first 160 bytes.
+        // Headers matter most.
         let reach = if random.below(2) == 0 { bytes.len().min(160) } else { bytes.len() };
         let at = random.below(reach);
         let left = bytes.len() - at;
@@ -132,7 +128,6 @@ fn fuzz(name: &str, seeds: &[Vec<u8>], words: &[&str], last: impl Fn(&mut Vec<u8
         match (&image, &size) {
             (Ok(image), Ok(size)) => assert_eq!((image.width, image.height), *size),
             (Ok(_), Err(error)) => panic!("a picture without a size: {error}"),
-            // The message may contain control characters. They are escaped when it is printed.
             (Err(error), _) => assert!(!error.to_string().is_empty()),
         }
         image.inspect(|image| assert_eq!(image.rgb.len(), image.width * image.height)).is_ok()
@@ -180,7 +175,6 @@ fn damaged_png_files_are_pictures_or_errors() {
     });
 }
 
-/// Makes an array of each type that is read.
 fn arrays() -> Vec<Vec<u8>> {
     vec![
         saved("a.npy"),

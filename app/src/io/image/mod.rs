@@ -4,9 +4,8 @@
 //! are trained on ordinary photographs, so their colours already have that encoding, and nothing here converts to or
 //! from linear light.
 //!
-//! Three formats can be written and read: `.npy` (float32, exact), `.exr` (float32, exact, with attributes for the
-//! encoding) and `.png` (8 bits per channel, for display). `#` selects an array of a `.npz` archive:
-//! `golden.npz#camera0`.
+//! Three formats can be written and read: `.npy` (float32), `.exr` (float32, with attributes for the encoding) and
+//! `.png` (8 bits per channel). `#` selects an array of a `.npz` archive: `golden.npz#camera0`.
 
 mod exr;
 #[cfg(test)]
@@ -60,7 +59,7 @@ impl Image {
         }
     }
 
-    /// Loads a picture as [`Image::load`] does, but keeps all digits of float64 arrays. Also returns the file's
+    /// Loads a picture as [`Image::load`] does, but with all digits of float64 arrays. Also returns the file's
     /// precision.
     ///
     /// # Errors
@@ -155,7 +154,6 @@ impl FromStr for Format {
     }
 }
 
-/// Makes the error for a file name that has no picture's extension.
 fn no_picture(path: &Path) -> ImageError {
     if !has_extension(path, "npz") {
         return ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)");
@@ -288,7 +286,6 @@ mod tests {
             ramp().save(&path).unwrap();
             let bytes = std::fs::read(&path).unwrap();
             assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
-            // The header is complete, but pixels are missing.
             std::fs::write(&path, &bytes[..bytes.len() - 40]).unwrap();
             assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
             assert!(Image::load(&path).is_err());

@@ -45,7 +45,7 @@ fn write_array<T: npyz::AutoSerialize>(
     Ok(out.flush()?)
 }
 
-/// Maximum size of an array's header, in bytes. NumPy pads a picture's header to 128.
+/// Maximum size of an array's header, in bytes.
 const MAX_HEADER: usize = 4096;
 
 /// Maximum number of brackets in a header. The library's parser recurses for each one.
@@ -99,7 +99,7 @@ pub(super) fn member_size(archive: &Path, array: &str) -> Result<(usize, usize),
     shape(archive, &header(member).map_err(|e| ImageError::because(archive, e))?).map(|(size, _)| size)
 }
 
-/// Finds an array in an archive. Its own header determines how many bytes are read, not the size in the archive.
+/// Finds an array in an archive, to be read as far as its own header says.
 fn member<'a>(
     archive: &Path,
     npz: &'a mut ZipArchive<BufReader<File>>,
@@ -122,7 +122,6 @@ pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
     Ok(names)
 }
 
-/// Opens an `.npz`, which is a zip archive of `.npy` files.
 fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
     ZipArchive::new(open(archive)?).map_err(|e| ImageError::because(archive, e))
 }
@@ -194,7 +193,7 @@ fn read<C: Value, R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<C>, De
     }
 }
 
-/// Reads the pixels of an array, value by value. A fourth channel is dropped.
+/// Reads the pixels of an array; a fourth channel is dropped.
 fn pixels<R: Read, T: npyz::Deserialize, C: Value>(
     path: &Path,
     npy: NpyFile<R>,

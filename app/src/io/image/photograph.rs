@@ -9,7 +9,6 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Returns true if the file begins with the signature of PNG.
 fn is_png(path: &Path) -> Result<bool, ImageError> {
     let mut head = [0; 4];
     let mut file = open(path)?;
@@ -65,7 +64,7 @@ impl Image {
         Ok(Image { width, height, rgb })
     }
 
-    /// Shrinks the picture to a size by averaging. A pixel that spans two new ones counts in each by its overlap.
+    /// Shrinks the picture to a size by averaging. A pixel counts in each new pixel by its overlap.
     pub fn averaged(&self, width: usize, height: usize) -> Image {
         let across = weights(self.width, width);
         let down = weights(self.height, height);
@@ -98,8 +97,7 @@ fn weights(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
 mod tests {
     use super::*;
 
-    /// A JPEG of 16 x 8 pixels: the left half is rgb(200, 60, 30), the right one rgb(20, 90, 220). Quality 95, no
-    /// subsampling.
+    /// 16 x 8 pixels: the left half is rgb(200, 60, 30), the right one rgb(20, 90, 220). Quality 95, no subsampling.
     const JPEG: &[u8] = include_bytes!("halves.jpg");
 
     #[test]

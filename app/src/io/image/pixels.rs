@@ -1,4 +1,4 @@
-//! Defines pictures in memory, and the errors, size limits and memory checks that all readers of pictures share.
+//! Defines pictures in memory, and the error and the limits that all readers of pictures share.
 
 use crate::io::output::OutputError;
 use splatgraph_assets::memory;
@@ -49,7 +49,7 @@ impl Image<f64> {
 }
 
 impl Image {
-    /// Makes a picture from a function: `pixel(x, y)` is the pixel at column `x` and row `y`.
+    /// Makes a picture from a function of the column and the row.
     pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> [f32; 3]) -> Image {
         let mut rgb = Vec::with_capacity(width * height);
         for y in 0..height {
@@ -83,8 +83,7 @@ impl Image {
         self.rgb.as_flattened().iter().map(|&value| level(value)).collect()
     }
 
-    /// Shrinks the picture to at most `width` columns, by averaging squares of pixels. The squares are as small as
-    /// possible.
+    /// Shrinks the picture to at most `width` columns, by averaging squares of pixels that are as small as possible.
     pub fn reduced(&self, width: usize) -> Image {
         let by = self.width.div_ceil(width.max(1)).max(1);
         let side = |of: usize| of.div_ceil(by);
@@ -102,7 +101,7 @@ impl Image {
     }
 }
 
-/// An error while reading or writing a picture, with the file and the problem.
+/// An error while reading or writing a picture.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {what}", path.display())]
 pub struct ImageError {
@@ -127,7 +126,6 @@ impl From<OutputError> for ImageError {
     }
 }
 
-/// Opens a regular file for reading.
 pub(super) fn open(path: &Path) -> Result<std::io::BufReader<std::fs::File>, ImageError> {
     splatgraph_assets::file::open(path).map(std::io::BufReader::new).map_err(|e| ImageError::because(path, e))
 }
@@ -139,7 +137,7 @@ pub(super) fn has_extension(path: &Path, extension: &str) -> bool {
 /// Maximum memory per pixel while a picture is read, in bytes: three channels as f64, and the same channels as f32.
 const BYTES_PER_PIXEL: u64 = 24 + 12;
 
-/// Allocates memory for the pixels of a picture, if enough is available.
+/// Allocates memory for the pixels of a picture, or returns an error.
 pub(super) fn room<C>(path: &Path, pixels: usize) -> Result<Vec<[C; 3]>, ImageError> {
     let mut rgb = Vec::new();
     rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;
@@ -169,6 +167,5 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
 
 /// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
 fn level(value: f32) -> u8 {
-    // A float cast to an integer truncates, saturates, and turns NaN into 0.
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

@@ -52,9 +52,9 @@ mod injected {
         result
     }
 
-    /// Runs `save` once per step, with this step failing, with and without an old file.
+    /// Runs `save` once per step, with this step failing, with and without an old file. Returns the number of steps.
     ///
-    /// Checks that the old file stays and that no other file is left. Returns the number of steps.
+    /// Checks that the old file stays and that no other file is left.
     pub fn at_every_step<E: std::fmt::Display>(
         path: &std::path::Path,
         save: impl Fn(&std::path::Path) -> Result<(), E>,

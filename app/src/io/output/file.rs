@@ -1,10 +1,9 @@
 //! Writes files atomically: each is either complete or absent.
 //!
 //! The bytes go into an unnamed file in the target's folder (`O_TMPFILE`). Once all of them are on the disk, the file
-//! is named in one step. If the program ends earlier, nothing is left behind, and an existing file is unchanged. When a
-//! file is replaced, the new one has a hidden name between two system calls, because no call replaces a file by an
-//! unnamed one. On file systems without unnamed files, the file has a hidden name from the start; errors and signals
-//! remove it.
+//! is named in one step. If the program ends earlier, nothing is left behind, and an existing file is unchanged. No
+//! system call replaces a file by an unnamed one, so a file that replaces another has a hidden name between two calls.
+//! On file systems without unnamed files, the file has a hidden name from the start; errors and signals remove it.
 //!
 //! The new file gets the permissions of the file that it replaces. A link is followed, not replaced. Anything but a
 //! regular file (a pipe, a terminal, `/dev/null`) is written directly.
@@ -26,7 +25,7 @@ use tracing::info_span;
 /// The cause of a failure, from any writer.
 pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 
-/// An error while writing a file: the path as given, and the cause.
+/// An error while writing a file.
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be written: {cause}", shown(path))]
 pub struct OutputError {
@@ -40,10 +39,9 @@ fn shown(path: &Path) -> std::path::Display<'_> {
     if terminal::is_standard_output(path) { Path::new("standard output").display() } else { path.display() }
 }
 
-/// Size of the write buffer, in bytes.
 const BUFFER_BYTES: usize = 1 << 17;
 
-/// Maximum number of links that are followed to a target, the same as on Linux.
+/// Maximum number of links that are followed to a target, as on Linux.
 const MAX_LINKS: usize = 40;
 
 /// Writes a file, and creates its folder; `-` is standard output.
@@ -121,12 +119,10 @@ fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>)
     }
 }
 
-/// Treatment of an existing file at the path of a new one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Existing {
-    /// The new file replaces it.
     Replaced,
-    /// It is kept, and writing the new file fails.
+    /// Writing the new file fails.
     Kept,
 }
 
@@ -144,7 +140,6 @@ fn fill_file(
     Ok(unfinished.finish(existing)?)
 }
 
-/// Runs `body` on a buffered writer, then flushes it.
 fn fill(writer: &mut dyn Write, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
     let mut out = BufWriter::with_capacity(BUFFER_BYTES, writer);
     let filled = body(&mut out).and_then(|()| Ok(out.flush()?));
@@ -177,7 +172,6 @@ impl Write for Pipe {
     }
 }
 
-/// A file, with the faults that tests inject.
 struct Faulty<'a>(&'a File);
 
 impl Write for Faulty<'_> {
@@ -201,7 +195,6 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Determines the target of a path.
     pub(super) fn of(path: &Path) -> io::Result<Target> {
         if terminal::is_standard_output(path) {
             return Ok(Target::StandardOutput);
@@ -244,7 +237,7 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The hidden names in use, for removal on a signal. A thread holds the lock while it names a file or ends the program.
+/// Hidden names in use, to remove on a signal. A thread holds the lock while it names a file or ends the program.
 static HIDDEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
@@ -284,7 +277,7 @@ fn hidden_name(folder: &Path) -> PathBuf {
 struct Unfinished {
     file: File,
     target: PathBuf,
-    /// Path of the hidden temporary file; `None` for an unnamed file.
+    /// Path of the hidden file; `None` for an unnamed file.
     hidden: Option<PathBuf>,
 }
 
@@ -306,7 +299,7 @@ impl Unfinished {
                     names.insert(name.clone());
                     return Ok(Unfinished { file, target, hidden: Some(name) });
                 }
-                // Left by a killed process that had this process's ID.
+                // Left by a killed process with the same ID.
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
             }
@@ -337,7 +330,7 @@ impl Unfinished {
                 Err(error) if error.kind() == ErrorKind::AlreadyExists && existing == Existing::Replaced => {}
                 linked => return linked,
             }
-            // Each name is tried once, so the loop ends.
+            // Names are not repeated, so the loop ends.
             loop {
                 let name = hidden_name(folder_of(&self.target));
                 match nameless::link(&self.file, &name) {
@@ -393,7 +386,6 @@ fn rename_to_new(from: &Path, to: &Path) -> io::Result<()> {
     }
 }
 
-/// Returns true if the error means that the file system does not support the operation.
 fn is_unsupported(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::Unsupported | ErrorKind::InvalidInput)
 }
@@ -414,7 +406,6 @@ fn refuse_protected(_: &Path, old: &fs::Metadata) -> io::Result<()> {
     if old.permissions().readonly() { Err(ErrorKind::PermissionDenied.into()) } else { Ok(()) }
 }
 
-/// Gives the new file the permissions and, if allowed, the owner of the old one.
 fn hand_on_permissions(old: &fs::Metadata, file: &File) {
     #[cfg(unix)]
     {
@@ -422,7 +413,7 @@ fn hand_on_permissions(old: &fs::Metadata, file: &File) {
         if let Ok(new) = file.metadata()
             && (new.uid(), new.gid()) != (old.uid(), old.gid())
         {
-            // Fails for most users: only root can change the owner.
+            // Only root can change the owner.
             let _ = fchown(file, Some(old.uid()), Some(old.gid()));
         }
         // Without the set-user-ID, set-group-ID and sticky bits.
@@ -432,7 +423,6 @@ fn hand_on_permissions(old: &fs::Metadata, file: &File) {
     let _ = file.set_permissions(old.permissions());
 }
 
-/// Unnamed files, which only Linux supports.
 #[cfg(target_os = "linux")]
 mod nameless {
     use super::{File, Path, io, is_unsupported};
@@ -440,8 +430,7 @@ mod nameless {
     use rustix::io::Errno;
     use std::os::fd::AsRawFd;
 
-    /// Creates an unnamed file. `None` if the file system does not support it, or if `/proc` is not mounted, which
-    /// naming needs.
+    /// Creates an unnamed file; `None` if the file system does not support it, or without `/proc`, which naming needs.
     pub fn create(folder: &Path) -> io::Result<Option<File>> {
         #[cfg(test)]
         if crate::io::output::faults::hidden_only() {

@@ -1,8 +1,8 @@
 //! Rejects outputs that would destroy a file, before anything is drawn.
 //!
-//! A command lists the files that it reads and the files that it will write. Two names of one file, through links or
-//! different spellings of the path, count as the same file. An output must not be an input, another output or a folder.
-//! It must not lie inside a file, and its name must not be too long for the file system.
+//! A command lists the files that it reads and the files that it will write. Two paths to one file count as the same
+//! file. An output must not be an input, another output or a folder. It must not lie inside a file, and its name must
+//! not be too long for the file system.
 
 use super::file::{folder_of, resolve};
 use super::names::MAX_NAME_BYTES;
@@ -15,7 +15,7 @@ use std::path::{Component, Path};
 /// Maximum length of a path, in bytes, including its terminator.
 const MAX_PATH_BYTES: usize = 4096;
 
-/// An error: the output cannot be written, or would destroy a file. The text is the message.
+/// An error: the output cannot be written, or would destroy a file.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Conflict(String);
@@ -33,9 +33,9 @@ pub struct OutputGuard {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
     StandardOutput,
-    /// A file that exists: its device and inode, or its canonical path on systems without inodes.
+    /// An existing file: its device and inode, or its canonical path on systems without inodes.
     Existing(Existing),
-    /// A file that does not exist yet: an existing folder, and the path relative to it.
+    /// A new file: an existing folder, and the path relative to it.
     New(Existing, Vec<OsString>),
 }
 
@@ -99,7 +99,7 @@ impl OutputGuard {
             return Err(Conflict(format!("{what} names {}, which is the folder of {other}", path.display())));
         }
         if let Identity::New(root, parts) = &identity {
-            // `Existing` is `Copy` on Unix, but a path on other systems.
+            // `Existing` is `Copy` only on Unix.
             #[allow(clippy::clone_on_copy)]
             for length in 1..parts.len() {
                 let folder = Identity::New(root.clone(), parts[..length].to_vec());
@@ -158,7 +158,7 @@ fn too_long(what: &str, path: &Path, found: usize, most: usize) -> Conflict {
     ))
 }
 
-/// Identifies a file that does not exist, by its deepest existing folder and the path below that.
+/// Identifies a file that does not exist, by its deepest existing folder and the path below it.
 fn new(
     what: &str,
     path: &Path,
@@ -195,12 +195,11 @@ fn new(
     Ok(Identity::New(existing(root, &found).map_err(unreachable)?, parts))
 }
 
-/// Normalises a name for comparison: converts it to lower case on systems that ignore case.
+/// Converts a name to lower case on systems that ignore case.
 fn spelling(name: OsString) -> OsString {
     if cfg!(any(windows, target_vendor = "apple")) { name.to_ascii_lowercase() } else { name }
 }
 
-/// Returns the maximum length of a file name in a folder, in bytes.
 fn longest_name(folder: &Path) -> usize {
     #[cfg(unix)]
     if let Ok(found) = rustix::fs::statvfs(folder) {
@@ -239,7 +238,7 @@ mod tests {
             guard.input("the scene", &scene).unwrap();
             let text = refused(&mut guard, "--json", &name);
             assert!(text.starts_with("--json would overwrite the scene, "), "{text}");
-            // The reverse order, for inputs that are found after the outputs.
+            // Some inputs are found after the outputs.
             let mut guard = OutputGuard::default();
             guard.output("--json", &name).unwrap();
             assert!(guard.input("the scene", &scene).is_err(), "{}", name.display());
@@ -283,7 +282,6 @@ mod tests {
             (&"x/".repeat(2048), "expected fewer than 4096"),
         ] {
             let text = refused(&mut OutputGuard::default(), "-o", &at(name));
-            // Some paths fail in a system call, with the system's message.
             assert!(text.contains(why) || text.contains("Not a directory"), "{name}: {text}");
         }
         let mut guard = OutputGuard::default();

@@ -11,8 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// A file of lines that others read while it grows, such as the viewer's events.
 ///
-/// It is the only output that is written in place. It grows by whole lines. A failure ends the log, but not the
-/// program.
+/// It is written in place, by whole lines. A failure ends the log, but not the program.
 pub struct Log {
     out: Option<Box<dyn Write>>,
     path: PathBuf,

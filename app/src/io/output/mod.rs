@@ -3,8 +3,7 @@
 //! A file is either complete or absent: [`write()`] fills an unnamed file and names it once its contents are on the
 //! disk, so that a full disk, an error or a signal leaves an existing file unchanged ([`mod@file`], [`signals`]).
 //! [`names`] gives each camera a unique file name, and [`guard`] rejects an output that is also an input, before
-//! anything is drawn. All text passes through [`terminal`], which escapes control characters. A closed pipe or a full
-//! device does not stop the command.
+//! anything is drawn. All text passes through [`terminal`], which escapes control characters.
 
 pub(crate) mod faults;
 pub mod file;

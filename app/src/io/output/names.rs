@@ -51,7 +51,7 @@ pub fn unique(names: &[String], room: usize) -> Vec<String> {
     all
 }
 
-/// Folds the case of a name, to compare names as a file system that ignores case does.
+/// Folds the case of a name, as a file system that ignores case does.
 fn key(name: &str) -> String {
     name.to_uppercase().to_lowercase()
 }
@@ -77,7 +77,7 @@ fn sanitized(name: &str, index: usize) -> String {
     name
 }
 
-/// Cuts a name to at most `room` bytes. A name that was cut ends in a hash of the whole name.
+/// Cuts a name to at most `room` bytes; a name that was cut ends in a hash of the whole name.
 fn shortened(name: &str, room: usize) -> String {
     if name.len() <= room {
         return name.to_owned();

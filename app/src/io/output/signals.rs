@@ -7,8 +7,8 @@
 
 /// Installs the signal handlers. Call it once, at the start of the program.
 ///
-/// Child processes are not affected: they start with the default handlers. If no thread can be started, signals keep
-/// their default effect. That leaves no unfinished file either, if the file system supports unnamed files.
+/// Child processes start with the default handlers. If no thread can be started, signals keep their default effect,
+/// which leaves no unfinished file either, if the file system supports unnamed files.
 #[cfg(unix)]
 pub fn end_cleanly() {
     use super::file;
@@ -25,7 +25,7 @@ pub fn end_cleanly() {
     let wait = move || {
         let Ok(mut signals) = Signals::new(&wanted) else { return };
         let again: Arc<AtomicBool> = Arc::default();
-        // In this order, the first signal only sets `again`. The second signal then ends the program.
+        // In this order, the first signal only sets `again`, and the second ends the program.
         for signal in &wanted {
             let _ = flag::register_conditional_shutdown(*signal, 128 + signal, again.clone());
             let _ = flag::register(*signal, again.clone());
@@ -43,7 +43,6 @@ pub fn end_cleanly() {
 pub fn end_now(code: u8) {
     use std::io::Write;
 
-    // If the flush fails, the text is lost either way.
     let _ = std::io::stdout().flush();
     let _held = super::file::abandon();
     signal_hook::low_level::exit(code.into());
@@ -57,7 +56,6 @@ pub fn end_now(_: u8) {}
 #[cfg(not(unix))]
 pub fn end_cleanly() {}
 
-/// Returns true if the parent process set this signal to be ignored.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     // SAFETY: all zeros are a valid `sigaction`, and with a null action the call only writes the present one to `old`.

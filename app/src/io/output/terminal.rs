@@ -56,8 +56,7 @@ pub fn shell_word(word: &str) -> String {
     format!("'{}'", word.replace('\'', "'\\''"))
 }
 
-/// Escapes harmful characters, except colour sequences (`ESC [ digits m`), which only this program's own renderers
-/// produce.
+/// Escapes harmful characters, except the colour sequences (`ESC [ digits m`) of this program's own renderers.
 fn harmless_styled(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -77,7 +76,6 @@ fn harmless_styled(text: &str) -> String {
     out + &harmless(rest)
 }
 
-/// Writes to standard error immediately; ignores failures.
 fn to_standard_error(text: &str) {
     let mut err = io::stderr().lock();
     // A failure of standard error cannot be reported anywhere.
@@ -94,7 +92,7 @@ pub fn say_styled(text: &str) {
     to_standard_error(&harmless_styled(text));
 }
 
-/// Writes a progress line to standard output. A line that cannot be written is lost.
+/// Writes a progress line to standard output; ignores failures.
 pub fn note(line: impl Display) {
     let line = format!("{}\n", harmless(&line.to_string()));
     let mut out = io::stdout().lock();

@@ -65,7 +65,6 @@ impl Page {
         let storage = Storage::new();
         let config = RenderConfig { display_mode: DisplayMode::Block, ..RenderConfig::default() };
         let mut math = String::new();
-        // Writing to a string cannot fail.
         let _ = push_mathml(&mut math, Parser::new(latex, &storage), config);
         // The crate does not escape this operator.
         self.body += &math.replace("<mo><</mo>", "<mo>&lt;</mo>");
@@ -153,7 +152,6 @@ impl Page {
             let caption = inline(&figure.caption);
             let alt = escaped(&figure.caption);
             let Image { width, height, .. } = figure.image;
-            // Writing to a string cannot fail.
             let _ = writeln!(
                 self.body,
                 "<figure><img width=\"{width}\" height=\"{height}\" alt=\"{alt}\" src=\"data:image/png;base64,{data}\">\
@@ -187,7 +185,6 @@ impl Page {
     }
 }
 
-/// Escapes HTML's special characters.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

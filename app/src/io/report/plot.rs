@@ -99,10 +99,8 @@ const INK: RGBColor = RGBColor(27, 31, 36);
 const RULE: RGBColor = RGBColor(225, 228, 233);
 
 const FONT: &str = "sans-serif";
-/// Height of the text of axes and legend, in pixels.
 const TEXT: u32 = 14;
 const NAME: u32 = 13;
-/// Height of the title and the legend, in pixels.
 const HEAD: u32 = 66;
 
 /// Style of a series. Series beyond the seventh repeat the colours, with open dots.
@@ -201,7 +199,7 @@ impl Plot {
         let mark_of: Vec<Mark> = (0..self.series.len())
             .map(|at| if muted(&at) { behind_all } else { *marks.next().unwrap_or(&behind_all) })
             .collect();
-        // Muted series are drawn first, below the others. Their names are placed last, where there is room left.
+        // Names of muted series are placed last, where there is room left.
         let (behind, before): (Vec<usize>, Vec<usize>) = (0..self.series.len()).partition(muted);
         self.head(area, &mark_of)?;
         let bar = |(low, high, y): &(f64, f64, f64)| PathElement::new(vec![(*low, *y), (*high, *y)], GREY);
@@ -246,7 +244,7 @@ impl Plot {
         let named = || self.series.iter().zip(marks).filter(|(series, _)| !series.name.is_empty());
         let width =
             |series: &Series| area.estimate_text_size(&series.name, &style).map(|(width, _)| width as i32);
-        /// Width of a dot in the legend with its margins, in pixels.
+        /// Width of a dot with its margins.
         const DOT: i32 = 36;
         let mut all = 0;
         for (series, _) in named() {
@@ -264,7 +262,6 @@ impl Plot {
         Ok(())
     }
 
-    /// Lists the error bars that the scales can show, in axis coordinates.
     fn shown_bars(&self) -> Vec<(f64, f64, f64)> {
         let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
         let bar = |bar: &Bar| (on(&self.x, bar.x.0), on(&self.x, bar.x.1), on(&self.y, bar.y));
@@ -280,10 +277,10 @@ impl Plot {
     }
 }
 
-/// Registers the font for pictures, once. An SVG only names a font family, so its viewer chooses the font.
+/// Registers the font for pictures, once. An SVG only names a font family.
 fn register() {
     static ONCE: Once = Once::new();
-    // Registering fails only for an invalid font, and this one is a constant.
+    // Fails only for an invalid font.
     ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)));
 }
 
@@ -312,7 +309,7 @@ impl Ticks {
         };
         let mut digits = (-step.log10().floor()).max(0.0) as usize;
         let at = if logarithmic {
-            // The coarsest set with at least four ticks in the range is used.
+            // The coarsest set with at least four ticks in the range.
             let sets: [&[f64]; 4] =
                 [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
             let decades = first.floor() as i32..=last.ceil() as i32;
@@ -323,7 +320,7 @@ impl Ticks {
             let found = sets.iter().map(|set| ticks(set)).find(|ticks| ticks.len() >= 4);
             match found {
                 Some(ticks) => ticks,
-                // The range is too narrow for these sets: use equal steps.
+                // The range is too narrow for these sets.
                 None => {
                     let (a, b) = (10f64.powf(first), 10f64.powf(last));
                     let step = step_for(b - a);
@@ -397,22 +394,20 @@ fn step_for(span: f64) -> f64 {
     power * round
 }
 
-/// The areas of the dots and names drawn so far, which later names avoid.
+/// Areas that later names avoid.
 #[derive(Default)]
 struct Names {
     taken: Vec<[i32; 4]>,
 }
 
 impl Names {
-    /// Reserves the area of a dot.
     fn block(&mut self, (x, y): (i32, i32)) {
         self.taken.push([x - 4, y - 4, x + 4, y + 4]);
     }
 
-    /// Finds a place for a name beside its dot, and the alignment of its text. `None` if there is no room.
+    /// Finds a place for a name beside its dot, and the alignment of its text; `None` if there is no room.
     ///
-    /// The viewer's font may be wider than this program's, so the alignment fixes the side of the text that faces the
-    /// dot.
+    /// The alignment fixes the side that faces the dot, because the viewer's font may be wider than this program's.
     fn place(&mut self, (x, y): (i32, i32), (width, height): (i32, i32)) -> Option<(HPos, (i32, i32))> {
         let half = height / 2;
         let beside = [
@@ -505,7 +500,6 @@ mod tests {
         assert_eq!(labels(&[1000.0, 1e6], true), ["1000", "10 k", "100 k", "1 M"]);
         assert_eq!(labels(&[1.0, 10.0], true), ["1", "2", "5", "10"]);
         assert_eq!(labels(&[1.0, 1.4], true), ["1", "1.1", "1.2", "1.3", "1.4"]);
-        // A single value, and no value.
         assert!(labels(&[3.0], false).contains(&"3.00".to_owned()), "{:?}", labels(&[3.0], false));
         assert!(!labels(&[], true).is_empty());
     }

@@ -1,8 +1,7 @@
 //! Records the spans of host threads, and the frames of the device.
 //!
-//! The program's crates open spans with the crate `tracing`. Without a subscriber, each costs an atomic load. [`start`]
-//! installs this module's subscriber, which keeps every closed span with its thread, start and end. [`finish`]
-//! returns them. Spans of other libraries are ignored.
+//! The program's crates open spans with the crate `tracing`. [`start`] installs this module's subscriber, which keeps
+//! every closed span with its thread, start and end. [`finish`] returns them. Spans of other libraries are ignored.
 
 use std::collections::HashMap;
 use std::fmt::Debug;
@@ -75,17 +74,15 @@ pub struct Recording {
     pub end: Duration,
 }
 
-/// A recording in progress.
 struct Running {
     begun: Instant,
     threads: HashMap<ThreadId, usize>,
     open: HashMap<u64, Open>,
-    /// For each frame in flight, the time when it was submitted.
+    /// Frames in flight, with the time when each was submitted.
     flying: HashMap<u64, Duration>,
     recording: Recording,
 }
 
-/// A span that is not closed yet.
 struct Open {
     name: &'static str,
     details: Vec<(&'static str, String)>,
@@ -126,7 +123,7 @@ pub fn start(begun: Instant, before: &'static str) {
     *running = Some(Running { begun, threads, open: HashMap::new(), flying: HashMap::new(), recording });
     drop(running);
     ACTIVE.store(true, Ordering::Relaxed);
-    // Fails for later recordings of the process, when the subscriber is already set.
+    // Fails for later recordings of the process.
     let _ = tracing::subscriber::set_global_default(Recorder);
 }
 
@@ -158,7 +155,6 @@ pub fn completed(number: u64, frame: impl FnOnce(Duration, Duration) -> Frame) {
     }
 }
 
-/// The process's only subscriber to spans.
 struct Recorder;
 
 impl Subscriber for Recorder {
@@ -213,7 +209,6 @@ impl Subscriber for Recorder {
     }
 }
 
-/// The fields of a span, as text by name.
 struct Details(Vec<(&'static str, String)>);
 
 impl Visit for Details {

@@ -1,7 +1,6 @@
 //! Summarises a recording as text: the main thread's time, the work of other threads, and the device's passes.
 //!
-//! A span's own time is its duration without that of the spans within it, so the main thread's lines add up to the
-//! whole.
+//! A span's own time excludes the spans within it, so the main thread's lines add up to the whole.
 
 use super::record::{Recording, Span};
 use super::trace::ms;
@@ -10,7 +9,6 @@ use std::fmt::Write;
 /// Share of the whole time below which rows are combined into one line.
 const MIN_SHARE: f64 = 0.005;
 
-/// A row of the summary: a name, its milliseconds, and the number of its occurrences.
 struct Row {
     name: String,
     ms: f64,
@@ -64,7 +62,6 @@ fn lines(mut rows: Vec<Row>, all: f64) -> String {
     out
 }
 
-/// Sums the own times of spans by name, in milliseconds.
 fn own_times(mut spans: Vec<&Span>) -> Vec<Row> {
     spans.sort_by(|a, b| (a.thread, a.begin).cmp(&(b.thread, b.begin)).then(b.end.cmp(&a.end)));
     let mut own: Vec<f64> = spans.iter().map(|span| ms(span.end - span.begin)).collect();
@@ -83,7 +80,6 @@ fn own_times(mut spans: Vec<&Span>) -> Vec<Row> {
     sums(spans.iter().zip(own).map(|(span, own)| (span.name.to_owned(), own)))
 }
 
-/// Sums times by name, in the order in which the names first occur.
 fn sums(times: impl Iterator<Item = (String, f64)>) -> Vec<Row> {
     let mut rows: indexmap::IndexMap<String, (f64, usize)> = indexmap::IndexMap::new();
     for (name, ms) in times {
@@ -148,12 +144,12 @@ mod tests {
     #[test]
     fn frames_start_as_late_as_the_frame_that_was_noticed_soonest_allows() {
         // The first two frames bound the offset by 80 - 510 and by 92 - 522, which are equal. The third is noticed
-        // late, so its bound is larger and has no effect.
+        // late.
         let mut frames = recording().frames;
         assert_eq!(trace::starts(&frames), [Some(70.0), Some(82.0)]);
         frames.push(frame(2, (90, 200), 530.0));
         assert_eq!(trace::starts(&frames), [Some(70.0), Some(82.0), Some(100.0)]);
-        // The device's clock wrapped: each frame is then taken to end when the host saw it.
+        // The device's clock wrapped.
         frames.push(frame(3, (200, 230), 1.0));
         assert_eq!(trace::starts(&frames)[3], Some(220.0));
         assert_eq!(trace::starts(&[Frame { start_ms: None, ..frame(0, (1, 2), 0.0) }]), [None]);
@@ -174,7 +170,7 @@ mod tests {
         assert_eq!(names("GPU"), ["frame 0", "sort", "draw", "frame 1", "sort", "draw"]);
         assert_eq!((names("in flight 1"), names("in flight 2")), (vec!["frame 0"], vec!["frame 1"]));
         let sort = events.iter().find(|e| e["name"] == "sort").unwrap();
-        // The pass overlaps the next one by 1 ms. Events of a track must not overlap, so its event is cut.
+        // The pass overlaps the next one by 1 ms, so its event is cut.
         assert_eq!(
             (&sort["ts"], &sort["dur"], &sort["args"]["ms"]),
             (&70_000.0.into(), &3_000.0.into(), &4.0.into())

@@ -2,13 +2,12 @@
 //!
 //! The events are those of the Trace Event Format: complete events (`ph: "X"`) with times in microseconds, and the
 //! names of threads as metadata (`ph: "M"`). Frames have tracks after those of the threads: one for the passes on the
-//! device, and one for each frame in flight.
+//! device, and the others for frames in flight.
 
 use super::record::{Frame, Recording};
 use serde_json::{Value as Json, json};
 use std::time::Duration;
 
-/// Number of the process in the trace.
 const PROCESS: u32 = 1;
 /// Number of the first track that is not a thread's.
 const FIRST_TRACK: usize = 1000;
@@ -36,7 +35,6 @@ pub fn json(recording: &Recording, command: &str) -> Json {
     })
 }
 
-/// Makes the tracks of the frames: their names and events.
 fn frames(frames: &[Frame]) -> Vec<Json> {
     let mut events = Vec::new();
     let track = |events: &mut Vec<Json>, index: usize, text: &str| {
