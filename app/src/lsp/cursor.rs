@@ -25,7 +25,6 @@ pub enum Meaning {
     Free,
 }
 
-/// The string at a position, with its meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     pub meaning: Meaning,
@@ -48,7 +47,6 @@ pub struct Group {
     pub values: Vec<(String, String)>,
 }
 
-/// A string in quotes, with its position among the brackets.
 #[derive(Clone, Debug)]
 pub struct Text {
     /// Byte range between the quotes.

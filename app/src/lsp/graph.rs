@@ -111,7 +111,6 @@ impl Workspace {
         }
     }
 
-    /// Lists the completions at a byte offset of a graph's text.
     pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
         let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
         let none = Known::default();
@@ -253,14 +252,12 @@ impl Workspace {
         Index::of(&mut self.planner, &graphs)
     }
 
-    /// Lists the declarations of the name at a byte offset of a graph or a shader.
     pub fn definitions(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
         let index = self.index(at.0, open);
         let places = index.definitions(&in_index(at.0), at.1);
         places.iter().filter_map(|place| location(&index, place, open)).collect()
     }
 
-    /// Lists every occurrence of the name at a byte offset of a graph or a shader.
     pub fn references(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
         let index = self.index(at.0, open);
         let places = index.places(&in_index(at.0), at.1);

@@ -24,7 +24,6 @@ pub struct Place {
     pub end: usize,
 }
 
-/// Spelling of a name at an occurrence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// As in the declaration.
@@ -41,7 +40,6 @@ struct Found {
     places: Vec<Place>,
 }
 
-/// A declaration in a graph.
 struct Declaration {
     file: FileId,
     range: Range<usize>,
@@ -68,7 +66,6 @@ struct Shader {
     includes: Vec<FileId>,
 }
 
-/// An index of all names in graphs and in their shaders.
 pub struct Index {
     paths: HashMap<FileId, (String, String)>,
     graphs: BTreeMap<FileId, Graph>,

@@ -101,7 +101,6 @@ fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
     }
 }
 
-/// The result of a request as JSON, or the error that the editor shows.
 type Answer = Result<Value, (ErrorCode, String)>;
 
 /// Parses the parameters of a request, calls `answer`, and serialises its result.

@@ -4,7 +4,6 @@ use super::cursor::{Group, Meaning, Scan, shaders};
 use splatgraph_framework::schema::{ResourceName, is_choice};
 use std::ops::Range;
 
-/// The kind of a declaration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Parameter,
@@ -39,7 +38,6 @@ pub enum Role {
     OfShaders(Vec<String>),
 }
 
-/// An occurrence of a name in a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mention {
     pub range: Range<usize>,
@@ -171,7 +169,6 @@ pub fn continues_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
-/// A word in a shader's text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Word {
     /// The byte range of an identifier that does not follow a dot.

@@ -35,7 +35,6 @@ layout(set = 0, binding = 2, std430) buffer Table { uint table[]; };
 void main() { imageStore(to, ivec2(0), imageLoad(from, ivec2(0)) * table[WIDTH]); }
 ";
 
-/// A simulated editor: a server on another thread, and a folder with two graphs and their shaders.
 struct Editor {
     connection: Connection,
     folder: tempfile::TempDir,
@@ -105,7 +104,6 @@ impl Editor {
         self.notify("textDocument/didChange", json!({ "textDocument": document, "contentChanges": changes }));
     }
 
-    /// Waits for the next published diagnostics: the file's URI, and the list.
     fn published(&self) -> (String, Vec<Value>) {
         loop {
             let message = self.connection.receiver.recv().expect("a message");

@@ -39,9 +39,9 @@ pub enum Event {
         #[serde(flatten)]
         swap: Swap,
     },
-    /// A plan could not be built; the previous one stays.
+    /// A plan could not be built, or a frame drawn; the previous plan and picture stay.
     Failed {
-        /// Renderer whose build failed.
+        /// Renderer that failed.
         renderer: RendererId,
         /// Error messages, without colours.
         text: String,
@@ -133,9 +133,9 @@ pub enum Event {
         /// Error message, with its context.
         text: String,
     },
-    /// The device has been running one pass for more than a second; pictures are delayed until the pass ends.
+    /// The device has been running one pass (on a CPU, one frame) for more than a second, which delays pictures.
     Slow {
-        /// Name of the pass, with its plan.
+        /// Name of the pass or frame.
         place: String,
     },
     /// A and B were compared.

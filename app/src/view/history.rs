@@ -245,7 +245,6 @@ mod tests {
     use super::*;
     use crate::view::tests;
 
-    /// Makes a frame whose passes took these times, in milliseconds.
     fn frame(times: &[f64]) -> FrameResult {
         FrameResult {
             pass_ms: times.iter().enumerate().map(|(i, ms)| (PassId(i as u32), Some(*ms))).collect(),

@@ -15,7 +15,6 @@ use std::time::{Duration, Instant};
 /// Interval between attempts to open a device.
 const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Maximum number of attempts to open a device.
 const ATTEMPTS: u32 = 20;
 
 /// Maximum wait for a build that still holds the lost device.
@@ -37,7 +36,6 @@ pub struct Unrecovered {
     pub error: BackendError,
 }
 
-/// A loss for which no new device is open yet.
 struct Loss {
     error: BackendError,
     since: Instant,

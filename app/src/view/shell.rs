@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 /// Interval between frames while progress of a build or load is shown.
 const PROGRESS: Duration = Duration::from_millis(250);
 
-/// Minimum interval between animation frames of the user interface on a CPU, which also draws the scene.
+/// Minimum interval between frames on a CPU, which also draws the scene.
 const ANIMATION: Duration = Duration::from_millis(33);
 
 /// Pause after a frame that drew nothing, if the next frame is due immediately.
@@ -91,9 +91,7 @@ pub struct Shell<D: Device> {
     owed: bool,
     /// True if a frame in flight is to be read back.
     reading: bool,
-    /// Size of the window's newest frame, in pixels.
     presented: (u32, u32),
-    /// Number of events reported so far.
     reported: u64,
     /// [`Shell::changes`] before the panels of the last frame were drawn.
     seen: u64,
@@ -275,7 +273,6 @@ impl<D: Device> Shell<D> {
         all.into_iter().flatten().min()
     }
 
-    /// Returns a counter of changes that panels show.
     fn changes(&self) -> u64 {
         self.viewer.changes() + self.canvas.changes() + self.reported
     }

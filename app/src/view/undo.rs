@@ -14,10 +14,8 @@ use indexmap::IndexMap;
 use splatgraph_api::Device;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of steps.
 const STEPS: usize = 200;
 
-/// Graph and parameters of one viewport.
 #[derive(Clone, Debug, PartialEq)]
 struct Side {
     graph: String,

@@ -78,7 +78,6 @@ pub(super) struct View<'a> {
     pub to_host: bool,
 }
 
-/// Inputs of a frame that affect its picture.
 struct Drawn {
     plan: Arc<Plan>,
     uniforms: BTreeMap<String, Vec<u8>>,
@@ -114,7 +113,6 @@ pub struct Viewport<D: Device> {
     /// Lists that overflowed in the newest finished frame.
     pub short: Vec<Overflow>,
     reading: Reading,
-    /// The inputs of the newest submitted frame.
     drawn: Option<Drawn>,
     /// Picture that the window shows; `None` before the first.
     exhibit: Option<Exhibit>,
@@ -223,7 +221,6 @@ impl<D: Device> Viewport<D> {
         matches!(self.reading, Reading::Done(_))
     }
 
-    /// Withdraws the request for a picture.
     pub(super) fn forget_picture(&mut self) {
         self.reading = Reading::Idle;
     }
@@ -256,12 +253,10 @@ impl<D: Device> Viewport<D> {
         self.renderer.trouble().is_none() && self.renderer.plan().is_some_and(|plan| !is_shown(plan))
     }
 
-    /// Returns true if frames are drawn continuously, because they may differ for equal inputs.
     pub(super) fn is_animated(&self) -> bool {
         self.animated
     }
 
-    /// Returns true if a frame is due, but could not be submitted.
     pub(super) fn waits(&self) -> bool {
         self.waits
     }
@@ -332,7 +327,6 @@ impl<D: Device> Viewport<D> {
         self.exhibit = Some(Exhibit { shown, number, plan, subject: self.renderer.subject() });
     }
 
-    /// Drops everything on the lost device.
     pub(super) fn release(&mut self) {
         self.renderer.release();
         (self.drawn, self.exhibit) = (None, None);
@@ -370,7 +364,6 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Returns the inspection to read in the next frame.
     fn due(&mut self) -> Option<Inspect> {
         let first = self.renderer.is_first_next();
         let plan = self.renderer.plan()?.clone();

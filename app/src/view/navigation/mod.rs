@@ -126,7 +126,6 @@ pub struct Keys {
     pub orbit_down: bool,
 }
 
-/// A view: position, orientation and field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pose {
     position: DVec3,

@@ -69,7 +69,6 @@ fn position(navigation: &Navigation) -> DVec3 {
     DVec3::from(now(navigation).position)
 }
 
-/// Computes the largest difference between the numbers of two cameras.
 fn apart(a: &Camera, b: &Camera) -> f64 {
     let numbers = |c: &Camera| {
         let flat: Vec<f64> = c.rotation.as_flattened().to_vec();

@@ -34,7 +34,6 @@ impl Area {
         area
     }
 
-    /// Returns the intersection of two areas.
     pub fn and(self, other: Area) -> Area {
         Area {
             first: [0, 1].map(|axis| self.first[axis].max(other.first[axis])),
@@ -42,7 +41,6 @@ impl Area {
         }
     }
 
-    /// Returns the smallest area around both.
     fn with(self, other: Area) -> Area {
         Area {
             first: [0, 1].map(|axis| self.first[axis].min(other.first[axis])),
@@ -50,7 +48,6 @@ impl Area {
         }
     }
 
-    /// Returns true if no pixel is covered.
     pub fn is_empty(&self) -> bool {
         // Not `>=`: an area with a NaN covers nothing.
         !(self.first[0] < self.beyond[0] && self.first[1] < self.beyond[1])
@@ -100,7 +97,6 @@ impl Interface {
         self.is_placed_as(other) && self.pieces == other.pieces
     }
 
-    /// Returns true if both have the same window, view, background and textures.
     fn is_placed_as(&self, other: &Interface) -> bool {
         (other.window, other.view, other.background) == (self.window, self.view, self.background)
             && Arc::ptr_eq(&other.texels, &self.texels)

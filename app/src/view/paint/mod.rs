@@ -47,18 +47,15 @@ pub const DRAW: &str = "frame.ui_draw";
 struct Vertex {
     /// Position, in pixels of the window.
     position: [f32; 2],
-    /// Texture coordinates, 0 to 1.
     uv: [f32; 2],
     /// Red, green, blue and alpha, premultiplied.
     colour: [u8; 4],
-    /// Index of the mesh's [`Clip`].
     clip: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Clip {
-    /// Top left corner, in pixels.
     first: [f32; 2],
     /// Bottom right corner, in pixels; exclusive.
     beyond: [f32; 2],

@@ -14,7 +14,6 @@ use splatgraph_api::Device;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// A click in a list of views or keys.
 enum Act {
     Go,
     Remove,

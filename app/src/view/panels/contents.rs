@@ -30,10 +30,8 @@ pub enum Copy {
     Known(f64),
 }
 
-/// Number of lines in the list of elements.
 const LINES: usize = 16;
 
-/// Number of bars in the histogram.
 const BINS: usize = 64;
 
 /// Maximum width and height of a resource's image, in pixels. Larger images are scaled down, because they occupy the

@@ -3,7 +3,6 @@
 use super::theme;
 use egui::{Align2, Context, RichText};
 
-/// Inputs with their effects, grouped by subject.
 const KEYS: [(&str, &[(&str, &str)]); 5] = [
     (
         "Camera",

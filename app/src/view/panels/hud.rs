@@ -14,12 +14,10 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use std::time::{Duration, Instant};
 
-/// Display time of a toast.
 const STAY: Duration = Duration::from_secs(5);
 /// Display time of a toast about a failure, or about dropped parameters.
 const STAY_LONG: Duration = Duration::from_secs(12);
 const MAX_TOASTS: usize = 4;
-/// Number of frames in the sparkline.
 const FRAMES: usize = 120;
 /// Background of text over the picture, dark enough for white text on any picture.
 const SHADE: Color32 = Color32::from_black_alpha(200);

@@ -54,10 +54,8 @@ pub use params::set_line;
 /// Height of the status line, in points; the same if it is empty.
 const STATUS_HEIGHT: f32 = 24.0;
 
-/// Maximum number of events in the log.
 const LOG: usize = 200;
 
-/// Maximum number of recent scenes.
 const RECENT: usize = 12;
 
 /// Results of drawing the panels.
@@ -102,7 +100,6 @@ pub struct Panels {
     inspector: inspector::State,
     params: params::State,
     presets: Presets,
-    /// See [`Panels::show_notice`].
     notice: Option<String>,
     errors: errors::State,
     toasts: hud::Toasts,
@@ -117,7 +114,6 @@ pub struct Panels {
     recent: Vec<PathBuf>,
     scene_search: String,
     camera_search: String,
-    /// True once a saved arrangement was restored.
     restored: bool,
     drag: pointer::Drag,
     wheel: Wheel,

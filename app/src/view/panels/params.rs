@@ -16,10 +16,8 @@ use splatgraph_framework::plan::Plan;
 /// A slider is logarithmic if its range spans more than this many powers of ten.
 const DECADES: f64 = 2.0;
 
-/// Width of a number field, in points.
 const NUMBER: f32 = 80.0;
 
-/// Width of the button that resets a value, in points.
 const RESET: f32 = 24.0;
 
 #[derive(Default)]

@@ -17,7 +17,6 @@ const GRIP: f32 = 6.0;
 pub enum Drag {
     #[default]
     Camera,
-    /// The line between A and B.
     Split,
     Select,
 }
@@ -146,7 +145,6 @@ impl Drag {
     }
 }
 
-/// Returns the viewport whose picture contains a point of the view.
 fn viewport_at<D: Device>(viewer: &Viewer<D>, view: Rect, at: Pos2) -> RendererId {
     let share = (at.x - view.left()) / view.width().max(1.0);
     if viewer.compare == Mode::Split && share > viewer.split { RendererId::B } else { RendererId::A }

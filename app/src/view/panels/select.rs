@@ -27,7 +27,6 @@ const STEP: f32 = 1.25;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SelectTool {
-    /// Selects the splats in a rectangle.
     Box,
     /// Selects the splats along the pointer's path.
     Brush,
@@ -44,12 +43,10 @@ pub struct State {
     /// The active tool; `None` if the left button moves the camera.
     tool: Option<SelectTool>,
     reach: Reach,
-    /// Radius of the brush, in points.
     radius: f32,
     drag: Option<Drag>,
     /// Viewport of the last drag; see [`State::take_touched`].
     touched: Option<RendererId>,
-    /// File to write.
     path: String,
     /// See [`State::select_first`].
     first: Option<[f32; 4]>,

@@ -9,9 +9,7 @@ use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 
-/// Number of points of an outline.
 const POINTS: usize = 64;
-/// Maximum number of splats in the list.
 const LIST: usize = 200;
 
 pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {

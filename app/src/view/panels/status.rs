@@ -10,7 +10,6 @@ use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
 use splatgraph_api::Device;
 use splatgraph_framework::reload::WatchKind;
 
-/// Number of log lines in the newest line's pop-up.
 const LINES: usize = 20;
 
 impl Panels {

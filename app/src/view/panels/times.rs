@@ -10,7 +10,6 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump;
 
-/// Width of a column of numbers, in points.
 const COLUMN: f32 = 72.0;
 
 /// Draws the times of one viewport. `window` is the history of the window's graph; `plotted` is the phase whose passes

@@ -40,7 +40,6 @@ impl Panels {
         view
     }
 
-    /// Draws the tools in floating windows over the picture.
     pub(super) fn floating<D: Device>(
         &mut self,
         ui: &Ui,

@@ -30,7 +30,6 @@ pub fn hint(response: Response, text: impl Into<egui::WidgetText>) -> Response {
     response
 }
 
-/// Draws a row with a left part and a right-aligned part.
 pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOnce(&mut Ui)) -> Response {
     ui.horizontal(|ui| {
         ui.set_min_height(ROW - 4.0);

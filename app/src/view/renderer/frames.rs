@@ -64,7 +64,6 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
-    /// Packs the values of a plan's live parameters for the device.
     pub(in crate::view) fn live(&self, plan: &Plan) -> Vec<u8> {
         plan.live_bytes_of(self.controls.iter().map(|control| &control.param))
     }

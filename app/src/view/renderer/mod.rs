@@ -250,7 +250,6 @@ impl<D: Device> Renderer<D> {
         self.build.is_busy() || self.state.due(self.now).is_some()
     }
 
-    /// Returns true if no build is running.
     pub(super) fn is_idle(&self) -> bool {
         !self.builder.busy()
     }

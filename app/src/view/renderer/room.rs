@@ -61,7 +61,6 @@ impl<D: Device> Renderer<D> {
         self.crowded.as_ref()?.retry
     }
 
-    /// Lets frames request more capacity again once the retry time has passed.
     pub(super) fn try_room_again(&mut self) {
         if self.room_again().is_some_and(|time| time <= self.now) {
             self.crowded = None;

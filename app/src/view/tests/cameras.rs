@@ -85,7 +85,6 @@ fn hiding_splats_does_not_change_the_scale_of_an_orthographic_view() {
         let viewer = script.viewer();
         let camera = viewer.picture_camera();
         assert_eq!(camera.projection, Projection::Orthographic);
-        // Half of the scene, on one side of its middle.
         let scene = viewer.loaded(RendererId::A);
         let middle = scene.robust_bounds().center()[0] as f32;
         let left = |index: &u32| scene.positions()[*index as usize][0] < middle;

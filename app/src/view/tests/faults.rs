@@ -10,7 +10,6 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Number of faults of each kind without `SPLATGRAPH_LONG`.
 const SOME: u64 = 4;
 
 /// Entries that each frame needs; more than the plan's capacity, so that the plan must grow.

@@ -21,7 +21,6 @@ fn resting() -> (Script, TempDir) {
     (script, folder)
 }
 
-/// Draws frames until none is due; returns the number of submitted frames.
 fn submitted(script: &mut Script) -> usize {
     script.rest();
     script.submissions()
@@ -74,7 +73,6 @@ fn the_window_alone_is_submitted_after_a_change_of_the_window() {
     script.panels().help = false;
     assert!(submitted(&mut script) > 0);
     assert_eq!(script.viewer().a.renderer.submitted(), drawn, "the scene is drawn for the window's sake");
-    // The window system has discarded the window's content.
     let frame = script.redraw().expect("the device is not lost");
     assert!(frame.drawn);
     assert_eq!(submitted(&mut script), 1);

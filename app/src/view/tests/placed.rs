@@ -77,7 +77,6 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
     script.settle();
     assert_eq!(script.panels().undo_steps(), steps, "the program's own change is no step");
 
-    // A file has other splats, as many as before.
     let other = synth::generate("uniform", 200, 1).expect("the scene is generated");
     other.write_ply(folder.path().join("second.ply")).expect("the scene is written");
     write("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");

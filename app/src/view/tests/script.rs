@@ -19,7 +19,6 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time limit of a step, generous for any machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 const SIZE: (u32, u32) = (320, 180);
@@ -103,7 +102,6 @@ pub struct Script {
     pub events: Vec<Event>,
     calls: u64,
     pub input: Vec<egui::Event>,
-    /// See [`Script::set_hanging`].
     hangs: bool,
     folder: PathBuf,
 }
@@ -299,7 +297,6 @@ impl Script {
         });
     }
 
-    /// Returns true if one of the next 100 frames is drawn.
     pub fn draws(&mut self) -> bool {
         (0..100).any(|_| self.frame(false).is_some_and(|frame| frame.drawn))
     }

@@ -137,10 +137,8 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced.
-    ///
-    /// # Errors
-    /// The cameras cannot be keys of a path; see [`crate::draw::camera_path::CameraPath::set_keys`].
+    /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced. Fails if
+    /// they cannot be keys of a path.
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,

@@ -50,7 +50,6 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Draws a frame of the measurement, and ends it after enough frames.
     pub(super) fn step_copy(&mut self, now: Instant) {
         let Some(viewport) = self.copy.viewport_mut() else { return };
         let inputs = PlanInputs {

@@ -103,7 +103,6 @@ pub struct Viewer<D: Device> {
     exporter: Exporter,
     /// True if the window uses another device, so that pictures are copied through host memory.
     pub(super) to_host: bool,
-    /// True while frames must not be submitted.
     pub(super) rests: bool,
     /// Size of the pictures requested by the last frame, in pixels.
     asked: (u32, u32),
@@ -214,7 +213,6 @@ impl<D: Device> Viewer<D> {
         self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
     }
 
-    /// Returns true if a frame is due, but could not be submitted yet.
     pub(super) fn waits(&self) -> bool {
         self.shown().any(Viewport::waits)
     }
@@ -526,7 +524,6 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// Returns true if no build is running.
     pub(super) fn is_idle(&self) -> bool {
         self.all().all(|viewport| viewport.renderer.is_idle())
     }

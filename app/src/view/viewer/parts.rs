@@ -38,7 +38,6 @@ pub(super) struct Compared {
     pub sides: [Option<Side>; 2],
 }
 
-/// Graph, changed parameters and scene of one viewport.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Side {
     pub graph: String,
@@ -46,7 +45,6 @@ pub(super) struct Side {
     pub scene: u64,
 }
 
-/// The progress of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
     No,

@@ -6,7 +6,6 @@ use crate::view::renderer::Wake;
 use splatgraph_framework::reload::{Content, Wanted, WatchError, Watcher};
 use std::path::{Path, PathBuf};
 
-/// Watcher of the placement files of A and B.
 #[derive(Default)]
 pub(super) struct PlacedFiles {
     /// `None` until the first file is watched.
@@ -17,9 +16,6 @@ pub(super) struct PlacedFiles {
 
 impl PlacedFiles {
     /// Watches a viewport's scene file from now on, if it is a placement file; stops watching the previous one.
-    ///
-    /// # Errors
-    /// The system cannot start a thread.
     pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> Result<(), WatchError> {
         let places = splatgraph_assets::names_scenes(path);
         let wanted = places.then(|| Wanted { path: path.to_owned(), content: Content::at(path) });

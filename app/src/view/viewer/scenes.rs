@@ -200,7 +200,6 @@ impl<D: Device> Viewer<D> {
         is_its_own && self.scene_path_of(id) == path && self.placed.follows(id, path)
     }
 
-    /// Replaces A's scene and the selectable cameras.
     fn show_scene(&mut self, subject: Subject, cameras: SceneCameras) {
         // The file was edited: keep the view while the user adjusts the placement.
         if subject.path == self.subject.path && names_scenes(&subject.path) {
@@ -227,7 +226,6 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// Selectable cameras to use with a new scene.
 enum SceneCameras {
     /// The current cameras, because they were opened after the scene.
     Kept,

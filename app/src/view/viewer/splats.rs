@@ -64,7 +64,6 @@ impl<D: Device> Viewer<D> {
         self.subject_mut(id).cancel_searches();
     }
 
-    /// Starts the next queued search in a viewport's picture, unless one is running.
     fn search(&mut self, id: RendererId) {
         let subject = self.subject_mut(id);
         if subject.finder.busy() {

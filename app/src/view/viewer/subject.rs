@@ -166,11 +166,8 @@ impl Subject {
         self.searches.clear();
     }
 
-    /// Selects and hides splats, and starts making the marked scene on another thread.
-    ///
-    /// # Errors
-    /// All splats would be hidden, the marks are of a larger scene, or the system cannot start a thread. The marks stay
-    /// unchanged then.
+    /// Selects and hides splats, and starts making the marked scene on another thread. Fails, without changes, if all
+    /// splats would be hidden, the marks are of a larger scene, or the system cannot start a thread.
     pub fn set_marks(&mut self, marks: Marks) -> Result<(), String> {
         let count = self.whole.count();
         let end = marks.selected.end().max(marks.hidden.end());
@@ -200,10 +197,7 @@ impl Subject {
         Ok(())
     }
 
-    /// Takes the marked scene once it is made.
-    ///
-    /// # Errors
-    /// The scene does not fit in memory. All splats are then shown, and none is selected.
+    /// Takes the marked scene once it is made. If it did not fit in memory, all splats are shown, and none is selected.
     pub fn take_drawn(&mut self) -> Result<(), SceneMemoryError> {
         match self.maker.take() {
             None => {}

@@ -15,10 +15,6 @@ use winit::window::{Window, WindowAttributes};
 /// Approximate fraction of a display's height that remains for a window beside title bars and panels.
 const USABLE_HEIGHT: f64 = 0.92;
 
-/// Connects to the display.
-///
-/// # Errors
-/// There is no display.
 pub fn event_loop() -> Result<EventLoop<()>> {
     let mut builder = EventLoop::builder();
     #[cfg(all(unix, not(target_os = "macos")))]
@@ -74,7 +70,6 @@ thread_local! {
 /// Owner of running code, to whom a panic is attributed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Whose {
-    /// This program, including its libraries other than the window library.
     Program,
     /// The window library, including egui's adapter for it.
     Library,

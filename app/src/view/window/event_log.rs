@@ -48,7 +48,6 @@ impl EventLog {
         self.out.flush();
     }
 
-    /// Appends events for changes of the window's size and of the controls' positions.
     fn add_changes(&mut self, all: &mut Vec<Event>, controls: &Controls, request: &FrameRequest) {
         let FrameRequest { size: (width, height), pixels_per_point, .. } = *request;
         let window = Event::Window { width, height, pixels_per_point };

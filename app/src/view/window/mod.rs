@@ -137,7 +137,6 @@ struct Running {
     covered: bool,
     /// True for a minimised window, and the time of the last check. Polled: not every window system sends an event.
     minimised: (bool, Instant),
-    /// True if an event requires a frame.
     asked: bool,
     /// True if the window system has discarded the window's content.
     redraw: bool,
@@ -152,16 +151,13 @@ struct Running {
     blind: Option<Instant>,
     /// Name of the pass in the last [`Event::Slow`].
     slow: Option<String>,
-    /// See [`WindowOptions::kept`].
     kept: Option<PathBuf>,
     open: dialog::Dialog,
     /// Path for the next frame's picture of the window.
     save: Option<PathBuf>,
-    /// Path for the next picture of A.
     save_a: Option<PathBuf>,
 }
 
-/// See [`WindowOptions`].
 struct Closing {
     screenshot: Option<PathBuf>,
     frames: Option<u64>,
@@ -305,7 +301,6 @@ impl App {
         }
     }
 
-    /// Draws the frame that is due, and sleeps until the next.
     fn turn(&mut self, target: &ActiveEventLoop) {
         let Some(running) = &mut self.running else { return };
         match running.turn() {
@@ -361,13 +356,11 @@ impl Running {
         Ok(closes)
     }
 
-    /// Returns the time at which work is due; `None` to wait for an event.
     fn wakes(&self) -> Option<Instant> {
         let asked = self.asked.then(Instant::now);
         [asked, self.next, self.look].into_iter().flatten().min()
     }
 
-    /// Returns true if the window must close.
     fn draw(&mut self) -> Result<bool> {
         self.asked = false;
         if let Some((path, cameras)) = self.open.take() {
@@ -428,10 +421,7 @@ impl Running {
     }
 
     /// Returns true if this frame is the last: a screenshot or a number of frames was requested, the frame shows the
-    /// requested state, and enough frames were drawn.
-    ///
-    /// # Errors
-    /// The requested state cannot be shown.
+    /// requested state, and enough frames were drawn. Fails if the requested state cannot be shown.
     fn must_close(&self) -> Result<bool> {
         if self.closing.screenshot.is_none() && self.closing.frames.is_none() {
             return Ok(false);
@@ -454,10 +444,8 @@ impl Running {
         }
     }
 
-    /// Updates the window's title, which names the pass or the error that delays the next picture.
-    ///
-    /// # Errors
-    /// The window's own graph cannot be drawn and never could.
+    /// Updates the window's title, which names the pass or the error that delays the next picture. Fails if the
+    /// window's own graph never could be drawn.
     fn show_state(&mut self) -> Result<()> {
         if let Some(failure) = self.shell.is_blind() {
             let since = *self.blind.get_or_insert_with(Instant::now);
