@@ -151,10 +151,9 @@ fn scan(text: &str, stop: Option<usize>) -> Scan {
     scan
 }
 
-/// Returns the byte offset of the quote that ends a string, or of the string's end if the quote is missing.
-///
-/// A string may span several lines. A string that begins in the line of byte `offset` may be unfinished, though, and
-/// would swallow the rest of the file, so it ends with that line.
+/// Returns the byte offset of the quote that ends a string, or of the string's end if the quote is missing. A string
+/// may span several lines. A string that begins in the line of byte `offset` may be unfinished, though, and would
+/// swallow the rest of the file, so it ends with that line.
 fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     let last = match offset {
         Some(offset) if !text[start..offset].contains('\n') => {

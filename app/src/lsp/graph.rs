@@ -46,9 +46,8 @@ impl Workspace {
         Workspace { folders, ..Workspace::default() }
     }
 
-    /// Builds the open graphs, and lists the diagnostics of each file, including files that are not open.
-    ///
-    /// Every open graph has an entry in the result, even if it has no diagnostics.
+    /// Builds the open graphs, and lists the diagnostics of each file, including files that are not open. Every open
+    /// graph has an entry in the result, even if it has no diagnostics.
     pub fn diagnostics(&mut self, open: &BTreeMap<PathBuf, String>) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
         self.planner.read_unsaved(open.clone());
         let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
@@ -228,9 +227,8 @@ impl Workspace {
         Some(Hover { contents, range: Some(range) })
     }
 
-    /// Lists the hints of a graph: the barriers before its passes, and the values of its `let`s.
-    ///
-    /// A part has no plan of its own: its passes are looked up in the plans of the other graphs that were opened.
+    /// Lists the hints of a graph: the barriers before its passes, and the values of its `let`s. A part has no plan of
+    /// its own: its passes are looked up in the plans of the other graphs that were opened.
     pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
         let own = self.known.get(path);
         let others = self.known.iter().filter(|(other, _)| *other != path).map(|(_, known)| known);
@@ -329,9 +327,8 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
 }
 
-/// Converts a diagnostic to the editor's form. Also returns the file in which it is shown.
-///
-/// An error in a built-in file, which no editor can open, is shown at the start of the graph.
+/// Converts a diagnostic to the editor's form. Also returns the file in which it is shown. An error in a built-in file,
+/// which no editor can open, is shown at the start of the graph.
 fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>) -> (PathBuf, Diagnostic) {
     let path = as_opened(PathBuf::from(&plain.file), open);
     let text = match open.get(&path) {
@@ -398,9 +395,8 @@ fn beside(graph: &Path, graphs: bool) -> Vec<String> {
     names.filter(wanted).collect()
 }
 
-/// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines.
-///
-/// The shader is not compiled: it may be incomplete, and constants that disable parts of it may be unknown.
+/// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. The
+/// shader is not compiled: it may be incomplete, and constants that disable parts of it may be unknown.
 fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
     let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
     for line in text.lines().map(str::trim_start) {

@@ -7,9 +7,8 @@ use splatgraph_framework::dump::{self, Dump, DumpPass};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Lists a hint for each pass that waits for others, at the end of the pass's first line.
-///
-/// `dumps` are the plans that may contain passes of the file. The first plan that contains a pass determines its hint.
+/// Lists a hint for each pass that waits for others, at the end of the pass's first line. `dumps` are the plans that
+/// may contain passes of the file. The first plan that contains a pass determines its hint.
 pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     // Passes that the framework adds, such as the export, have no line of their own in the file.
     let is_written = |pass: &DumpPass| ["dispatch", "draw", "fill"].contains(&pass.kind.as_str());

@@ -126,9 +126,8 @@ fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, R
     }
 }
 
-/// Adds the names in an expression and in its single-quoted strings: shaders, and resources if `resources` is true.
-///
-/// A string operand of `==` or `!=` is an option of a choice, not a resource.
+/// Adds the names in an expression and in its single-quoted strings: shaders, and resources if `resources` is true. A
+/// string operand of `==` or `!=` is an option of a choice, not a resource.
 fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Role)) {
     let mut at = 0;
     while let Some(c) = text[at..].chars().next() {

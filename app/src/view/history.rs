@@ -120,9 +120,8 @@ impl History {
         self.steady().count()
     }
 
-    /// Computes the quantiles of GPU time from a frame's first command to its last.
-    ///
-    /// `None` without timestamps, and before the first frame that the table covers.
+    /// Computes the quantiles of GPU time from a frame's first command to its last. `None` without timestamps, and
+    /// before the first frame that the table covers.
     pub fn total(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
     }
@@ -133,9 +132,8 @@ impl History {
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
     }
 
-    /// Computes the median GPU time of a frame outside its passes, in milliseconds.
-    ///
-    /// `None` without timestamps, and before the first frame that the table covers.
+    /// Computes the median GPU time of a frame outside its passes, in milliseconds. `None` without timestamps, and
+    /// before the first frame that the table covers.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();

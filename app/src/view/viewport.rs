@@ -261,9 +261,8 @@ impl<D: Device> Viewport<D> {
         self.waits
     }
 
-    /// Returns true if a frame of the current plan can be shown.
-    ///
-    /// An incomplete frame is shown only if capacity cannot grow, or if the window already shows this scene and graph.
+    /// Returns true if a frame of the current plan can be shown. An incomplete frame is shown only if capacity cannot
+    /// grow, or if the window already shows this scene and graph.
     fn can_show(&self) -> bool {
         !self.is_held_back() || self.renderer.is_at_best()
     }

@@ -28,7 +28,6 @@ pub const DEFAULT_UP: DVec3 = DVec3::NEG_Y;
 /// Range of the vertical field of view that can be set, in degrees.
 pub const FIELDS_OF_VIEW: RangeInclusive<f64> = 5.0..=150.0;
 
-/// Duration of a flight to another camera, in seconds.
 const FLIGHT_SECONDS: f64 = 0.35;
 /// Angle of orbiting and looking around, in radians per point of pointer motion.
 const TURN_PER_POINT: f64 = 0.3 * std::f64::consts::PI / 180.0;
@@ -158,10 +157,9 @@ impl Pose {
         self.position + self.distance * self.forward()
     }
 
-    /// Turns the camera in place or about its pivot, and keeps its roll against the horizon.
-    ///
-    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians.
-    /// For an upside-down camera, left and up are relative to its image.
+    /// Turns the camera in place or about its pivot, and keeps its roll against the horizon. `yaw` is about the world's
+    /// up, positive to the left seen from above; `pitch` is upwards. Both are in radians. For an upside-down camera,
+    /// left and up are relative to its image.
     fn turned(mut self, up: DVec3, yaw: f64, pitch: f64, about_pivot: bool) -> Pose {
         let sense = if self.down().dot(up) > UPSIDE_DOWN { -1.0 } else { 1.0 };
         let (yaw, pitch) = (sense * yaw, sense * pitch);

@@ -169,7 +169,6 @@ impl Shown {
         Some((first, rows.min(self.height - first)))
     }
 
-    /// Returns the contents of a part; `None` for a part that the picture does not need.
     fn part(&self, part: u32) -> Option<BufferContents> {
         let (first, count) = self.rows(part)?;
         Some(match &self.pixels {

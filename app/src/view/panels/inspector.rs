@@ -190,7 +190,6 @@ fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     }
 }
 
-/// Draws an access of a pass, with a button that inspects the resource after this pass.
 fn show_touch<D: Device>(
     ui: &mut Ui,
     viewport: &mut Viewport<D>,

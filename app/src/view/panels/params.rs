@@ -193,7 +193,6 @@ pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 
-/// Draws the row of a parameter. Returns the user's change.
 fn row(
     ui: &mut Ui,
     plan: Option<&Plan>,
@@ -339,7 +338,6 @@ fn choice(
     (chosen != value).then_some(Value::Text(chosen))
 }
 
-/// Draws a slider and a number field; returns the value if the user changed it.
 fn number(
     ui: &mut Ui,
     name: &str,

@@ -22,10 +22,8 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Applies the input of the last frame.
-    ///
-    /// Returns a click's viewport and its position, in pixels of the picture; `None` without a click, or if the brush
-    /// used it.
+    /// Applies the input of the last frame. Returns a click's viewport and its position, in pixels of the picture;
+    /// `None` without a click, or if the brush used it.
     pub fn act<D: Device>(
         &mut self,
         ui: &mut Ui,

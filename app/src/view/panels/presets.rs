@@ -28,9 +28,8 @@ impl Presets {
         Presets { entries: builtin::presets().into_iter().map(entry).collect(), search: String::new() }
     }
 
-    /// Draws the list, and selects a chosen graph; returns true if one was chosen.
-    ///
-    /// With a search text, Enter chooses the first match other than the current graph.
+    /// Draws the list, and selects a chosen graph; returns true if one was chosen. With a search text, Enter chooses
+    /// the first match other than the current graph.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,

@@ -314,7 +314,6 @@ impl State {
     }
 }
 
-/// Draws the numbers of selected and hidden splats, and the buttons that change them.
 fn marks<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, id: RendererId, controls: &mut Controls) {
     let Marks { selected, hidden } = viewer.marks(id).clone();
     let count = |count: u32| grouped(count.into());

@@ -168,10 +168,9 @@ impl<D: Device> Renderer<D> {
     }
 }
 
-/// Takes the results of finished frames of all renderers of a device.
-///
-/// If [reads block](Renderer::reads_block), first waits up to `patience` for the newest frame: reading an older result
-/// would block just as long. Returns false if that frame is still in flight; no other must be submitted then.
+/// Takes the results of finished frames of all renderers of a device. If [reads block](Renderer::reads_block), first
+/// waits up to `patience` for the newest frame: reading an older result would block just as long. Returns false if that
+/// frame is still in flight; no other must be submitted then.
 pub(in crate::view) fn collect<D: Device>(renderers: &mut [&mut Renderer<D>], patience: Duration) -> bool {
     let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
     if let Some(newest) = newest.filter(|newest| newest.reads_block()) {

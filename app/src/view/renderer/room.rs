@@ -35,9 +35,8 @@ impl<D: Device> Renderer<D> {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
-    /// Returns the lists that overflowed in a frame, and requests a plan with the capacities that it needed.
-    ///
-    /// Requests nothing for a frame of an earlier plan, during a build, or while [`Renderer::crowded`].
+    /// Returns the lists that overflowed in a frame, and requests a plan with the capacities that it needed. Requests
+    /// nothing for a frame of an earlier plan, during a build, or while [`Renderer::crowded`].
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
         // A previous plan may be of another scene, and frames of the current plan report their own overflows.

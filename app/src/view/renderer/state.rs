@@ -192,7 +192,6 @@ impl PendingBuild {
     }
 }
 
-/// The device's rejection of a plan with more capacity.
 pub(super) struct Crowded {
     pub reason: String,
     /// Time of the next attempt; `None` if retrying cannot succeed.

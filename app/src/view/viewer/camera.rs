@@ -36,10 +36,9 @@ impl<D: Device> Viewer<D> {
         projection::shown(&self.camera_of(id, self.asked), graph, self.loaded(id))
     }
 
-    /// Returns the camera for a viewport's pictures of this size.
-    ///
-    /// It is converted to the world's coordinates and back, which rounds it if the scene is far from the world's
-    /// origin. A command that reads the camera from a file thus draws exactly the same picture.
+    /// Returns the camera for a viewport's pictures of this size. It is converted to the world's coordinates and back,
+    /// which rounds it if the scene is far from the world's origin. A command that reads the camera from a file thus
+    /// draws exactly the same picture.
     pub(super) fn camera_of(&self, id: RendererId, size: (u32, u32)) -> Camera {
         self.world_camera_of(size).relative_to(self.scene_of(id).offset())
     }

@@ -138,7 +138,6 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Shows the scene of a file that was read, or uses its cameras.
     pub(super) fn take(&mut self, opened: Opened) {
         let Opened { path, load_ms, number, content } = opened;
         match content {

@@ -48,10 +48,9 @@ impl Marks {
         self.visible(count).without(&self.selected)
     }
 
-    /// Converts marks of a list of scenes, loaded as `former`, to the list as loaded again.
-    ///
-    /// A scene's marks follow it to its new place in the list if its file has the same splats; otherwise they are
-    /// dropped, and its file is returned. A file that the list names several times is matched in order.
+    /// Converts marks of a list of scenes, loaded as `former`, to the list as loaded again. A scene's marks follow it
+    /// to its new place in the list if its file has the same splats; otherwise they are dropped, and its file is
+    /// returned. A file that the list names several times is matched in order.
     pub(super) fn carried(&self, former: &Scene, scene: &Scene) -> (Marks, Vec<PathBuf>) {
         let (mut carried, mut dropped) = ([Vec::new(), Vec::new()], Vec::new());
         let mut left: Vec<&ScenePart> = scene.parts().iter().collect();

@@ -175,11 +175,9 @@ impl Handle {
 /// True while devices are open, and other threads may be using them.
 static OPEN: AtomicBool = AtomicBool::new(false);
 
-/// Records whether devices are open.
-///
-/// Exit handlers of drivers free memory that other threads may still use. While devices are open, the process must end
-/// without these handlers: see [`is_left_open`]. libX11 calls `exit` by itself, so this installs a handler that runs
-/// before the others.
+/// Records whether devices are open. Exit handlers of drivers free memory that other threads may still use. While
+/// devices are open, the process must end without these handlers: see [`is_left_open`]. libX11 calls `exit` by itself,
+/// so this installs a handler that runs before the others.
 pub fn set_open(open: bool) {
     OPEN.store(open, Ordering::Relaxed);
     #[cfg(unix)]
