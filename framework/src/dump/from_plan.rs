@@ -258,14 +258,12 @@ fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
     }
 }
 
-/// Returns the uses with at least one of the wanted accesses, reduced to them.
 fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<Use<String>> {
     let reduced = |touch: &Use| Use { accesses: touch.accesses & wanted, ..*touch };
     let uses = pass.uses.iter().map(reduced).filter(|touch| !touch.accesses.is_empty());
     uses.map(|touch| touch.map(|id| plan.resource(*id).name.clone())).collect()
 }
 
-/// Returns the push constants as words, in the types of the shader that declares them.
 fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
     let blocks = shaders.iter().filter_map(|id| plan.shader(*id).reflection.push.as_ref());
     let members: Vec<_> = blocks.flat_map(|block| &block.members).collect();

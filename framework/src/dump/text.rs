@@ -206,7 +206,6 @@ pub fn dependency_line(dependency: &Dependency<Declared, Declared>) -> String {
     format!("{hazard} on {resource}, after {}{}: {masks}", first.name, when(*since))
 }
 
-/// Formats the shader files: `splat.vert + splat.frag`.
 pub(super) fn shader_files(pass: &DumpPass) -> String {
     let files: Vec<&str> = pass.shaders.iter().map(|s| s.file.as_str()).collect();
     files.join(" + ")

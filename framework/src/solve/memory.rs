@@ -1,8 +1,8 @@
 //! Places transient resources with disjoint lifetimes in shared blocks of memory.
 //!
-//! A resource is alive from its first use in the frame to its last; its contents are undefined before and unused after.
-//! A resource that outlives the frame (used by a `Once` pass, or with a history) has its own block. Resources share
-//! whole blocks rather than offsets into one heap, because only the device knows the size of an image.
+//! A resource is alive from its first use in the frame to its last. A resource that outlives the frame (used by a
+//! `Once` pass, or with a history) has its own block. Resources share whole blocks rather than offsets into one heap,
+//! because only the device knows the size of an image.
 //!
 //! Sharing must not cost time. The next alias waits for the previous one, which would add a barrier call unless there
 //! is one between the two anyway. An alias therefore only follows another if the other's last pass is on a lower level;
