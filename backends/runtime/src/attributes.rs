@@ -1,9 +1,8 @@
 //! Shares the planes of the scene's attributes among all plans of a device.
 //!
-//! A plane is uploaded once and never written again, so any number of plans and executors can read it. The
-//! [`AttributeCache`] finds the planes that some plan still holds. A plane in device memory enters the cache when its
-//! upload is complete. Only one plan uploads at a time: another plan that lacks a plane waits for its turn, then looks
-//! again.
+//! A plane is uploaded once and never written again. The [`AttributeCache`] finds the planes that some plan still
+//! holds; a plane enters it when its upload is complete, unless it is in host memory. Only one plan uploads at a time:
+//! another plan that lacks a plane waits for its turn, then looks again.
 
 use splatgraph_framework::ir::{ResourceId, Shape, Source};
 use splatgraph_framework::plan::{Plan, Resource};
@@ -24,7 +23,6 @@ pub(crate) struct PlaneKey {
 /// Planes on the device, or created by a plan that is about to upload them.
 pub(crate) type Planes<B> = HashMap<PlaneKey, Arc<B>>;
 
-/// Returns the keys of the scene's planes in `plan`, except the `unused` ones. `identity` is the scene's.
 pub(crate) fn keys(plan: &Plan, identity: u64, unused: &BTreeSet<ResourceId>) -> Vec<(ResourceId, PlaneKey)> {
     let ids = (0..plan.resources.len() as u32).map(ResourceId).filter(|id| !unused.contains(id));
     ids.filter_map(|id| Some((id, key(plan.resource(id), identity)?))).collect()
@@ -100,7 +98,6 @@ mod tests {
         cache.add([(&key(0).1, &plane)]);
         let (found, turn) = cache.find(&[key(0)]);
         assert!(turn.is_none() && Arc::ptr_eq(&found[&key(0).1], &plane));
-        // Another plan still holds it; after the next drop, none does.
         drop(plane);
         assert!(cache.find(&[key(0)]).1.is_none());
         drop(found);
@@ -115,7 +112,6 @@ mod tests {
         let plane = Arc::new("plane");
         std::thread::scope(|scope| {
             let second = scope.spawn(|| cache.find(&[key(0)]).0);
-            // A plan with no missing planes does not wait.
             assert!(cache.find(&[]).1.is_none());
             cache.add([(&key(0).1, &plane)]);
             drop(turn);

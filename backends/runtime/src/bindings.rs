@@ -44,7 +44,6 @@ impl<G: Gpu> Bindings<G> {
         Ok(Bindings { raw, passes })
     }
 
-    /// Clears the bindings of the prologue's passes, which do not run again.
     pub fn end_prologue(&mut self, gpu: &G, plan: &Plan) {
         let once = |id: PassId| plan.pass(id).run == Run::Once;
         for (id, _) in self.passes.extract_if(.., |(id, _)| once(*id)) {

@@ -50,7 +50,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub prologue_due: bool,
 }
 
-/// The objects that a plan has per frame in flight.
 pub(crate) struct PlanSlot<G: Gpu> {
     /// The frame's timestamps (see [`queries`]); `None` if the queue has no timer.
     pub timestamps: Option<Arc<G::Timestamps>>,
@@ -143,7 +142,6 @@ impl<G: Gpu> CompiledPlan<G> {
         (0..self.plan.resources.len() as u32).map(ResourceId)
     }
 
-    /// Lists the histories that the next plan can continue from.
     pub fn histories(&self) -> Vec<History<G>> {
         // Before the first frame, only histories carried over from the previous plan have contents.
         let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
@@ -183,13 +181,11 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Iterates over the passes that the next frame runs.
     pub fn passes(&self) -> impl Iterator<Item = PassId> {
         let prologue = self.prologue().iter().filter(|pass| !self.is_skipped(**pass));
         prologue.chain(&self.plan.frame).copied()
     }
 
-    /// Returns the slot's readback buffer for statistics; `None` without statistics.
     pub fn readback(&self, slot: usize) -> Option<&Buffer<G>> {
         let index = self.plan.resources.iter().position(|resource| resource.source == Source::Readback)?;
         Some(self.resources.buffer(ResourceId(index as u32), slot))

@@ -37,7 +37,6 @@ const IN_FLIGHT: &str = "frames in flight";
 /// patience, the objects are kept until the device is idle. The device is closed with its last executor, [`Loader`] or
 /// [`Ready`].
 pub struct Executor<G: Gpu> {
-    /// Id of the executor, unique within the process.
     id: u64,
     info: DeviceInfo,
     compiled: Option<CompiledPlan<G>>,
@@ -47,7 +46,6 @@ pub struct Executor<G: Gpu> {
     slots: Vec<Slot<G>>,
     results: BTreeMap<FrameId, FrameResult>,
     next: u64,
-    /// The output of the last frame submitted with [`FrameInputs::show`].
     output: Option<Arc<SharedOutput<G>>>,
     swapchain: Option<Swapchain<G>>,
     shared: Arc<Shared<G>>,

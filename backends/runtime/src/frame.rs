@@ -21,7 +21,6 @@ use tracing::info_span;
 
 pub(crate) struct Slot<G: Gpu> {
     encoder: G::Encoder,
-    /// The submitted frame whose results are not collected yet.
     pub pending: Option<Pending<G>>,
 }
 

@@ -1,13 +1,12 @@
 //! Passes histories, resources whose contents persist between frames, from one plan to the next.
 //!
 //! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
-//! buffer or image. The new plan then skips the [`Work::ClearHistory`] that would have zeroed it. A history continues
-//! only if it has contents, does not alias other resources in either plan, was created for every use that the new plan
-//! makes of it, and is not written by the new plan's prologue. Otherwise it starts from zeros.
+//! buffer or image, and the new plan skips the [`Work::ClearHistory`]. A history continues only if it has contents,
+//! does not alias other resources in either plan, was created for every use that the new plan makes of it, and is not
+//! written by the new plan's prologue. Otherwise it starts from zeros.
 //!
-//! A plan is prepared before it becomes current, while frames of other plans are drawn, so every plan is created with
-//! its own memory. When it is swapped in ([`crate::compiled::CompiledPlan::follow`]), it adopts the previous plan's
-//! histories in their current layouts, and drops its own.
+//! Every plan is created with its own memory, because it is prepared before it becomes current. When it is swapped in
+//! ([`crate::compiled::CompiledPlan::follow`]), it adopts the previous plan's histories, and drops its own.
 
 use crate::aliasing::Transient;
 use crate::gpu::Gpu;

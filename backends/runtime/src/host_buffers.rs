@@ -2,11 +2,8 @@
 //! ([`Source::HostBuffer`](splatgraph_framework::ir::Source::HostBuffer)).
 //!
 //! A plan has each host buffer once per frame in flight. Host bytes are copied to a mapped buffer, unless it already
-//! holds them. The buffer grows on demand, to a power of two, so that a slowly growing length does not reallocate it
-//! every frame. A shared output is not copied: the frame reads it in place.
-//!
-//! A frame may therefore need other buffers or lengths in its bindings than the slot's previous frame. The bindings are
-//! rewritten when the frame is submitted; nothing of that slot is in flight then.
+//! holds them; the buffer grows to powers of two. A shared output is read in place. When a frame is submitted, the
+//! slot's bindings are rewritten if the buffer or its length differs from the slot's previous frame.
 
 use crate::check::{invalid, within_bytes};
 use crate::gpu::{Buffer, BufferDesc, Gpu, Location};
@@ -36,7 +33,6 @@ pub(crate) struct HostBuffer<G: Gpu> {
 enum Contents {
     #[default]
     Nothing,
-    /// A prefix of `own` of this many bytes.
     Bytes(u64),
     /// A byte range of the shared output with this id. Ids are never reused, so an equal id is the same buffer.
     Output(u64, Range<u64>),

@@ -1,9 +1,9 @@
-//! Manages buffers that only the prologue uses. Most planes of the scene are such buffers: prologue passes pack them,
-//! and frames read the packed data.
+//! Manages buffers that only the prologue uses, such as most planes of the scene: prologue passes pack them, and frames
+//! read the packed data.
 //!
 //! They are freed once the prologue's frame has completed. If device memory has no room for them as well, the scene's
-//! planes among them are placed in host memory, which the device reads more slowly. If a plan reuses the results of
-//! passes, buffers that only these passes use are not created.
+//! planes among them are placed in host memory, which the device reads more slowly. If the plan reuses results, buffers
+//! that only the skipped passes use are not created.
 
 use crate::attributes::PlaneKey;
 use crate::gpu::Location;

@@ -1,12 +1,11 @@
 //! Shares one executor's output with plans of other executors on the device.
 //!
-//! To share a frame, an executor copies its output to a buffer on the device at the end of the frame. It has one such
-//! buffer: the next shared frame overwrites it, and only another size or format creates a new one. Plans of other
+//! To share a frame, an executor copies its output to its one buffer for this at the end of the frame. Plans of other
 //! executors read it as a host buffer ([`crate::host_buffers`]).
 //!
-//! Frames of all executors run on one queue, but no plan knows of the others. The runtime therefore orders the copy
-//! itself: the copy waits for all earlier work on the queue, readers included, and all later work waits for the copy. A
-//! reader always sees the complete output of the last shared frame submitted before its own frame.
+//! Frames of all executors run on one queue, but no plan knows of the others, so the runtime orders the copy: it waits
+//! for all earlier work on the queue, readers included, and all later work waits for it. A reader always sees the
+//! complete output of the last shared frame submitted before its own frame.
 
 use crate::check::within_bytes;
 use crate::gpu::{Buffer, BufferDesc, Gpu, Image, Location};
@@ -35,7 +34,6 @@ impl<G: Gpu> Default for SharedOutputs<G> {
 }
 
 impl<G: Gpu> SharedOutputs<G> {
-    /// Returns the buffer to copy `image` to: `current` if its size and format fit, else a new one.
     pub fn target(
         &self,
         gpu: &Arc<G>,

@@ -24,7 +24,6 @@ pub(crate) struct Recorder<'a, G: Gpu> {
     pub inputs: &'a FrameInputs,
     pub frame: FrameId,
     pub slot: usize,
-    /// A readback buffer for each resource to inspect, in request order.
     pub inspected: &'a [Buffer<G>],
     pub readback: Option<&'a Buffer<G>>,
     /// The shared output that receives a copy of the output.

@@ -1,14 +1,13 @@
 //! Shares results of prologues: buffers that one plan has computed once and other plans reuse.
 //!
-//! Most results of passes with `run: Once` (covariances, packed coefficients) do not change when a window is resized or
-//! a constant is set. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in order,
-//! with their shader code, workgroup counts, push constants and bindings, down to the planes of the scene. Results with
-//! equal recipes have equal bytes. When a plan is prepared, it shares the buffers that its recipes find in the device's
-//! [`Results`], and skips the passes whose results are all reused.
+//! Most results of passes with `run: Once` do not change when a window is resized or a constant is set. A [`Recipe`] is
+//! everything that such a result depends on: the passes that lead to it, in order, with their shader code, workgroup
+//! counts, push constants and bindings, down to the planes of the scene. Results with equal recipes have equal bytes. A
+//! new plan shares the buffers that its recipes find in the device's [`Results`], and skips passes whose results are
+//! all reused.
 //!
 //! A buffer has a recipe if only the prologue writes it, if it does not alias other resources, and if it depends on
-//! nothing from the host. It is added to [`Results`] once the frame that computes it is submitted. Frames that read it
-//! come later in the queue, behind a barrier. It is never written again.
+//! nothing from the host. Frames that read it come later in the queue, behind a barrier. It is never written again.
 
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};
@@ -46,7 +45,6 @@ enum Command {
     Fill { buffer: usize, value: u32 },
 }
 
-/// A plan's recipes, by the resource that holds the result.
 pub(crate) type Recipes = BTreeMap<ResourceId, Arc<Recipe>>;
 
 pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
@@ -84,7 +82,6 @@ pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Ve
 /// The prologue of a plan, indexed by the resources that its passes write.
 struct Prologue<'a> {
     plan: &'a Plan,
-    /// The writers of each resource, in order.
     writers: BTreeMap<ResourceId, Vec<PassId>>,
     written_later: BTreeSet<ResourceId>,
 }
@@ -191,7 +188,6 @@ impl<'a> Prologue<'a> {
 /// A recipe and its result. The buffer is owned by the plans that use it.
 type Computed<G> = (Arc<Recipe>, Weak<Buffer<G>>);
 
-/// The results on a device that at least one plan still holds.
 pub(crate) struct Results<G: Gpu> {
     computed: Mutex<Vec<Computed<G>>>,
 }

@@ -1,13 +1,11 @@
-//! Watches which pass the device executes, and for how long.
+//! Watches which pass the device executes, and for how long, so that every wait for the device is bounded.
 //!
-//! Every wait for the device is bounded: it consists of short waits with a look at the watch between them. If the
-//! device runs one pass for longer than its patience, the wait fails with an error that names the pass. The submission
-//! stays in flight until it completes or the device is lost.
+//! If the device runs one pass for longer than its patience, the wait fails with an error that names the pass. The
+//! submission stays in flight until it completes or the device is lost.
 //!
-//! The executors of a device share its queue, so a frame may wait for another executor's pass. Every submission is
-//! therefore [entered](Watch::enter) in queue order. The device is running the first submission whose timestamps are
-//! not all written, in the pass after the last written one. Submissions without readable timestamps, such as uploads,
-//! give no information; only a wait for such a submission itself reports it.
+//! The executors of a device share its queue, so a frame may wait for another executor's pass. The device is running
+//! the first submission, in queue order, whose timestamps are not all written, in the pass after the last written one.
+//! A submission without readable timestamps, such as an upload, is reported only by a wait for it.
 
 use crate::gpu::Gpu;
 use crate::timing::Times;
@@ -27,7 +25,6 @@ pub(crate) struct Watch<G: Gpu> {
 
 struct State<G: Gpu> {
     next: u64,
-    /// Submissions by number, which is the queue order.
     submitted: BTreeMap<u64, Submission<G>>,
     /// The point reached at the last look, and the time of the first look that found it there.
     reached: Option<(Point, Instant)>,
@@ -37,13 +34,11 @@ struct State<G: Gpu> {
 type Point = (u64, usize);
 
 pub(crate) struct Submission<G: Gpu> {
-    /// The frame's passes; `None` for an upload.
     pub frame: Option<Frame<G>>,
 }
 
 pub(crate) struct Frame<G: Gpu> {
     pub plan: Arc<str>,
-    /// Names of all passes of the plan.
     pub names: Arc<[String]>,
     pub passes: Arc<[PassId]>,
     pub timestamps: Option<Arc<G::Timestamps>>,

@@ -1,8 +1,7 @@
 //! Presents frames in a window.
 //!
-//! To show a frame, its output is blitted to an acquired image of the swapchain, and the image is presented. The blit
-//! is submitted right after the frame: the frame itself never waits for the window, and its timestamps do not include
-//! such a wait.
+//! A frame's output is blitted to an acquired image of the swapchain. The blit is submitted right after the frame,
+//! which itself never waits for the window: its timestamps do not include such a wait.
 //!
 //! A swapchain becomes *stale* when the window is resized, vsync is switched, or the window system reports that the
 //! swapchain is out of date. The next frame to be shown then creates a new one. A window without pixels shows nothing.
@@ -25,7 +24,6 @@ pub(crate) struct Swapchain<G: Gpu> {
     /// The window's size in pixels, as last reported by the caller.
     told: (u32, u32),
     vsync: bool,
-    /// True if the swapchain must be replaced before the next frame is shown.
     stale: bool,
     /// True if an image was acquired and not yet presented.
     acquired: bool,

@@ -110,7 +110,6 @@ fn run(faults: &[Fault]) -> Outcome {
     Outcome { errors, last, journal }
 }
 
-/// Waits until abandoned compiler threads have noticed that their loads were abandoned, and have ended.
 fn until_compilers_end() {
     let begun = Instant::now();
     while splatgraph_runtime::abandoned_compilers() > 0 {

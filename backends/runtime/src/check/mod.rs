@@ -265,7 +265,6 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Checks that a buffer can be filled: it allows copies to it, and consists of whole words.
     fn filled(&self, buffer: ResourceId, user: &str) -> Result<(), BackendError> {
         let bytes = self.resource_for(buffer, Usage::COPY_TARGET, user)?.bytes();
         let resource = self.words(buffer, 0, bytes, user)?;
