@@ -10,7 +10,6 @@ use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::Rules;
 use std::collections::HashMap;
 
-/// Returns a camera at the origin that looks along z.
 fn ahead() -> Camera {
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
     Camera { img_name: "ahead".into(), ..camera }
@@ -27,7 +26,6 @@ fn on_the_axis(depths: &[f32], sh: impl Fn(usize) -> f32 + Sync) -> Scene {
     })
 }
 
-/// Runs `advise` on a scene; returns its text and its JSON.
 fn advice(scene: &Scene) -> (String, Value) {
     let place = Place::new();
     scene.write_ply(place.at("own.ply")).expect("the scene is written");
@@ -48,7 +46,6 @@ fn an_outlier_at_2e7_takes_the_bits_of_linear_keys_alone() {
     depths.push(2e7);
     let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));
     assert_eq!((bits(&advice, "linear"), bits(&advice, "float_bits")), (Some(31), Some(11)), "{text}");
-    // With equalised keys, the outlier takes only its share of the codes.
     let equalised = bits(&advice, "equalised").expect("32 bits are enough");
     let narrowest = if equalised < 11 { ("equalised", equalised) } else { ("float_bits", 11) };
     let said = format!("narrowest: key_map={} key_bits={}", narrowest.0, narrowest.1);
@@ -117,7 +114,6 @@ fn keys_are_predicted_as_the_shader_makes_them() {
     let scene = crate::place::scene();
     let camera = splatgraph_assets::synth::demo_cameras().swap_remove(0).resized(96, 54);
     let range = camera::depth_range(&camera, &scene.bounds()).map(|z| z as f32);
-    // The exact renderer computes depths like the shader.
     let (visible, _) = splatgraph_reference::visible(&scene, &camera, &Rules::PUBLISHED);
     let depth: HashMap<u32, f32> = visible.iter().map(|splat| (splat.index, splat.depth as f32)).collect();
     let mut everywhere = Rules::PUBLISHED;

@@ -8,7 +8,6 @@ use std::fs;
 /// Number of views of the demo scene. The picture size changes after every third view.
 const VIEWS: usize = 12;
 
-/// Creates a folder with a scene and the views.
 fn scene() -> Place {
     let place = Place::empty();
     place.done("synth demo --count 4000 -o scene.ply --cameras four.json");

@@ -3,10 +3,8 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// `bench` with the minimum number of frames.
 const SHORT: &str = "bench --rounds 2 --frames 1 --validate";
 
-/// Runs the program, which must succeed, and returns what it printed.
 fn done(place: &Place, more: &str) -> String {
     let (text, errors) = place.said(&format!("{SHORT} {more}"));
     assert!(errors.contains("validation: no messages"), "{errors}");
@@ -17,7 +15,6 @@ fn rows(report: &Value) -> &Vec<Value> {
     report["rows"].as_array().expect("rows")
 }
 
-/// Finds the entry `name` in a list of passes or phases.
 fn part<'a>(list: &'a Value, name: &str) -> &'a Value {
     let found = list.as_array().expect("a list").iter().find(|part| part["name"] == name);
     found.unwrap_or_else(|| panic!("no {name} in {list}"))

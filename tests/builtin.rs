@@ -9,7 +9,6 @@ use std::process::{Command, Stdio};
 
 const SOURCE: &str = include_str!("../backends/metal/src/builtin.metal");
 
-/// The Rust code that looks functions up by name.
 const BACKEND: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/metal/src");
 
 /// Declares texture queries, writes and sampling, after Apple's "Metal Shading Language Specification", 6.12.
@@ -27,7 +26,6 @@ template<typename T, access A = access::sample> struct window_texture {
 #define texture2d window_texture
 ";
 
-/// Compiles `text` as C++. Returns the compiler's messages if it is not valid.
 fn compile(text: &str) -> Result<(), String> {
     let include = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal/include");
     let flags = [
@@ -61,7 +59,6 @@ fn the_backends_own_kernels_are_valid_cpp() {
     assert!(compile(&wrong).is_err());
 }
 
-/// Collects the function names that the backend's source looks up.
 fn named(folder: &Path) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for entry in std::fs::read_dir(folder).expect("the backend's source").flatten() {
@@ -79,7 +76,6 @@ fn named(folder: &Path) -> BTreeSet<String> {
     found
 }
 
-/// Returns the names of the kernels and functions in `builtin.metal`.
 fn written() -> BTreeSet<String> {
     let starts = |line: &&str| ["kernel ", "vertex ", "fragment "].iter().any(|word| line.starts_with(word));
     let name = |line: &str| Some(line.split_once('(')?.0.rsplit(' ').next()?.to_string());

@@ -129,7 +129,6 @@ fn every_preset_passes_its_check() {
     assert!(text.contains("view/window: OK"), "{text}");
 }
 
-/// Lists the commands in the program's help.
 fn listed_commands(help: &str) -> Vec<&str> {
     let (_, list) = help.split_once("\nCommands:\n").expect("a list of commands");
     // Longer descriptions continue on further lines, indented more deeply.
@@ -145,7 +144,6 @@ fn every_command_teaches_by_examples() {
     for known in ["view", "render", "bench", "sweep", "advise"] {
         assert!(commands.contains(&known), "{commands:?}");
     }
-    // clap provides `help`, without examples.
     for command in commands.into_iter().filter(|command| *command != "help") {
         let help = place.done(&[command, "--help"]);
         assert!(help.contains("Examples:"), "{command} has no examples:\n{help}");
@@ -248,7 +246,6 @@ fn check_refuses_what_no_barrier_can_mend_and_results_of_another_frame() {
         let text = String::from_utf8_lossy(&found.stderr).into_owned();
         assert_eq!(found.status.code(), Some(1), "{passes}: {text}");
         assert!(text.contains(expected), "{passes}: {text}");
-        // `dump` fails with the same error.
         place.refuses("", &[("dump graph.ron", 1, expected)]);
     }
 }

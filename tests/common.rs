@@ -22,14 +22,12 @@ pub fn assert_lanes(device: &impl Device) {
     }
 }
 
-/// Opens a device of the API that the machine's tests run on.
 pub fn open(options: &Options) -> Backend {
     Backend::open(Api::default(), options).unwrap_or_else(|error| {
         panic!("the tests need lavapipe and the validation layers, or an Apple GPU and MTL_DEBUG_LAYER=1: {error}")
     })
 }
 
-/// Returns the options that select the tests' device, with this level of validation.
 pub fn options(validation: Validation) -> Options {
     let usual = if Api::default() == Api::Vulkan { Some("llvmpipe".into()) } else { None };
     let device = std::env::var("SPLATGRAPH_TEST_DEVICE").ok().or(usual);
@@ -41,7 +39,6 @@ pub fn device_option() -> Option<String> {
     options(Validation::Off).device.map(|device| format!("--device={device}"))
 }
 
-/// Returns true for Mesa's Vulkan driver for the CPU.
 fn is_lavapipe(device: &Backend) -> bool {
     matches!(device, Backend::Vulkan(_)) && device.info().name.contains("llvmpipe")
 }
@@ -54,7 +51,6 @@ pub fn lanes_are_usual() -> bool {
     std::env::var_os(EXPECTED_LANES).is_none()
 }
 
-/// Fails if there are validation messages.
 pub fn assert_silent(device: &mut impl Device, what: &str) {
     let messages = device.take_messages();
     assert!(messages.is_empty(), "{what}: the validation layers say\n{}", messages.join("\n"));
@@ -78,18 +74,15 @@ pub fn data(test: &str) -> Option<PathBuf> {
 /// Prefix of the lines that `./x test` counts.
 const NOT_RUN: &str = "NOT RUN: ";
 
-/// Reports that a test lacks what it needs. `./x test` counts these lines.
 pub fn not_run(test: &str, needs: &str) {
     // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(std::io::stderr(), "{NOT_RUN}{test} needs {needs}");
 }
 
-/// Returns the program that compiles untrusted shaders.
 pub fn worker() -> Worker {
     Worker::new(env!("CARGO_BIN_EXE_splatgraph"))
 }
 
-/// Returns true if `./x test --long` requested full cross products.
 pub fn long() -> bool {
     std::env::var_os("SPLATGRAPH_LONG").is_some()
 }
@@ -176,7 +169,6 @@ pub const EXACT_TILES: [Graph; 2] = [
     ),
 ];
 
-/// Converts parameters and values to the owned pairs that graphs take.
 pub fn settings(set: &[(&str, &str)]) -> Vec<(String, String)> {
     set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
 }

@@ -1,4 +1,4 @@
-//! The covariance pass against f64, on both captured scenes and in each of its three forms.
+//! The covariance pass against f64, in each of its three forms.
 //!
 //! The bound is relative to the largest element of each splat's covariance: f32 has 24 bits, and an element is a sum of
 //! three products of sums, so a few units in the last place are lost.
@@ -33,7 +33,6 @@ fn triangle(l: &[f64]) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|row| rows[(row + 3 - first) % 3])
 }
 
-/// Returns the largest error over a scene, relative to each splat's largest covariance element.
 fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
         (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();

@@ -12,7 +12,6 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Lists the pages by their paths from the root.
 fn page_names() -> Vec<PathBuf> {
     let docs = fs::read_dir(root().join("docs")).expect("docs/ is there").map(|entry| {
         let entry = entry.expect("an entry");
@@ -25,7 +24,6 @@ fn page_names() -> Vec<PathBuf> {
     pages
 }
 
-/// Reads the pages, without their code blocks.
 fn pages() -> Vec<(PathBuf, String)> {
     page_names().into_iter().map(|page| (page.clone(), without_code_blocks(&read(&page)))).collect()
 }
@@ -247,7 +245,6 @@ fn the_listings_of_the_tutorial_are_its_files_and_every_file_is_listed() {
         let name = file.expect("an entry").file_name().to_string_lossy().into_owned();
         assert!(listed.contains(&name), "{name} is not listed in docs/tutorial.md");
     }
-    // `listings` finds a listing below a link, and skips other code blocks.
     assert_eq!(
         listings("[a.ron](x/a.ron):\n\n```ron\none\n```\n\nText\n\n```sh\nls\n```\n"),
         [("x/a.ron".into(), "one\n".into())]

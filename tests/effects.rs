@@ -102,7 +102,6 @@ fn live_offsets(plan: &Plan) -> BTreeSet<u32> {
     members.filter(|member| member.used).map(|member| member.offset).collect()
 }
 
-/// Fails unless two plans execute the same commands.
 fn assert_same(a: &Plan, b: &Plan, what: &str) {
     assert_eq!(a.passes, b.passes, "{what}");
     assert_eq!(a.resources, b.resources, "{what}");
@@ -178,7 +177,6 @@ fn no_value_of_a_parameter_without_an_effect_changes_a_plan() {
             let choices = plan.params.iter().filter(|p| matches!(p.domain, Domain::Bool | Domain::Choice(_)));
             for (param, value) in choices.flat_map(|p| others(p).into_iter().map(move |v| (p, v))) {
                 let set = [(param.name.clone(), value)];
-                // Some values are invalid in this graph.
                 if builds.plan(graph, &set, &facts).is_ok() {
                     found.extend(check(&mut builds, graph, &set, &facts));
                 }
@@ -197,7 +195,6 @@ fn tiles_on_a_gpu_name_the_parameters_that_the_sort_of_splats_alone_has() {
     let mut said = |graph: &str, lanes: u32| -> Vec<String> {
         let plan = builds.plan(graph, &[], &facts_of(lanes, 1_000_000)).expect("a plan");
         let idle = plan.params.iter().filter(|param| plan.no_effect(&param.name).is_some());
-        // Removes line numbers, which change with every edit of the files.
         let without = |text: String| {
             text.split(".ron:").map(|part| part.trim_start_matches(char::is_numeric)).collect()
         };

@@ -3,7 +3,6 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// Makes a scene, and writes 9 photographs of it, 96 x 54 pixels each, to `views/`.
 fn photographed() -> Place {
     let place = Place::demo(5000);
     place.done("synth --photograph scene.ply --dataset views --views 9 --size 96x54");
@@ -39,7 +38,6 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     );
     // A downscaled photograph averages 2 x 2 pixels; a render at half size samples once.
     assert!((20.0..psnr(&exact)).contains(&psnr(&half)), "{half:#}");
-    // Another scene must score low.
     place.done("synth demo --count 300 --seed 3 -o other.ply");
     let other = place.done("evaluate other.ply -c views/sparse/0 --backend reference");
     let mean = other.lines().last().expect("a row").split_whitespace().nth(1).expect("a number");

@@ -4,7 +4,6 @@ use crate::place::Place;
 use splatgraph_assets::{Scene, synth};
 use std::collections::BTreeMap;
 
-/// Runs an experiment and returns the page that it writes.
 fn page(place: &Place, kind: &str, more: &str) -> String {
     let line = "scene.ply -c cameras.json#0 --device llvmpipe --validate";
     place.done(&format!("experiment {kind} {line} {more}"));

@@ -29,7 +29,6 @@ use crate::numbers::Random;
 /// Number of broken files: in a long run, and by default.
 const CASES: (usize, usize) = (10_000, 1_000);
 
-/// Time after which a build counts as hung.
 const TIME_LIMIT: Duration = Duration::from_secs(120);
 
 impl Random {
@@ -113,7 +112,6 @@ pub fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
     (what, bytes)
 }
 
-/// One way to build a shipped graph.
 #[derive(Clone, Debug)]
 struct Build {
     graph: String,
@@ -155,7 +153,6 @@ struct Outcome {
     built: Result<Plan, Vec<(Diagnostic, String)>>,
     /// A defect of the diagnostics themselves; `None` if there is none.
     unclear: Option<String>,
-    /// The files on disk that were read.
     read: Vec<PathBuf>,
 }
 

@@ -9,7 +9,6 @@ use splatgraph::studies::metrics::{self, Comparison};
 use splatgraph_assets::{Camera, Scene};
 use std::path::{Path, PathBuf};
 
-/// A scene with its cameras and golden images.
 pub struct Golden {
     pub name: &'static str,
     scenes: PathBuf,
@@ -19,13 +18,11 @@ pub struct Golden {
 }
 
 impl Golden {
-    /// Returns `rules` from the repository.
     pub fn rules() -> Golden {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/golden");
         Golden { name: "rules", scenes: folder.clone(), images: folder, sampled: true }
     }
 
-    /// Returns a scene of the data folder, with whole images.
     pub fn whole(data: &Path, name: &'static str) -> Golden {
         Golden { name, scenes: data.join("scenes"), images: data.join("golden"), sampled: false }
     }
@@ -39,7 +36,6 @@ impl Golden {
         }
     }
 
-    /// Returns the path of the scene file.
     pub fn path(&self) -> PathBuf {
         self.scenes.join(format!("{}.ply", self.name))
     }
@@ -53,7 +49,6 @@ impl Golden {
         Camera::load(path).expect("the cameras load")
     }
 
-    /// Compares a whole picture with the golden image of this name, at the pixels that the image has.
     pub fn compare(&self, found: &Image, image: &str) -> Comparison {
         let golden = self.image(image);
         let found = if self.sampled { &sampled(found) } else { found };

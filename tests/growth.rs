@@ -9,7 +9,6 @@ use std::fs;
 
 const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron");
 
-/// Counts the white pixels.
 fn white(image: &Image) -> usize {
     image.rgb.iter().filter(|pixel| **pixel == [1.0; 3]).count()
 }

@@ -13,17 +13,14 @@ use std::sync::Arc;
 use crate::common::{self, settings};
 use crate::golden::Golden;
 
-/// Draws a scene with a preset from each camera; fails on validation messages.
 fn draw(golden: &Golden, preset: &str, background: [f32; 3]) -> Vec<Image> {
     draw_scene(golden.scene(), &golden.cameras(), preset, background, &[])
 }
 
-/// Opens a session on the device of the tests.
 pub fn session(scene: impl Into<Arc<Scene>>, graph: &str, set: &[(&str, &str)]) -> Session<Backend> {
     Session::new(common::device(), scene, graph, &settings(set))
 }
 
-/// Prepares, submits and finishes a frame.
 pub fn frame(session: &mut Session<Backend>, camera: &Camera, request: &FrameOptions) -> FrameResult {
     let size = (camera.width, camera.height);
     session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("it is prepared: {error}"));
@@ -31,19 +28,16 @@ pub fn frame(session: &mut Session<Backend>, camera: &Camera, request: &FrameOpt
     session.wait(frame).expect("drawn")
 }
 
-/// Draws a frame and returns its picture.
 pub fn picture(session: &mut Session<Backend>, camera: &Camera, background: [f32; 3]) -> Image {
     let request = FrameOptions { background, read_output: true, ..FrameOptions::default() };
     image_of(&frame(session, camera, &request).output.expect("asked for")).expect("colours")
 }
 
-/// Closes a session; fails if there were validation messages.
 pub fn close(mut session: Session<Backend>, what: &str) {
     common::assert_silent(session.device(), what);
     assert_eq!(session.into_device().close(), Vec::<String>::new(), "{what}: closing the device");
 }
 
-/// Draws any scene, as [`draw`] does, with parameters.
 pub fn draw_scene(
     scene: impl Into<Arc<Scene>>,
     cameras: &[Camera],
@@ -142,7 +136,6 @@ fn narrow_keys_and_no_sort_cost_accuracy() {
             let images = draw(&golden, preset, [0.0; 3]);
             let differences: Vec<f64> = images.iter().zip(&right).map(|(a, b)| psnr(a, b)).collect();
             println!("{scene}: {preset} {differences:.1?} dB");
-            // Measured: `key16` 65.9 dB or more, and identical from one camera of `rules`; `unsorted` 19.1 to 36.8 dB.
             let (worst, best) = if preset == "key16" { (55.0, f64::INFINITY) } else { (15.0, 42.0) };
             assert!(
                 differences.iter().all(|db| (worst..=best).contains(db)),

@@ -12,7 +12,6 @@ use splatgraph_assets::{Camera, Mesh, MeshMaterial, Scene, Similarity, Splat, sy
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
-/// Returns a small demo scene with the ring mesh in its pond.
 fn pond() -> Arc<Scene> {
     let demo = synth::generate("demo", 4000, 0).expect("it is generated");
     Arc::new(demo.beside(&synth::mesh(), &Similarity::IDENTITY))
@@ -25,7 +24,6 @@ const GRAPHS: [(Graph, &[(&str, &str)]); 3] = [
     (EXACT_TILES[0], &[("stop", "0.0"), ("extent", "alpha")]),
 ];
 
-/// Returns the exact renderer's rules for [`GRAPHS`].
 fn as_drawn() -> Rules {
     rules(
         Rules::PUBLISHED,
@@ -42,7 +40,6 @@ fn drawn(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(
     capture::take(session, camera).expect("a picture").image
 }
 
-/// Returns the PSNR over the pixels that are `counted`.
 fn psnr(a: &Image, b: &Image, counted: &[bool]) -> f64 {
     let keep = |image: &Image| Image {
         width: counted.iter().filter(|counted| **counted).count(),
@@ -131,14 +128,12 @@ fn square([left, top]: [f32; 2], z: f32, base_color: [f32; 4]) -> Mesh {
     mesh
 }
 
-/// Makes a white splat on the axis at `z`, wide and nearly opaque.
 fn white(z: f32) -> Splat {
     let mut sh = [0.0; 48];
     sh[..3].fill(0.5 / 0.282_094_8);
     Splat { position: [0.0, 0.0, z], scale: [20.0; 3], rotation: [1.0, 0.0, 0.0, 0.0], opacity: 0.9, sh }
 }
 
-/// Draws a splat and a mesh with every graph; returns each graph's colour of pixel (x, y).
 fn pixel(splat: Splat, mesh: &Mesh, [x, y]: [usize; 2]) -> [[f32; 3]; 3] {
     let scene = Scene::generate(1, 0, |_| splat).with_mesh(Some(Arc::new(mesh.clone())));
     let mut session = Session::new(common::device(), Arc::new(scene), "mesh_quads", &[]);

@@ -21,7 +21,6 @@ fn changed(changes: &[(&str, &str, &str)]) -> Place {
     place
 }
 
-/// Applies `changes`, runs `line`, and fails unless standard error is exactly `expected`.
 fn assert_shown(changes: &[(&str, &str, &str)], line: &str, expected: &str) {
     let errors = changed(changes).fails(line, 1);
     // In the source, each expected text begins on a new line.
@@ -185,7 +184,6 @@ error: `make.comp` has no block `Kyes`
 fn bad_usage_exits_with_2() {
     let place = Place::empty();
     place.fails("chekc", 2);
-    // `render` without an output path is an invalid command line.
     place.fails("render", 2);
 }
 

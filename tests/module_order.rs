@@ -13,9 +13,7 @@ use std::path::Path;
 /// The path of a module from the crate's root.
 type Module = Vec<String>;
 
-/// The imports in a source file.
 struct File {
-    /// The path below `src`, for messages.
     place: String,
     /// Every path that the code names, with its line.
     paths: Vec<(usize, Module)>,
@@ -69,7 +67,6 @@ pub fn assert_files_have_no_circle(src: &Path) {
     assert!(circles.is_empty(), "expected no circle of imports between files, found\n{}", circles.join("\n"));
 }
 
-/// An import of another file, and its text for messages.
 struct Import<'a> {
     other: &'a Module,
     text: String,
@@ -131,7 +128,6 @@ fn sources(src: &Path) -> Vec<(String, String)> {
     found
 }
 
-/// Reads all files except tests.
 fn read(src: &Path) -> BTreeMap<Module, File> {
     let mut files = BTreeMap::new();
     for (place, text) in sources(src) {

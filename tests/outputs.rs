@@ -32,7 +32,6 @@ fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     found
 }
 
-/// Draws with a graph, and returns its outputs.
 fn drawn(
     session: &mut Session<Backend>,
     camera: &Camera,

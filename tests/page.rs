@@ -48,7 +48,6 @@ fn count(document: &str, class: &str) -> usize {
         + document.matches(&format!("class=\"{class} ")).count()
 }
 
-/// Returns the text of the side panel.
 fn panel(document: &str) -> String {
     let (_, rest) = document.split_once("id=\"panel\"").expect("it has a panel");
     let rest = rest.split_once('>').expect("a tag ends").1;

@@ -15,17 +15,14 @@ use std::sync::Arc;
 
 use crate::{common, images};
 
-/// Width and height of the pictures.
 const SIZE: (u32, u32) = (192, 108);
-/// Number of splats in the scene.
 const SPLATS: u32 = 20_000;
-/// Quads, blended in both orders, and tiles.
 const PRESETS: [&str; 3] = ["splat", "front_to_back", "tiled"];
 
 /// Minimum PSNR in decibels, and maximum difference in 8-bit steps in any channel of any pixel.
 ///
-/// Pictures on disk have 8 bits, which alone costs half a step, 59 dB. APIs may differ in the last bits of
-/// exponentials, and in the rounding of half-float targets, once per blended splat.
+/// The stored pictures have 8 bits. APIs may differ in the last bits of exponentials, and in the rounding of
+/// half-float targets.
 const MIN_DB: f64 = 50.0;
 const MAX_STEPS: f32 = 3.0;
 

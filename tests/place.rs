@@ -62,11 +62,9 @@ impl<S: AsRef<str>> Line for Vec<S> {
     }
 }
 
-/// A temporary folder in which the program runs.
 pub struct Place(tempfile::TempDir);
 
 impl Place {
-    /// Makes an empty folder.
     pub fn empty() -> Place {
         Place(tempfile::tempdir().expect("a folder"))
     }
@@ -97,12 +95,10 @@ impl Place {
         self.0.path().join(name)
     }
 
-    /// Returns the path of a file in this folder as text.
     pub fn named(&self, name: &str) -> String {
         self.at(name).to_string_lossy().into_owned()
     }
 
-    /// Generates a scene, writes it as PLY and returns it.
     pub fn scene(&self, name: &str, generator: &str, splats: u32, seed: u64) -> Scene {
         let scene = synth::generate(generator, splats, seed).expect("the scene is generated");
         scene.write_ply(self.at(name)).expect("the scene is written");
@@ -118,7 +114,6 @@ impl Place {
         Camera::save(&all, self.at("cameras.json")).expect("cameras are written");
     }
 
-    /// Writes a file, and creates its folder.
     pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
         let path = self.at(name);
         fs::create_dir_all(path.parent().expect("a folder"))
@@ -160,7 +155,6 @@ impl Place {
         command
     }
 
-    /// Runs the program. `render` and `video` use the tests' device unless the line names a device or a backend.
     pub fn run(&self, line: &(impl Line + ?Sized)) -> Output {
         let words = line.words();
         let draws = matches!(words.first(), Some(&("render" | "video")));
@@ -169,7 +163,6 @@ impl Place {
         self.program(&words).args(device).output().expect("the program runs")
     }
 
-    /// Runs the program and returns its exit code and standard error.
     pub fn code(&self, line: &(impl Line + ?Sized)) -> (Option<i32>, String) {
         let output = self.run(line);
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
@@ -184,18 +177,15 @@ impl Place {
         (text, errors)
     }
 
-    /// Runs the program, which must succeed, and returns its standard output.
     pub fn done(&self, line: &(impl Line + ?Sized)) -> String {
         self.said(line).0
     }
 
-    /// Runs the program, which must succeed and print JSON; returns the JSON.
     pub fn told(&self, line: &(impl Line + ?Sized)) -> Value {
         serde_json::from_str(&self.done(line))
             .unwrap_or_else(|error| panic!("{}: {error}", line.words().join(" ")))
     }
 
-    /// Runs the program, which must exit with `code`; returns its standard error.
     pub fn fails(&self, line: &(impl Line + ?Sized), code: i32) -> String {
         let (found, errors) = self.code(line);
         assert_eq!(found, Some(code), "splatgraph {}: {errors}", line.words().join(" "));
@@ -221,7 +211,6 @@ impl Place {
     }
 }
 
-/// Returns the text of a shipped file.
 pub fn shipped(name: &str) -> &'static str {
     builtin::FILES.iter().find(|(file, _)| *file == name).expect("it is shipped").1
 }

@@ -4,13 +4,11 @@ use crate::place::Place;
 use serde_json::Value;
 use splatgraph_assets::{Camera, synth};
 
-/// Runs `popping`, which must succeed, with validation; returns its JSON.
 fn popping(place: &Place, more: &str) -> Value {
     place.done(&format!("popping scene.ply --device llvmpipe --validate --json popping.json {more}"));
     place.json("popping.json")
 }
 
-/// Returns a number from a variant's summary.
 fn of(found: &Value, name: &str, key: &str) -> f64 {
     let all = found["variants"].as_array().expect("a list");
     let row =

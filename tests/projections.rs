@@ -14,7 +14,6 @@ use std::sync::Arc;
 
 const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
 
-/// Returns the projections other than pinhole.
 fn lenses() -> impl Iterator<Item = Projection> {
     Projection::ALL.into_iter().filter(|projection| !projection.is_pinhole())
 }
@@ -26,7 +25,6 @@ fn splat(position: [f32; 3], scale: [f32; 3]) -> Splat {
     Splat { position, scale, rotation: [0.8, 0.4, -0.2, 0.4], opacity: 0.7, sh }
 }
 
-/// Returns a scene of these splats.
 fn scene_of(splats: &[Splat]) -> Arc<Scene> {
     Arc::new(Scene::generate(splats.len() as u32, 3, |i| splats[i]))
 }

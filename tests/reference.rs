@@ -15,7 +15,6 @@ const AGREEMENT: f64 = 95.0;
 /// Maximum difference of a channel; a fragment at the alpha floor in f32 that is below it in f64 gives 0.0039.
 const WORST: f64 = 0.005;
 
-/// Renders by `rules` and compares with the golden image of this name.
 fn compare(
     golden: &Golden,
     image: &str,
@@ -76,7 +75,6 @@ fn the_splats_of_a_pixel_sum_up_to_the_exact_picture_of_a_capture() {
     }
 }
 
-/// Each bound is the PSNR with the broken rule at the worst camera, rounded up by 1 dB or less.
 #[test]
 fn each_rule_broken_on_purpose_fails_the_bound() {
     let golden = Golden::rules();

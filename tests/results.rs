@@ -42,7 +42,6 @@ fn draw(device: &mut Backend, scene: &Scene, plan: Plan, camera: &Camera, sharin
     device.wait(frame).expect("drawn")
 }
 
-/// Returns the names of the `Once` passes that a frame ran.
 fn once(plan: &Plan, result: &FrameResult) -> Vec<String> {
     let passes = result.pass_ms.iter().map(|(id, _)| plan.pass(*id));
     passes.filter(|pass| pass.run == Run::Once).map(|pass| pass.name.clone()).collect()

@@ -2,7 +2,6 @@
 
 use crate::place::Place;
 
-/// Creates a folder with two scenes.
 fn scenes() -> Place {
     let place = Place::empty();
     place.done("synth demo --count 3000 -o a.ply --cameras cameras.json");
@@ -10,13 +9,11 @@ fn scenes() -> Place {
     place
 }
 
-/// Draws one or several scenes; returns the bytes of the picture.
 fn picture(place: &Place, scenes: &str) -> Vec<u8> {
     place.done(&format!("render {scenes} -c cameras.json#0 --size 96x54 -p splat -o out.npy"));
     place.bytes("out.npy")
 }
 
-/// Converts scenes to PLY; returns the bytes of the file.
 fn converted(place: &Place, line: &str) -> Vec<u8> {
     place.done(&format!("convert {line} converted.ply"));
     place.bytes("converted.ply")
@@ -33,7 +30,6 @@ fn scenes_of_a_file_are_those_that_convert_moves_and_merges_bit_by_bit() {
     assert!(moved == converted(&place, "moved.ron"), "moved");
     place.write("plain.ron", "// Two scenes.\nScenes([Scene(file: \"a.ply\"), Scene(file: \"b.ply\")])");
     assert!(converted(&place, "a.ply --merge=b.ply") == converted(&place, "plain.ron"), "merged");
-    // `info` counts the splats of both scenes.
     assert!(place.done("info plain.ron").contains("5,000"));
 }
 

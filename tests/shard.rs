@@ -13,7 +13,6 @@ fn files(place: &Place, folder: &str) -> BTreeMap<String, Vec<u8>> {
     place.files(folder).into_iter().map(inside).collect()
 }
 
-/// Runs a command, which must end with `code`; returns its messages.
 fn run(place: &Place, line: &str, more: &[&str], code: i32) -> String {
     let words: Vec<&str> = line.split(' ').chain(more.iter().copied()).collect();
     let (found, errors) = place.code(&words);

@@ -53,7 +53,6 @@ impl Run {
     }
 }
 
-/// A sort plan with its digit and key widths, loaded on the device.
 struct Sorter<'a> {
     device: &'a mut Backend,
     plan: Plan,
@@ -110,7 +109,6 @@ impl Bench {
 }
 
 impl Sorter<'_> {
-    /// Returns the keys per block, from the plan.
     fn block_keys(&self) -> u32 {
         match self.plan.params.iter().find(|p| p.name == "block_keys").expect("a parameter").value {
             Value::Int(keys) => keys as u32,
@@ -118,7 +116,6 @@ impl Sorter<'_> {
         }
     }
 
-    /// Sorts the run's pairs on the GPU and on the CPU, and compares the results.
     fn check(&mut self, run: Run) {
         let mut passes = self.plan.frame.iter().copied();
         let finish = passes.find(|pass| self.plan.pass(*pass).name == "finish").expect("the last pass");
@@ -152,11 +149,7 @@ impl Sorter<'_> {
     }
 }
 
-/// Returns sizes up to 2^16: the smallest and the largest; and the number of lanes and multiples of two steps, each
-/// with its neighbours.
-///
-/// The steps are the block, and `block * lanes` for the serial sort or `8 * lanes` for others. The multiples are 1, 2,
-/// 3 and 7, or all in a long run.
+/// Returns sizes up to 2^16: around the number of lanes, and around multiples of the block and of a larger step.
 fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     let mut sizes = vec![0, 1, 2, lanes - 1, lanes, lanes + 1, 65_535, 65_536];
     for step in [block, if serial { block * lanes } else { 8 * lanes }] {

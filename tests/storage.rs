@@ -120,7 +120,6 @@ fn a_limit_of_memory_chooses_the_storage_of_the_splats() {
         assert!(place.bytes("limited.png") == place.bytes("set.png"), "{chosen}");
         let [limited, set] = ["limited.json", "set.json"].map(|name| place.json(name));
         assert_eq!(limited[0]["parameters"], set[0]["parameters"]);
-        // `info` reports the same choice.
         place.done(&format!(
             "info scene.ply -p tiled_cpu --size 96x54 --device=llvmpipe --memory {memory} --json=info.json"
         ));

@@ -3,7 +3,6 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// A sweep of three steps with the minimum number of frames.
 const SHORT: &str = "sweep scene.ply --size 64x48 --steps 3 --rounds 1 --frames 1";
 
 #[test]

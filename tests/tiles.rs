@@ -11,11 +11,9 @@ use splatgraph_assets::{Camera, Scene, Splat, synth};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
-/// Exact tiles, for GPUs and for CPUs.
 const GPU: Graph = EXACT_TILES[0];
 const CPU: Graph = EXACT_TILES[1];
 
-/// Returns the minimum PSNR of graphs against the golden images of a scene.
 fn least_psnr(graphs: [Graph; 2], golden: &Golden) -> f64 {
     let (scene, loaded, cameras) = (golden.name, Arc::new(golden.scene()), golden.cameras());
     let mut least = f64::INFINITY;
@@ -48,20 +46,17 @@ fn fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures() {
     }
 }
 
-/// Makes the small demo scene and two of its cameras.
 fn demo(size: (u32, u32)) -> (Arc<Scene>, Vec<Camera>) {
     let scene = Arc::new(synth::generate("demo", 20_000, 0).expect("a scene"));
     let cameras = synth::demo_cameras().into_iter().take(2).map(|camera| camera.resized(size.0, size.1));
     (scene, cameras.collect())
 }
 
-/// Draws the small demo scene with a graph and more parameters.
 fn drawn(graph: Graph, more: &[(&str, &str)]) -> Vec<Image> {
     let (scene, cameras) = demo((400, 225));
     draw_scene(scene, &cameras, graph.0, [0.1, 0.2, 0.3], &with(graph, more))
 }
 
-/// Fails if the PSNR of two pictures of one camera is below `bound` dB.
 fn assert_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let db = psnr(found, expected);

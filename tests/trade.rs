@@ -3,7 +3,6 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// `trade` with the minimum number of frames.
 const SHORT: &str = "trade scene.ply -c cameras.json --rounds 1 --frames 1";
 
 /// Draws the pictures that serve as truth, into `true/`.

@@ -22,7 +22,6 @@ fn drawn(place: &Place, graph: &str, more: &str) -> Image {
     place.image("out.npy")
 }
 
-/// Returns the PSNR in dB; infinite for equal pictures.
 fn psnr(a: &Image, b: &Image) -> f64 {
     metrics::compare(a, b).expect("pictures of one size").psnr()
 }

@@ -12,7 +12,6 @@ const SIZE: (usize, usize) = (48, 27);
 const LINE: &str = "video scene.ply --cameras=cameras.json --seconds=0.4 --fps=10 --size=48x27 \
                     --background=0.1,0.2,0.3 --closed --pipeline=splat -o";
 
-/// Draws a film; returns standard output.
 fn drawn(place: &Place, more: &str) -> String {
     place.done(&format!("{LINE} {more}"))
 }

@@ -12,13 +12,11 @@ use std::sync::Arc;
 
 use crate::common;
 
-/// A device with the window graph loaded, for windows of one size.
 struct Window {
     device: Backend,
     size: [u32; 2],
 }
 
-/// The pixels of a frame.
 struct Drawn {
     width: usize,
     pixels: Vec<[u8; 4]>,
@@ -59,7 +57,6 @@ impl Window {
         Drawn { width: pixels.width as usize, pixels: texels.collect() }
     }
 
-    /// Draws pictures without an interface.
     fn compose(&mut self, composition: &Composition) -> Drawn {
         self.draw(composition, &Painter::default().paint(Default::default(), &[], 1.0, composition))
     }
@@ -84,7 +81,6 @@ fn composition(
     Composition { window, view, a, b, mode, split: 0.5, amplification: 1.0, background }
 }
 
-/// Returns a picture whose pixels are a function of column and row.
 fn picture(format: Format, [width, height]: [u32; 2], pixel: impl Fn(u32, u32) -> [f32; 3]) -> Option<Shown> {
     let mut bytes = Vec::new();
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
