@@ -14,17 +14,15 @@
 //! The bounds on waits and fences assume that two runs are ordered only if one depends on the other, directly or
 //! through others.
 //!
-//! In a chain of runs, each run has one last conflict, and one fence serves all. A run beside the chain makes a fork:
-//! the draw of a mesh is beside the sort in `mesh_quads`, and beside the previous frame's copies in `mesh`. The run
-//! that joins the branches has two last conflicts. It must wait for both: waiting for one would imply the other only if
-//! one branch waited for the other. A wait is for the latest update of its fence, so two updates that are awaited at
-//! one time need two fences. With one wait per run, the sort would have to wait for the mesh, or the mesh for the sort.
+//! In a chain of runs, each run has one last conflict, and one fence serves all. A run beside the chain makes a fork,
+//! such as the draw of a mesh beside the sort in `mesh_quads`. The run that joins the branches has two last conflicts,
+//! and must wait for both. A wait is for the latest update of its fence, so two updates that are awaited at one time
+//! need two fences.
 
 use splatgraph_framework::ir::{Hazard, Load, PassId, Stages, Target, Work};
 use splatgraph_framework::plan::{Dependency, Plan};
 use std::collections::HashSet;
 
-/// Lower bounds on the counts of a frame.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Least {
     pub encoders: usize,

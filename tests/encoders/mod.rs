@@ -25,9 +25,8 @@ fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Builds the plans of built-in graphs, benchmark graphs, the window's graph and an example.
-///
-/// Further plans have parameters that add or move passes.
+/// Builds the plans of built-in graphs, benchmark graphs, the window's graph and an example, some with parameters that
+/// add or move passes.
 pub fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();
     let mut catalog = facts::nominal_catalog();
@@ -56,7 +55,6 @@ pub fn plans(share_memory: bool) -> Vec<Plan> {
     graphs.chain(varied).map(&mut plan).collect()
 }
 
-/// Reads `docs/metal.md`.
 pub fn page() -> String {
     let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/metal.md");
     std::fs::read_to_string(page).expect("the page is there")

@@ -34,10 +34,8 @@ pub struct Bounds {
     pub naive: f64,
 }
 
-/// The size of the pictures.
 const SIZE: (u32, u32) = (96, 54);
 
-/// Resizes the camera's picture to the size of the tests.
 pub fn small(camera: Camera) -> Camera {
     camera.resized(SIZE.0, SIZE.1)
 }
@@ -55,7 +53,6 @@ fn generated(name: &str, count: u32) -> (Scene, Camera) {
     (synth::generate(name, count, 0).expect("it fits in memory"), small(camera))
 }
 
-/// Returns a splat in front of a camera at the origin, different for each index.
 pub fn plain(index: usize) -> Splat {
     let t = index as f32;
     let mut sh = [0.0; 48];
@@ -198,7 +195,6 @@ pub const CASES: &[Case] = &[
     },
 ];
 
-/// Finds a case by its name.
 pub fn find(name: &str) -> &'static Case {
     CASES.iter().find(|case| case.name == name).unwrap_or_else(|| panic!("there is no case {name}"))
 }

@@ -21,7 +21,6 @@ use splatgraph_reference::{Rules, Splats, render};
 /// A background, so that the transmittance is visible.
 const BACKGROUND: [f32; 3] = [0.2, 0.3, 0.4];
 
-/// The error of a picture.
 #[derive(Clone, Copy, Debug)]
 struct Error {
     /// PSNR in dB.
@@ -40,7 +39,6 @@ impl Error {
         Error { db, worst: channels.map(share).fold(0.0, f64::max) }
     }
 
-    /// Returns the worse PSNR and the worse pixel of two errors.
     fn or(self, other: Error) -> Error {
         Error { db: self.db.min(other.db), worst: self.worst.max(other.worst) }
     }
@@ -61,7 +59,6 @@ fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &st
 /// The rules of quads: no tiles, no early stop.
 const QUADS: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
 
-/// A preset with parameters, and the bound that applies to it.
 struct Way {
     preset: &'static str,
     set: Vec<(String, String)>,
@@ -126,7 +123,6 @@ impl Way {
     }
 }
 
-/// Draws a scene from a camera in these ways; fails on non-finite values and on validation messages.
 fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     let mut session = images::session(scene, "splat", &[]);
     let mut drawn = Vec::new();
@@ -146,7 +142,6 @@ fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     drawn
 }
 
-/// Draws a case in all ways and checks the errors against its bounds.
 fn hold(name: &str) {
     let Case { scene, factored, bounds, .. } = cases::find(name);
     let (scene, camera) = scene();
@@ -194,7 +189,6 @@ fn hold(name: &str) {
 /// Turns a sentence into a test that checks cases against their bounds.
 macro_rules! held {
     ($($sentence:ident: $($case:literal),+;)+) => {
-        /// The cases that the tests check.
         const HELD: &[&str] = &[$($($case),+),+];
         $(#[test] fn $sentence() { $(hold($case);)+ })+
     };

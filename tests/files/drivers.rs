@@ -6,7 +6,6 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Returns the path of the system's Vulkan loader.
 fn loader() -> PathBuf {
     let known = Command::new("/sbin/ldconfig").arg("-p").output().expect("ldconfig runs").stdout;
     let known = String::from_utf8_lossy(&known).into_owned();

@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Output};
 
-/// Runs the program with a limit of `bytes` on file sizes.
 fn limited(mut command: Command, bytes: u64) -> Output {
     let limit = move || {
         let limit = Rlimit { current: Some(bytes), maximum: Some(bytes) };

@@ -172,7 +172,6 @@ fn written(place: &Place, names: &[String], before: &[Option<(u64, SystemTime)>]
     now.iter().zip(before).filter(|(now, before)| now.is_some() && now != before).count()
 }
 
-/// Waits until a condition holds or the program has ended.
 fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !is_so() && child.try_wait().expect("asked").is_none() {

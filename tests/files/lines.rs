@@ -13,7 +13,6 @@ use std::time::{Duration, Instant};
 /// Number of command lines: in a long run, and by default.
 const LINES: (u64, u64) = (4_000, 150);
 
-/// Time after which a command counts as hung.
 const TIME_LIMIT: Duration = Duration::from_secs(120);
 
 /// Fills a folder with the files of [`words::FILES`].

@@ -4,7 +4,6 @@ use crate::place::{DRAW, Place};
 use splatgraph::io::image::{Image, save_words};
 use std::fs;
 
-/// Runs a command that must be refused with a one-line message and change nothing.
 fn refused(place: &Place, args: &str, why: &str) {
     let before = place.files(".");
     let output = place.run(args);

@@ -8,7 +8,6 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-/// Limits a resource of the program to `most`.
 fn limit(command: &mut Command, resource: Resource, most: u64) {
     let limit = move || Ok(setrlimit(resource, Rlimit { current: Some(most), maximum: Some(most) })?);
     // SAFETY: the closure makes one system call, which is safe between fork and exec, and allocates nothing.

@@ -4,7 +4,6 @@ use crate::place::{DRAW, Place};
 use std::fs::{self, File};
 use std::process::{Command, Stdio};
 
-/// Runs the program with a closed pipe as standard output. Returns the exit code and standard error.
 fn into_closed_pipe(mut command: Command) -> (Option<i32>, String) {
     let (reader, writer) = std::io::pipe().expect("a pipe");
     drop(reader);
@@ -12,7 +11,6 @@ fn into_closed_pipe(mut command: Command) -> (Option<i32>, String) {
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-/// Runs the program with /dev/full as standard output. Returns the exit code and standard error.
 fn onto_full_device(mut command: Command) -> (Option<i32>, String) {
     let full = File::options().write(true).open("/dev/full").expect("Linux has it");
     let output = command.stdout(full).stderr(Stdio::piped()).output().expect("the program runs");

@@ -24,7 +24,6 @@ const NUMBERS: &str = "0 1 -1 2 100 0.5 -0.5 nan inf 1e300 4294967296 1844674407
 
 const GRAPHS: &str = "graph.ron unsorted nope scene.ply pics  ../splat pipe";
 
-/// Generates the words of a command line, without the program's name.
 pub fn line(random: &mut Random) -> Vec<String> {
     let command = match random.below(30) {
         0 => random.word("help rendre  devices"),

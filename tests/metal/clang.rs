@@ -27,7 +27,6 @@ const FLAGS: [&str; 12] = [
     "-Wno-unused-parameter",
 ];
 
-/// Runs clang with [`FLAGS`] and `arguments`. Returns its messages if it fails.
 fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
     let output = Command::new("clang++")
         .args(FLAGS)
@@ -154,7 +153,6 @@ pub fn check(shaders: &[&Shader]) -> usize {
     known.len()
 }
 
-/// A kernel's arguments for `machine_run`.
 pub struct Call<'a> {
     pub buffers: &'a mut [*mut u8],
     pub images: &'a mut [Image],
@@ -187,7 +185,6 @@ type Run = unsafe extern "C" fn(
     bool,
 ) -> *const c_char;
 
-/// Compiled kernels, and the machine that runs them.
 pub struct Library {
     handle: *mut c_void,
     known: HashMap<String, usize>,

@@ -82,12 +82,10 @@ impl<'a> Cpu<'a> {
         Cpu { plan, library, memory: memory.collect() }
     }
 
-    /// Returns the contents of a resource.
     pub fn bytes(&self, resource: ResourceId) -> &[u8] {
         self.memory[resource.index()].bytes()
     }
 
-    /// Replaces the contents of a resource.
     pub fn set(&mut self, resource: ResourceId, bytes: &[u8]) {
         self.memory[resource.index()].bytes_mut().copy_from_slice(bytes);
     }
@@ -165,7 +163,6 @@ impl<'a> Cpu<'a> {
     }
 }
 
-/// Returns the subgroup width that a plan was built for.
 fn plan_lanes(plan: &Plan) -> u32 {
     match plan.facts["device.subgroup_size"] {
         splatgraph_framework::ir::Value::Int(lanes) => lanes as u32,

@@ -47,7 +47,6 @@ fn shaders<'a>(plans: impl IntoIterator<Item = &'a Plan>) -> Vec<&'a Shader> {
     plans.into_iter().flat_map(|plan| &plan.shaders).collect()
 }
 
-/// Replaces `from` in a shader's Metal text; fails if the text lacks it.
 fn change(plan: &mut Plan, shader: &str, from: &str, to: &str) {
     let shader = plan.shaders.iter_mut().find(|s| s.name == shader).expect("a shader");
     let msl = shader.msl.as_ref().expect("translated");

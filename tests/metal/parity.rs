@@ -22,7 +22,6 @@ pub struct Loose {
     pub by: f32,
 }
 
-/// Counts what was compared.
 #[derive(Debug, Default)]
 pub struct Compared {
     /// Kernels that ran.
@@ -33,7 +32,6 @@ pub struct Compared {
     pub near: usize,
 }
 
-/// Returns the resources that a pass writes.
 fn written(plan: &Plan, pass: PassId) -> BTreeSet<ResourceId> {
     plan.pass(pass).uses.iter().filter(|u| u.accesses.writes()).map(|u| u.resource).collect()
 }

@@ -16,7 +16,6 @@ use std::path::Path;
 
 const SIZE: (u32, u32) = (160, 90);
 
-/// Supplies a scene's planes to a device.
 struct Planes<'a>(&'a Scene);
 
 impl SceneData for Planes<'_> {
@@ -121,10 +120,7 @@ const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
 const SUBGROUP: (&str, &str) = ("sorter", "subgroup");
 const ROOM: (&str, &str) = ("entries", "20000");
 
-/// Tolerances for the effect of exp2(), log2() and log() on the shipped kernels' results.
-///
-/// lavapipe's functions are polynomials with errors of about 1e-7, the C library's are nearly correctly rounded, and a
-/// Mac's differ again.
+/// Tolerances for the effect of exp2(), log2() and log(), which lavapipe and the C library round differently.
 const POWERS: [Loose; 4] = [
     // The reach of a splat is the square root of a logarithm.
     Loose { resource: "splats", words: (8, &[6]), halves: false, by: 1e-6 },
@@ -244,9 +240,7 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
     });
 }
 
-/// Bounds on the difference that more lanes make to a channel. The first is a twentieth of an 8-bit step.
-///
-/// 8 lanes walk eight rows of a block by products or sums, rounding each time; 32 lanes have two pixels each.
+/// Bounds on the difference of a channel if more lanes, which round in other places, draw the picture.
 const MORE_LANES: [(common::Graph, f32); 2] = [(common::FAST_TILES[1], 2e-4), (common::EXACT_TILES[1], 2e-6)];
 
 /// Compares the rasteriser for CPUs at a Mac's width with 8 lanes, where its bytes equal lavapipe's.

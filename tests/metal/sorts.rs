@@ -16,7 +16,6 @@ use splatgraph_framework::source::render;
 /// Number of pairs: more than two blocks in each variant, the last one partly filled.
 const COUNT: u32 = 4500;
 
-/// Returns both variants with digits of every width.
 fn every() -> Vec<(&'static str, u32)> {
     (1..=11).flat_map(|digit_bits| [("subgroup", digit_bits), ("serial", digit_bits)]).collect()
 }

@@ -10,7 +10,6 @@ use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain, Msl, ParamBinding, 
 use splatgraph_framework::plan::Plan;
 use std::fmt::Write;
 
-/// Builds plans for a nominal scene.
 struct Bench {
     planner: Planner,
     catalog: Catalog,
@@ -30,7 +29,6 @@ impl Bench {
     }
 }
 
-/// Returns the built-in graphs, the benchmark's and the window's graphs, and graphs of examples and tests.
 fn graphs() -> Vec<&'static str> {
     const OTHERS: [&str; 3] = [
         concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron"),
@@ -77,7 +75,6 @@ fn every_shader_of_every_graph_on_every_device_is_valid_cpp_with_its_arguments_i
     assert!(page().contains(&told), "docs/metal.md lacks `{told}`");
 }
 
-/// Formats the arguments of a shader as a table.
 fn table(shader: &Shader, msl: &Msl) -> String {
     let mut text = format!("{} ({})\n", shader.name, msl.entry);
     for argument in &msl.arguments {

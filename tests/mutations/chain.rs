@@ -15,7 +15,6 @@ use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::sync::Barriers;
 
-/// Counts the barrier calls of one frame.
 pub fn calls(plan: &Plan, barriers: &Barriers) -> usize {
     plan.frame.iter().filter(|pass| !barriers.at(Some(**pass)).is_empty()).count()
 }

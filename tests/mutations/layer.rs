@@ -15,7 +15,6 @@ use splatgraph_vulkan::sync::model::{Actor, Missing, Replay, Violation, Violatio
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-/// The reason why the layer does not report a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Blind {
     /// The layer does not track attachments of dynamic rendering, nor their layouts.
@@ -87,7 +86,6 @@ impl View {
     }
 }
 
-/// Models the layer's view of a plan's passes.
 pub struct Layer<'a> {
     plan: &'a Plan,
     /// For each shader, the bindings that it stores to other than by atomics.

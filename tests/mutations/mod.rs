@@ -46,7 +46,6 @@ fn scene() -> Scene {
     splatgraph_assets::synth::generate("demo", 2_000, 1).expect("a generator")
 }
 
-/// Builds the plan of every preset for this device.
 fn plans(scene: &Scene, device: &DeviceFacts) -> Vec<Plan> {
     let facts = facts::facts(&SceneFacts::of(scene), device, SIZE);
     let (catalog, mut planner) = (facts::catalog(scene), Planner::default());
@@ -214,7 +213,6 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// A device that draws one scene with many plans.
 struct Bench {
     device: Vulkan,
     scene: Scene,
@@ -258,7 +256,6 @@ impl Bench {
     }
 }
 
-/// Counts the outcomes of a plan's mutants.
 #[derive(Default)]
 struct Tally {
     mutants: usize,
@@ -292,7 +289,6 @@ impl Tally {
     }
 }
 
-/// Describes a mutation and the masks of its barrier.
 fn text(plan: &Plan, barriers: &Barriers, mutation: &Mutation) -> String {
     let (Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. }) = *mutation;
     format!("{}: {}", mutation.describe(plan, barriers), barriers.at(at)[barrier].masks)

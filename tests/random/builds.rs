@@ -21,7 +21,6 @@ use super::render::{Files, Style, render};
 use super::sketch::Sketch;
 use crate::common::long;
 
-/// Returns the facts of a plain device.
 fn facts() -> Facts {
     let ints = [("scene.count", 1000), ("viewport.width", 16), ("viewport.height", 8)];
     let device = DeviceFacts { shared_bytes: u32::MAX, max_invocations: u32::MAX, ..DeviceFacts::typical(8) };
@@ -64,7 +63,6 @@ pub fn accepted(built: Result<Plan, String>) -> Result<Option<Plan>, String> {
     }
 }
 
-/// Lowers a plan to barriers.
 pub fn barriers(plan: &Plan) -> Barriers {
     splatgraph_vulkan::sync::barriers(plan).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -111,7 +109,6 @@ impl Case<'_> {
     }
 }
 
-/// Formats a plan's passes and barriers for messages.
 pub fn shown(plan: &Plan) -> String {
     let name = |id: PassId| plan.pass(id).name.as_str();
     let shown = |barriers: &[Barrier]| -> String {
@@ -155,7 +152,6 @@ pub fn shown(plan: &Plan) -> String {
     )
 }
 
-/// Counts graphs, plans and barriers over a run.
 #[derive(Default)]
 struct Counts {
     graphs: AtomicU64,

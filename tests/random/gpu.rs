@@ -20,7 +20,6 @@ use super::render::{Files, Style, render};
 use super::sketch::Sketch;
 use crate::common::{self, long};
 
-/// One device and one compiler for many plans.
 pub struct Bench {
     device: Backend,
     compiler: Glslang,
@@ -122,7 +121,6 @@ impl Bench {
         if messages.is_empty() { Ok(outcomes) } else { Err(messages.join("\n")) }
     }
 
-    /// Runs a plan for three frames.
     fn frames(&mut self, plan: &Plan) -> Result<Vec<Outcome>, String> {
         self.frames_with(plan, None)
     }

@@ -91,7 +91,6 @@ const SHADERS: [(&str, &str); 6] = [
     ),
 ];
 
-/// The expected contents of the graph's histories.
 #[derive(Default)]
 struct Model {
     sum: [u32; 16],

@@ -313,7 +313,6 @@ fn headers_say_what_the_compiler_finds() {
     let _ = writeln!(std::io::stderr(), "random graphs: headers of {compared} shaders compared");
 }
 
-/// Compiles a shader, and compares the reflections.
 fn compare_reflections(name: &str, text: &str) -> Result<(), String> {
     let mut library = Library::default();
     library.memory.insert(name.into(), text.into());

@@ -174,7 +174,6 @@ pub enum Stands {
     Last,
 }
 
-/// Limits on the size of graphs.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     pub buffers: usize,

@@ -385,7 +385,6 @@ fn condition(when: When) -> &'static str {
     }
 }
 
-/// A binding of a shader.
 struct Slot {
     number: usize,
     bind: Bind,
@@ -421,7 +420,6 @@ fn header(sketch: &Sketch, slot: &Slot) -> String {
     }
 }
 
-/// Returns the GLSL declaration of a binding.
 fn declaration(sketch: &Sketch, slot: &Slot) -> String {
     let Slot { number, bind, block, var, .. } = slot;
     let qualifier = match (bind.reads, bind.writes) {
@@ -535,7 +533,6 @@ fn compute(sketch: &Sketch, pass: &Pass, slots: &[Slot], local: u32, all: bool) 
     text + "}\n"
 }
 
-/// Returns a statement that stores `h` at `i`.
 fn store(sketch: &Sketch, slot: &Slot) -> String {
     let var = &slot.var;
     match slot.bind.what.of {
@@ -559,7 +556,6 @@ fn store(sketch: &Sketch, slot: &Slot) -> String {
 /// Integers that floats represent exactly.
 const COLOR: &str = "vec4(h & 0xffffu, h >> 16, h & 0xffu, (h >> 8) & 0xffffffu)";
 
-/// Returns the vertex and the fragment shader.
 fn draw(sketch: &Sketch, pass: &Pass, targets: &[(usize, bool)], slots: &[Slot], all: bool) -> [String; 2] {
     let of = |stages: [Stage; 2]| -> Vec<&Slot> {
         slots.iter().filter(|slot| stages.contains(&slot.bind.stage)).collect()

@@ -94,7 +94,6 @@ fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
     assert!(status.success(), "{status}\n{errors}");
 }
 
-/// Returns a graph of one pass with `groups` workgroups.
 fn slow_graph(groups: u32) -> String {
     format!(
         "Graph(version: 1, summary: \"\", output: \"color\", \
@@ -103,7 +102,6 @@ fn slow_graph(groups: u32) -> String {
     )
 }
 
-/// Returns the shader of that graph, which iterates a loop before it writes its pixel.
 fn slow_shader(iterations: u32) -> String {
     format!(
         "#version 460\nlayout(local_size_x = 64) in;\n\

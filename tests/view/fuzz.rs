@@ -69,7 +69,6 @@ fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_pictur
     assert!(failed > cases / 2, "{failed} of {cases} failed");
 }
 
-/// The outcome of building with a damaged file.
 #[derive(Clone, Debug, PartialEq)]
 enum Outcome {
     /// There is no plan; the error's text.

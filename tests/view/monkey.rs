@@ -34,7 +34,6 @@ const PIXELS_PER_POINT: f32 = 0.25;
 /// Sizes of the window, in pixels: 1600 x 900 points, 1280 x 800, 700 x 600, 500 x 400, 1200 x 340.
 const SIZES: [(u32, u32); 5] = [(400, 225), (320, 200), (175, 150), (125, 100), (300, 85)];
 
-/// A viewer and a random user.
 struct Monkey<D: Device> {
     viewer: TestShell<D>,
     dice: Random,

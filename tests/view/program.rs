@@ -8,7 +8,6 @@ use std::fs::{self, File};
 use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-/// A rectangle of the window: left, top, right, bottom, in pixels.
 pub type Rect = [i32; 4];
 
 /// `splatgraph view` on its own screen, with its own graphs, shaders and scene, until it is dropped.
@@ -88,7 +87,6 @@ impl Program {
         self.events.len()
     }
 
-    /// Describes the program's state, for failure messages.
     fn account(&self) -> String {
         let errors = fs::read_to_string(self.place.at("errors.txt")).unwrap_or_default();
         let kind = |event: &Value| event["event"].as_str().unwrap_or_default().to_owned();
@@ -132,7 +130,6 @@ impl Program {
         self.until(since, "frames", |event| event["number"].as_u64().is_some_and(|number| number >= last));
     }
 
-    /// Waits until no event was written for half a second.
     pub fn rests(&mut self) {
         let rests = comes(|| {
             let before = self.now();
@@ -173,7 +170,6 @@ impl Program {
         Some([side("left")?, side("top")?, side("right")?, side("bottom")?])
     }
 
-    /// Waits until a control is shown; returns its rectangle, which must be within the window.
     pub fn control(&mut self, name: &str) -> Rect {
         let mut found = None;
         comes(|| {
@@ -188,13 +184,11 @@ impl Program {
         found
     }
 
-    /// Waits until the program has processed the input.
     pub fn act(&mut self) {
         // The first frame may have begun before the input arrived.
         self.frames(2);
     }
 
-    /// Moves the pointer.
     pub fn point(&mut self, place: [i32; 2]) {
         self.window.point(place);
         self.act();
@@ -237,7 +231,6 @@ impl Program {
         self.act();
     }
 
-    /// Presses keys, one after another.
     pub fn keys(&mut self, keysyms: &[u32]) {
         for keysym in keysyms {
             self.window.key(*keysym);
@@ -245,7 +238,6 @@ impl Program {
         self.act();
     }
 
-    /// Returns the picture of the view.
     pub fn view(&mut self) -> Pixels {
         let view = self.control("view");
         self.window.pixels(view)
@@ -267,7 +259,6 @@ impl Program {
         shown
     }
 
-    /// Waits until the view shows exactly `expected`.
     pub fn view_is(&mut self, what: &str, expected: &Pixels) {
         self.view_until(what, |shown| shown == expected);
     }
@@ -319,7 +310,6 @@ impl Drop for Program {
     }
 }
 
-/// Returns the middle of a rectangle.
 pub fn middle([left, top, right, bottom]: Rect) -> [i32; 2] {
     [(left + right) / 2, (top + bottom) / 2]
 }

@@ -99,7 +99,6 @@ impl Cycles {
         }
     }
 
-    /// Compares A's picture and memory with those of the first call.
     fn check(&mut self, kind: &str) {
         self.viewer.settle();
         let picture = self.viewer.picture(RendererId::A);

@@ -56,7 +56,6 @@ impl Screen {
         screen
     }
 
-    /// Returns the value for the variable DISPLAY.
     pub fn display(&self) -> &str {
         &self.display
     }
@@ -155,32 +154,27 @@ impl Window {
         sent.expect("sent").check().expect("the window takes the keyboard");
     }
 
-    /// Returns the width and height in pixels.
     pub fn size(&self) -> (u32, u32) {
         let size = self.connection.get_geometry(self.id).expect("asked").reply().expect("answered");
         (size.width.into(), size.height.into())
     }
 
-    /// Returns the title.
     pub fn title(&self) -> String {
         let (name, utf8) = (self.atom("_NET_WM_NAME"), self.atom("UTF8_STRING"));
         let asked = self.connection.get_property(false, self.id, name, utf8, 0, 1024).expect("asked");
         String::from_utf8_lossy(&asked.reply().expect("answered").value).into_owned()
     }
 
-    /// Resizes the window, and waits until it has its new size.
     pub fn resize(&self, width: u32, height: u32) {
         let size = ConfigureWindowAux::new().width(width).height(height);
         let sent = self.connection.configure_window(self.id, &size).expect("sent");
         sent.check().expect("the window is resized");
     }
 
-    /// Unmaps the window.
     pub fn unmap(&self) {
         self.connection.unmap_window(self.id).expect("sent").check().expect("the window goes");
     }
 
-    /// Maps the window again.
     pub fn map(&self) {
         self.connection.map_window(self.id).expect("sent").check().expect("the window comes back");
     }
@@ -209,7 +203,7 @@ impl Window {
         let format = ImageFormat::Z_PIXMAP;
         let image = self.connection.get_image(format, self.id, x, y, width as u16, height as u16, u32::MAX);
         let image = image.expect("asked").reply().expect("answered");
-        // 32 bits per pixel at depth 24, as on every current server.
+        // Pixels of depth 24 take 32 bits, which the assertion below checks.
         let rgb: Vec<[u8; 3]> = match self.connection.setup().image_byte_order {
             ImageOrder::LSB_FIRST => image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
             _ => image.data.chunks_exact(4).map(|p| [p[1], p[2], p[3]]).collect(),

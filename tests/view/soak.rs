@@ -1,9 +1,8 @@
 //! Thousands of frames of the whole viewer under constant change.
 //!
-//! A seeded generator does something every few frames: files are edited, broken, emptied, replaced and mended;
-//! parameters, graphs and scenes are changed; the window is resized and minimised; pictures are compared, exchanged and
-//! inspected; and the mouse moves the camera and clicks on the panels. At intervals everything is restored to the same
-//! reference state, which must be as before: equal pictures, and no more memory.
+//! A seeded generator acts every few frames: it edits, breaks and mends files, changes parameters, graphs and scenes,
+//! resizes the window, compares and inspects pictures, and moves and clicks the mouse. At intervals everything is
+//! restored to the same reference state, which must be as before: equal pictures, and no more memory.
 //!
 //! These must hold:
 //!
@@ -51,7 +50,6 @@ const SPLATS: u32 = 2_000;
 /// Frames per row of the table.
 const ROW: u64 = 25;
 
-/// Length of a run, and its tolerance.
 struct Length {
     frames: u64,
     /// Frames from one reference state to the next.
@@ -75,7 +73,6 @@ const PADDING_BYTES: u64 = 4 << 10;
 /// 2048 x 2048 texels.
 const MAX_TEXELS: u64 = 2 * (32 << 20);
 
-/// Number of panics on any thread.
 static PANICS: AtomicUsize = AtomicUsize::new(0);
 
 #[test]
@@ -153,7 +150,6 @@ struct Reference {
     device: DeviceMemory,
     rss: u64,
     files: usize,
-    /// Names of the threads.
     threads: Vec<String>,
 }
 
@@ -171,7 +167,6 @@ impl std::fmt::Display for Reference {
     }
 }
 
-/// Adds up the memory of the devices of the window and of the scene.
 fn device_memory(viewer: &TestShell) -> DeviceMemory {
     let shell = &viewer.shell;
     let of =
@@ -388,7 +383,6 @@ impl Soak {
     }
 }
 
-/// Describes the pixels in which two pictures differ.
 fn difference(now: &Image, before: &Image) -> String {
     if (now.width, now.height) != (before.width, before.height) {
         return format!("{} x {}, and was {} x {}", now.width, now.height, before.width, before.height);

@@ -14,7 +14,6 @@ use std::path::PathBuf;
 
 const A: RendererId = RendererId::A;
 
-/// Opens a viewer of 2,000 splats without tools.
 fn viewer() -> TestShell {
     viewer_of("pipelines/splat.ron")
 }
@@ -43,7 +42,6 @@ fn click(viewer: &mut TestShell, control: &str) {
     viewer.settle();
 }
 
-/// Returns the rectangle of the picture, in points.
 fn view(viewer: &TestShell) -> Rect {
     viewer.shell.panels.controls.find("view").expect("there is a picture")
 }
@@ -149,7 +147,6 @@ fn a_box_selects_splats_which_are_hidden_and_written_and_come_back() {
     let drawn = images::draw_scene(scene, &[own], &graph, [0.0; 3], &[]);
     assert!(drawn[0].rgb == hidden.rgb, "the file has the picture of what is left");
 
-    // Undo restores the selection, then all splats.
     press(&mut viewer, Key::Z, Modifiers::COMMAND);
     assert_eq!(marks(&viewer), Marks { selected: found.clone().into(), hidden: Default::default() });
     assert!(picture(&mut viewer).rgb == tinted.rgb);

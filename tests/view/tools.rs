@@ -30,7 +30,6 @@ fn passes(viewer: &TestShell) -> usize {
     viewer.shell.viewer.a.renderer.plan().expect("there is a plan").frame.len()
 }
 
-/// Chooses a graph of the viewer's folder for a viewport.
 fn choose(viewer: &mut TestShell, who: RendererId, graph: &str) {
     let path = viewer.place.named(&format!("pipelines/{graph}.ron"));
     let viewport = viewer.shell.viewer.viewport(who).expect("there is such a viewport");

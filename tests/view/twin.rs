@@ -49,7 +49,6 @@ impl Twin {
         twin
     }
 
-    /// Draws a frame and collects its events.
     pub fn frame(&mut self) {
         self.viewer.frame(self.size);
         let renderers = [Some(&self.viewer.a), self.viewer.b.as_ref()].into_iter().flatten();
@@ -61,12 +60,10 @@ impl Twin {
         common::assert_silent(self.device(), "a frame");
     }
 
-    /// Returns A's device.
     pub fn device(&mut self) -> &mut Backend {
         self.viewer.a.renderer.device_mut().expect("the device is not lost")
     }
 
-    /// Draws `count` frames.
     pub fn frames(&mut self, count: usize) {
         for _ in 0..count {
             self.frame();
@@ -100,7 +97,6 @@ impl Twin {
         self.frame();
     }
 
-    /// Waits for A's next plan.
     pub fn next_plan(&mut self) -> Event {
         self.until("a new plan of A", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }))
     }
@@ -113,7 +109,6 @@ impl Twin {
         }
     }
 
-    /// Draws a frame; returns the picture of a viewport.
     pub fn picture(&mut self, who: RendererId) -> Image {
         self.viewer.viewport(who).expect("there is such a viewport").want_picture();
         self.frame();
@@ -127,7 +122,6 @@ impl Twin {
         image_of(&pixels).expect("it has colours")
     }
 
-    /// Returns the number of passes in A's frame.
     pub fn passes(&self) -> usize {
         self.viewer.a.renderer.plan().map_or(0, |plan| plan.frame.len())
     }
@@ -146,7 +140,6 @@ impl Twin {
     }
 }
 
-/// Returns true if a picture shows anything.
 pub fn shows_something(image: &Image) -> bool {
     image.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 0.1))
 }

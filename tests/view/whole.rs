@@ -280,7 +280,6 @@ impl<D: Device> TestShell<D> {
         image_of(&pixels).expect("it has colours")
     }
 
-    /// Draws a frame; returns the picture of the window.
     pub fn window(&mut self) -> Image {
         let pixels = self.draw(true).picture.expect("the window's picture is there");
         image_of(&pixels).expect("it has colours")

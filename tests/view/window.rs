@@ -124,7 +124,6 @@ fn parameters(program: &mut Program, first: &Pixels) {
     assert!(unsorted != *first);
 }
 
-/// Switches to another graph in the list and back.
 fn presets(program: &mut Program, first: &Pixels) {
     let since = program.now();
     program.click("graph");
@@ -219,7 +218,6 @@ fn camera(program: &mut Program, first: &Pixels) {
     program.view_is("the first view", first);
 }
 
-/// Tests that edited files are drawn.
 fn files(program: &mut Program, first: &Pixels) {
     let since = program.now();
     let part = "pipelines/parts/depth_order.ron";
@@ -245,7 +243,6 @@ fn files(program: &mut Program, first: &Pixels) {
     program.view_is("all colours", first);
 }
 
-/// Tests that a mistake is reported over the last good picture until it is mended.
 fn mistakes(program: &mut Program, first: &Pixels) {
     assert_eq!(program.find("mistakes"), None);
     let since = program.now();
@@ -279,7 +276,6 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     program.view_is("the picture alone", first);
 }
 
-/// Tests two graphs side by side, and their difference.
 fn comparisons(program: &mut Program, first: &Pixels) {
     let since = program.now();
     program.click("compare:split");
@@ -305,7 +301,6 @@ fn comparisons(program: &mut Program, first: &Pixels) {
     program.view_is("A alone", first);
 }
 
-/// Tests the events of the window system, and takes a picture of the window.
 fn screen(program: &mut Program, first: &Pixels) {
     program.window.unmap();
     program.act();

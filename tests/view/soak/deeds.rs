@@ -55,7 +55,6 @@ const COMMENTED: [&str; 8] = [
     "pipelines/view/window.ron",
 ];
 
-/// A disturbance.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Deed {
     Comment,

@@ -3,14 +3,12 @@
 use std::fs;
 use std::time::{Duration, Instant};
 
-/// Returns the resident memory of this process, in bytes.
 pub fn resident() -> u64 {
     let text = fs::read_to_string("/proc/self/statm").expect("there is a /proc");
     let pages: u64 = text.split(' ').nth(1).and_then(|pages| pages.parse().ok()).expect("a number of pages");
     pages * 4096
 }
 
-/// Counts the open files.
 pub(super) fn open_files() -> usize {
     fs::read_dir("/proc/self/fd").expect("there is a /proc").count()
 }
