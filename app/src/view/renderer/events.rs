@@ -19,7 +19,7 @@ pub enum Cause {
     Graph,
     /// The picture's size changed.
     Size,
-    /// Another scene was opened.
+    /// The scene as drawn changed: another was opened, or splats were selected or hidden.
     Scene,
     /// Memory sharing between resources was turned on or off.
     Memory,
