@@ -12,7 +12,7 @@ pub struct Case {
     pub bounds: Bounds,
 }
 
-/// Minimum PSNR in dB, a few dB below lavapipe's results, and the largest error of a pixel.
+/// Minimum PSNR in dB by kind of preset, and the largest error of a pixel.
 pub struct Bounds {
     /// Presets with the right order, blending in 32-bit floats.
     pub exact: f64,

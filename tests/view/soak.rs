@@ -61,8 +61,7 @@ struct Length {
 /// A short run. The driver, the validation layers and the shader compilers are still filling their caches, so the
 /// resident memory shows only a leak in every frame. The device's memory is exact.
 const SHORT: Length = Length { frames: 600, cycle: 60, noise: 96 << 20 };
-/// A long run. The tolerance covers freed memory that allocators keep, and about 10 KiB per compiled shader text, of
-/// which each compiler caches the latest thousand.
+/// A long run. The tolerance covers freed memory that allocators keep, and the caches of the shader compilers.
 const LONG: Length = Length { frames: 10_000, cycle: 500, noise: 24 << 20 };
 
 /// Tolerance for the device's memory. Its allocator counts alignment gaps as part of the next allocation, and the gaps

@@ -13,9 +13,7 @@ pub(super) fn open_files() -> usize {
     fs::read_dir("/proc/self/fd").expect("there is a /proc").count()
 }
 
-/// Returns the names of the threads, sorted.
-///
-/// Leaves out Mesa's threads for the shader cache on disk: it starts up to four of them when it has much to write.
+/// Returns the names of the threads, sorted, without those of Mesa's shader cache on disk, which come and go.
 pub(super) fn threads() -> Vec<String> {
     let tasks = fs::read_dir("/proc/self/task").expect("there is a /proc");
     // A thread that has ended meanwhile has no name.

@@ -10,8 +10,8 @@ use splatgraph_runtime::Image;
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {
-        // Other encoders may be ordered only through this one. A command without effect keeps it from being empty, in
-        // case Metal drops empty encoders with their fences. Render encoders have their load actions.
+        // Other encoders may be ordered only through this one. Metal may drop an empty encoder with its fences, so it
+        // gets a command without effect. An encoder of draws is never empty, because it has load actions.
         match self.next {
             Some(EncoderKind::Compute) => {
                 if let Some(encoder) = self.compute() {

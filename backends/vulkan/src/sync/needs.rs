@@ -27,7 +27,7 @@ pub(super) struct Requirement {
     /// Source stage, and the write access to make available; no access after a read or a layout change.
     pub from: Stages,
     pub flush: Accesses,
-    /// Source stages that suffice without an access, any one of them. They chain with earlier barriers; after a read,
+    /// Source stages, any one of which suffices without `flush`, because it chains with earlier barriers. After a read,
     /// they include `from` and the later stages of its pipeline.
     pub via: Stages,
     /// Target stage, and the access to which the write must be visible; no access for an execution dependency.

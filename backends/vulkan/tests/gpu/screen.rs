@@ -124,7 +124,6 @@ fn what_is_shown_has_the_windows_size_also_after_that_changes() {
         vulkan.resize_window(size.0, size.1);
         let blue = 10 * index as u8 + 9;
         show(&mut vulkan, blue);
-        // A device's interpolation has at least 8 fractional bits.
         if (size.0 >= SIZE.0 / 2) && (size.1 >= SIZE.1 / 2) {
             window.expect(&drawn(blue, size), 1);
         }

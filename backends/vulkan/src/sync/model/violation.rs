@@ -38,8 +38,7 @@ pub enum ViolationKind {
     WriteAfterWrite,
     /// An access or a layout change that expects a layout other than the image's current one.
     Layout,
-    /// A read of bytes without contents of the resource. If it does not persist between frames, only contents of this
-    /// frame count.
+    /// A read of bytes without contents of the resource; or of an earlier frame's contents, if they do not persist.
     Unwritten,
 }
 
