@@ -74,13 +74,11 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// Parses a finite number above 0.
 fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
     number.ok_or_else(|| "expected a number above 0".into())
 }
 
-/// Number of views around the scene without `--cameras`.
 const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -136,7 +134,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// Returns an error if the JSON would overwrite an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;
@@ -146,10 +143,7 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Returns the depth mapping that needs the fewest key bits, with that number of bits. A tie goes to the first,
-/// cheapest mapping.
-///
-/// `None` if no mapping has a known number of bits.
+/// Returns the depth mapping that needs the fewest key bits, the first of equals; `None` if none is sufficient.
 fn narrowest(needs: &[Need]) -> Option<(Mapping, u32)> {
     let of = |need: &Need| Some((need.map, need.bits?));
     needs.iter().filter_map(of).reduce(|best, other| if other.1 < best.1 { other } else { best })
@@ -187,10 +181,10 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     }
 }
 
-/// Maximum number of settings within the noise to print. The JSON lists all of them.
+/// Maximum number of settings within the noise to print.
 const NAMED: usize = 5;
 
-/// Joins the first [`NAMED`] names of a list, and adds how many others there are.
+/// Joins the first [`NAMED`] names, and adds how many others there are.
 fn some(names: &[String]) -> String {
     let more = names.len().saturating_sub(NAMED);
     let named = names[..names.len() - more].join("; ");
@@ -235,8 +229,7 @@ fn time(tried: &Tried) -> String {
     }
 }
 
-/// Formats the recommendation: a complete `render` command and the measurements. `is_one`: the command draws a single
-/// picture.
+/// Formats a complete `render` command and its measurements. `is_one`: the command draws a single picture.
 fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
@@ -259,7 +252,7 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     )
 }
 
-/// Formats the message that no setting is within the budget. It names the most accurate and the fastest setting.
+/// Formats the message that no setting is within the budget, with the most accurate and the fastest setting.
 fn nothing(tried: &[Tried], budget: &Budget) -> String {
     let accurate = tried.iter().reduce(|a, b| if b.least_psnr() > a.least_psnr() { b } else { a });
     let quick = |tried: &Tried| tried.gpu_ms.unwrap_or(f64::INFINITY);

@@ -90,9 +90,7 @@ enum Suite {
     Sort,
 }
 
-/// Name of the CSV file of all measurements, in the folder of `--output`.
 const CSV: &str = "bench.csv";
-/// File name of the sort's plot, without extension.
 const SORT_PLOT: &str = "sort";
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -134,7 +132,6 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) ->
     Ok(report.drawn().next().is_some())
 }
 
-/// Writes a plot as SVG and as PNG.
 fn write_plot(folder: &Path, name: &str, plot: &Plot) -> Result<()> {
     output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
     Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
@@ -159,7 +156,7 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
 
 /// Rejects graphs and parameters that are invalid on this device and on the least capable supported one.
 ///
-/// It runs before a scene is loaded. A graph that needs a feature of another device is not an error: it becomes a row
+/// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
 /// with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     let scene = match args.scenes.first().map(|scene| args.load.header(scene)).transpose()? {
@@ -202,7 +199,6 @@ fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     }
 }
 
-/// Prints the tables to standard output, or to standard error if the JSON goes to standard output.
 fn show(args: &Args, text: &str) -> Result<()> {
     if args.json.as_deref().is_some_and(is_standard_output) {
         say(text.trim_end());
@@ -224,26 +220,24 @@ fn measure_scene(
     let candidates = args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
     let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };
     let subject = Subject { device, name, scene: scene.into(), cameras };
-    // Write the JSON after each measurement, so that an interrupted run keeps its results.
+    // An interrupted run keeps its results.
     let mut kept = |report: &Report| write_json(args, report, false);
     study(&subject, &wanted, report, &mut kept, &mut Console::default())?;
     Ok(())
 }
 
 impl Args {
-    /// Lists the picture sizes. Without `--sizes`, the list is a single `None`: each camera keeps its own size.
+    /// Lists the picture sizes; without `--sizes`, a single `None`: each camera keeps its own size.
     fn sizes(&self) -> Vec<Option<(u32, u32)>> {
         if self.sizes.is_empty() { vec![None] } else { self.sizes.iter().copied().map(Some).collect() }
     }
 }
 
-/// Inputs of a run that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// Cameras of `--cameras` or of the file beside the scene, one entry per scene; `None` for the default camera. The
-    /// demo scene has one entry.
+    /// Cameras of each scene; `None` for the default camera. The demo scene has one entry.
     cameras: Vec<Option<Vec<Camera>>>,
-    /// File name stems, one per scene and unique.
+    /// Unique file name stems, one per scene.
     stems: Vec<String>,
 }
 
@@ -290,7 +284,6 @@ fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> 
     }
 }
 
-/// Rejects options that do not apply to the chosen suite.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     let of_frames = [
         ("SCENE", !args.scenes.is_empty()),
@@ -318,7 +311,6 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     }
 }
 
-/// Returns an error if a file of the results would overwrite an input.
 fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
     let mut guard = match args.scenes.as_slice() {
         [] => options::claim_inputs(None, None)?,

@@ -7,14 +7,13 @@ use anyhow::Result;
 use splatgraph_assets::{Camera, CameraError, Dataset};
 use std::path::{Path, PathBuf};
 
-/// Returns the camera file beside the scene if `--cameras` is not given; see [`camera::beside`].
 fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
     scene.filter(|_| spec.is_none()).and_then(camera::beside)
 }
 
 /// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene.
 ///
-/// Reports that it uses a file beside the scene. If that file cannot be read or holds no cameras, returns `None`.
+/// Says which file beside the scene it uses, or why it does not use it. `None` without usable cameras.
 ///
 /// # Errors
 /// The file of `--cameras` cannot be read, or holds no cameras.
@@ -52,7 +51,6 @@ pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) 
     }
 }
 
-/// Returns true if `spec` is the text of a `cameras.json`, rather than the name of a file.
 fn is_json(spec: &str) -> bool {
     spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
 }
@@ -84,8 +82,7 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
-/// Registers the file of `FILE` or `FILE#INDEX` as an input. JSON text has no file.
-///
+/// Registers the file of `FILE` or `FILE#INDEX` as an input. The file's own name may contain a `#`.
 /// The file's own name may contain a `#`.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
@@ -144,7 +141,6 @@ mod tests {
         assert_eq!(said(" []"), "--cameras has no cameras");
         let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
         assert_eq!(parse(&format!("[{whole}]")).unwrap()[0].fy, 6.0);
-        // A file name that looks like JSON.
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("[1].json");
         assert!(!is_json(&file.to_string_lossy()));
@@ -177,7 +173,7 @@ mod tests {
                 background: [0.0; 3],
                 output: Path::new("out.png"),
             }.line();
-            // Extract the argument by hand: starting a shell for each of hundreds of lines is slow.
+            // Starting a shell for each of hundreds of lines would be slow.
             let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
             let json = json.expect("a quoted word").replace("'\\''", "'");
             let read = parse(&json).expect("the camera is read");

@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
     // Each named device is checked on its own; the smallest device is checked with all subgroup widths together.
     let groups: Vec<&[On]> = if devices.is_empty() { vec![&smallest] } else { devices.chunks(1).collect() };
-    // One planner for all graphs, which share most of their shaders.
+    // One planner, because graphs share most of their shaders.
     let mut planner = Planner::default();
     let mut outcome = Outcome::Done;
     let mut all = Vec::new();
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Ok(Verdict::Right(lines) | Verdict::Lacking(lines)) => {
                 options::print(&format!("{title}: {lines}"))?
             }
-            // A violation is a bug of the solver, not of the graph.
+            // A bug of the solver, not of the graph.
             Ok(Verdict::Wrong(violations)) => {
                 say(violations);
                 options::print(&format!(
@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// A device for which graphs are checked.
 struct On {
-    /// Device name. For the least capable supported device, it is the number of lanes in a subgroup.
+    /// Name of the device; for the least capable supported device, its number of lanes in a subgroup.
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
@@ -172,7 +172,6 @@ impl On {
     }
 }
 
-/// Converts the result of one graph to JSON.
 fn as_json(
     graph: &str,
     device: Option<&str>,
@@ -198,18 +197,16 @@ fn as_json(
 /// The result of checking a graph that has no errors.
 #[derive(Debug)]
 enum Verdict {
-    /// The graph is correct. Holds a summary.
+    /// Correct, with a summary.
     Right(String),
-    /// A device named on the command line does not meet the graph's requirements. Holds the unmet requirements.
+    /// A named device does not meet these requirements.
     Lacking(String),
-    /// The oracle found violations. Holds their list.
+    /// Violations that the oracle found.
     Wrong(String),
 }
 
-/// The verdict on a graph, or its errors.
 type CheckResult = Result<Verdict, GraphErrors>;
 
-/// Warnings about a plan, as rendered text with source lines and as plain data.
 struct Warning {
     text: String,
     plain: Vec<PlainDiagnostic>,
@@ -228,7 +225,7 @@ struct Verified {
 /// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead. If the
 /// smallest device needs a fallback or does not meet the requirements, the line says so and no plan is built.
 ///
-/// Each warning about a plan is passed to `warn` once. A parameter without an effect is instead reported on standard
+/// Each warning about a plan is passed to `warn` once. Parameters without an effect are reported on standard error.
 /// error, with the devices.
 fn check(
     planner: &mut Planner,
@@ -317,8 +314,7 @@ fn check(
     Ok(Verdict::Right(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
 }
 
-/// Describes the graph's requirements that a device does not meet, and the fallbacks that it uses.
-///
+/// Describes the requirements that a device does not meet, and the fallbacks; `None` if it meets all.
 /// `None` if the device meets all requirements.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     let mut parts: Vec<String> = Fallback::lacking(&fallbacks).map(ToString::to_string).collect();
@@ -341,7 +337,6 @@ fn is_same(a: &Plan, b: &Plan) -> bool {
         && a.passes.iter().zip(&b.passes).all(|(a, b)| a.work == b.work)
 }
 
-/// Returns the imports and the scene facts of a nominal scene with `splats` splats.
 fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     let mut catalog = options::nominal_catalog();
     for attribute in catalog.attributes.values_mut() {
@@ -365,8 +360,6 @@ fn too_large(
 }
 
 /// Verifies a plan: checks its dependencies, replays it with its barriers, and tries every mutation of the barriers.
-///
-/// Returns a summary with the counts.
 ///
 /// # Errors
 /// The text lists missing and needless barriers.
@@ -405,7 +398,6 @@ fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
 mod tests {
     use super::*;
 
-    /// Checks a graph for the smallest device.
     fn checked(planner: &mut Planner, graph: &str, splats: u64) -> CheckResult {
         let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
         check(planner, graph, &[], splats, &smallest, &mut |_| {})

@@ -58,12 +58,9 @@ fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
-/// The differences between two pictures of a pair.
 struct Found {
     all: Comparison,
-    /// FLIP error of the unrounded values.
     flip: f64,
-    /// FLIP error of the values rounded to 8 bits.
     flip_8_bits: f64,
 }
 
@@ -73,7 +70,6 @@ impl Found {
     }
 }
 
-/// A pair of pictures to compare, with its name.
 struct Pair {
     name: String,
     a: PathBuf,
@@ -92,7 +88,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     printed.map(|()| outcome)
 }
 
-/// Pictures to compare, and the files for their differences.
 pub(super) struct Work {
     pairs: Vec<Pair>,
     /// True if the arguments are folders or archives.
@@ -180,7 +175,6 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     Ok((text, if below { Outcome::Failed } else { Outcome::Done }))
 }
 
-/// Picture or pictures that an argument names.
 enum Pictures {
     One(PathBuf),
     /// Pictures of a folder by name without extension, or arrays of an archive by name.
@@ -244,7 +238,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     bail!("these pictures have no partner:{}{hint}", list.concat());
 }
 
-/// Pictures of one side, by the key that pairs them with the other side. A value is a name and a file.
+/// Names and files of one side, by the key that pairs them with the other side.
 type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
 
 fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
@@ -274,13 +268,13 @@ fn cannot(pair: &Pair) -> String {
 fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
     let sizes = (Image::size_of(&pair.a)?, Image::size_of(&pair.b)?);
     if sizes.0 != sizes.1 {
-        // Compare the sizes before decoding either picture.
+        // Before either picture is decoded.
         let ((a_width, a_height), (b_width, b_height)) = sizes;
         let error = MetricError::Sizes { a_width, a_height, b_width, b_height };
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    // Convert each integer level to the nearest float of the other picture's precision.
+    // Each integer level becomes the nearest float of the other picture's precision.
     Ok(match (a_depth, b_depth) {
         (Depth::Levels(greatest), Depth::Double) => (a.levels(greatest).clamped(), b.clamped()),
         (Depth::Double, Depth::Levels(greatest)) => (a.clamped(), b.levels(greatest).clamped()),
@@ -312,7 +306,6 @@ fn sentence(found: &Found) -> String {
     )
 }
 
-/// Formats a difference with six decimals, or in scientific notation if it is below 1e-6 and not 0.
 fn digits(difference: f64) -> String {
     if difference > 0.0 && difference < 1e-6 {
         format!("{difference:.1e}")
@@ -380,7 +373,6 @@ mod tests {
         Image { width: 12, height: 12, rgb: vec![[value; 3]; 144] }
     }
 
-    /// Makes two folders of pictures. Each entry is a name and a grey value.
     fn folders(a: &[(&str, f32)], b: &[(&str, f32)]) -> (tempfile::TempDir, PathBuf, PathBuf) {
         let root = tempfile::tempdir().unwrap();
         let folder = |name: &str, pictures: &[(&str, f32)]| {
@@ -403,7 +395,7 @@ mod tests {
     fn folders_are_matched_by_stem_whatever_the_format_and_the_worst_decides() {
         let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.exr", 0.5)], &[("x.exr", 0.5), ("y.png", 0.6)]);
         std::fs::write(a.join("stats.json"), "{}").unwrap();
-        // 0.6 rounded to 8 bits is exactly 153 / 255. A difference of 0.1 is 20 dB.
+        // 0.6 is 153 / 255, and a difference of 0.1 is 20 dB.
         assert_eq!(compared(&a, &b, &["--min-psnr", "19.9"]).unwrap(), Outcome::Done);
         assert_eq!(compared(&a, &b, &["--min-psnr", "20.1"]).unwrap(), Outcome::Failed);
     }

@@ -5,7 +5,7 @@ use crate::io::progress::Progress;
 use crate::studies::study::Listener;
 use std::ops::ControlFlow;
 
-/// Progress listener with one bar, for the current task. It never cancels: a signal ends the whole program.
+/// Listener with a bar for the current task. It never cancels: a signal ends the whole program.
 #[derive(Default)]
 pub struct Console(Option<(String, Progress)>);
 

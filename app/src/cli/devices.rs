@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Ok(found) if found.is_empty() && api == Api::default() => say("error: no device was found"),
             Ok(found) => devices.extend(found.into_iter().map(|device| (api, device))),
             Err(error) if api == Api::default() => say(format!("error: {error}")),
-            // Another backend's error is only a note: the default backend decides the exit code.
+            // The default backend decides the exit code.
             Err(error) => say(format!("{api}: {error}")),
         }
     }

@@ -80,23 +80,21 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// A camera of the dataset, with its photograph.
 #[derive(Debug)]
 struct View {
     name: String,
     photograph: PathBuf,
-    /// Camera, at the size of the picture to draw.
+    /// At the size of the picture to draw.
     camera: Camera,
 }
 
-/// Views to score, and a file name stem for each.
 #[derive(Debug)]
 pub(super) struct Work {
     views: Vec<View>,
     stems: Vec<String>,
 }
 
-/// Subfolders of `--output`, one per kind of picture.
+/// Subfolders of `--output`.
 const FOLDERS: [&str; 3] = ["renders", "photographs", "differences"];
 
 /// Reads the cameras, finds the photographs and their sizes, and checks the files of the command line.
@@ -170,7 +168,6 @@ fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
     output.join(folder).join(format!("{stem}.png"))
 }
 
-/// A renderer and its scene.
 enum Drawer {
     Device(Box<Session<Backend>>),
     Reference(Arc<Scene>),
@@ -195,7 +192,7 @@ impl Drawer {
         Ok(Drawer::Device(Box::new(Session::new(device, scene, &args.pipeline, &args.set))))
     }
 
-    /// Draws a view from a camera in world coordinates. `background` is display-encoded RGB.
+    /// Draws a view from a camera in world coordinates.
     fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
         match self {
             Drawer::Reference(scene) => {
@@ -234,7 +231,6 @@ impl Drawer {
     }
 }
 
-/// Returns the arguments that are reported with the scores, as JSON.
 fn request(args: &Args) -> Json {
     let graph = match args.backend {
         Renderer::Device(_) => json!(args.pipeline),
@@ -246,7 +242,6 @@ fn request(args: &Args) -> Json {
     })
 }
 
-/// Formats a request with its scores as JSON text.
 fn as_json(mut request: Json, found: &Evaluation) -> String {
     request["views"] = json!(found.views);
     request["mean"] = json!(found.mean);
@@ -285,7 +280,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     })
 }
 
-/// The views of a dataset, which several processes can share.
 pub struct Views {
     args: Args,
     folder: PathBuf,
@@ -295,7 +289,6 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments, and finds the photographs.
     pub fn new(args: Args) -> Result<Views> {
         job::refuse(&[("--json", args.json)])?;
         let Some(folder) = args.output.clone() else {
@@ -357,7 +350,7 @@ impl job::Work for Views {
 /// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "evaluate";
 
-/// File name of a dataset's scores, in the format of `--json`.
+/// File name of the scores in the folder of a shared run.
 const SCORES: &str = "scores.json";
 
 /// Prints the scores that several processes computed, and writes them as JSON.

@@ -67,11 +67,10 @@ struct Common {
     load: LoadOptions,
 }
 
-/// Default width of the pictures, in pixels. It is small because a page holds about twenty pictures.
+/// Default width of the pictures, in pixels. A page holds many.
 const WIDTH: u32 = 640;
 
 impl Args {
-    /// Returns the path of the page.
     fn output(&self) -> PathBuf {
         self.kind.common().output.clone().unwrap_or_else(|| self.kind.page().into())
     }
@@ -125,7 +124,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(common.device.validate, &device.close()))
 }
 
-/// Describes the scene and the view, for the page.
 fn view(subject: &Subject<Backend>) -> String {
     let names: Vec<_> = subject.cameras.iter().map(|camera| one_line(&camera.img_name)).collect();
     let size = subject.cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));

@@ -48,7 +48,6 @@ fn check(command: &Command) -> Result<()> {
     }
 }
 
-/// Creates the files that the generated command lines name.
 fn prepared(folder: &Path) {
     let at = |name: &str| folder.join(name);
     let scene = generate("demo", 20, 0).unwrap();
@@ -121,7 +120,7 @@ fn no_command_line_panics_before_its_work_or_changes_a_file() {
     assert!(options::size("1x1").is_ok());
 }
 
-/// Replaces the file names in a word by paths in `folder`; other words stay unchanged.
+/// Replaces the file names in a word by paths in `folder`.
 fn in_folder(folder: &Path, word: &str) -> String {
     let (option, value) = match word.split_once('=') {
         Some((option, value)) if option.starts_with('-') => (format!("{option}="), value),

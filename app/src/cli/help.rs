@@ -2,7 +2,6 @@
 
 use splatgraph_framework::ir::Domain;
 
-/// Formats a parameter's range of values, for the help text.
 pub fn domain(domain: &Domain) -> String {
     match domain {
         Domain::Bool => "true|false".into(),
@@ -14,7 +13,7 @@ pub fn domain(domain: &Domain) -> String {
 
 /// Formats a list of names and descriptions in two columns, for the help text.
 pub fn two_columns(rows: Vec<(String, String)>) -> String {
-    /// Width of the table, in columns. clap does not wrap it in common terminals.
+    /// Width of the table, in columns.
     const COLUMNS: usize = 98;
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let mut lines: Vec<String> = Vec::new();

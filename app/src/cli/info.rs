@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Wanted { graph: &args.drawing.pipeline, set: &set, scene: scene_facts, catalog: &catalog, size };
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device, built)?;
     let mut fits = vec![fit];
-    // Also report the fit for the smallest supported device, which another machine may have.
+    // Another machine may have the smallest supported device.
     if args.device.is_none()
         && limit.is_none()
         && device != Target::nominal()
@@ -148,7 +148,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Describes the mesh that is stored with the splats.
 fn mesh_text(mesh: &Mesh) -> String {
     let count = |n: usize| grouped(n as u64);
     format!(
@@ -160,7 +159,7 @@ fn mesh_text(mesh: &Mesh) -> String {
     )
 }
 
-/// Formats the sizes of the plan's buffers and images, grouped by source, with a sum for each group.
+/// Formats the sizes of the plan's buffers and images, grouped by source, with sums.
 fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
     let mut text = format!("on the GPU with {}, {width} x {height}\n", dump.graph);
     let (mut all, mut freed) = (0, 0);

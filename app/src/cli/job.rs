@@ -1,9 +1,9 @@
 //! Shares the views of a command among processes, through a folder.
 //!
-//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each view leaves a result file, which is
-//! either complete or absent. Therefore, any number of processes may share the views, in any order: `--shard 2/8` does
-//! every eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with a
-//! result is not done again.
+//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each leaves a result file, which is either
+//! complete or absent. Therefore, any number of processes may share the views, in any order: `--shard 2/8` does every
+//! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with a result is
+//! not done again.
 //!
 //! `job.json` in the folder names the views and all inputs that determine their results. A job with another description
 //! is rejected. `merge` reads the description, joins the results, and names the missing ones.
@@ -29,7 +29,6 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Lists the indices of the shard's views; `of` is the total number of views.
     fn views(self, of: usize) -> Vec<usize> {
         (self.index..of).step_by(self.count).collect()
     }
@@ -62,11 +61,8 @@ pub struct ShardArgs {
 /// Inputs that determine the results of views, by the name that messages show.
 pub type Origin = Map<String, Json>;
 
-/// Names of a command's views, and where their results are written.
 pub struct Outputs {
-    /// The command's name.
     pub command: &'static str,
-    /// Folder of the results.
     pub folder: PathBuf,
     /// File names of the views, unique and without extension.
     pub views: Vec<String>,
@@ -103,17 +99,12 @@ pub trait Work: Send {
     fn close(&mut self) -> Vec<String>;
 }
 
-/// Name of the file that describes the results in a folder.
 const MANIFEST: &str = "job.json";
 
-/// Description of the results in a folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// Command name, for example `render`.
     pub command: String,
-    /// The inputs that determine the results.
     pub origin: Origin,
-    /// The file names of the views, without extension.
     pub views: Vec<String>,
     /// Result file of each view, relative to the folder.
     pub files: Vec<PathBuf>,
@@ -164,10 +155,7 @@ impl Manifest {
         Ok(output::write_bytes(&path, text.as_bytes())?)
     }
 
-    /// Rejects a folder that holds the results of shared views: new pictures would not match its description.
-    ///
-    /// # Errors
-    /// The folder has a description.
+    /// Rejects a folder with the description of shared views: new pictures would not match it.
     pub fn refuse(folder: &Path) -> Result<(), Usage> {
         match folder.join(MANIFEST).exists() {
             true => Err(Usage(format!(
@@ -292,10 +280,7 @@ impl Job {
     }
 }
 
-/// Does the views of a shard and reports the failures.
-///
-/// # Errors
-/// See [`Job::run`].
+/// Does the views of a shard and reports the failures. Has the errors of [`Job::run`].
 pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome> {
     let mut job = Job::new(work);
     let views = shard.views(job.views().len());
@@ -317,7 +302,6 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
-/// Formats an error and its causes, each distinct text once.
 fn reason(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -334,18 +318,12 @@ pub fn part(view: &str) -> PathBuf {
 }
 
 /// Writes a view's result as JSON, for commands whose results are not pictures.
-///
-/// # Errors
-/// The file cannot be written.
 pub fn write_part(folder: &Path, view: &str, result: &impl Serialize) -> Result<()> {
     let text = format!("{:#}\n", serde_json::to_value(result)?);
     Ok(output::write_bytes(&folder.join(part(view)), text.as_bytes())?)
 }
 
 /// Returns the inputs that determine the pictures of a scene and a graph. `session` must be prepared.
-///
-/// # Errors
-/// The program's executable cannot be read.
 pub fn origin_of<D: Device>(
     session: &Session<D>,
     cameras: &Json,
@@ -363,9 +341,6 @@ pub fn origin_of<D: Device>(
 }
 
 /// Returns the inputs that determine the pictures of a scene, except for the graph. `scene` is the scene's hash.
-///
-/// # Errors
-/// The program's executable cannot be read.
 pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
     let program = program::hash().context("the program's file cannot be read")?;
     let origin = json!({ "program": program, "scene": format!("{scene:016x}"), "cameras": cameras });
@@ -373,9 +348,6 @@ pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
 }
 
 /// Rejects options that do not apply to a share of the views. Each entry is an option, and true if it is given.
-///
-/// # Errors
-/// One of the options is given.
 pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
     match given.iter().find(|(_, given)| *given) {
         Some((option, _)) => {
@@ -400,7 +372,6 @@ mod tests {
         }
     }
 
-    /// Test work: some views fail, and each view is written as it is drawn.
     struct Some(PathBuf, Vec<String>, &'static [usize], Cell<u32>);
 
     impl Work for Some {

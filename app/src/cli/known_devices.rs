@@ -9,13 +9,10 @@ use std::path::Path;
 /// A device for which graphs can be built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownDevice {
-    /// Name in the catalogue, or of the file.
     pub name: String,
-    /// Device facts that graphs can read.
     pub facts: DeviceFacts,
     /// Maximum number of storage buffers in one shader; `None` if unknown, or if no graph can exceed the limit.
     pub storage_buffers: Option<usize>,
-    /// Publication that states the limits.
     pub source: &'static str,
 }
 
@@ -112,9 +109,7 @@ pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
 }
 
-/// Parses device facts: a list of devices, one device, or the facts alone.
-///
-/// `splatgraph devices --json` writes the list. Of a list, only the first device is read.
+/// Parses device facts: a list, of which the first device is read, one device, or the facts alone.
 fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     let value: Value = serde_json::from_str(text)?;
     let device = match &value {
@@ -171,7 +166,6 @@ fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
     Ok(facts)
 }
 
-/// Formats the catalogue in two columns, for the help text.
 pub fn list() -> String {
     let row = |device: KnownDevice| (device.name, device.source.to_owned());
     super::help::two_columns(catalogue().into_iter().map(row).collect())

@@ -29,7 +29,6 @@ pub struct LookAtArgs {
     orbit: Option<u32>,
 }
 
-/// Parses `X,Y,Z`.
 pub fn point(text: &str) -> Result<[f64; 3], String> {
     let values: Option<Vec<f64>> =
         text.split(',').map(|v| v.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
@@ -37,23 +36,19 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
 }
 
-/// Parses a field of view, in degrees, up to 360 for a fisheye. [`LookAtArgs::circle`] checks the limit of other
-/// projections.
+/// Parses a field of view, in degrees. [`LookAtArgs::circle`] checks the limit of each projection.
 fn angle(text: &str) -> Result<f64, String> {
     let angle = text.parse().ok().filter(|angle: &f64| (0.1..=360.0).contains(angle));
     angle.ok_or_else(|| "expected 0.1 to 179 degrees, or to 360 for a fisheye".into())
 }
 
-/// Parses the height of an orthographic view, in world units.
 fn height(text: &str) -> Result<f64, String> {
     let height = text.parse().ok().filter(|height: &f64| *height > 0.0 && height.is_finite());
     height.ok_or_else(|| "expected a positive number of world units, for instance 2.5".into())
 }
 
 impl LookAtArgs {
-    /// Returns the camera names before the scene is loaded.
-    ///
-    /// `None` without `--orbit`, `--eye`, `--target`, `--up` and `--fov`.
+    /// Returns the camera names before the scene is loaded; `None` if the options neither name a camera nor a circle.
     pub fn names(&self) -> Option<Vec<String>> {
         match self.orbit {
             Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),
@@ -66,15 +61,11 @@ impl LookAtArgs {
         self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some()
     }
 
-    /// Returns the number of cameras of `--orbit`; `None` without that option.
     pub fn count(&self) -> Option<u32> {
         self.orbit
     }
 
     /// Makes the cameras, in the scene's coordinates; `None` if [`LookAtArgs::names`] returns `None`.
-    ///
-    /// # Errors
-    /// See [`LookAtArgs::circle`].
     pub fn cameras(
         &self,
         scene: &Scene,
@@ -106,7 +97,6 @@ impl LookAtArgs {
         }
     }
 
-    /// Rejects `--ortho-height` with `reason` if the option is given.
     pub fn refuse_height(&self, reason: &str) -> Result<(), Usage> {
         match self.ortho_height {
             Some(_) => Err(Usage(format!("expected no --ortho-height, found one: {reason}"))),
@@ -148,7 +138,6 @@ impl LookAtArgs {
         Ok(Orbit { start, around: target.into(), axis: up.into() })
     }
 
-    /// Makes the first camera from the eye, the target and the up direction, in the scene's coordinates.
     fn start(
         &self,
         [eye, target, up]: [DVec3; 3],

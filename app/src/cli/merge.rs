@@ -68,7 +68,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(if missing.is_empty() { Outcome::Done } else { Outcome::Failed })
 }
 
-/// Joins the available results and writes the command's usual files.
 fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Result<()> {
     let output = args.output.as_ref().unwrap_or(&args.folders[0]);
     match command {
@@ -83,7 +82,6 @@ fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Resul
     }
 }
 
-/// Reads one JSON result per view.
 fn parts<T: DeserializeOwned>(found: &[PathBuf]) -> Result<Vec<T>> {
     let read = |path: &PathBuf| -> Result<T> {
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;

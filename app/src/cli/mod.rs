@@ -2,9 +2,8 @@
 //!
 //! A command is a struct of arguments, documented by its help text, and a function `run`. Results go to standard
 //! output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command
-//! line, and 128 plus the signal's number after a signal. It reports whether the work was done, not whether its lines
-//! could be written. An output that would overwrite an input or another output is an invalid command line, detected
-//! before anything is drawn.
+//! line, and 128 plus the signal's number after a signal. An output that would overwrite an input or another output is
+//! an invalid command line, detected before anything is drawn.
 
 mod advise;
 mod bench;
@@ -80,7 +79,6 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph params                                 # what --set can change
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg";
 
-/// Formats the examples of the program's help. The first one uses `view`, if built with it.
 fn examples() -> String {
     let view = match cfg!(feature = "window") {
         true => "  splatgraph view                                   # a window on the demo scene\n",
@@ -137,7 +135,6 @@ enum Command {
 }
 
 impl Command {
-    /// Returns the file for the command's timeline; `None` if the command has no such option or it is not given.
     fn timeline(&self) -> Option<&Path> {
         match self {
             Command::Render(args) => args.timeline.as_deref(),
@@ -157,7 +154,6 @@ impl Command {
         shard.map(|shard| (shard, validate))
     }
 
-    /// Returns the views of a command, for several processes to share.
     fn work(self) -> anyhow::Result<Box<dyn Work>> {
         Ok(match self {
             Command::Render(args) => Box::new(render::Views::new(args)?),
@@ -190,10 +186,9 @@ pub fn main() -> ExitCode {
     ExitCode::from(run(std::env::args_os().collect(), worker, store))
 }
 
-/// Runs the program with `arguments` and returns the exit code.
+/// Runs the program with `arguments`, of which the first is its name, and returns the exit code.
 ///
-/// The first argument is the program's name. `worker` compiles shaders in another process; `store` caches them between
-/// runs.
+/// `worker` compiles shaders in another process; `store` caches them between runs.
 pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
     let begun = Instant::now();
     output::signals::end_cleanly();
@@ -233,14 +228,12 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     #[cfg(not(feature = "window"))]
     let left_open = false;
     if left_open || backend::abandoned_compilers() > 0 {
-        // End without exit handlers. A library's handler may wait for an abandoned compiler thread or for a device
-        // still open.
+        // A library's exit handler may wait for an abandoned compiler thread or for a device that is still open.
         output::signals::end_now(code);
     }
     code
 }
 
-/// Formats the arguments as a command line for a shell.
 fn command_line(arguments: &[OsString]) -> String {
     let words = arguments.iter().skip(1).map(|word| shell_word(&word.to_string_lossy()));
     ["splatgraph".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
@@ -277,7 +270,7 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
 /// Builds the clap command. Its long help also lists graphs, devices, scene formats and generated scenes.
 fn command(arguments: &[OsString]) -> clap::Command {
     let command = Cli::command();
-    // The lists take milliseconds to build, so only long help includes them.
+    // The lists take time to build, so only long help includes them.
     let asked = arguments.iter().skip(1).any(|arg| arg == "--help" || arg == "help");
     if !asked {
         return command;
@@ -304,7 +297,6 @@ fn command(arguments: &[OsString]) -> clap::Command {
         })
 }
 
-/// Lists the built-in graphs, for the help text.
 fn preset_list() -> String {
     let groups = builtin::groups();
     let rows = |title: &str| {
@@ -318,7 +310,6 @@ fn preset_list() -> String {
     )
 }
 
-/// Prints an error with its causes, each once, and returns the exit code.
 fn report(error: &anyhow::Error) -> u8 {
     // Graph errors are rendered with the source text, and need no prefix.
     let graph_errors = |e: &'_ (dyn std::error::Error + 'static)| match e.downcast_ref::<SessionError>() {

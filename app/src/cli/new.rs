@@ -42,7 +42,6 @@ enum Start {
     Post,
 }
 
-/// Embeds a file of the tutorial; the tutorial explains it and its tests check it.
 macro_rules! tutorial {
     ($name:literal) => {
         ($name, include_str!(concat!("../../../examples/tutorial/", $name)))
@@ -50,7 +49,7 @@ macro_rules! tutorial {
 }
 
 impl Start {
-    /// Lists the files of the template: its graph and shaders. Each is a file name in the tutorial and its text.
+    /// Lists the template's files: names in the tutorial, and texts.
     fn files(self) -> &'static [(&'static str, &'static str)] {
         match self {
             Start::Splat => &[

@@ -29,7 +29,6 @@ use tracing::info_span;
 
 pub use crate::draw::builtin::DEFAULT_PIPELINE;
 
-/// Parses a parameter setting, `NAME=VALUE`.
 pub fn setting(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.trim().is_empty() && !value.trim().is_empty() => {
@@ -39,10 +38,9 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Maximum width and height of a picture, in pixels: the largest image of common desktop GPUs.
+/// Maximum width and height of a picture, in pixels.
 pub const MAX_SIDE: u32 = 32_768;
 
-/// Parses a picture size in pixels, `WIDTHxHEIGHT`.
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parse = || -> Option<(u32, u32)> {
         let (width, height) = text.split_once(['x', 'X'])?;
@@ -58,7 +56,6 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// Parses a colour, `R,G,B`.
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
@@ -67,16 +64,12 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// Cancel flag that is never set, for loads that cannot be cancelled.
+/// Cancel flag that is never set.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Opens a device on another thread while `load` loads its scene. Returns both.
 ///
-/// `open` may also check the scene's header. If `open` fails, the load is cancelled, and the load's error is not
-/// reported.
-///
-/// # Errors
-/// Errors of `open`, then of `load`.
+/// If `open` fails, the load is cancelled, and its error is not reported.
 pub fn open_and_load<D: Send, L>(
     open: impl FnOnce() -> Result<D> + Send,
     load: impl FnOnce(&AtomicBool) -> Result<L>,
@@ -112,7 +105,7 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
     let _span = info_span!("load the scene", path = %path.display()).entered();
     let content = load.any(path, &|done, of| {
-        // Called on many threads. If one of them is reporting, the others skip their report.
+        // Called on many threads. While one reports, the others skip their report.
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");
         }
@@ -147,7 +140,6 @@ pub fn scene_or_demo(
     Ok((load_scene_unless(cancel, path, load)?, path.to_owned(), None))
 }
 
-/// Splits `RESOURCE@PASS` into the two names.
 pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     match text.split_once('@') {
         Some((resource, pass)) if !resource.is_empty() && !pass.is_empty() => {
@@ -176,7 +168,6 @@ pub fn built_in_graphs() -> Vec<&'static str> {
     graphs
 }
 
-/// Name of the camera that [`framing`] creates.
 const FRAMING: &str = "framing";
 
 /// Lists the camera names that [`scene_and_cameras`] will return, before the scene is loaded.
@@ -202,9 +193,9 @@ pub fn scene_and_cameras(
     Ok((scene, cameras))
 }
 
-/// Converts cameras to the scene's coordinates and to the requested size.
+/// Converts cameras to the scene's coordinates and to the requested size; without cameras, frames the scene.
 ///
-/// Without cameras, creates one that frames the scene. Cameras are renamed as in [`scene_and_cameras`].
+/// Cameras are renamed as in [`scene_and_cameras`].
 pub fn cameras_of(
     scene: &Scene,
     given: Option<Vec<Camera>>,
@@ -237,12 +228,10 @@ pub fn at_most(camera: &Camera, width: u32) -> Camera {
     camera.resized(width, (height as u32).max(1))
 }
 
-/// Converts cameras from world coordinates to the scene's.
 pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
     cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect()
 }
 
-/// Makes the camera that frames a scene, with the name `framing`.
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
@@ -256,9 +245,7 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     }
 }
 
-/// Finds a device in the catalogue or in a file, or else opens the device of this name on this machine.
-///
-/// Without a name, opens the default device.
+/// Finds a device in the catalogue or in a file, or else opens the named or the default device of this machine.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
     if let Some(known) = wanted.map(known_devices::find).transpose()?.flatten() {
         return Ok(Target { name: known.name, facts: known.facts, heap: Heap::default() });
@@ -284,7 +271,6 @@ pub struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// Converts the arguments to backend options.
     pub fn options(&self) -> Options {
         let validation = if self.validate { Validation::Synchronization } else { Validation::Off };
         Options {
@@ -308,7 +294,6 @@ pub struct BackendArgs {
 }
 
 impl BackendArgs {
-    /// Opens the device that the arguments select.
     pub fn open(&self) -> Result<Backend, BackendError> {
         Backend::open(self.backend, &self.device.options())
     }
@@ -333,7 +318,6 @@ pub struct DrawingBackendArgs {
 }
 
 impl DrawingBackendArgs {
-    /// Opens the device that the arguments select.
     pub fn open(&self) -> Result<Backend, BackendError> {
         Backend::open(self.backend, &self.device.options())
     }
@@ -378,7 +362,6 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Loads the cameras of `--cameras`, or else the first camera of the file beside the scene.
     pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
         super::cameras::load(self.cameras.as_deref(), scene)
     }
@@ -408,14 +391,12 @@ pub struct EffortArgs {
 }
 
 impl EffortArgs {
-    /// Returns the requested numbers of frames and rounds.
     pub fn frames(&self) -> Frames {
         Frames { rounds: self.rounds, frames: self.frames }
     }
 }
 
-/// Registers the inputs of a command that draws, so that no output can overwrite them.
-///
+/// Registers the scene, or the demo scene, and the camera file as inputs, so that no output can overwrite them.
 /// The inputs are the scene, or the demo scene, and the camera file.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
@@ -427,7 +408,6 @@ pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Outpu
     Ok(guard)
 }
 
-/// Returns an error if the file of `--json` would overwrite an input.
 pub fn claim_json<'a>(
     json: Option<&Path>,
     inputs: impl Iterator<Item = (&'a str, &'a Path)>,
@@ -439,12 +419,11 @@ pub fn claim_json<'a>(
     json.map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
 }
 
-/// Writes JSON to a file, or to standard output if the path is `-`.
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path), &format!("{value:#}\n"))
 }
 
-/// Prints a line of the command's result to standard output. A closed pipe is not an error.
+/// Prints a line of the command's result. A closed pipe is not an error.
 pub fn print(line: &str) -> Result<()> {
     write_text(None, &format!("{line}\n"))
 }

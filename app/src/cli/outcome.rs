@@ -4,10 +4,9 @@ use crate::io::output::{self, OutputGuard, say};
 use splatgraph_framework::reload::Wanted;
 use std::io::IsTerminal;
 
-/// The outcome of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// Success: exit code 0.
+    /// Exit code 0.
     Done,
     /// A negative result that was already reported: exit code 1.
     Failed,
@@ -24,7 +23,6 @@ impl From<output::guard::Conflict> for Usage {
     }
 }
 
-/// Registers the files from which plans are built as inputs, once they are known.
 pub fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {
     wanted.iter().try_for_each(|file| Ok(guard.input("a file of the graph", &file.path)?))
 }
@@ -47,7 +45,6 @@ pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     }
 }
 
-/// Returns true if messages on standard error may be coloured.
 pub fn colour() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }

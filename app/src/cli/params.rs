@@ -81,9 +81,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Returns the name and the facts of the `wanted` device, or of the default device.
-///
-/// Without any device, returns the least capable supported one.
+/// Returns the name and the facts of the `wanted` or the default device, or else of the least capable supported one.
 fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     match options::target(wanted) {
         Ok(target) => Ok((target.name, target.facts)),
@@ -96,7 +94,6 @@ fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     }
 }
 
-/// Formats the parameters in two columns, under the titles of their groups.
 fn listed(controls: &[Control]) -> String {
     if controls.is_empty() {
         return "\n  it has no parameters".to_owned();

@@ -73,11 +73,8 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// Default number of frames of an orbit.
 const FRAMES: u32 = 12;
-/// Default width of the pictures, in pixels.
 const WIDTH: u32 = 480;
-/// Name of the CSV file, in the folder of `--output`.
 const CSV: &str = "popping.csv";
 const SVG: &str = "popping.svg";
 const PNG: &str = "popping.png";
@@ -114,7 +111,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     measure::check(&cameras)?;
     let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
     let subject = Subject { device: &device, name, scene: scene.into(), cameras };
-    // Report errors in the graphs first: drawing the true pictures takes longest.
+    // Drawing the true pictures takes time, so errors in the graphs are reported first.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
     let tracks = study(&subject, &variants, &mut Console::default())?;
     let origin = json!({
@@ -144,7 +141,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
-/// Lists the variants to draw without duplicates: the given graphs and parameters, or all built-in graphs.
+/// Lists the variants without duplicates: the given graphs and parameters, or all built-in graphs.
 ///
 /// If only `--with` is given, `auto` without parameters comes first.
 fn variants(args: &Args) -> Vec<Setting> {
@@ -178,7 +175,6 @@ fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Came
     Ok(cameras)
 }
 
-/// Registers the inputs and the outputs. An error means that an output would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     for graph in &args.pipeline {

@@ -29,7 +29,6 @@ pub struct ScenesArgs {
 }
 
 impl ScenesArgs {
-    /// Checks the number of `--at` options, and registers the scenes as inputs.
     pub fn claim(&self, guard: &mut OutputGuard) -> Result<(), Usage> {
         if let Some(path) = &self.scene {
             guard.input("the scene", path)?;
@@ -43,14 +42,12 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.input("a further scene", path)?))
     }
 
-    /// Rejects a first scene that is too large for the device, judging by its header ([`fit::check_header`]).
+    /// Rejects a first scene whose header shows that it is too large for the device.
     pub fn check_header(&self, device: &DeviceInfo, pipeline: &str, set: &[(String, String)]) -> Result<()> {
         self.scene.iter().try_for_each(|path| fit::check_header(path, &self.load, device, pipeline, set))
     }
 
-    /// Loads the scenes, moves all but the first, and joins them.
-    ///
-    /// Also returns the demo scene's camera if that scene is drawn.
+    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera if it is drawn.
     ///
     /// # Errors
     /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.

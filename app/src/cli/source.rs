@@ -36,7 +36,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Formats the names of all built-in files, in groups.
 fn list() -> String {
     let group = |(title, files): (&str, Vec<builtin::File>)| {
         let rows = files.into_iter().map(|file| (file.name.to_owned(), file.summary)).collect();

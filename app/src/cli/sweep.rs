@@ -61,12 +61,10 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// Name of the HTML page, in the folder of `--output`.
 const PAGE: &str = "sweep.html";
 const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
-/// Inputs of a sweep: scene, cameras and study parameters.
 struct Request {
     name: String,
     scene: Arc<Scene>,
@@ -75,7 +73,6 @@ struct Request {
 }
 
 impl Request {
-    /// Loads the scene to draw on an opened device.
     fn load(args: &Args, device: &Backend) -> Result<Request> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
@@ -97,13 +94,11 @@ impl Request {
         Ok(Request { name, scene: scene.into(), cameras, wanted })
     }
 
-    /// Makes the subject of the study.
     fn subject<'a>(&self, device: &'a Backend) -> Subject<'a, Backend> {
         Subject { device, name: self.name.clone(), scene: self.scene.clone(), cameras: self.cameras.clone() }
     }
 }
 
-/// Returns a file name stem for each camera.
 fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
     names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 40)
 }
@@ -120,7 +115,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
-/// Writes the pictures of the first view.
 fn save_pictures(shown: &[Shown], output: &Path) -> Result<()> {
     for Shown { choice, count, picture } in shown {
         picture.save(&output.join(picture_of(*choice, *count)))?;
@@ -152,11 +146,10 @@ fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
 #[derive(Serialize, Deserialize)]
 pub struct Part {
     steps: Vec<Step>,
-    /// Steps of the approach; measured with the first view only.
+    /// Measured with the first view only.
     closer: Vec<Closer>,
 }
 
-/// Views of a sweep, for several processes to share.
 pub struct Views {
     args: Args,
     stems: Vec<String>,
@@ -217,9 +210,6 @@ impl Work for Views {
 pub const COMMAND: &str = "sweep";
 
 /// Writes the report of the views that several processes measured. Each picture is in one of `folders`.
-///
-/// # Errors
-/// A picture is missing, or a file cannot be written.
 pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Path) -> Result<()> {
     let empty = origin.get("sweep").cloned().context("the origin of a sweep")?;
     let first = parts.first().and_then(|part| part.steps.first()).map(|step| step.camera.clone());
@@ -240,7 +230,6 @@ pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Pa
     report(&swept, &shown, output)
 }
 
-/// Returns an error if a file of the sweep would overwrite an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.drawing.pipeline))?;

@@ -59,7 +59,6 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// Lists the scenes that can be generated, for the help text.
 pub fn generator_list() -> String {
     let row = |g: &synth::Generator| {
         (g.name.to_owned(), format!("{} ({} splats)", g.summary, grouped(g.default_count.into())))
@@ -101,7 +100,6 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Returns the extension of the output file.
 fn extension(args: &Args) -> &'static str {
     if is_mesh(args) { "glb" } else { "ply" }
 }
@@ -110,7 +108,6 @@ fn is_mesh(args: &Args) -> bool {
     args.name.as_deref() == Some(synth::MESH.0)
 }
 
-/// Writes the generated mesh.
 fn write_mesh(output: &Path) -> Result<Outcome> {
     let mesh = synth::mesh();
     let mut bytes = Vec::new();
@@ -126,7 +123,6 @@ fn write_mesh(output: &Path) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Lists the picture files of a generated dataset.
 fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
     let name = |index| folder.join("images").join(format!("view-{index:04}.png"));
     (0..args.views.unwrap_or(24)).map(name).collect()
@@ -189,7 +185,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         grouped(scene.size_breakdown().file_bytes)
     ));
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
-        // COLMAP cameras are in world coordinates, as the scene file is.
+        // The scene file is in world coordinates, and so are COLMAP cameras.
         let world = cameras.iter().map(|camera| camera.relative_to(scene.offset().map(|v| -v)));
         options::write_json(path, &serde_json::to_value(world.collect::<Vec<_>>())?)?;
         tell(format!("{}: {} cameras", path.display(), cameras.len()));

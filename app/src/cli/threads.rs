@@ -2,14 +2,13 @@
 //!
 //! rayon's pool panics at its first use if one of its threads cannot be started, for example under `ulimit -u` or
 //! `ulimit -v`. After a failed attempt, the global pool cannot be built again. Therefore, the threads are started
-//! first, and the pool gets those that did start.
+//! first, and the pool gets the threads that did start.
 
 use rayon::{ThreadBuilder, ThreadPoolBuilder};
 use std::io;
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, available_parallelism};
 
-/// Builds the pool, with fewer threads if the system cannot start all of them.
 pub fn build_pool() {
     let wanted = std::env::var("RAYON_NUM_THREADS").ok().and_then(|number| number.parse().ok());
     let wanted =
@@ -29,7 +28,7 @@ pub fn build_pool() {
             pool.num_threads(threads).spawn_handler(give).build_global()
         }
     };
-    // The result cannot be an error: the pool is the first one, and its threads are already running.
+    // Cannot be an error: the pool is the first one, and its threads are already running.
     drop(built);
 }
 
@@ -43,7 +42,7 @@ fn spare_addresses() {
     }
 }
 
-/// Does nothing. Other allocators do not reserve address space per thread.
+/// Does nothing: other allocators do not reserve address space per thread.
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 fn spare_addresses() {}
 

@@ -88,14 +88,12 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// Name of the ledger's file, in the folder of `--output`.
 const LEDGER: &str = "ledger.json";
 const CSV: &str = "ledger.csv";
 const PAGE: &str = "ledger.html";
 const SVG: &str = "ledger.svg";
 const PNG: &str = "ledger.png";
 
-/// Inputs of a ledger: scene, cameras and study parameters.
 struct Request {
     scene: Arc<Scene>,
     cameras: Vec<Camera>,
@@ -103,7 +101,6 @@ struct Request {
 }
 
 impl Request {
-    /// Loads the scene to draw on an opened device.
     fn load(args: &Args, device: &Backend, file: Option<PathBuf>) -> Result<Request> {
         let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
@@ -129,14 +126,12 @@ impl Request {
         Ok(Request { scene: scene.into(), cameras, wanted })
     }
 
-    /// Makes the subject of the study.
     fn subject<'a>(&self, args: &Args, device: &'a Backend) -> Subject<'a, Backend> {
         let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
         Subject { device, name, scene: self.scene.clone(), cameras: self.cameras.clone() }
     }
 }
 
-/// Returns a file name stem for each camera.
 fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
     names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 5)
 }
@@ -174,7 +169,6 @@ fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Views of a ledger, for several processes to share.
 pub struct Views {
     args: Args,
     stems: Vec<String>,
@@ -228,15 +222,12 @@ impl Work for Views {
 /// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "trade";
 
-/// Returns the album of a view. `part` is the path of the view's result.
+/// Returns the album of the view with the result file `part`.
 fn album_of(part: &Path) -> Album {
     Album::beside(&part.with_extension("").join(LEDGER))
 }
 
 /// Writes the ledger of the views that several processes measured. `found` lists the views' result files.
-///
-/// # Errors
-/// A file cannot be written.
 pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
     let origin = serde_json::from_value(origin.clone().into()).context("the origin of a ledger")?;
     let of_camera: HashMap<String, &PathBuf> = parts
@@ -258,7 +249,6 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
     report(ledger, output)
 }
 
-/// Converts an error about `--only` to a usage error.
 fn usage(error: StudyError) -> anyhow::Error {
     match error {
         StudyError::UnknownSetting { name, known } => {
@@ -289,7 +279,6 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Loads the true picture of each camera from a folder.
 fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {
     let load = |(camera, stem): (&Camera, &String)| -> Result<Image> {
         let formats = [Format::Npy, Format::Exr, Format::Png];

@@ -119,19 +119,17 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// Maximum width and height of a window, in pixels. Window systems allow more, but no display is larger.
+/// Maximum width and height of a window, in pixels.
 const MAX_WINDOW_SIDE: u32 = 16_384;
 
 /// Window width, in pixels, below which two side panels leave no room for the picture.
 const SMALL: u32 = 900;
 
 impl Args {
-    /// Returns the size of the window's content area, in pixels.
     fn size(&self) -> (u32, u32) {
         self.drawing.size.unwrap_or((1600, 900))
     }
 
-    /// Rejects invalid values before the scene is loaded.
     fn check(&self) -> Result<(), Usage> {
         let within = |name: &str, value: f32, range: RangeInclusive<f32>| match range.contains(&value) {
             true => Ok(()),
@@ -179,12 +177,10 @@ enum Theme {
     Light,
 }
 
-/// Parses a position in the picture, as fractions of its width and height.
 fn place(text: &str) -> Result<[f32; 2], String> {
     shares(text).ok_or_else(|| format!("expected two numbers from 0 to 1, found `{text}`"))
 }
 
-/// Parses a box in the picture, as fractions of its width and height.
 fn area(text: &str) -> Result<[f32; 4], String> {
     shares(text).ok_or_else(|| format!("expected four numbers from 0 to 1, found `{text}`"))
 }
@@ -216,7 +212,6 @@ enum ShowPanel {
     None,
 }
 
-/// Checks the files of the command line, before a window is opened.
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.scene {
@@ -270,7 +265,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         device: args.device.options(),
         vsync: !args.no_vsync,
         continuous: args.continuous,
-        // Scripted runs do not restore or save the window layout, so that each opens the same window.
+        // Scripted runs neither restore nor save the window layout, so that each opens the same window.
         kept: if args.screenshot.is_some() || args.frames.is_some() { None } else { kept::path() },
         setup: Box::new(move |shell, size| initial.apply(shell, size)),
         events,
@@ -307,7 +302,6 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
     }
 }
 
-/// Loads the scene and its cameras. Also returns the scene's path.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
     let (scene, path, own) = options::scene_or_demo(&options::NEVER, args.scene.as_deref(), &args.load)?;
     let cameras = match (given, own, camera::beside(&path)) {
@@ -319,7 +313,6 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
     Ok(((scene, path), cameras))
 }
 
-/// Initial state of the viewer, from the command line.
 struct InitialState {
     background: [f32; 3],
     compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,

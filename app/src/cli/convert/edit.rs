@@ -45,14 +45,12 @@ pub struct EditArgs {
     order: String,
 }
 
-/// The region to keep, in world coordinates.
 #[derive(Clone, Copy, Debug)]
 enum Crop {
     Box([DVec3; 2]),
     Sphere(DVec3, f64),
 }
 
-/// Condition on splats, with its source text for messages.
 #[derive(Clone, Debug)]
 struct Condition {
     text: String,
@@ -72,7 +70,6 @@ fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str,
     parse().ok_or_else(|| format!("expected for instance {}", examples.join(" or ")))
 }
 
-/// Parses a value of `--transform`.
 fn transform(text: &str) -> Result<Similarity, String> {
     let kinds = [("scale", 1, "scale:0.5"), ("rotate", 4, "rotate:1,0,0,90"), ("move", 3, "move:0,-1.5,0")];
     let (kind, values) = numbers(text, &kinds)?;
@@ -90,7 +87,6 @@ fn transform(text: &str) -> Result<Similarity, String> {
     }
 }
 
-/// Parses a value of `--crop`.
 fn crop(text: &str) -> Result<Crop, String> {
     let kinds = [("box", 6, "box:-1,-1,-1,1,1,1"), ("sphere", 4, "sphere:0,0,0,2")];
     match *numbers(text, &kinds)?.1.as_slice() {
@@ -112,7 +108,6 @@ impl Crop {
     }
 }
 
-/// Resolves the names in a condition to the values of one splat.
 struct Names<'a> {
     scene: &'a Scene,
     index: usize,
@@ -147,7 +142,6 @@ impl Scope for Names<'_> {
     }
 }
 
-/// Parses a value of `--where`.
 fn condition(text: &str) -> Result<Condition, String> {
     let expr = Expr::parse(text).map_err(|error| place(text, &error))?;
     Ok(Condition { text: text.to_owned(), expr })
@@ -161,7 +155,6 @@ fn place(text: &str, error: &ExprError) -> String {
 }
 
 impl Condition {
-    /// Returns true if the condition holds for the splat at `index`.
     fn holds(&self, scene: &Scene, index: usize) -> Result<bool, Usage> {
         match self.expr.eval(&Names { scene, index }) {
             Ok(Value::Bool(holds)) => Ok(holds),
@@ -174,12 +167,11 @@ impl Condition {
 }
 
 impl EditArgs {
-    /// Lists the selection files.
     pub fn lists(&self) -> impl Iterator<Item = &PathBuf> {
         self.keep.iter().chain(&self.remove)
     }
 
-    /// Applies the changes in order. Without changes, returns the scene as it is.
+    /// Applies the changes in order.
     ///
     /// # Errors
     /// A scene or a selection cannot be loaded, a scene does not fit in memory, the condition cannot be evaluated, or

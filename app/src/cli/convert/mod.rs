@@ -58,7 +58,6 @@ pub struct Args {
     load: LoadOptions,
 }
 
-/// Builds the parser for format names, which are file extensions.
 fn formats() -> impl TypedValueParser<Value = SceneFormat> {
     PossibleValuesParser::new(SceneFormat::WRITTEN.map(SceneFormat::extension)).map(|name| {
         let named = |format: &SceneFormat| format.extension() == name;
@@ -66,7 +65,6 @@ fn formats() -> impl TypedValueParser<Value = SceneFormat> {
     })
 }
 
-/// Lists the formats, for the help text.
 pub fn format_list() -> String {
     let row = |format: SceneFormat| (format!(".{}", format.extension()), format.summary().to_owned());
     format!("Formats:\n{}", super::help::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))

@@ -29,7 +29,6 @@ pub struct PriceArgs {
 }
 
 impl PriceArgs {
-    /// Registers the option's files as inputs and outputs of the command.
     pub(super) fn claim(&self, guard: &mut OutputGuard, scene: &Path) -> Result<(), Usage> {
         if self.price {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
@@ -60,7 +59,6 @@ impl PriceArgs {
     }
 }
 
-/// Formats the prices as a table with a row per format.
 fn table(prices: &[Price]) -> String {
     let number =
         |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));
@@ -73,7 +71,6 @@ fn table(prices: &[Price]) -> String {
             grouped(price.bytes),
             format!("{:.1}", price.bytes_per_splat),
             format!("{:.1}", price.load_ms),
-            // The PSNR of equal pictures is infinite.
             number(price.least_psnr_db.or(Some(f64::INFINITY)), 2),
             number(mean.psnr_db.or(price.least_psnr_db.is_none().then_some(f64::INFINITY)), 2),
             number(mean.ssim, 4),

@@ -100,7 +100,6 @@ enum Api {
     Metal,
 }
 
-/// Registers the inputs and the output. An error means that the output would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     let graphs = [Some(&args.graph), args.diff.as_ref()].into_iter().flatten();
@@ -129,7 +128,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .into());
     }
     let mut guard = guard(args)?;
-    // Read the times first, because building the plan takes longer.
+    // Building the plan takes longer.
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
@@ -170,9 +169,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds GPU times to a dump. Fails if no time is of a pass of the plan.
-///
-/// Warns if the times may belong to another graph or to other parameters.
+/// Adds GPU times to a dump. Fails if no time is of a pass of the plan, and warns if some are not.
 fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
@@ -203,7 +200,6 @@ mod tests {
         args: Args,
     }
 
-    /// Runs `splatgraph dump` with these words, and returns the text of the output file.
     fn dumped(folder: &Path, words: &str) -> Result<String> {
         let output = folder.join("out");
         let words = ["dump"].into_iter().chain(words.split(' '));

@@ -19,16 +19,13 @@ struct Pass {
     gpu_ms: Option<f64>,
 }
 
-/// GPU times of passes, as read from a file of statistics.
 #[derive(Debug, PartialEq)]
 pub struct Times {
-    /// Name of the drawn graph.
     pub pipeline: String,
     /// Pass names, each with its median time over the cameras, in milliseconds.
     pub passes: Vec<(String, f64)>,
 }
 
-/// Reads the JSON file that `render --json` wrote.
 pub fn load(path: &Path) -> Result<Times> {
     let text = std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
     parse(&text).with_context(|| format!("{} has no GPU times", path.display()))

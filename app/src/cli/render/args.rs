@@ -113,7 +113,6 @@ pub enum Renderer {
     Reference,
 }
 
-/// Name of the exact renderer.
 const REFERENCE: &str = "reference";
 
 impl fmt::Display for Renderer {
@@ -125,7 +124,6 @@ impl fmt::Display for Renderer {
     }
 }
 
-/// Parses the value of `--backend`.
 pub fn renderer(text: &str) -> Result<Renderer, String> {
     match text {
         REFERENCE => Ok(Renderer::Reference),
@@ -147,11 +145,9 @@ fn repeat(text: &str) -> Result<u32, String> {
 /// Cameras and files of a run that are known before the device is opened.
 #[derive(Debug)]
 pub struct Work {
-    /// Cameras of `--cameras` or of the file beside the scene; `None` for the demo scene's camera, or for one that
-    /// frames the scene.
+    /// Cameras of `--cameras` or of the file beside the scene; `None` for the default camera.
     pub(super) given: Option<Vec<Camera>>,
     pub(super) destination: Option<Destination>,
-    /// A unique file name for each camera, without extension.
     pub(super) stems: Vec<String>,
     pub(super) guard: OutputGuard,
 }
@@ -159,8 +155,7 @@ pub struct Work {
 /// Reads the cameras, and chooses the names of all files.
 ///
 /// # Errors
-/// The cameras cannot be read or are too large for a device, or the command line is invalid, for example because a file
-/// would overwrite an input or another output.
+/// The cameras cannot be read or are too large for a device, or the command line is invalid.
 pub fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;
@@ -226,7 +221,6 @@ pub fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { given, destination, stems, guard })
 }
 
-/// Rejects options that do not apply to the chosen renderer.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     if let Renderer::Reference = args.backend {
         let more = [
@@ -240,7 +234,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             let names = NAMES.map(|(name, _)| name).join(", ");
             return Err(Usage(format!("expected an output of the exact renderer, {names}, found `{name}`")));
         }
-        // A preset named after a projection is allowed: it selects that projection.
+        // A preset named after a projection selects that projection.
         let is_projection = args.drawing.pipeline.parse::<Projection>().is_ok();
         let pipeline = if is_projection { options::DEFAULT_PIPELINE } else { &args.drawing.pipeline };
         return refuse_graph_options(pipeline, &args.drawing.set, &args.device);
@@ -287,7 +281,6 @@ impl Args {
         self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
     }
 
-    /// Lists the files of inspections and outputs, each with its option's name.
     pub(super) fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
         let outputs = self.named().map(|(_, file)| ("--output", file));
@@ -302,9 +295,7 @@ impl Args {
         })
     }
 
-    /// Returns the path of the picture; `None` without an `--output` for it.
-    ///
-    /// Fails if several are given.
+    /// Returns the path of the picture; `None` without an `--output` for it. Fails if several are given.
     pub(super) fn picture(&self) -> Result<Option<&Path>, Usage> {
         let pictures: Vec<&Path> = self
             .output

@@ -23,9 +23,9 @@ use tracing::info_span;
 
 /// Cameras whose frames are in flight, and whose pictures are being written.
 pub struct Batch {
-    /// Destination of the pictures; `None` if no picture is written.
+    /// `None` if no picture is written.
     pub destination: Option<Destination>,
-    /// Outputs besides the picture, each with its name and file; and the number of cameras.
+    /// Names and files of the outputs besides the picture; and the number of cameras.
     files: (Vec<(String, PathBuf)>, usize),
     stdout: Stdout,
     flying: VecDeque<Flying>,
@@ -33,7 +33,6 @@ pub struct Batch {
     done: Vec<CameraStats>,
 }
 
-/// A frame in flight.
 struct Flying {
     frame: FrameId,
     name: String,
@@ -43,7 +42,6 @@ struct Flying {
 
 /// A camera whose frames are finished, with its pictures to write.
 pub struct Shown {
-    /// Statistics of the camera's frames.
     pub stats: CameraStats,
     /// The picture, if one is written.
     pub output: Option<Pixels>,
@@ -102,10 +100,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for all frames in flight. Call this before another plan is prepared.
-    ///
-    /// # Errors
-    /// See [`Batch::submit`].
+    /// Waits for all frames in flight, before another plan is prepared. Has the errors of [`Batch::submit`].
     pub fn land_all(&mut self, session: &mut Session<Backend>, progress: &Progress) -> Result<()> {
         while !self.flying.is_empty() {
             self.land(session, progress)?;
@@ -173,9 +168,6 @@ impl Batch {
     }
 
     /// Waits until all pictures are written. Returns the statistics of all cameras so far, in order.
-    ///
-    /// # Errors
-    /// A picture cannot be written.
     pub fn finish(&mut self, progress: &Progress) -> Result<&[CameraStats]> {
         let _span = info_span!("wait for files").entered();
         while let Some(told) = self.pictures.wait()? {

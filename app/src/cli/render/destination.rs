@@ -8,7 +8,6 @@ use crate::io::output::is_standard_output;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// Parsed value of `--output`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
     /// File or folder of the picture.
@@ -17,9 +16,7 @@ pub enum Output {
     Named(String, PathBuf),
 }
 
-/// Parses a value of `--output`: `NAME=FILE` or the path of the picture.
-///
-/// `NAME` consists of letters, digits and `_`. Therefore, `./a=b.png` is the path of a picture.
+/// Parses `NAME=FILE`, with a name of letters, digits and `_`, or the path of the picture, such as `./a=b.png`.
 pub fn output(text: OsString) -> Result<Output, String> {
     let is_name =
         |name: &str| !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
@@ -37,7 +34,6 @@ pub fn output(text: OsString) -> Result<Output, String> {
     Ok(Output::Named(name.to_owned(), file.into()))
 }
 
-/// Lists the outputs of the built-in graphs, for the help text.
 pub fn output_help() -> String {
     let names = NAMES.map(|(name, what)| (name.to_owned(), what.to_owned()));
     format!("{OUTPUT_HELP}\n\n{}", help::two_columns(names.into()))
@@ -53,12 +49,11 @@ Characters that a file name cannot have become `_`, and cameras with equal names
 NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) The built-in
 graphs have these outputs, defined in docs/splatting.md; quads (`splat`) have only the first three:";
 
-/// Destination and format of the pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
-    /// File of the only picture; `-` is standard output.
+    /// The only picture; `-` is standard output.
     Picture(PathBuf, Format),
-    /// A folder with one picture per camera.
+    /// One picture per camera.
     Folder(PathBuf, Format),
 }
 
@@ -96,14 +91,12 @@ impl Destination {
         }
     }
 
-    /// Returns the format of the pictures.
     pub fn format(&self) -> Format {
         let (Destination::Picture(_, format) | Destination::Folder(_, format)) = self;
         *format
     }
 }
 
-/// Returns a path's file name without its extension.
 pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
     file.file_stem().unwrap_or_default().to_string_lossy()
 }

@@ -25,12 +25,10 @@ use std::sync::atomic::AtomicBool;
 use std::thread;
 use tracing::info_span;
 
-/// Loaded scene, and its cameras in the scene's coordinates.
 #[derive(Clone)]
 pub struct Loaded {
-    /// Scene to draw, shared with the device's session.
     pub scene: Arc<Scene>,
-    /// Cameras, in the order of the file names in [`Work`].
+    /// In the scene's coordinates, in the order of the file names in [`Work`].
     pub cameras: Vec<Camera>,
 }
 
@@ -59,7 +57,6 @@ pub struct Drawer {
     with: With,
 }
 
-/// Renderer of the views.
 enum With {
     Device { session: Box<Session<Backend>>, batch: Box<Batch>, guard: OutputGuard },
     Exact { done: Vec<TruthStats> },
@@ -132,15 +129,11 @@ impl Drawer {
         Ok(Drawer { loaded, stems, with })
     }
 
-    /// Returns the scene and its cameras.
     pub fn loaded(&self) -> &Loaded {
         &self.loaded
     }
 
-    /// Builds the plan for the first view. Returns the session; `None` for the exact renderer.
-    ///
-    /// # Errors
-    /// The graph has errors, or the plan does not fit the device.
+    /// Builds the plan for the first view, and returns the session; `None` for the exact renderer.
     pub fn prepared(&mut self) -> Result<Option<&Session<Backend>>> {
         let With::Device { session, .. } = &mut self.with else { return Ok(None) };
         if let Some(camera) = self.loaded.cameras.first() {
@@ -150,9 +143,6 @@ impl Drawer {
     }
 
     /// Draws the views with these camera indices and writes their files.
-    ///
-    /// # Errors
-    /// A plan cannot be built, the device fails, or a file cannot be written.
     pub fn draw(&mut self, args: &Args, views: &[usize]) -> Result<()> {
         let Drawer { loaded: Loaded { scene, cameras }, stems, with } = self;
         let mut progress = Progress::new("drawing");
@@ -179,9 +169,6 @@ impl Drawer {
     }
 
     /// Waits until all pictures are written. Returns the statistics of all views so far, in order.
-    ///
-    /// # Errors
-    /// A picture cannot be written.
     pub fn stats(&mut self) -> Result<Json> {
         Ok(match &mut self.with {
             With::Device { batch, .. } => serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?,
@@ -243,7 +230,6 @@ fn draw(
     Ok(())
 }
 
-/// Draws a view with the exact renderer.
 fn draw_exactly(
     args: &Args,
     scene: &Scene,

@@ -2,7 +2,6 @@
 
 use crate::draw::truth::rule_list;
 
-/// Lists the rules of the exact renderer, for the help of `--rule`.
 pub fn rule_help() -> String {
     format!(
         "Change a rule of the exact renderer; may be repeated\n\nThe rules, with their values and their place in the published rasteriser:\n{}",

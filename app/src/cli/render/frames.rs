@@ -21,15 +21,12 @@ use std::time::Instant;
 /// Parsed value `RESOURCE@PASS[=FILE.npy]` of `--inspect`.
 #[derive(Clone, Debug)]
 pub struct InspectRequest {
-    /// Name of the resource to read back.
     pub resource: String,
-    /// Name of the pass. The resource is read after this pass has run.
     pub pass: String,
     /// File for the contents; `None` to print only a summary.
     pub file: Option<PathBuf>,
 }
 
-/// Parses a value of `--inspect`.
 pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     let (target, file) = match text.split_once('=') {
         Some((target, file)) if Format::of(Path::new(file)) == Some(Format::Npy) => {
@@ -46,29 +43,22 @@ pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
 pub struct Wanted<'a> {
     /// Number of frames whose times are measured.
     pub repeat: u32,
-    /// Background colour, display-encoded RGB.
+    /// Display-encoded RGB.
     pub background: [f32; 3],
-    /// True to read back the picture of the last frame.
     pub read_output: bool,
-    /// Resources to read back, each after a pass.
     pub inspect: &'a [InspectRequest],
 }
 
-/// Results of one camera.
 pub struct Drawn {
     pub stats: CameraStats,
     /// Picture of the last frame; `None` if it was not read back.
     pub output: Option<Pixels>,
-    /// Outputs of the last frame besides the picture.
     pub outputs: Vec<Output>,
-    /// Index of the `--inspect` option for each finding in `stats`. Results of the prologue are read only once per
-    /// load.
+    /// Index of the `--inspect` option for each finding in `stats`, which lacks results of a prologue that did not run.
     pub requests: Vec<usize>,
 }
 
-/// Draws the frames of one camera with the prepared plan.
-///
-/// `loaded`: the plan was just loaded, so its prologue has not run yet.
+/// Draws the frames of one camera with the prepared plan. `loaded`: its prologue has not run yet.
 pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, loaded: bool) -> Result<Drawn> {
     let plan = session.plan().context("no plan after `prepare`")?.clone();
     let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
@@ -88,7 +78,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
     let mut land = |session: &mut Session<Backend>, (id, asked, counts): (_, Vec<usize>, _)| -> Result<()> {
         let result = session.wait(id)?;
         let plan = session.plan().context("no plan after a frame")?;
-        // The plan was rebuilt with larger buffers. Discard the earlier times: its passes may differ.
+        // The plan was rebuilt with larger buffers, and its passes may differ.
         if std::mem::replace(&mut growths, session.growths()) != session.growths() {
             kept = Kept::default();
         }
@@ -100,8 +90,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
         kept.add(result, plan, counts);
         Ok(())
     };
-    // An idle device runs at a lower clock. If several frames are measured, they follow warm-up frames that do not
-    // count.
+    // If several frames are measured, they follow warm-up frames, because an idle device may run at a lower clock.
     let begun = Instant::now();
     let mut warm = wanted.repeat == 1;
     let (mut counted, mut first) = (0, true);
@@ -164,7 +153,6 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
     Ok(loaded)
 }
 
-/// Formats the error that the current plan's output has a format without colours.
 pub fn no_colours(session: &Session<Backend>) -> String {
     let name = session.plan().map_or("", |plan| &plan.resource(plan.output).name);
     format!("the graph's output `{name}` has no colours")

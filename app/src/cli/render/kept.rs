@@ -6,7 +6,6 @@ use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
 use std::time::Instant;
 
-/// Results collected from the frames of one plan.
 #[derive(Default)]
 pub struct Kept {
     /// Result of the frame that ran the prologue, if that frame is not measured.
@@ -34,12 +33,10 @@ impl Kept {
         }
     }
 
-    /// Takes the picture of the last frame; `None` if it was not read back.
     pub fn output(&mut self) -> Option<Pixels> {
         self.counted.last_mut()?.output.take()
     }
 
-    /// Summarises the measured frames as the statistics of a camera.
     pub fn stats(
         self,
         camera: (&str, (u32, u32)),
@@ -56,10 +53,9 @@ impl Kept {
         CameraStats { busy, frames, record_ms, ..stats }
     }
 
-    /// Computes the fraction of time that the device spends drawing, at most 1.
+    /// Computes the fraction of time that the device spends drawing, at most 1; `None` if it cannot be known.
     ///
-    /// `None` with fewer than four frames or without timestamps. The last frame is left out, because it also reads the
-    /// picture back.
+    /// The last frame is left out, because it also reads the picture back.
     fn busy(&self) -> Option<f64> {
         let (between, times) = match (self.counted.as_slice(), self.done.as_slice()) {
             ([_, between @ .., _], [first, .., end, _]) if between.len() > 1 => (between, (*first, *end)),
@@ -117,7 +113,6 @@ mod tests {
             (4, Some(1.0), 1.0, Some(0.25))
         );
         assert!(stats.line().contains("on device, which was idle for 75 % of the time"), "{}", stats.line());
-        // If only one frame is drawn, all its passes count.
         let mut kept = Kept::default();
         kept.add(frame(5.0, true), &plan, true);
         let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());

@@ -5,10 +5,9 @@ use crate::io::output::{is_standard_output, note, say};
 use anyhow::Result;
 use std::path::Path;
 
-/// Use of standard output by a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stdout {
-    /// A file and nothing else. Lines go to standard error.
+    /// A file and nothing else; lines go to standard error.
     File,
     /// Lines that are the command's only result.
     Product,
@@ -17,7 +16,6 @@ pub enum Stdout {
 }
 
 impl Stdout {
-    /// Determines the use of standard output from the files that a command writes.
     pub fn of<'a>(mut files: impl Iterator<Item = &'a Path>) -> Stdout {
         let Some(first) = files.next() else { return Stdout::Product };
         match is_standard_output(first) || files.any(is_standard_output) {
@@ -26,7 +24,6 @@ impl Stdout {
         }
     }
 
-    /// Prints a line to standard output, or to standard error if standard output holds a file.
     pub fn line(self, line: &str) -> Result<()> {
         match self {
             Stdout::File => say(line),

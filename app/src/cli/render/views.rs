@@ -12,7 +12,6 @@ use std::path::{Path, PathBuf};
 /// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "render";
 
-/// Views of a rendering into a folder, for several processes to share.
 pub struct Views {
     args: Args,
     folder: PathBuf,
@@ -23,10 +22,6 @@ pub struct Views {
 
 impl Views {
     /// Checks the arguments and reads the cameras. The scene is loaded later.
-    ///
-    /// # Errors
-    /// An option does not apply to a share of the views, the output is not a folder, or the cameras or the command line
-    /// are invalid.
     pub fn new(args: Args) -> Result<Views> {
         let inspects = !args.inspect.is_empty();
         job::refuse(&[
@@ -64,8 +59,7 @@ impl job::Work for Views {
         let cameras = serde_json::to_value(&loaded.cameras)?;
         let Args { rule, background, backend, .. } = &self.args;
         let mut origin = match drawer.prepared()? {
-            // The chosen storage is part of the description: a device with less memory chooses another, and draws other
-            // pictures.
+            // Includes the chosen storage: a device with less memory chooses another, and draws other pictures.
             Some(session) => job::origin_of(session, &cameras, session.graph())?,
             None => job::origin(loaded.scene.identity(), &cameras)?,
         };

@@ -82,25 +82,21 @@ pub struct Args {
     device: BackendArgs,
 }
 
-/// Maximum number of frames of a film.
 const MAX_FRAMES: u32 = 100_000;
 
-/// Default shutter time, as a fraction of the frame time. 0.5 is a 180-degree shutter.
+/// Default shutter time, as a fraction of the frame time: a 180-degree shutter.
 const SHUTTER: f64 = 0.5;
 
-/// Parses a duration in seconds.
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| SECONDS.contains(seconds));
     seconds.ok_or_else(|| format!("expected {} to {} seconds", SECONDS.start(), SECONDS.end()))
 }
 
-/// Parses the shutter time, as a fraction of the frame time.
 fn shutter(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share: &f64| (0.0..=1.0).contains(share));
     share.ok_or_else(|| "expected 0 to 1, for instance 0.5 for a shutter of 180 degrees".into())
 }
 
-/// The destination of a film.
 #[derive(Debug)]
 enum Destination {
     File(PathBuf, Format),
@@ -110,7 +106,7 @@ enum Destination {
 /// Properties of a film that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// Keys of the camera path, from `--cameras`.
+    /// From `--cameras`.
     keys: Option<Vec<Camera>>,
     frames: u32,
     destination: Destination,
@@ -120,8 +116,7 @@ pub(super) struct Work {
 /// Reads the keys, and determines the output format.
 ///
 /// # Errors
-/// The command line is invalid, for example because the output would overwrite an input. Or the cameras cannot be read,
-/// or make no path.
+/// The command line is invalid, or the cameras cannot be read or make no path.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
@@ -173,7 +168,6 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
     }
 }
 
-/// Computes the number of frames from the arguments.
 fn frames(args: &Args) -> Result<u32, Usage> {
     let timed = || (args.seconds.unwrap_or(DEFAULT_SECONDS) * args.fps.per_second()).round().max(1.0);
     match args.look.count().map_or_else(timed, f64::from) {
@@ -183,7 +177,6 @@ fn frames(args: &Args) -> Result<u32, Usage> {
 }
 
 impl Args {
-    /// Returns the projection of the graph.
     fn projection(&self) -> Projection {
         projection::of_graph(&self.drawing.pipeline, &self.drawing.set)
     }
@@ -273,7 +266,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome::validated(args.device.validate, &session.into_device().close()))
 }
 
-/// A film to draw, with the command's arguments and the size of the pictures.
 struct Job<'a> {
     args: &'a Args,
     film: &'a Film,
@@ -327,7 +319,7 @@ impl Job<'_> {
             }
         });
         match failure {
-            // Report a failure to draw as itself, not as an error of the file.
+            // A failure to draw is not an error of the file.
             Some(error) => Err(error),
             None => {
                 written?;
@@ -336,8 +328,7 @@ impl Job<'_> {
         }
     }
 
-    /// Draws the frames that are missing in a folder. Returns their GPU time in milliseconds; `None` without
-    /// timestamps.
+    /// Draws the missing frames, and returns their GPU time in milliseconds; `None` without timestamps.
     fn fill(
         &self,
         session: &mut Session<Backend>,
@@ -377,7 +368,6 @@ impl Job<'_> {
         Ok(record)
     }
 
-    /// Formats a report of the drawn frames and the frame rate.
     fn summary(&self, drawn: usize, seconds: f64, ms: Option<f64>) -> String {
         let ((width, height), frames) = (self.size, self.film.frames);
         let path = &self.args.output;

@@ -9,7 +9,6 @@ use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Folder of numbered pictures.
 #[derive(Clone, Debug)]
 pub struct Sequence {
     folder: PathBuf,
@@ -21,25 +20,19 @@ impl Sequence {
         Sequence { folder: folder.to_owned(), format }
     }
 
-    /// Returns the path of the record, `film.json`.
     pub fn record(&self) -> PathBuf {
         self.folder.join("film.json")
     }
 
-    /// Returns the path of a frame's picture.
     pub fn picture(&self, frame: u32) -> PathBuf {
         self.folder.join(format!("{frame:05}.{}", self.format))
     }
 
-    /// Writes a frame's picture.
-    ///
-    /// # Errors
-    /// The file cannot be written.
     pub fn save(&self, frame: u32, image: &Image) -> Result<(), ImageError> {
         image.save_as(self.format, &self.picture(frame))
     }
 
-    /// Lists the frames without a picture. Writes the record if there is none.
+    /// Lists the frames without a picture, and writes the record if there is none.
     ///
     /// # Errors
     /// The folder holds frames of another film, or the record cannot be read or written.
