@@ -157,7 +157,6 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
 /// Rejects graphs and parameters that are invalid on this device and on the least capable supported one.
 ///
 /// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
-/// with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     let scene = match args.scenes.first().map(|scene| args.load.header(scene)).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {

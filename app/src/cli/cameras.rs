@@ -83,7 +83,6 @@ pub fn tell_off_center(dataset: &Dataset) {
 }
 
 /// Registers the file of `FILE` or `FILE#INDEX` as an input. The file's own name may contain a `#`.
-/// The file's own name may contain a `#`.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());

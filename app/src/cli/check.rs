@@ -226,7 +226,6 @@ struct Verified {
 /// smallest device needs a fallback or does not meet the requirements, the line says so and no plan is built.
 ///
 /// Each warning about a plan is passed to `warn` once. Parameters without an effect are reported on standard error.
-/// error, with the devices.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -315,7 +314,6 @@ fn check(
 }
 
 /// Describes the requirements that a device does not meet, and the fallbacks; `None` if it meets all.
-/// `None` if the device meets all requirements.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     let mut parts: Vec<String> = Fallback::lacking(&fallbacks).map(ToString::to_string).collect();
     if !unmet.is_empty() {

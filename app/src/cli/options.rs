@@ -397,7 +397,6 @@ impl EffortArgs {
 }
 
 /// Registers the scene, or the demo scene, and the camera file as inputs, so that no output can overwrite them.
-/// The inputs are the scene, or the demo scene, and the camera file.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {

@@ -1,31 +1,4 @@
 //! Draws frames of a scene: from a graph and a device to pictures, times and counts.
-//!
-//! - [`backend`]: choice of the graphics backend;
-//! - [`builtin`]: built-in graphs and shaders;
-//! - [`camera`]: the camera's uniform block;
-//! - [`camera_path`]: smooth camera paths through keys;
-//! - [`orbit`]: cameras that move around a point;
-//! - [`splat_set`]: sets of splats, and their files;
-//! - [`pick`]: splats of a pixel;
-//! - [`select`]: splats in a region of the picture;
-//! - [`truth`]: exact pictures for comparisons, drawn on the CPU in f64;
-//! - [`keys`]: width of depth keys;
-//! - [`facts`]: facts and imports of graphs;
-//! - [`capacity`]: detection of incomplete frames, and larger list capacities;
-//! - [`planner`]: plans from graphs;
-//! - [`projection`]: projection of a graph, and cameras for it;
-//! - [`fit`]: check whether a scene fits a device;
-//! - [`storage`]: choice of the most accurate storage that fits in memory;
-//! - [`render_command`]: command line that reproduces a picture;
-//! - [`inspect`]: contents of a resource after a pass;
-//! - [`outputs`]: images of a frame besides its picture;
-//! - [`session`]: frames of a device, a scene and a plan;
-//! - [`shader_cache`]: folder of compiled shaders;
-//! - [`stats`]: times and counts of frames;
-//! - [`pictures`]: encoding of pictures on threads while the device draws the next frames;
-//! - [`film`]: films of a moving camera, with motion blur;
-//! - [`interleaved`]: interleaved frames of several sessions, and their times;
-//! - [`capture`]: pictures with the order of their splats.
 
 pub mod backend;
 pub mod builtin;

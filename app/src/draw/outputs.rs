@@ -115,7 +115,7 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
 /// Checks that the output named `name` can be written in a format.
 ///
 /// # Errors
-/// It cannot. The error lists the possible formats.
+/// The format is not possible. The error lists the possible formats.
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
         ("contributors" | "index", Format::Png | Format::Exr) => {

@@ -177,8 +177,7 @@ mod tests {
         pick(&Masked::whole(scene), camera, pixel, &|| false)
     }
 
-    /// Makes a scene of one splat in front of [`ahead`]: long, oblique, and so faint that its tiles contain its
-    /// outline.
+    /// Makes a scene of one oblique splat in front of [`ahead`], so faint that its tiles contain its outline.
     fn needle() -> Scene {
         let mut sh = [0.0; 48];
         sh[..3].copy_from_slice(&[1.0, 0.5, -0.5]);

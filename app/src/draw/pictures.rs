@@ -38,8 +38,7 @@ impl<T: Send + 'static> Pictures<T> {
     /// First waits for older pictures if the queue or the memory is full, and returns their results.
     ///
     /// # Errors
-    /// The error of the oldest of these pictures that failed.
-    /// One of these pictures failed. The error is from the oldest one that failed.
+    /// One of these pictures failed. The error is that of the oldest.
     pub fn start(&mut self, bytes: u64, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<Vec<T>> {
         let room = memory::available().map_or(u64::MAX, |available| available / MEMORY_SHARE / bytes.max(1));
         let most = self.jobs.min(usize::try_from(room).unwrap_or(usize::MAX)).max(1);

@@ -142,8 +142,7 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Returns the graphs of a choice that a device with these facts cannot run, and the unmet requirements if none is
-    /// left.
+    /// Returns the graphs of a choice that a device cannot run, and the unmet requirements if none is left.
     pub fn standing(
         &mut self,
         graph: &str,

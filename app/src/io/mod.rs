@@ -1,15 +1,4 @@
 //! Reads the program's inputs, and writes its outputs.
-//!
-//! - [`output`]: files, terminal text, signals;
-//! - [`image`]: picture files;
-//! - [`film`]: film files;
-//! - [`report`]: plots, and self-contained pages;
-//! - [`program`]: hash of the program's build;
-//! - [`progress`]: progress on standard error;
-//! - [`load`]: scene files;
-//! - [`scene_file`]: scene files to write, and their losses;
-//! - [`demo`]: the demo scene;
-//! - [`timeline`]: the time that each step of a command takes.
 
 pub mod demo;
 pub mod film;

@@ -96,9 +96,9 @@ struct Segment {
     from: View,
     /// Second key. Its quaternion's sign gives a rotation between the keys of at most 180 degrees.
     to: View,
-    /// At both ends.
+    /// Slopes at both ends.
     position: [DVec3; 2],
-    /// At both ends.
+    /// Slopes at both ends.
     zoom: [DVec3; 2],
     /// Inner quaternions of squad.
     inner: [DQuat; 2],

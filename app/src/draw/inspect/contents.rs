@@ -84,8 +84,7 @@ impl Words {
         Histogram { range, counts, not_finite: numbers().count() as u64 - found }
     }
 
-    /// Converts an image to a picture: in colour for the shape `[height, width, channels]`, in grey for `[height,
-    /// width]`.
+    /// Converts an image to a picture: `[height, width, channels]` in colour, `[height, width]` in grey.
     ///
     /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. `None` for
     /// other shapes, and for a shape that does not match the number of words.

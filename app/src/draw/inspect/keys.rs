@@ -92,7 +92,6 @@ fn is_zero(bits: &u32) -> bool {
 /// The number is word 3 of the buffer that the pass binds as `Args`. If only the number of needed pairs is read back,
 /// that number is used: a frame without capacity for all pairs is drawn again. In other graphs, there is a key for each
 /// visible splat.
-/// visible splat.
 pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
     let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
     let Some(args) = pass.bindings.iter().find(|binding| binding.name == "Args") else {

@@ -90,7 +90,7 @@ pub struct Session<D> {
     set: Vec<(String, String)>,
     planner: Planner,
     warned: bool,
-    /// Reported last.
+    /// Fallbacks of the last report.
     told: Vec<Fallback>,
     /// Settings without an effect that were reported.
     told_settings: BTreeSet<String>,
@@ -342,8 +342,7 @@ impl<D: Device> Session<D> {
         self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
     }
 
-    /// Returns how often a plan was rebuilt with more capacity: measurements before and after it are of different
-    /// plans.
+    /// Returns how often a plan was rebuilt with more capacity. Later measurements are of another plan.
     pub fn growths(&self) -> u32 {
         self.growths
     }
@@ -413,8 +412,7 @@ impl<D: Device> Session<D> {
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
 
-    /// Submits a frame. The camera must have the prepared size; a pinhole camera is converted to the graph's
-    /// projection.
+    /// Submits a frame. The camera must have the prepared size; pinholes are converted to the graph's projection.
     ///
     /// # Errors
     /// The camera has another projection than the graph, no plan is prepared, or the device fails.

@@ -59,8 +59,7 @@ impl Image {
         }
     }
 
-    /// Loads a picture as [`Image::load`] does, but with all digits of float64 arrays. Also returns the file's
-    /// precision.
+    /// Loads a picture as [`Image::load`] does, but keeps float64 values. Also returns the file's precision.
     ///
     /// # Errors
     /// See [`Image::load`].

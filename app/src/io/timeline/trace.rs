@@ -73,8 +73,7 @@ fn frames(frames: &[Frame]) -> Vec<Json> {
     events
 }
 
-/// Converts the starts of frames from the device's clock to the recording's, in milliseconds.
-/// `None` without timestamps.
+/// Converts the starts of frames from the device's clock to the recording's, in ms. `None` without timestamps.
 ///
 /// The clocks differ by an unknown offset. A frame ends before the host sees that it is complete, so each frame bounds
 /// the offset from above, and the smallest bound is used. The results are late by the shortest time that the host took

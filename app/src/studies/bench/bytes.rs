@@ -7,8 +7,7 @@ use std::collections::BTreeMap;
 /// Sums the declared sizes of the buffers and images that a pass accesses: once if read, and once if written.
 ///
 /// A target that is cleared is not read. The sum underestimates a pass that reads data several times, and overestimates
-/// one that uses only a part of its buffers, such as a sort of the visible splats.
-/// alone, moves less.
+/// a pass that uses only a part of its buffers, such as a sort of the visible splats.
 pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
     if let Work::Export = pass.work {
         // Measured frames export no picture, only the statistics of 4 bytes, which are read and written.

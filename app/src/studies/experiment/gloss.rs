@@ -9,7 +9,7 @@ use splatgraph_assets::harmonics::basis;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Gaussian, Picture, Rules, Splats, render};
 
-/// Divisor of the picture's width and height that gives the window's.
+/// Ratio of the picture's width and height to the window's.
 pub const SHARE: u32 = 3;
 
 /// A scene with other values in place of its colours.

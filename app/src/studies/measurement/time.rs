@@ -63,7 +63,7 @@ pub fn time_in_turns<D: Device>(
     effort: Effort,
     longest: Duration,
 ) -> Result<Option<Time>, SessionError> {
-    // A single round has no range, so precision does not matter.
+    // A single round has no range, so it does not need the precision of a warm device.
     if effort.rounds > 1 {
         // Shares hardly depend on the clock. Once the baseline's milliseconds are known, the warm-up is only as long as
         // the device was idle.
