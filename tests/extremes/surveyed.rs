@@ -24,7 +24,7 @@ fn world() -> (Vec<Gaussian>, Camera, Scene) {
 fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let (splats, camera, made) = world();
     assert!(made.offset().iter().all(|v| v.abs() > 9e6));
-    // The truth needs f64 depths: in f32, depths in world coordinates have no correct digits.
+    // The truth needs f64 depths: depths computed in f32 from world coordinates have no correct digits.
     let rules = [&QUADS[..], &[("depth", "f64")]].concat();
     let truth = exact(splats.as_slice(), &camera, &rules);
     let place = Place::new();

@@ -135,8 +135,9 @@ struct Writer<'a> {
     /// Names of shaders by their text.
     shaders: BTreeMap<String, String>,
     passes: String,
-    /// Number of idle passes so far. `idle_runs` is true if the last of them runs under all settings.
+    /// Number of idle passes so far.
     idle: usize,
+    /// True if the next idle pass may read the last one, which runs under all settings and reads no idle pass itself.
     idle_runs: bool,
     idle_shaders: Vec<(String, String)>,
     parts: Vec<(String, String)>,

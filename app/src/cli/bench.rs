@@ -27,8 +27,8 @@ use std::path::{Path, PathBuf};
 /// the mean of their medians. Warm-up frames do not count.
 ///
 /// First, a copy from buffer to buffer measures how many bytes per second the device can move. Each pass is compared with this
-/// copy. The bytes of a pass are all buffers and images that it reads or writes, each once, at their declared size. A pass that
-/// reads data several times moves more. A pass over only the visible splats moves less.
+/// copy. The bytes of a pass are the declared sizes of all buffers and images that it reads, plus those of all that it writes. A
+/// pass that reads data several times moves more. A pass over only the visible splats moves less.
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 ///

@@ -13,7 +13,7 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
 
 /// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene.
 ///
-/// Says which file beside the scene it uses, or why it does not use it. `None` without usable cameras.
+/// Tells the user which file beside the scene is used, or why it is not. Returns `None` if no camera is usable.
 ///
 /// # Errors
 /// The file of `--cameras` cannot be read, or holds no cameras.

@@ -64,7 +64,8 @@ impl Start {
     }
 }
 
-/// Lists the files to write, with their contents. Fails if a name is invalid, or if a file exists without `--force`.
+/// Lists the files to write, with their contents. Fails if the name is invalid, or if a file exists and
+/// `--force` is not given.
 pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     let name = args.file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {

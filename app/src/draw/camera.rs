@@ -80,7 +80,7 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
 /// Bound on the error of a view depth in f32, relative to the coordinates it is computed from: four roundings, doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
-/// Computes an upper bound on the distance from the camera to a splat in the scene's box, even in f32.
+/// Computes an upper bound on the distance, also computed in f32, from the camera to any splat in the scene's box.
 fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     let corner =
         bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));

@@ -80,7 +80,8 @@ pub fn rename(
     Ok(edits)
 }
 
-/// Builds graphs for a GPU and for a CPU. Returns for each a summary of the plan without its names, or the first error.
+/// Builds each graph for a GPU and for a CPU. Returns, for each graph, a summary of its plans without names, or the
+/// first error.
 fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<String, String>> {
     let build = |graph: &String| {
         let mut summaries = Vec::new();

@@ -42,7 +42,7 @@ bitflags! {
         const LATE_TESTS = 1 << 9;
     }
 
-    /// Kinds of memory access, after `VkAccessFlagBits2`.
+    /// Kinds of memory access, modelled on `VkAccessFlagBits2`.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Accesses: u32 {
         /// Reads arguments of an indirect command.

@@ -319,7 +319,7 @@ impl Job<'_> {
             }
         });
         match failure {
-            // A failure to draw is not an error of the file.
+            // Not `written`, which would report it as an error of the file.
             Some(error) => Err(error),
             None => {
                 written?;

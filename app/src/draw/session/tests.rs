@@ -83,7 +83,7 @@ fn a_need_beyond_the_range_is_an_error_that_names_both() {
 
 #[test]
 fn a_device_without_room_is_an_error_that_says_why() {
-    // Only the images fit.
+    // 8,000 bytes hold the 2,000 entries that the frame needs, but not the 2,500 that the session asks for.
     let limits = splatgraph_null::limits();
     let config = Config {
         limits: splatgraph_runtime::Limits { max_storage_bytes: 8000, ..limits },

@@ -1,4 +1,4 @@
-//! Leaves out bands of the spherical harmonics, where a scene's colours depend most on the viewing direction.
+//! Measures the error of leaving out bands of the harmonics, where colours depend most on the viewing direction.
 //!
 //! A splat's colour is a function of the direction, stored as the first coefficients of its expansion in real spherical
 //! harmonics. These are orthonormal: if bands are left out, the mean square error over all directions is the sum of

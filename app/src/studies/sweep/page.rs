@@ -65,7 +65,7 @@ impl SweepResult {
     fn means(&self, choice: Choice) -> Vec<Mean> {
         let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
         let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
-        // The step with all splats counts for every choice.
+        // A step with all splats belongs to every choice, so it does not show that this one was measured.
         if !self.steps.iter().any(|step| step.choice == Some(choice)) {
             return Vec::new();
         }
