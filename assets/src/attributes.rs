@@ -6,8 +6,8 @@
 
 use crate::error::nearest;
 use crate::mesh::{MESH_ATTRIBUTES, Mesh};
-use crate::scene::{CHUNK, Scene, sh_floats};
-use crate::words::{AttributeInfo, hash, mix, write_floats};
+use crate::scene::{Scene, sh_floats};
+use crate::words::{AttributeInfo, CHUNK, hash, mix, write_floats};
 use rayon::prelude::*;
 use std::ops::Range;
 use tracing::info_span;

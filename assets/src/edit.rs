@@ -4,7 +4,7 @@ use crate::activation::quantised;
 use crate::harmonics::Turn;
 use crate::memory::SceneMemoryError;
 use crate::mesh::Mesh;
-use crate::scene::{FileNotes, Scene, Splat};
+use crate::scene::{Dropped, FileNotes, Scene, Splat};
 use crate::similarity::Similarity;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -40,15 +40,10 @@ impl Scene {
         indices: &[u32],
         change: impl Fn(u32, Splat) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let (count, degree) = (indices.len() as u32, self.stored_degree());
-        let splat = |at: usize| change(indices[at], self.splat(indices[at] as usize));
-        let copy = match self.is_wide() {
-            true => {
-                Self::try_generate_wide(count, degree, |at| (splat(at), self.position(indices[at] as usize)))
-            }
-            false => Self::try_generate(count, degree, splat),
-        };
-        Ok(copy?.with_offset(self.offset()).with_notes(self.notes()).with_mesh(self.shared_mesh()))
+        self.derived(indices.len() as u32, self.stored_degree(), |at| {
+            let index = indices[at] as usize;
+            (change(indices[at], self.splat(index)), self.position(index))
+        })
     }
 
     /// Sorts the splats along a Morton curve, 21 bits per axis of the scene's box, and returns their indices.
@@ -132,6 +127,16 @@ impl Scene {
         }
         let mesh = (!mesh.triangles.is_empty()).then(|| mesh.into());
         Ok(joined.with_offset(offset).with_notes(notes).with_mesh(mesh))
+    }
+
+    /// Joins the scenes of one file, and sums the counts of the splats that their reader dropped.
+    pub(crate) fn of_one_file(mut scenes: Vec<Self>) -> Result<Self, SceneMemoryError> {
+        if scenes.len() == 1 {
+            return Ok(scenes.remove(0));
+        }
+        let mut dropped = Dropped::default();
+        scenes.iter().for_each(|scene| dropped.join(scene.dropped()));
+        Ok(Self::joined(&scenes)?.with_dropped(dropped))
     }
 
     /// Adds a mesh, transformed by `by` in the world, to the scene's own.

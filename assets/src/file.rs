@@ -5,7 +5,7 @@
 
 use std::fs::{File, FileType};
 use std::io::{Error, ErrorKind, Read, Result};
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
 /// Opens a regular file for reading.
 ///
@@ -49,11 +49,17 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// The errors of [`read`], and [`ErrorKind::InvalidData`] if the bytes are not UTF-8.
-pub fn read_text(path: impl AsRef<Path>, limit: u64) -> Result<String> {
+pub(crate) fn read_text(path: impl AsRef<Path>, limit: u64) -> Result<String> {
     String::from_utf8(read(path, limit)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         Error::new(ErrorKind::InvalidData, format!("expected UTF-8 text, found another byte at offset {at}"))
     })
+}
+
+/// Resolves the name of a file that a document names; `None` for a path outside the document's `folder`.
+pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Option<PathBuf> {
+    let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    folder.filter(|_| inside).map(|folder| folder.join(name))
 }
 
 fn require_regular(kind: FileType) -> Result<()> {

@@ -12,7 +12,7 @@ use crate::size_breakdown::SizeBreakdown;
 use std::fs::File;
 use std::io::{self, BufReader, ErrorKind};
 use std::ops::ControlFlow;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
@@ -188,6 +188,7 @@ impl<'a> Done<'a> {
     }
 }
 
+#[derive(Clone, Copy)]
 pub(crate) enum Source<'a> {
     Bytes(&'a [u8]),
     File(&'a OpenFile),
@@ -226,9 +227,8 @@ impl Source<'_> {
 
 /// Resolves the name of a file that a document names; fails for a path outside the document's `folder`.
 pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, SceneError> {
-    let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
-    let folder = folder.filter(|_| inside && !name.is_empty());
-    folder.map(|folder| folder.join(name)).ok_or_else(|| {
+    let path = file::beside(folder, name).filter(|_| !name.is_empty());
+    path.ok_or_else(|| {
         let message = "expected a file in the folder of the JSON, found another place".into();
         SceneError::Part { part: name.chars().take(60).collect(), message }
     })

@@ -18,6 +18,7 @@ use crate::error::{SceneError, field};
 use crate::input::{self, Done, Input, SceneHeader, Source, grow};
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
+use crate::words::{bytes_at, word};
 use half::f16;
 
 /// Bytes of the file's header, and of each section's.
@@ -26,12 +27,8 @@ const SECTION: usize = 1024;
 
 const ROWS: usize = 4096;
 
-fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes(bytes[at..at + 4].try_into().expect("the slice has 4 bytes"))
-}
-
 fn half_word(bytes: &[u8], at: usize) -> u16 {
-    u16::from_le_bytes([bytes[at], bytes[at + 1]])
+    u16::from_le_bytes(bytes_at(bytes, at))
 }
 
 fn float(bytes: &[u8], at: usize) -> f32 {
@@ -328,21 +325,10 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
             Ok::<_, SceneError>(())
         })
     })?;
-    let rows = FieldSize { name: "rows".into(), kind: "row".into(), bytes_per_row: None, bytes, used: true };
+    let rows = ElementSize::new("splats", count, vec![FieldSize::whole("rows", "row", bytes)]);
     let header_bytes = sections.first().map_or(0, |section| section.rows);
-    let size_breakdown = SizeBreakdown {
-        format: format!("ksplat, level {}", header.level),
-        file_bytes: source.length(),
-        header_bytes,
-        elements: vec![ElementSize {
-            name: "splats".into(),
-            rows: count,
-            bytes,
-            fields: vec![rows],
-            separator_bytes: 0,
-        }],
-        trailing_bytes: source.length() - header_bytes - bytes,
-    };
+    let format = format!("ksplat, level {}", header.level);
+    let size_breakdown = SizeBreakdown::new(format, source.length(), header_bytes, rows);
     input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
 }
 

@@ -5,8 +5,9 @@
 
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;
-use crate::scene::{ALPHA_FLOOR, CHUNK, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
+use crate::scene::{ALPHA_FLOOR, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
 use crate::size_breakdown::grouped;
+use crate::words::CHUNK;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;

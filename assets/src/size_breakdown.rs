@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// The bytes of a file, by use.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct SizeBreakdown {
     /// The file's format, for instance `ply, binary_little_endian`.
     pub format: String,
@@ -49,6 +49,12 @@ pub struct FieldSize {
 }
 
 impl SizeBreakdown {
+    /// Creates the breakdown of a file with one element. The bytes beside header and element are trailing ones.
+    pub(crate) fn new(format: String, file_bytes: u64, header_bytes: u64, element: ElementSize) -> Self {
+        let trailing_bytes = file_bytes - header_bytes - element.bytes;
+        Self { format, file_bytes, header_bytes, elements: vec![element], trailing_bytes }
+    }
+
     /// Sums header, elements and trailing bytes, which gives the file's size.
     pub fn sum(&self) -> u64 {
         self.header_bytes + self.elements.iter().map(ElementSize::sum).sum::<u64>() + self.trailing_bytes
@@ -56,9 +62,22 @@ impl SizeBreakdown {
 }
 
 impl ElementSize {
+    /// Creates an element without separators.
+    pub(crate) fn new(name: &str, rows: u64, fields: Vec<FieldSize>) -> Self {
+        let bytes = fields.iter().map(|field| field.bytes).sum();
+        Self { name: name.into(), rows, bytes, fields, separator_bytes: 0 }
+    }
+
     /// Sums fields and separators, which gives [`ElementSize::bytes`].
     pub fn sum(&self) -> u64 {
         self.fields.iter().map(|f| f.bytes).sum::<u64>() + self.separator_bytes
+    }
+}
+
+impl FieldSize {
+    /// Creates a field that the reader uses, without columns.
+    pub(crate) fn whole(name: impl Into<String>, kind: &str, bytes: u64) -> Self {
+        Self { name: name.into(), kind: kind.into(), bytes_per_row: None, bytes, used: true }
     }
 }
 

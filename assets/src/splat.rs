@@ -14,12 +14,13 @@ use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::scene::{FileNotes, Scene, Splat};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
+use crate::words::word;
 use std::io::{Result as IoResult, Write};
 
 pub(crate) const STRIDE: usize = 32;
 
 fn float(row: &[u8], at: usize) -> f32 {
-    f32::from_le_bytes(row[at..at + 4].try_into().expect("the slice has 4 bytes"))
+    f32::from_bits(word(row, at))
 }
 
 /// Returns true if all whole rows of `head` can be splats, and most have quaternions of about unit length.
@@ -78,20 +79,8 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         bytes: bytes * count,
         used: true,
     };
-    let bytes = input.source.length();
-    let size_breakdown = SizeBreakdown {
-        format: ".splat".into(),
-        file_bytes: bytes,
-        header_bytes: 0,
-        elements: vec![ElementSize {
-            name: "splat".into(),
-            rows: count,
-            bytes,
-            fields: fields.into_iter().map(field).collect(),
-            separator_bytes: 0,
-        }],
-        trailing_bytes: 0,
-    };
+    let rows = ElementSize::new("splat", count, fields.into_iter().map(field).collect());
+    let size_breakdown = SizeBreakdown::new(".splat".into(), input.source.length(), 0, rows);
     input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
 }
 

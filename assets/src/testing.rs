@@ -1,7 +1,11 @@
 //! Provides splats, loading and data files to the tests of this crate.
 
+#[path = "../../tests/captures.rs"]
+mod captures;
+
+use crate::recognise::SceneFormat;
 use crate::scene::{Scene, Splat};
-use std::io::Write;
+pub(crate) use captures::captures;
 use std::path::PathBuf;
 
 /// Returns a splat that differs for each index.
@@ -20,14 +24,10 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::error::SceneError> {
     Scene::parse(bytes, crate::QUIET)
 }
 
-/// Returns the folder of captured scenes in `SPLATGRAPH_DATA`; reports the test as not run without it.
-pub(crate) fn captures(test: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
-    if folder.is_none() {
-        // Not `println!`, whose output is hidden in tests that pass.
-        let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs captured scenes; set SPLATGRAPH_DATA");
-    }
-    folder
+pub(crate) fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    scene.write(format, crate::QUIET, &mut bytes).unwrap();
+    bytes
 }
 
 pub(crate) fn golden() -> PathBuf {

@@ -1,9 +1,9 @@
-//! Defines the layout of attributes, copies their words as bytes, and hashes them.
+//! Reads words from bytes, defines the layout of attributes, copies their words as bytes, and hashes them.
 
 use rayon::prelude::*;
 
-/// Number of values that one task of a parallel loop converts.
-const CHUNK: usize = 8192;
+/// Number of splats, or of other values, that one task of a parallel loop converts.
+pub(crate) const CHUNK: usize = 8192;
 
 /// Memory layout of an attribute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +14,16 @@ pub struct AttributeInfo {
     pub planes: u32,
     /// Number of elements: splats, or entries of one of the mesh's lists.
     pub count: u64,
+}
+
+/// Returns the `N` bytes at offset `at`.
+pub(crate) fn bytes_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    bytes[at..at + N].try_into().expect("the slice has N bytes")
+}
+
+/// Reads the little-endian word at offset `at`.
+pub(crate) fn word(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(bytes_at(bytes, at))
 }
 
 /// Writes words from a byte offset on, and zeros beyond their end.

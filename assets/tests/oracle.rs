@@ -4,25 +4,15 @@
 //! `SPZ_PYTHON` is a Python that has the packages `spz` and `numpy`, by default `python3`. `SPLATGRAPH_DATA` is the
 //! folder of captured scenes.
 
+#[path = "../../tests/captures.rs"]
+mod captures;
+
+use captures::{captures, not_run};
 use splatgraph_assets::{QUIET, Scene, SceneFormat, Splat, SpzVersion, harmonics};
 use std::fs::File;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
-
-/// Reports that a test is not run. `println!` is not used: its output is hidden in tests that pass.
-fn not_run(test: &str, needs: &str) {
-    let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
-}
-
-/// Returns the folder of captured scenes; `None`, with a report, if there is none.
-fn captures(test: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
-    if folder.is_none() {
-        not_run(test, "captured scenes; set SPLATGRAPH_DATA");
-    }
-    folder
-}
 
 /// Creates the command in an environment variable, split at blanks, or `program` if the variable is not set.
 fn command(variable: &str, program: &str) -> Command {

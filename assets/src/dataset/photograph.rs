@@ -1,6 +1,7 @@
 //! Finds photographs, and reads their sizes.
 
 use crate::file;
+use crate::words::word;
 use std::fs::File;
 use std::io::{BufReader, Error, ErrorKind, Read, Result};
 use std::path::{Path, PathBuf};
@@ -25,9 +26,7 @@ pub(super) fn size(path: &Path) -> Result<(u32, u32)> {
     let mut file: File = file::open(path)?;
     file.read_exact(&mut head)?;
     if head.starts_with(PNG) {
-        let word =
-            |at: usize| u32::from_be_bytes(head[at..at + 4].try_into().expect("the slice has 4 bytes"));
-        return Ok((word(16), word(20)));
+        return Ok((word(&head, 16).swap_bytes(), word(&head, 20).swap_bytes()));
     }
     let mut decoder = JpegDecoder::new(BufReader::new(file::open(path)?));
     let wrong = |found: String| {

@@ -9,6 +9,7 @@ use crate::recognise::{self, SceneFormat};
 use crate::scene::Scene;
 use crate::similarity::Similarity;
 use crate::spz::SpzVersion;
+use crate::words::word;
 use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
 use rayon::prelude::*;
 use std::io::Write;
@@ -104,7 +105,7 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     const MAX_SEARCHED: u64 = 1 << 26;
     let binary = head.starts_with(b"glTF");
     // GLB has a header of 12 bytes, followed by the length and the type of the JSON chunk.
-    let length = head.get(12..16).map_or(0, |b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+    let length = head.get(12..16).map_or(0, |b| u64::from(word(b, 0)));
     let end = if binary { length.saturating_add(20) } else { source.length() };
     let text = source.head(end.min(source.length()).min(MAX_SEARCHED) as usize)?;
     let name = b"KHR_gaussian_splatting";
@@ -333,8 +334,8 @@ impl Scene {
     ///
     /// # Errors
     /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), the format cannot store
-    /// the scene (SOG without splats, or SPZ with a coordinate beyond 8,388,607, for instance), or the format is not in
-    /// [`SceneFormat::WRITTEN`].
+    /// the scene (SOG without splats, or SPZ with a coordinate beyond 8,388,607, for instance), or the format
+    /// is not in [`SceneFormat::WRITTEN`].
     pub fn write(
         &self,
         format: SceneFormat,

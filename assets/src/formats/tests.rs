@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::scene::Splat;
-use crate::testing::{captures, parse as read};
+use crate::testing::{captures, parse as read, written};
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
@@ -17,12 +17,6 @@ fn varied(count: u32, degree: u32) -> Scene {
             sh: std::array::from_fn(|k| if k < 3 { wave(12 + k) } else { 0.5 * wave(12 + k) }),
         }
     })
-}
-
-fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    scene.write(format, crate::QUIET, &mut bytes).unwrap();
-    bytes
 }
 
 struct Steps {

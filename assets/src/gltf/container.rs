@@ -2,10 +2,12 @@
 
 use super::document::{Buffer, BufferView, Document, item, wrong};
 use crate::error::{SceneError, field};
+use crate::file;
 use crate::input::{OpenFile, Source};
+use crate::words;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use std::path::{Component, Path};
+use std::path::Path;
 
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 
@@ -34,7 +36,7 @@ pub(super) struct Container<'a> {
 }
 
 fn word(bytes: &[u8], at: usize) -> u64 {
-    u32::from_le_bytes(bytes[at..at + 4].try_into().expect("the slice has 4 bytes")).into()
+    words::word(bytes, at).into()
 }
 
 /// Offset and length of a chunk in the file, in bytes.
@@ -136,8 +138,7 @@ impl<'a> Container<'a> {
             return Err(wrong(format!("bufferViews[{index}]"), text));
         }
         let (source, start) = match bytes {
-            Bytes::Within(Source::Bytes(bytes), at) => (Source::Bytes(bytes), *at),
-            Bytes::Within(Source::File(file), at) => (Source::File(file), *at),
+            Bytes::Within(source, at) => (**source, *at),
             Bytes::Memory(bytes) => (Source::Bytes(bytes), 0),
             Bytes::File(file) => (Source::File(file), 0),
         };
@@ -158,12 +159,11 @@ fn outside<'a>(uri: &str, path: Option<&Path>) -> Result<(Bytes<'a>, u64), Strin
             "expected a file beside the document, found the address {shown}: only files are read"
         ));
     }
-    let inside = Path::new(uri).components().all(|part| matches!(part, Component::Normal(_)));
-    let Some(folder) = path.and_then(Path::parent).filter(|_| inside) else {
+    let Some(path) = file::beside(path.and_then(Path::parent), uri) else {
         return Err(format!("expected a file in the folder of the document, found {shown}"));
     };
     let open = || {
-        let file = OpenFile::open(&folder.join(uri))?;
+        let file = OpenFile::open(&path)?;
         let length = Source::File(&file).length();
         Ok((Bytes::File(file), length))
     };

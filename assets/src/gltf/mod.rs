@@ -30,4 +30,4 @@ mod write;
 pub(crate) use cameras::cameras;
 pub(crate) use container::{MAGIC, begins_as_json};
 pub(crate) use read::{header, parse};
-pub(crate) use write::write;
+pub(crate) use write::{write, write_head};

@@ -9,7 +9,7 @@ use crate::floats::{self, Floats, Piece, ROWS};
 use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::memory::SceneMemoryError;
 use crate::node_transform::NodeTransform;
-use crate::scene::{Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
+use crate::scene::{FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::spz;
@@ -89,14 +89,7 @@ fn primitive(
         bytes: column.total_bytes(),
         used: true,
     });
-    let breakdown = SizeBreakdown {
-        format: "gltf".into(),
-        file_bytes: 0,
-        header_bytes: 0,
-        elements: vec![],
-        trailing_bytes: 0,
-    };
-    let scene = input::finish(filled, count, breakdown, FileNotes::default())?;
+    let scene = input::finish(filled, count, SizeBreakdown::default(), FileNotes::default())?;
     Ok((scene.with_offset(transform.offset()), fields.collect()))
 }
 
@@ -143,17 +136,10 @@ fn packed(
 ) -> Result<(Scene, Vec<FieldSize>), SceneError> {
     let (source, start, view) = container.view(view)?;
     let mut bytes = Vec::new();
-    bytes.try_reserve_exact(view.byte_length as usize).map_err(std::io::Error::from)?;
-    bytes.resize(view.byte_length as usize, 0);
+    input::grow(&mut bytes, view.byte_length as usize)?;
     source.read(start, &mut bytes)?;
     let scene = spz::parse(&Input { source: &Source::Bytes(&bytes), ..*input })?;
-    let fields = vec![FieldSize {
-        name: "spz".into(),
-        kind: "file".into(),
-        bytes_per_row: None,
-        bytes: view.byte_length,
-        used: true,
-    }];
+    let fields = vec![FieldSize::whole("spz", "file", view.byte_length)];
     if place == Similarity::IDENTITY {
         return Ok((scene, fields));
     }
@@ -176,54 +162,31 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
         total = total.saturating_add(accessor.map_or(0, |accessor| accessor.count));
     }
     // Several nodes can place one primitive. During the join, every splat is in memory twice.
-    let factor = if all.len() > 1 { 2 } else { 1 };
-    let needed = Scene::host_bytes(total, 3).saturating_mul(factor);
     if all.len() > 1 {
+        let needed = Scene::host_bytes(total, 3).saturating_mul(2);
         SceneMemoryError::check_against(total, 3, needed, input.memory)?;
     }
-    let (mut scenes, mut fields, mut dropped) = (Vec::new(), Vec::new(), Dropped::default());
+    let (mut scenes, mut fields) = (Vec::new(), Vec::new());
     for splats in &all {
         let (scene, sizes) = primitive(input, &container, splats)?;
-        dropped.join(scene.dropped());
         // Nodes with the same mesh share its bytes.
-        if scenes.is_empty()
-            || !all[..scenes.len()].iter().any(|other| std::ptr::eq(other.primitive, splats.primitive))
-        {
+        let mut before = all[..scenes.len()].iter();
+        if !before.any(|other| std::ptr::eq(other.primitive, splats.primitive)) {
             fields.extend(sizes);
         }
         scenes.push(scene);
     }
-    let scene = match scenes.len() {
-        1 => scenes.swap_remove(0),
-        _ => Scene::joined(&scenes)?.with_dropped(dropped),
-    };
+    let scene = Scene::of_one_file(scenes)?;
     let file_bytes = input.source.length();
     let within = file_bytes - container.header_bytes;
-    let mut bytes = fields.iter().map(|field| field.bytes).sum::<u64>();
     // Values can be outside the file, or share bytes. Then only their total is known.
-    if bytes > within {
-        bytes = within;
-        fields = vec![FieldSize {
-            name: "values".into(),
-            kind: "buffer".into(),
-            bytes_per_row: None,
-            bytes,
-            used: true,
-        }];
+    if fields.iter().map(|field| field.bytes).sum::<u64>() > within {
+        fields = vec![FieldSize::whole("values", "buffer", within)];
     }
-    let breakdown = SizeBreakdown {
-        format: "gltf, KHR_gaussian_splatting".into(),
-        file_bytes,
-        header_bytes: container.header_bytes,
-        elements: vec![ElementSize {
-            name: "splats".into(),
-            rows: u64::from(scene.count()) + scene.dropped().total(),
-            bytes,
-            fields,
-            separator_bytes: 0,
-        }],
-        trailing_bytes: within - bytes,
-    };
+    let rows = u64::from(scene.count()) + scene.dropped().total();
+    let values = ElementSize::new("splats", rows, fields);
+    let format = "gltf, KHR_gaussian_splatting".into();
+    let breakdown = SizeBreakdown::new(format, file_bytes, container.header_bytes, values);
     let notes = FileNotes { key_of: SortKey::Distance, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }

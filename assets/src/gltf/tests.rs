@@ -4,15 +4,13 @@
 mod glb_file;
 
 use crate::scene::{Scene, SortKey};
-use crate::testing::splat;
+use crate::testing::{splat, written};
 use crate::{QUIET, SceneFormat};
 use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 
 fn bytes(scene: &Scene) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    scene.write(SceneFormat::Gltf, crate::QUIET, &mut bytes).unwrap();
-    bytes
+    written(scene, SceneFormat::Gltf)
 }
 
 fn parts(glb: &[u8]) -> (Value, Vec<u8>) {

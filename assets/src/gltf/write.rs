@@ -17,7 +17,7 @@ fn turned(scene: &Scene, index: usize) -> Splat {
     splat
 }
 
-/// Writes a scene. Positions are relative to the node, which is at the scene's offset.
+/// Writes a scene of at least one splat. Positions are relative to the node, which is at the scene's offset.
 ///
 /// # Errors
 /// The writer fails, or the file would have 4 GiB or more.
@@ -67,21 +67,7 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
         "bufferViews": views,
         "buffers": [{ "byteLength": binary }],
     });
-    let mut text = document.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let total = 12 + 8 + text.len() as u64 + 8 + binary as u64;
-    let word = |value: u64| {
-        let fits = || {
-            Error::new(ErrorKind::InvalidInput, format!("expected a file below 4 GiB, found {total} bytes"))
-        };
-        u32::try_from(value).map(u32::to_le_bytes).map_err(|_| fits())
-    };
-    out.write_all(MAGIC)?;
-    out.write_all(&[word(2)?, word(total)?, word(text.len() as u64)?].concat())?;
-    out.write_all(b"JSON")?;
-    out.write_all(&text)?;
-    out.write_all(&word(binary as u64)?)?;
-    out.write_all(b"BIN\0")?;
+    write_head(&document, binary as u64, out)?;
     for (index, (_, width)) in attributes.iter().enumerate() {
         rows(count, out, |at, bytes| {
             let splat = turned(scene, at);
@@ -102,6 +88,28 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
         bytes.extend(splat.sh[..3].iter().map(|value| byte(f64::from(*value) * SH_C0 + 0.5)));
         bytes.push(byte(splat.opacity.into()));
     })
+}
+
+/// Writes a `.glb` up to its binary chunk, which has `binary` bytes, a multiple of 4.
+///
+/// # Errors
+/// The writer fails, or the file would have 4 GiB or more.
+pub(crate) fn write_head(document: &Value, binary: u64, out: &mut impl Write) -> Result<()> {
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + text.len() as u64 + 8 + binary;
+    let word = |value: u64| {
+        let fits = || {
+            Error::new(ErrorKind::InvalidInput, format!("expected a file below 4 GiB, found {total} bytes"))
+        };
+        u32::try_from(value).map(u32::to_le_bytes).map_err(|_| fits())
+    };
+    out.write_all(MAGIC)?;
+    out.write_all(&[word(2)?, word(total)?, word(text.len() as u64)?].concat())?;
+    out.write_all(b"JSON")?;
+    out.write_all(&text)?;
+    out.write_all(&word(binary)?)?;
+    out.write_all(b"BIN\0")
 }
 
 /// Writes `count` rows in batches. `row` appends the bytes of the splat at an index.

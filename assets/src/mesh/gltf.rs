@@ -9,6 +9,7 @@ use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::SceneError;
 use crate::file;
+use crate::words::word;
 use base64::Engine;
 use glam::{DMat3, DMat4, DVec3};
 use gltf::accessor::{DataType, Dimensions};
@@ -17,7 +18,7 @@ use gltf::mesh::{Mode, Primitive};
 use gltf::{Accessor, Document, Gltf, Semantic};
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::path::{Component, Path};
+use std::path::Path;
 
 /// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -95,16 +96,17 @@ fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
         return Ok(());
     }
     let found = bytes.len();
-    let length = bytes.get(8..12).and_then(|length| <[u8; 4]>::try_from(length).ok()).map(u32::from_le_bytes);
-    match length {
-        None => Err(wrong("header", format!("expected 12 bytes, found {found}"))),
-        Some(length) if length as usize > found => {
+    if found < 12 {
+        return Err(wrong("header", format!("expected 12 bytes, found {found}")));
+    }
+    match word(bytes, 8) as usize {
+        length if length > found => {
             Err(wrong("header", format!("expected a file of {length} bytes, found {found}")))
         }
-        Some(length) if length < 12 => {
+        length if length < 12 => {
             Err(wrong("header", format!("expected a length of at least 12 bytes, found {length}")))
         }
-        Some(_) => Ok(()),
+        _ => Ok(()),
     }
 }
 
@@ -140,11 +142,10 @@ impl Files<'_> {
                 .map_err(|error| wrong(part, error));
         }
         let name = percent_encoding::percent_decode_str(uri).decode_utf8_lossy().into_owned();
-        let inside = Path::new(&name).components().all(|at| matches!(at, Component::Normal(_)));
-        let Some(folder) = self.folder.filter(|_| inside) else {
+        let Some(path) = file::beside(self.folder, &name) else {
             return Err(wrong(part, format!("expected a file in the folder of the mesh, found {uri}")));
         };
-        file::read(folder.join(&name), MAX_BYTES).map_err(|error| wrong(part, format!("{name}: {error}")))
+        file::read(path, MAX_BYTES).map_err(|error| wrong(part, format!("{name}: {error}")))
     }
 }
 

@@ -115,9 +115,7 @@ fn scene_files_place_meshes_and_a_mesh_alone_is_no_scene() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("stone.glb"), glb(&mesh())).unwrap();
-    let mut file = Vec::new();
-    Scene::generate(3, 0, splat).write_ply_to(&mut file).unwrap();
-    std::fs::write(at("pond.ply"), file).unwrap();
+    Scene::generate(3, 0, splat).write_ply(at("pond.ply")).unwrap();
     let text = r#"Scenes([Scene(file: "pond.ply"), Scene(file: "stone.glb", translate: (0, 0, 4))])"#;
     std::fs::write(at("all.ron"), text).unwrap();
     let scene = Scene::load(at("all.ron"), crate::QUIET).expect("a scene");

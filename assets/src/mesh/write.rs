@@ -1,6 +1,7 @@
 //! Writes meshes as binary glTF (`.glb`).
 
 use super::data::{Mesh, MeshMaterial, Texture};
+use crate::gltf::write_head;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::io::{Error, Write};
@@ -90,7 +91,7 @@ impl Mesh {
     /// Writes the mesh as binary glTF, with y up. The light is not written.
     ///
     /// # Errors
-    /// The writer fails.
+    /// The writer fails, or the file would have 4 GiB or more.
     pub fn write_glb(&self, out: &mut impl Write) -> Result<(), Error> {
         let mut writer = Writer::default();
         let turned =
@@ -130,17 +131,7 @@ impl Mesh {
                 (0..writer.images.len()).map(|source| json!({"source": source})).collect();
             (root["images"], root["textures"]) = (json!(writer.images), json!(textures));
         }
-        let mut text = serde_json::to_vec(&root)?;
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let total = 12 + 8 + text.len() + 8 + writer.bytes.len();
-        out.write_all(b"glTF")?;
-        [2, total as u32, text.len() as u32]
-            .iter()
-            .try_for_each(|word: &u32| out.write_all(&word.to_le_bytes()))?;
-        out.write_all(b"JSON")?;
-        out.write_all(&text)?;
-        out.write_all(&(writer.bytes.len() as u32).to_le_bytes())?;
-        out.write_all(b"BIN\0")?;
+        write_head(&root, writer.bytes.len() as u64, out)?;
         out.write_all(&writer.bytes)
     }
 }

@@ -11,8 +11,9 @@ use super::packed::Packed;
 use super::{ascii, binary};
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
-use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
+use crate::scene::{Columns, Gathered, Rows, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
+use crate::words::CHUNK;
 use std::sync::Mutex;
 
 enum Stored {

@@ -2,8 +2,8 @@
 
 use super::write::property_names;
 use crate::input::{Input, OpenFile, Source};
-use crate::testing::{captures, golden, parse, splat};
-use crate::{Scene, sh_floats};
+use crate::testing::{captures, golden, parse, splat, written};
+use crate::{Scene, SceneFormat, sh_floats};
 use proptest::prelude::*;
 use std::path::PathBuf;
 
@@ -252,8 +252,7 @@ fn doubles_far_from_the_origin_keep_the_digits_that_f32_has_not() {
 #[test]
 fn a_scene_with_an_offset_is_written_in_the_coordinates_of_the_world() {
     let scene = parse(&surveyed("ascii", [5e6, 5e6, 0.0])).unwrap();
-    let mut bytes = Vec::new();
-    scene.write_ply_to(&mut bytes).unwrap();
+    let bytes = written(&scene, SceneFormat::Ply);
     let back = parse(&bytes).unwrap();
     assert_eq!(scene.offset()[0], 5_000_192.0);
     assert_eq!((back.offset(), back.positions()), (scene.offset(), scene.positions()));

@@ -4,8 +4,9 @@
 
 use super::tags;
 use crate::activation::{logarithm, logit};
-use crate::scene::{CHUNK, FileNotes, Scene, Splat, sh_floats};
+use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
+use crate::words::CHUNK;
 use rayon::prelude::*;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -46,17 +47,11 @@ fn size_breakdown(count: u64, degree: u32, wide: bool, notes: FileNotes) -> Size
         let used = !name.starts_with('n');
         FieldSize { used, name, kind: kind.into(), bytes_per_row: Some(size), bytes: size * count }
     };
-    let fields: Vec<FieldSize> = property_names(degree).into_iter().enumerate().map(field).collect();
+    let fields = property_names(degree).into_iter().enumerate().map(field).collect();
     let header_bytes = header(count, degree, wide, notes).len() as u64;
-    let bytes = fields.iter().map(|field| field.bytes).sum();
-    let vertex = ElementSize { name: "vertex".into(), rows: count, bytes, fields, separator_bytes: 0 };
-    SizeBreakdown {
-        format: "ply, binary_little_endian".into(),
-        file_bytes: header_bytes + bytes,
-        header_bytes,
-        elements: vec![vertex],
-        trailing_bytes: 0,
-    }
+    let vertex = ElementSize::new("vertex", count, fields);
+    let format = "ply, binary_little_endian".into();
+    SizeBreakdown::new(format, header_bytes + vertex.bytes, header_bytes, vertex)
 }
 
 impl Scene {

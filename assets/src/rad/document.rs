@@ -2,6 +2,7 @@
 
 use crate::error::{SceneError, field};
 use crate::input::Source;
+use crate::words::word;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
@@ -194,7 +195,7 @@ fn text<T: DeserializeOwned>(
         let [expected, found] = [&magic[..], &head[..4]].map(|bytes| bytes.escape_ascii().to_string());
         return Err(field(at, "magic", format!("expected {expected}, found {found}")));
     }
-    let length = u64::from(u32::from_le_bytes(head[4..].try_into().expect("the slice has 4 bytes")));
+    let length = u64::from(word(&head, 4));
     let limit = (most - 8).min(MAX_JSON);
     if length > limit {
         return Err(field(at + 4, "JSON", format!("expected at most {limit} bytes, found {length}")));

@@ -96,8 +96,6 @@ fn splat(chunk: &Arrays, palette: &[Option<Column>; 3], row: usize) -> (Splat, f
 }
 
 fn breakdown(all: &Chunks, leaves: u64) -> SizeBreakdown {
-    let sizes = all.sizes();
-    let bytes = sizes.values().sum();
     let kind = if leaves < all.count { ", leaves of a tree" } else { "" };
     let field = |(name, bytes): (Name, u64)| FieldSize {
         name: name.text().into(),
@@ -106,17 +104,8 @@ fn breakdown(all: &Chunks, leaves: u64) -> SizeBreakdown {
         bytes,
         used: name != Name::ChildStart,
     };
-    SizeBreakdown {
-        format: format!("rad, {} chunks{kind}", all.chunks.len()),
-        file_bytes: all.file_bytes,
-        header_bytes: all.file_bytes - bytes - all.trailing_bytes,
-        elements: vec![ElementSize {
-            name: "splats".into(),
-            rows: all.count,
-            bytes,
-            fields: sizes.into_iter().map(field).collect(),
-            separator_bytes: 0,
-        }],
-        trailing_bytes: all.trailing_bytes,
-    }
+    let format = format!("rad, {} chunks{kind}", all.chunks.len());
+    let arrays = ElementSize::new("splats", all.count, all.sizes().into_iter().map(field).collect());
+    let header_bytes = all.file_bytes - arrays.bytes - all.trailing_bytes;
+    SizeBreakdown::new(format, all.file_bytes, header_bytes, arrays)
 }

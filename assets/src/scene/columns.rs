@@ -1,8 +1,9 @@
 //! Stores splats as arrays that readers fill in parallel.
 
 use super::gathered::{Gathered, fault};
-use super::splat::{CHUNK, Splat, sh_floats};
+use super::splat::{Splat, sh_floats};
 use crate::memory::{self, SceneMemoryError};
+use crate::words::CHUNK;
 use rayon::prelude::*;
 
 /// The arrays of a scene, one entry per splat.

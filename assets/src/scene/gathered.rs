@@ -38,7 +38,7 @@ impl Dropped {
     }
 
     /// Lists every reason in words, with its count, which may be zero.
-    pub fn by_reason(&self) -> [(&'static str, u64); 6] {
+    pub(crate) fn by_reason(&self) -> [(&'static str, u64); 6] {
         [
             ("position not finite in f32", self.position),
             ("scale not finite in f32", self.scale),

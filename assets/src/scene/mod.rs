@@ -16,7 +16,6 @@ pub(crate) use gathered::Gathered;
 pub use gathered::{Dropped, QuaternionNorms};
 pub use notes::{FileNotes, Filter, SortKey};
 pub use parts::ScenePart;
-pub(crate) use splat::CHUNK;
 pub use splat::{Splat, sh_floats};
 
 use crate::activation;
@@ -25,6 +24,7 @@ use crate::harmonics;
 use crate::memory::SceneMemoryError;
 use crate::mesh::Mesh;
 use crate::size_breakdown::SizeBreakdown;
+use crate::words::CHUNK;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -179,12 +179,22 @@ impl Scene {
     /// # Errors
     /// The copy does not fit in memory.
     pub fn cut_to_degree(&self, degree: u32) -> Result<Self, SceneMemoryError> {
-        let (count, degree) = (self.count(), degree.min(self.stored_degree()));
-        let copy = match self.is_wide() {
-            true => Self::try_generate_wide(count, degree, |index| (self.splat(index), self.position(index))),
-            false => Self::try_generate(count, degree, |index| self.splat(index)),
+        let degree = degree.min(self.stored_degree());
+        self.derived(self.count(), degree, |index| (self.splat(index), self.position(index)))
+    }
+
+    /// Generates a scene with the offset, tags and mesh of this one. Its positions are wide if this scene's are.
+    pub(crate) fn derived(
+        &self,
+        count: u32,
+        degree: u32,
+        splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
+    ) -> Result<Self, SceneMemoryError> {
+        let derived = match self.is_wide() {
+            true => Self::try_generate_wide(count, degree, splat),
+            false => Self::try_generate(count, degree, |index| splat(index).0),
         };
-        Ok(copy?.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone()))
+        Ok(derived?.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone()))
     }
 
     /// Sets the scene's origin in the world without changing the positions, which are relative to it.
@@ -226,10 +236,6 @@ impl Scene {
     /// Returns the mesh beside the splats.
     pub fn mesh(&self) -> Option<&Mesh> {
         self.mesh.as_deref()
-    }
-
-    pub(crate) fn shared_mesh(&self) -> Option<Arc<Mesh>> {
-        self.mesh.clone()
     }
 
     /// Returns the tags of the scene's file.
@@ -325,7 +331,7 @@ impl Scene {
     }
 
     /// Finds the highest band with a coefficient other than 0 in any splat that [can be visible](Scene::can_show).
-    pub fn shown_degree(&self) -> u32 {
+    pub(crate) fn shown_degree(&self) -> u32 {
         let (c, floats) = (&self.columns, sh_floats(self.columns.degree));
         let degree = |index: usize| {
             let sh = &c.sh[index * floats..][..floats];

@@ -91,7 +91,7 @@ impl FileNotes {
     pub const UP: [f64; 3] = [0.0, -1.0, 0.0];
 
     /// Returns true if the splats were trained with an anti-aliasing filter.
-    pub fn is_antialiased(&self) -> bool {
+    pub(crate) fn is_antialiased(&self) -> bool {
         self.low_pass != Filter::Dilated
     }
 

@@ -1,8 +1,5 @@
 //! Defines a splat, and the sizes of its values.
 
-/// Number of splats that one task of a parallel loop converts.
-pub(crate) const CHUNK: usize = 8192;
-
 /// Returns the number of spherical-harmonics floats of a degree: 3 channels of (degree + 1)^2 coefficients.
 pub const fn sh_floats(degree: u32) -> usize {
     3 * ((degree + 1) * (degree + 1)) as usize

@@ -171,8 +171,7 @@ impl<'a> Container<'a> {
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut pixels = Vec::new();
         let length = width as usize * height as usize * channels;
-        pixels.try_reserve_exact(length).map_err(std::io::Error::from)?;
-        pixels.resize(length, 0);
+        input::grow(&mut pixels, length)?;
         decoder.read_image(&mut pixels).map_err(unreadable)?;
         let texels = match channels {
             4 => pixels,

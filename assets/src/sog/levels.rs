@@ -10,7 +10,7 @@ use super::read;
 use crate::error::SceneError;
 use crate::input::{Input, OpenFile, SceneHeader, Source, beside};
 use crate::memory::SceneMemoryError;
-use crate::scene::{Dropped, Scene};
+use crate::scene::Scene;
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -172,7 +172,7 @@ pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) ->
     let needed = Scene::host_bytes(all.count, all.stored_degree).saturating_mul(2);
     SceneMemoryError::check_against(all.count, all.stored_degree, needed, input.memory)?;
     let (mut scenes, mut before) = (Vec::with_capacity(counts.len()), 0);
-    let (mut dropped, mut breakdown) = (Dropped::default(), empty(&level, input.source.length()));
+    let mut breakdown = empty(&level, input.source.length());
     for ((name, runs), count) in level.files.iter().zip(counts) {
         // Converts a reader's progress to splats of the level.
         let tell = |done: u64, of: u64| -> ControlFlow<()> {
@@ -183,30 +183,18 @@ pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) ->
             let input = Input { source, memory: input.memory, progress: &tell };
             read::parse(&input, Some(folder), runs.as_deref())
         })?;
-        dropped.join(scene.dropped());
         add(&mut breakdown, scene.size_breakdown());
         scenes.push(scene);
         before += count;
     }
-    let scene = match scenes.len() {
-        1 => scenes.remove(0),
-        _ => Scene::joined(&scenes)?.with_dropped(dropped),
-    };
-    Ok(scene.with_breakdown(breakdown))
+    Ok(Scene::of_one_file(scenes)?.with_breakdown(breakdown))
 }
 
 fn empty(level: &Level, length: u64) -> SizeBreakdown {
     let Level { level, levels, .. } = level;
     let finest = if *level == 0 { ", the finest" } else { "" };
-    let element =
-        ElementSize { name: "splats".into(), rows: 0, bytes: 0, fields: Vec::new(), separator_bytes: 0 };
-    SizeBreakdown {
-        format: format!("sog, streamed, level {level}{finest}, of {levels}"),
-        file_bytes: length,
-        header_bytes: length,
-        elements: vec![element],
-        trailing_bytes: 0,
-    }
+    let format = format!("sog, streamed, level {level}{finest}, of {levels}");
+    SizeBreakdown::new(format, length, length, ElementSize::new("splats", 0, Vec::new()))
 }
 
 fn add(all: &mut SizeBreakdown, part: &SizeBreakdown) {

@@ -133,26 +133,10 @@ pub(super) fn parse(
         let (splat, norm) = splat(rows, &meta, entries.as_ref());
         out.push(&splat, norm);
     })?;
-    let field = |(name, bytes): (String, u64)| FieldSize {
-        name,
-        kind: "file".into(),
-        bytes_per_row: None,
-        bytes,
-        used: true,
-    };
-    let size_breakdown = SizeBreakdown {
-        format: format!("sog, version {}{}", meta.version, files.kind()),
-        file_bytes,
-        header_bytes: file_bytes - packed,
-        elements: vec![ElementSize {
-            name: "splats".into(),
-            rows: count,
-            bytes: packed,
-            fields: files.sizes.into_iter().map(field).collect(),
-            separator_bytes: 0,
-        }],
-        trailing_bytes: 0,
-    };
+    let format = format!("sog, version {}{}", meta.version, files.kind());
+    let fields = files.sizes.into_iter().map(|(name, bytes)| FieldSize::whole(name, "file", bytes));
+    let textures = ElementSize::new("splats", count, fields.collect());
+    let size_breakdown = SizeBreakdown::new(format, file_bytes, file_bytes - packed, textures);
     let notes = FileNotes { low_pass: meta.filter, ..FileNotes::default() };
     input::finish((columns, gathered), count, size_breakdown, notes)
 }

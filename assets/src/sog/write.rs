@@ -5,7 +5,7 @@ use super::meta::MAX_ENTRIES;
 use super::palette::palette;
 use crate::activation::{largest_positive, logarithm, quantised};
 use crate::input::Progress;
-use crate::scene::{Filter, Scene, sh_floats};
+use crate::scene::{Scene, sh_floats};
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::{Value, json};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -145,7 +145,7 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
         "quats": { "files": ["quats.webp"] },
         "sh0": { "codebook": color_codes.codes, "files": ["sh0.webp"] },
     });
-    if scene.notes().low_pass != Filter::Dilated {
+    if scene.notes().is_antialiased() {
         meta["antialias"] = Value::Bool(true);
         meta["model"] = json!("antialiased");
     }

@@ -77,8 +77,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         append(&mut unpacker, bytes, &mut data, &done, failed)?;
         if stride > 0 {
             let bytes = unpacker.get_ref().taken - before;
-            let (name, kind) = (name.into(), kind.into());
-            fields.push(FieldSize { name, kind, bytes_per_row: None, bytes, used: true });
+            fields.push(FieldSize::whole(name, kind, bytes));
         }
     }
     let end = HEADER as u64 + bytes;

@@ -6,6 +6,7 @@ use crate::input::{Done, Input, Table};
 use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
 use crate::size_breakdown::FieldSize;
+use crate::words::word;
 use std::io::{self, ErrorKind, Read};
 use std::ops::RangeInclusive;
 
@@ -33,14 +34,12 @@ impl Header {
         length: u64,
         versions: RangeInclusive<u32>,
     ) -> Result<Self, SceneError> {
-        let word =
-            |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("the slice has 4 bytes"));
         let expected = |at: usize, name: &str, expected: &str, found: u32| {
             field(at as u64, name, format!("expected {expected}, found {found}"))
         };
         let header = Self {
-            version: word(4),
-            count: word(8),
+            version: word(bytes, 4),
+            count: word(bytes, 8),
             degree: bytes[12].into(),
             fractional_bits: bytes[13],
             flags: bytes[14],

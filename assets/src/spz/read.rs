@@ -9,6 +9,7 @@ use crate::error::{SceneError, field};
 use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::scene::{FileNotes, Filter, Scene, Splat};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
+use crate::words::word;
 use half::f16;
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -18,7 +19,7 @@ impl Header {
         let [position, alpha, color, scale, rotation, sh] = rows;
         let (rotation, norm) = activation::unit(match rotation {
             [x, y, z] => bytes_quaternion([*x, *y, *z]),
-            _ => packed_quaternion(u32::from_le_bytes(rotation.try_into().expect("a row has 4 bytes"))),
+            _ => packed_quaternion(word(rotation, 0)),
         });
         let mut splat = Splat {
             position: std::array::from_fn(|axis| match self.version {
@@ -100,16 +101,9 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         let (splat, norm) = header.splat(rows, &frame);
         out.push(&splat, norm);
     })?;
-    let file_bytes = input.source.length();
-    let bytes = fields.iter().map(|field| field.bytes).sum();
-    let arrays = ElementSize { name: "splats".into(), rows: count, bytes, fields, separator_bytes: 0 };
-    let size_breakdown = SizeBreakdown {
-        format: format!("spz, version {}, {packing}", header.version),
-        file_bytes,
-        header_bytes,
-        elements: vec![arrays],
-        trailing_bytes: file_bytes - header_bytes - bytes,
-    };
+    let arrays = ElementSize::new("splats", count, fields);
+    let format = format!("spz, version {}, {packing}", header.version);
+    let size_breakdown = SizeBreakdown::new(format, input.source.length(), header_bytes, arrays);
     let notes = FileNotes {
         low_pass: if header.flags & ANTIALIASED == 0 { Filter::Dilated } else { Filter::Compensated },
         cut_degree: (header.degree > 3).then_some(header.degree),
@@ -129,10 +123,8 @@ fn coordinate_system(mut records: &[u8], start: u64) -> Result<u32, SceneError> 
         let cut =
             || field(at, "extensions", format!("expected a complete record, found {} bytes", records.len()));
         let (head, rest) = records.split_at_checked(8).ok_or_else(cut)?;
-        let word =
-            |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("the slice has 4 bytes"));
-        let (payload, rest) = rest.split_at_checked(word(4) as usize).ok_or_else(cut)?;
-        if word(0) == COORDINATE_SYSTEM {
+        let (payload, rest) = rest.split_at_checked(word(head, 4) as usize).ok_or_else(cut)?;
+        if word(head, 0) == COORDINATE_SYSTEM {
             let value = payload.try_into().map_err(|_| {
                 let text = format!("expected 4 bytes of coordinate system, found {}", payload.len());
                 field(at, "extensions", text)

@@ -9,6 +9,7 @@ use super::layout::{ENTRY, HEADER, LONG_HEADER};
 use crate::error::{SceneError, field};
 use crate::input::{Done, Input, Source, SourceReader, Table};
 use crate::size_breakdown::FieldSize;
+use crate::words::{bytes_at, word};
 use ruzstd::decoding::StreamingDecoder;
 use std::io::Read;
 
@@ -30,7 +31,7 @@ pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
             format!("expected {expected} for shDegree {degree}, found {found}"),
         ));
     }
-    let table = u64::from(u32::from_le_bytes(bytes[16..20].try_into().expect("the slice has 4 bytes")));
+    let table = u64::from(word(bytes, 16));
     let end = table + (expected * ENTRY) as u64;
     if table < LONG_HEADER as u64 || end > length {
         let most = length.saturating_sub((expected * ENTRY) as u64);
@@ -64,9 +65,8 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         }
         let mut entry = [0; ENTRY];
         source.read(entry_at, &mut entry)?;
-        let word =
-            |at: usize| u64::from_le_bytes(entry[at..at + 8].try_into().expect("the slice has 8 bytes"));
-        let (packed, found, bytes) = (word(0), word(8), count * stride as u64);
+        let [packed, found] = [0, 8].map(|at| u64::from_le_bytes(bytes_at(&entry, at)));
+        let bytes = count * stride as u64;
         if found != bytes {
             let text = format!("expected {bytes} unpacked bytes for {count} splats, found {found}");
             return Err(field(entry_at + 8, name, text));
@@ -87,13 +87,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         if stream.read(&mut [0]).map_err(failed)? > 0 {
             return Err(field(at, name, format!("expected {bytes} unpacked bytes, found more")));
         }
-        fields.push(FieldSize {
-            name: name.into(),
-            kind: kind.into(),
-            bytes_per_row: None,
-            bytes: packed,
-            used: true,
-        });
+        fields.push(FieldSize::whole(name, kind, packed));
         entry_at += ENTRY as u64;
         at += packed;
     }

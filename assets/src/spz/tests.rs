@@ -1,5 +1,8 @@
 //! Tests of SPZ files built byte by byte.
 
+#[path = "../../../tests/spz_file.rs"]
+mod spz_file;
+
 use super::layout::*;
 use super::*;
 use crate::error::SceneError;
@@ -173,31 +176,12 @@ fn a_scene_beyond_2048_units_is_written_with_coarser_steps() {
     assert!(said.contains("expected coordinates up to 8388607"), "{said}");
 }
 
-/// Builds a Zstandard frame (RFC 8878) of one uncompressed block of fewer than 256 bytes.
-fn frame(bytes: &[u8]) -> Vec<u8> {
-    // A single segment with a one-byte length; the last block, raw, with its length from bit 3 on.
-    let block = (bytes.len() as u32) << 3 | 1;
-    let head = [0x28, 0xB5, 0x2F, 0xFD, 0x20, bytes.len() as u8];
-    [&head[..], &block.to_le_bytes()[..3], bytes].concat()
-}
-
 fn streams(degree: u8, records: &[u8]) -> Vec<u8> {
-    let arrays = splat(3, degree);
-    let lengths = [9, 1, 3, 3, 4, arrays.len() - 20].into_iter().filter(|length| *length > 0);
-    let mut bytes = header(4, 1, degree, if records.is_empty() { 0 } else { EXTENSIONS });
-    bytes[15] = lengths.clone().count() as u8;
-    bytes.extend((32 + records.len() as u32).to_le_bytes());
-    bytes.extend([0; 12]);
-    bytes.extend(records);
-    let (mut table, mut body, mut at) = (Vec::new(), Vec::new(), 0);
-    for length in lengths {
-        let packed = frame(&arrays[at..at + length]);
-        table.extend((packed.len() as u64).to_le_bytes());
-        table.extend((length as u64).to_le_bytes());
-        body.extend(packed);
-        at += length;
-    }
-    [bytes, table, body].concat()
+    let mut all = splat(3, degree).into_iter();
+    let mut arrays = [9, 1, 3, 3, 4].map(|length| all.by_ref().take(length).collect()).to_vec();
+    arrays.push(all.collect());
+    let flags = if records.is_empty() { 0 } else { EXTENSIONS };
+    spz_file::file(1, (degree, flags), records, &arrays)
 }
 
 #[test]

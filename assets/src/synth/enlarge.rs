@@ -37,11 +37,7 @@ pub fn enlarge(scene: &Scene, n: u32) -> Result<Scene, SceneMemoryError> {
         splat.scale = splat.scale.map(|s| (f64::from(s) * shrink) as f32);
         (splat, position)
     };
-    let enlarged = match scene.is_wide() {
-        true => Scene::try_generate_wide(n, scene.stored_degree(), copy),
-        false => Scene::try_generate(n, scene.stored_degree(), |k| copy(k).0),
-    };
-    Ok(enlarged?.with_offset(scene.offset()).with_notes(scene.notes()))
+    Ok(scene.derived(n, scene.stored_degree(), copy)?.with_mesh(None))
 }
 
 #[cfg(test)]

@@ -53,6 +53,21 @@ fn cloud(random: &mut Random, count: u32) -> Splat {
     }
 }
 
+/// Generates splats like [`cloud`]. `change` gets the index, the random numbers and the splat, and changes it.
+fn changed_cloud(
+    count: u32,
+    seed: u64,
+    degree: u32,
+    change: impl Fn(usize, &mut Random, &mut Splat) + Sync,
+) -> Made {
+    Scene::try_generate(count, degree, |i| {
+        let random = &mut Random::new(seed, i as u64);
+        let mut splat = cloud(random, count);
+        change(i, random, &mut splat);
+        splat
+    })
+}
+
 pub(super) fn uniform(count: u32, seed: u64) -> Made {
     let size = 0.9 * f64::from(count.max(1)).powf(-1.0 / 3.0);
     Scene::try_generate(count, 3, |i| {
@@ -71,9 +86,7 @@ pub(super) fn uniform(count: u32, seed: u64) -> Made {
 }
 
 pub(super) fn needles(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |i, random, splat| {
         let long = random.range(0.2, 1.0);
         let ratio = 10f64.powf(random.range(2.0, 6.0));
         // Every third is a thin plate, the others are needles.
@@ -82,41 +95,32 @@ pub(super) fn needles(count: u32, seed: u64) -> Made {
         if i % 3 == 0 {
             splat.opacity *= 0.3;
         }
-        splat
     })
 }
 
 pub(super) fn huge(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |i, _, splat| {
         if i == 0 {
             splat.position = [0.5, 0.3, 1.0];
             splat.scale = [200.0, 150.0, 100.0];
             splat.opacity = 0.4;
             splat.sh = flat([0.9, 0.4, 0.2]);
         }
-        splat
     })
 }
 
 pub(super) fn far(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |i, random, splat| {
         if i % 100 == 7 {
             let distance = 10f64.powf(random.range(2.0, 6.0));
             splat.position = single(random.direction().map(|c| c * distance));
             splat.scale = [(0.01 * distance) as f32; 3];
         }
-        splat
     })
 }
 
 pub(super) fn ties(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |i, _, splat| {
         let plane = i % 8;
         splat.position[2] = 2.0 + 0.5 * plane as f32;
         // Larger, so that splats of one plane overlap and their order shows.
@@ -124,38 +128,29 @@ pub(super) fn ties(count: u32, seed: u64) -> Made {
         splat.opacity = 0.7;
         // The colour encodes the order: each differs from its neighbours.
         splat.sh = flat(hue([i as f64 * 0.7, plane as f64, i as f64 * 0.3]));
-        splat
     })
 }
 
 pub(super) fn faint(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |_, random, splat| {
         splat.scale = splat.scale.map(|s| 4.0 * s);
         splat.opacity = ((1.0 + random.range(-1e-3, 1e-3)) / 255.0) as f32;
         splat.sh = flat([2.0, 1.5, 1.0]);
-        splat
     })
 }
 
 pub(super) fn empty_view(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let mut splat = cloud(&mut Random::new(seed, i as u64), count);
+    changed_cloud(count, seed, 0, |_, _, splat| {
         splat.position[2] = -splat.position[2];
-        splat
     })
 }
 
 pub(super) fn giants(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |_, random, splat| {
         splat.scale = std::array::from_fn(|_| random.range(-30.0, 20.0).exp() as f32);
         // Splats that cover the view are faint, so that needles and points are visible.
         let giant = splat.scale.iter().filter(|s| **s > 1.0).count();
         splat.opacity = if giant > 1 { 0.0045 } else { random.range(0.3, 0.9) as f32 };
-        splat
     })
 }
 
@@ -173,9 +168,7 @@ pub(super) fn coincident(count: u32, seed: u64) -> Made {
 }
 
 pub(super) fn near_plane(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |i, random, splat| {
         let near = crate::report::NEAR as f32;
         let [x, y, z] = random.in_ball().map(|v| (0.3 * v) as f32);
         let depth = match i % 6 {
@@ -188,38 +181,29 @@ pub(super) fn near_plane(count: u32, seed: u64) -> Made {
         };
         splat.position = [x, y, depth];
         splat.scale = std::array::from_fn(|_| random.range(0.002, 0.03) as f32);
-        splat
     })
 }
 
 pub(super) fn logits(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let mut splat = cloud(&mut Random::new(seed, i as u64), count);
+    changed_cloud(count, seed, 0, |i, _, splat| {
         let sigmoid = |logit: f64| (1.0 / (1.0 + (-logit).exp())) as f32;
         splat.opacity = [0.0, 1.0, sigmoid(-40.0), sigmoid(40.0), 0.5][i % 5];
-        splat
     })
 }
 
 pub(super) fn quaternions(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 0, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 0, |_, random, splat| {
         let length = 10f64.powf(random.range(-43.0, 38.0));
         splat.rotation = splat.rotation.map(|c| (f64::from(c) * length) as f32);
         // The shortest ones lose most of their digits. The smallest float keeps them from being zero.
         splat.rotation[0] += f32::from_bits(1);
         splat.scale[0] *= 4.0;
-        splat
     })
 }
 
 pub(super) fn harmonics(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 3, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 3, |_, random, splat| {
         splat.sh = std::array::from_fn(|_| random.range(-1e4, 1e4) as f32);
-        splat
     })
 }
 
@@ -274,11 +258,8 @@ pub(super) fn floor(count: u32, seed: u64) -> Made {
 }
 
 pub(super) fn bright(count: u32, seed: u64) -> Made {
-    Scene::try_generate(count, 3, |i| {
-        let random = &mut Random::new(seed, i as u64);
-        let mut splat = cloud(random, count);
+    changed_cloud(count, seed, 3, |_, random, splat| {
         splat.sh = std::array::from_fn(|_| random.range(-1e5, 1e5) as f32);
-        splat
     })
 }
 
@@ -384,14 +365,12 @@ pub(super) fn askew_camera() -> Camera {
 
 pub(super) fn askew(count: u32, seed: u64) -> Made {
     let [right, down, forward] = askew_camera().axes();
-    Scene::try_generate(count, 0, |i| {
-        let mut splat = cloud(&mut Random::new(seed, i as u64), count);
+    changed_cloud(count, seed, 0, |i, _, splat| {
         let [x, y, _] = splat.position.map(f64::from);
         splat.position =
             std::array::from_fn(|axis| (8.0 * forward[axis] + x * right[axis] + 1.5 * y * down[axis]) as f32);
         splat.opacity = 0.7;
         splat.sh = flat(hue([i as f64 * 0.7, i as f64 * 0.11, i as f64 * 0.3]));
-        splat
     })
 }
 

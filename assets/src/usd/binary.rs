@@ -7,6 +7,7 @@
 use super::layer::{ARCS, Array, Attribute, Bytes, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
 use super::packing::Cursor;
 use crate::error::{SceneError, field};
+use crate::words::bytes_at;
 
 pub(crate) const MAGIC: &[u8; 8] = b"PXR-USDC";
 
@@ -141,7 +142,7 @@ impl<'a, 'b> Sections<'a, 'b> {
         for _ in 0..count {
             let entry = cursor.take::<SECTION>()?;
             let name: Vec<u8> = entry[..16].iter().copied().take_while(|byte| *byte != 0).collect();
-            places.push((name, u64::from_le_bytes(entry[16..24].try_into().expect("the slice has 8 bytes"))));
+            places.push((name, u64::from_le_bytes(bytes_at(&entry, 16))));
         }
         let section = |name: &'static str| {
             let place = places.iter().find(|(found, _)| found == name.as_bytes());
@@ -160,7 +161,7 @@ impl<'a, 'b> Sections<'a, 'b> {
                 reps.len()
             )));
         }
-        let reps = reps.chunks_exact(8).map(|rep| Rep(u64::from_le_bytes(rep.try_into().expect("8 bytes"))));
+        let reps = reps.chunks_exact(8).map(|rep| Rep(u64::from_le_bytes(bytes_at(rep, 0))));
         let fields = names.into_iter().zip(reps).collect();
         let mut cursor = section("FIELDSETS")?;
         let count = cursor.count()?;

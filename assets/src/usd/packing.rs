@@ -3,6 +3,7 @@
 use super::layer::Bytes;
 use crate::error::{SceneError, field};
 use crate::input::grow;
+use crate::words::bytes_at;
 
 /// Maximum compression ratio of LZ4.
 const MAX_PER_BYTE: u64 = 255;
@@ -87,7 +88,7 @@ impl Cursor<'_, '_> {
         if bytes.len() < 4 + codes {
             return Err(short(bytes.len()));
         }
-        let common = i32::from_le_bytes(bytes[..4].try_into().expect("the slice has 4 bytes"));
+        let common = i32::from_le_bytes(bytes_at(&bytes, 0));
         let mut at = 4 + codes;
         let mut last = 0i32;
         let mut integers = Vec::new();

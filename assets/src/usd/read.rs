@@ -8,7 +8,7 @@ use crate::floats::{self, Floats};
 use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::memory::{self, SceneMemoryError};
 use crate::node_transform::NodeTransform;
-use crate::scene::{Columns, Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
+use crate::scene::{Columns, FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use glam::{DMat4, DQuat};
@@ -203,16 +203,8 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         splats.arrays.iter().map(|(array, _)| array.stride() as u64 * array.count).sum()
     };
     let done = Done::new(all.iter().map(stride).sum(), input.progress)?;
-    let (mut scenes, mut dropped) = (Vec::new(), Dropped::default());
-    for splats in &all {
-        let scene = prim_scene(input, &bytes, splats, held, &done)?;
-        dropped.join(scene.dropped());
-        scenes.push(scene);
-    }
-    let scene = match scenes.len() {
-        1 => scenes.swap_remove(0),
-        _ => Scene::joined(&scenes)?.with_dropped(dropped),
-    };
+    let scenes = all.iter().map(|splats| prim_scene(input, &bytes, splats, held, &done));
+    let scene = Scene::of_one_file(scenes.collect::<Result<_, _>>()?)?;
     Ok(scene.with_breakdown(breakdown(input.source.length(), &layer, &all)))
 }
 
@@ -240,14 +232,8 @@ fn prim_scene(
     })?;
     let cut_degree = (*file_degree > 3).then_some(*file_degree);
     let notes = FileNotes { key_of: *key_of, cut_degree, ..FileNotes::default() };
-    let size_breakdown = SizeBreakdown {
-        format: "usd".into(),
-        file_bytes: 0,
-        header_bytes: 0,
-        elements: vec![],
-        trailing_bytes: 0,
-    };
-    Ok(input::finish(filled, *count, size_breakdown, notes)?.with_offset(transform.offset()))
+    let scene = input::finish(filled, *count, SizeBreakdown::default(), notes)?;
+    Ok(scene.with_offset(transform.offset()))
 }
 
 struct Table<'a> {
@@ -309,33 +295,14 @@ fn breakdown(file_bytes: u64, layer: &Layer, all: &[Splats]) -> SizeBreakdown {
         let name = name.trim_start_matches("radiance:").replace("Coefficients", "");
         match fields.iter_mut().find(|field| field.name == name) {
             Some(field) => field.bytes += array.bytes,
-            None => fields.push(FieldSize {
-                name,
-                kind: array.component.name().into(),
-                bytes_per_row: None,
-                bytes: array.bytes,
-                used: true,
-            }),
+            None => fields.push(FieldSize::whole(name, array.component.name(), array.bytes)),
         }
     }
-    let mut bytes = fields.iter().map(|field| field.bytes).sum();
     // In a damaged file, arrays can overlap.
-    if bytes > file_bytes {
-        bytes = file_bytes;
-        let (name, kind) = ("values".into(), "array".into());
-        fields = vec![FieldSize { name, kind, bytes_per_row: None, bytes, used: true }];
+    if fields.iter().map(|field| field.bytes).sum::<u64>() > file_bytes {
+        fields = vec![FieldSize::whole("values", "array", file_bytes)];
     }
-    SizeBreakdown {
-        format: format!("{}, {SPLATS}", layer.kind),
-        file_bytes,
-        header_bytes: file_bytes - bytes,
-        elements: vec![ElementSize {
-            name: "splats".into(),
-            rows: all.iter().map(|splats| splats.count).sum(),
-            bytes,
-            fields,
-            separator_bytes: 0,
-        }],
-        trailing_bytes: 0,
-    }
+    let arrays = ElementSize::new("splats", all.iter().map(|splats| splats.count).sum(), fields);
+    let format = format!("{}, {SPLATS}", layer.kind);
+    SizeBreakdown::new(format, file_bytes, file_bytes - arrays.bytes, arrays)
 }

@@ -4,6 +4,7 @@ use crate::allocation::alone;
 use crate::damage::{kind, run};
 use crate::glb_file;
 use crate::rad_file::{self, array};
+use crate::spz_file;
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::json;
@@ -143,26 +144,10 @@ fn damage_inside_an_spz_file_is_read_or_refused() {
 
 #[test]
 fn damaged_spz_files_of_version_4_are_read_or_refused() {
-    // Each stream is a Zstandard frame of one uncompressed block.
-    let frame = |bytes: &[u8]| {
-        let block = (bytes.len() as u32) << 3 | 1;
-        let head = [0x28, 0xB5, 0x2F, 0xFD, 0x20, bytes.len() as u8];
-        [&head[..], &block.to_le_bytes()[..3], bytes].concat()
-    };
+    // The bytes of an array are all different, so most streams have one uncompressed block.
     let file = |count: usize, degree: u8, coefficients: usize| {
-        let lengths = [9, 1, 3, 3, 4, 3 * coefficients].map(|length| length * count);
-        let streams = lengths.into_iter().filter(|length| *length > 0);
-        let mut bytes = b"NGSP\x04\0\0\0".to_vec();
-        bytes.extend((count as u32).to_le_bytes());
-        bytes.extend([degree, 12, 0, streams.clone().count() as u8, 32, 0, 0, 0]);
-        bytes.extend([0; 12]);
-        let packed: Vec<Vec<u8>> = streams.clone().map(|length| frame(&vec![0x55; length])).collect();
-        for (packed, length) in packed.iter().zip(streams) {
-            bytes.extend((packed.len() as u64).to_le_bytes());
-            bytes.extend((length as u64).to_le_bytes());
-        }
-        bytes.extend(packed.concat());
-        bytes
+        let array = |length: usize| (0..length * count).map(|at| (97 * at + 0x55) as u8).collect();
+        spz_file::file(count as u32, (degree, 0), &[], &[9, 1, 3, 3, 4, 3 * coefficients].map(array))
     };
     let seeds = [(file(5, 0, 0), 112), (file(3, 3, 15), 128), (file(2, 4, 24), 128)];
     run("SPZ version 4", &seeds, 4 << 20, parse);

@@ -10,6 +10,8 @@ mod glb_file;
 mod numbers;
 #[path = "../../../tests/rad_file.rs"]
 mod rad_file;
+#[path = "../../../tests/spz_file.rs"]
+mod spz_file;
 
 /// Returns true for the long forms of tests (`./x test --long`).
 fn long() -> bool {

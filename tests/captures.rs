@@ -1,0 +1,18 @@
+//! Finds the captured scenes, and reports tests that are not run.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Reports that a test is not run. `println!` is not used: its output is hidden in tests that pass.
+pub fn not_run(test: &str, needs: &str) {
+    let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
+}
+
+/// Returns the folder of captured scenes in `SPLATGRAPH_DATA`; `None`, with a report, if there is none.
+pub fn captures(test: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
+    if folder.is_none() {
+        not_run(test, "captured scenes; set SPLATGRAPH_DATA");
+    }
+    folder
+}
