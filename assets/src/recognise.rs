@@ -1,7 +1,8 @@
 //! Recognises the format of a scene file by its first bytes, and describes files that are not scenes.
 
 use crate::error::SceneError;
-use crate::{gltf, ksplat, rad, sog, splat, spz, usd};
+use crate::scene::{FileNotes, Filter, SortKey};
+use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
 use std::path::Path;
 
 const MAGIC: &[(&[u8], &str)] = &[
@@ -114,13 +115,20 @@ impl SceneFormat {
         matching.max_by_key(|(_, end)| end.len()).map(|(format, _)| format)
     }
 
-    /// Returns true if the format stores a tag, given by its name in [`FileNotes::tags`](crate::FileNotes::tags).
-    pub fn keeps_tag(self, tag: &str) -> bool {
+    /// Returns the tags that a scene with the tags of `notes` has after it is written in this format and read back.
+    pub fn kept_tags(self, notes: FileNotes) -> FileNotes {
+        let none = FileNotes::default();
         match self {
-            Self::Ply | Self::CompressedPly => matches!(tag, "low_pass" | "up"),
-            Self::Spz | Self::Sog => tag == "low_pass",
-            Self::Gltf => tag == "key_of",
-            Self::Splat | Self::Ksplat | Self::Rad | Self::Usd => false,
+            Self::Ply | Self::CompressedPly => {
+                let up = notes.up.filter(|up| ply::axis(*up).is_some());
+                FileNotes { low_pass: notes.low_pass, up, ..none }
+            }
+            // These formats have one flag for all filters.
+            Self::Spz | Self::Sog if notes.is_antialiased() => {
+                FileNotes { low_pass: Filter::Compensated, ..none }
+            }
+            Self::Gltf => FileNotes { key_of: SortKey::Distance, ..none },
+            _ => none,
         }
     }
 

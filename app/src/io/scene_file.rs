@@ -127,11 +127,9 @@ impl Original {
         if to < from {
             losses.push(format!("harmonics: cut from degree {from} to {to}"));
         }
-        for (tag, value) in written.notes().tags() {
-            if !format.keeps_tag(tag) {
-                losses.push(format!("the tag {tag} {value}"));
-            }
-        }
+        let kept = format.kept_tags(written.notes()).tags();
+        let lost = written.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
+        losses.extend(lost.map(|(tag, value)| format!("the tag {tag} {value}")));
         if format == SceneFormat::Gltf && written.notes().key_of == SortKey::Depth {
             losses.push(
                 "the order by depth: the format only supports order by distance from the camera".into(),

@@ -334,7 +334,7 @@ impl Scene {
     ///
     /// # Errors
     /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), the format cannot store
-    /// the scene (SOG without splats, or SPZ with a coordinate beyond 8,388,607, for instance), or the format
+    /// the scene (SOG and glTF without splats, or SPZ with a coordinate beyond 8,388,607, for instance), or the format
     /// is not in [`SceneFormat::WRITTEN`].
     pub fn write(
         &self,
@@ -343,6 +343,10 @@ impl Scene {
         out: &mut impl Write,
     ) -> std::io::Result<()> {
         match format {
+            SceneFormat::Sog | SceneFormat::Gltf if self.count() == 0 => {
+                let text = "expected at least one splat, found none";
+                Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, text))
+            }
             SceneFormat::Ply => self.write_ply_to(out),
             SceneFormat::CompressedPly => ply::pack::write(self, out),
             SceneFormat::Spz => spz::write(self, SpzVersion::default(), out),

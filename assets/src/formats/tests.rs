@@ -1,7 +1,7 @@
 //! Tests of every format: values within its quantisation steps, damage refused, memory bounded.
 
 use super::*;
-use crate::scene::Splat;
+use crate::scene::{FileNotes, Filter, SortKey, Splat};
 use crate::testing::{captures, parse as read, written};
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -130,6 +130,39 @@ fn a_written_file_is_recognised_without_its_name_and_its_header_says_how_many_sp
         let header = SceneHeader::load(&path).unwrap();
         let loaded = Scene::load(&path, crate::QUIET).unwrap();
         assert_eq!((header.count, header.stored_degree), (300, loaded.stored_degree()), "{format:?}");
+    }
+}
+
+#[test]
+fn every_format_keeps_the_tags_that_it_says() {
+    let filters = [Filter::Dilated, Filter::Compensated, Filter::Mip];
+    let ups = [None, Some([1.0, 0.0, 0.0]), Some([0.6, -0.8, 0.0])];
+    let keys = [SortKey::Depth, SortKey::Distance];
+    let notes = filters.into_iter().flat_map(|low_pass| {
+        let of = move |up| keys.map(|key_of| FileNotes { low_pass, up, key_of, ..FileNotes::default() });
+        ups.into_iter().flat_map(of)
+    });
+    for notes in notes {
+        let scene = varied(3, 0).with_notes(notes);
+        for format in SceneFormat::WRITTEN {
+            let back = read(&written(&scene, format)).unwrap();
+            assert_eq!(back.notes(), format.kept_tags(notes), "{format:?} of {notes:?}");
+        }
+    }
+    let flag = FileNotes { low_pass: Filter::Compensated, ..FileNotes::default() };
+    for low_pass in [Filter::Compensated, Filter::Mip] {
+        let notes = FileNotes { low_pass, up: ups[1], ..FileNotes::default() };
+        let kept = [SceneFormat::Ply, SceneFormat::CompressedPly, SceneFormat::Spz, SceneFormat::Sog];
+        assert_eq!(kept.map(|format| format.kept_tags(notes)), [notes, notes, flag, flag]);
+    }
+}
+
+#[test]
+fn a_scene_without_splats_is_not_written_where_the_format_needs_one() {
+    let none = Scene::generate(0, 0, crate::testing::splat);
+    for format in [SceneFormat::Sog, SceneFormat::Gltf] {
+        let said = none.write(format, crate::QUIET, &mut Vec::new()).unwrap_err().to_string();
+        assert_eq!(said, "expected at least one splat, found none", "{format:?}");
     }
 }
 

@@ -25,3 +25,5 @@ mod tags;
 #[cfg(test)]
 mod tests;
 pub(crate) mod write;
+
+pub(crate) use tags::axis;

@@ -31,6 +31,11 @@ pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneE
     Ok(())
 }
 
+/// Returns the name of the axis that points `up`; `None` for a direction that PLY cannot store.
+pub(crate) fn axis(up: [f64; 3]) -> Option<&'static str> {
+    AXES.iter().find(|(_, axis)| *axis == up).map(|(name, _)| *name)
+}
+
 /// Formats the comments for the tags that PLY can store; empty for a scene without tags.
 pub(super) fn comments(notes: FileNotes) -> String {
     let filter = match notes.low_pass {
@@ -38,8 +43,8 @@ pub(super) fn comments(notes: FileNotes) -> String {
         Filter::Compensated => "comment antialiased 1\n",
         Filter::Mip => "comment SplatRenderMode: mip\n",
     };
-    let axis = AXES.iter().find(|(_, up)| Some(*up) == notes.up);
-    let axis = axis.map(|(name, _)| format!("comment vertical axis: {name}\n")).unwrap_or_default();
+    let axis = notes.up.and_then(axis);
+    let axis = axis.map(|name| format!("comment vertical axis: {name}\n")).unwrap_or_default();
     format!("{filter}{axis}")
 }
 
@@ -47,7 +52,7 @@ pub(super) fn comments(notes: FileNotes) -> String {
 mod tests {
     use super::*;
     use crate::scene::{Scene, SortKey};
-    use crate::testing::splat;
+    use crate::testing::{splat, written};
     use crate::{QUIET, SceneFormat};
 
     fn notes(comments: &[&str]) -> Result<FileNotes, SceneError> {
@@ -70,22 +75,8 @@ mod tests {
     }
 
     #[test]
-    fn tags_survive_both_layouts() {
-        for low_pass in [Filter::Compensated, Filter::Mip] {
-            let notes = FileNotes { low_pass, up: Some([1.0, 0.0, 0.0]), ..FileNotes::default() };
-            let scene = Scene::generate(3, 0, splat).with_notes(notes);
-            for format in [SceneFormat::Ply, SceneFormat::CompressedPly] {
-                let mut bytes = Vec::new();
-                scene.write(format, crate::QUIET, &mut bytes).unwrap();
-                assert_eq!(Scene::parse(&bytes, QUIET).unwrap().notes(), notes);
-            }
-        }
-    }
-
-    #[test]
     fn a_file_without_the_third_scale_is_named_as_2d() {
-        let mut bytes = Vec::new();
-        Scene::generate(3, 0, splat).write_ply_to(&mut bytes).unwrap();
+        let bytes = written(&Scene::generate(3, 0, splat), SceneFormat::Ply);
         let text = String::from_utf8_lossy(&bytes).replace("scale_2", "other_2");
         let said = Scene::parse(text.as_bytes(), QUIET).unwrap_err().to_string();
         assert!(said.contains("2D Gaussians (2DGS)"), "{said}");

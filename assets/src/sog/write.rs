@@ -76,11 +76,8 @@ fn rotation(quaternion: [f32; 4]) -> Texel {
     texel
 }
 
-/// Writes a scene. `progress` gets the number of palette entries found so far, and their total.
+/// Writes a scene of at least one splat. `progress` gets the number of palette entries found so far, and their total.
 pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> Result<()> {
-    if scene.count() == 0 {
-        return Err(Error::new(ErrorKind::InvalidInput, "expected at least one splat, found none"));
-    }
     let order: Vec<usize> = scene.morton_order().into_iter().map(|index| index as usize).collect();
     let width = ((order.len() as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4;
     let mut files = Files { zip: ZipWriter::new(Cursor::new(Vec::new())) };
