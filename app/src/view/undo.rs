@@ -196,7 +196,7 @@ impl History {
     }
 
     #[cfg(test)]
-    pub fn steps(&self) -> usize {
+    pub(in crate::view) fn steps(&self) -> usize {
         self.past.len()
     }
 
