@@ -11,3 +11,4 @@ pub mod progress;
 pub mod report;
 pub mod scene_file;
 pub mod timeline;
+pub mod uri;

@@ -1,13 +1,10 @@
 //! Converts positions and file names between the editor's form and the framework's.
 
+use crate::io::uri;
 use lsp_types::{Position, Uri};
-use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
+use percent_encoding::percent_decode_str;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-
-/// Bytes that are percent-encoded in a URI's path: all but the slash and RFC 3986's unreserved characters.
-const RESERVED: &AsciiSet =
-    &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
 
 /// Returns the path of a `file:` URI; `None` for a URI with another scheme, and for a path that is not UTF-8.
 pub fn path_of(uri: &Uri) -> Option<PathBuf> {
@@ -20,7 +17,8 @@ pub fn path_of(uri: &Uri) -> Option<PathBuf> {
 
 /// Returns the URI of an absolute path; `None` if the path is not UTF-8.
 pub fn uri_of(path: &Path) -> Option<Uri> {
-    Uri::from_str(&format!("file://{}", utf8_percent_encode(path.to_str()?, RESERVED))).ok()
+    path.to_str()?;
+    Uri::from_str(&format!("file://{}", uri::encoded(path))).ok()
 }
 
 /// Converts a position, in UTF-16 units, to a byte offset. A position after the end of its line gives the line's end,

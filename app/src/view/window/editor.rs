@@ -3,19 +3,18 @@
 //! `VISUAL` or `EDITOR` names the editor. An editor unknown to `command`, such as one that needs a terminal, is
 //! replaced by a `vscode://` link.
 
+use crate::draw::builtin;
+use crate::io::uri;
 use splatgraph_framework::ir::Origin;
 use std::env;
-use std::path::Path;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Fails if the file does not exist (it may be built into the program), or the editor cannot be started.
+/// Fails if the file cannot be found (it may be built into the program), or the editor cannot be started.
 pub fn open(origin: &Origin) -> Result<(), String> {
-    let path = Path::new(&origin.file);
-    let path = path.canonicalize().map_err(|_| {
-        format!("{} is built into the program: there is no file of that name to edit", origin.file)
-    })?;
-    let editor = ["VISUAL", "EDITOR"].iter().find_map(|name| env::var(name).ok()).unwrap_or_default();
-    let (program, arguments) = command(&editor, &path, origin);
+    let path = located(&origin.file)?;
+    let (program, arguments) = command(&chosen(|name| env::var(name).ok()), &path, origin);
     let started = Command::new(&program)
         .args(arguments)
         .stdin(Stdio::null())
@@ -26,6 +25,24 @@ pub fn open(origin: &Origin) -> Result<(), String> {
     // Reap the process when it ends.
     let _ = std::thread::Builder::new().name("editor".to_owned()).spawn(move || child.wait());
     Ok(())
+}
+
+fn located(file: &str) -> Result<PathBuf, String> {
+    Path::new(file).canonicalize().map_err(|error| {
+        let is_built_in = builtin::FILES.iter().any(|(path, _)| *path == file);
+        match error.kind() {
+            ErrorKind::NotFound if is_built_in => {
+                format!("{file} is built into the program: there is no file of that name to edit")
+            }
+            _ => format!("{file} cannot be opened: {error}"),
+        }
+    })
+}
+
+/// Returns the user's editor, from the variables that `variable` reads; empty if none is set.
+fn chosen(variable: impl Fn(&str) -> Option<String>) -> String {
+    let set = |name| variable(name).filter(|editor| !editor.trim().is_empty());
+    ["VISUAL", "EDITOR"].into_iter().find_map(set).unwrap_or_default()
 }
 
 fn command(editor: &str, path: &Path, origin: &Origin) -> (String, Vec<String>) {
@@ -46,7 +63,8 @@ fn command(editor: &str, path: &Path, origin: &Origin) -> (String, Vec<String>) 
         }
         _ => {
             let opener = if cfg!(target_vendor = "apple") { "open" } else { "xdg-open" };
-            return (opener.to_owned(), vec![format!("vscode://file{file}:{line}:{column}")]);
+            let link = format!("vscode://file{}:{line}:{column}", uri::encoded(path));
+            return (opener.to_owned(), vec![link]);
         }
     }
     (program, arguments)
@@ -68,5 +86,31 @@ mod tests {
         assert_eq!(of("/usr/bin/gvim"), "/usr/bin/gvim +7 /graphs/a.ron");
         assert!(of("vim").ends_with(" vscode://file/graphs/a.ron:7:3"), "vim needs a terminal");
         assert!(of("").ends_with(" vscode://file/graphs/a.ron:7:3"));
+    }
+    #[test]
+    fn a_link_encodes_what_a_uri_reserves() {
+        let origin = Origin { file: "a.ron".to_owned(), line: 7, column: 3 };
+        let (_, arguments) = command("", Path::new("/my graphs/50%#?.ron"), &origin);
+        assert_eq!(arguments, ["vscode://file/my%20graphs/50%25%23%3F.ron:7:3"]);
+    }
+
+    #[test]
+    fn an_empty_variable_does_not_hide_the_other() {
+        let of = |visual: &'static str, editor: &'static str| {
+            chosen(|name| Some(if name == "VISUAL" { visual } else { editor }.to_owned()))
+        };
+        assert_eq!(of("", "code"), "code");
+        assert_eq!(of("zed", "code"), "zed");
+        assert_eq!(of("", " "), "");
+        assert_eq!(chosen(|_| None), "");
+    }
+
+    #[test]
+    fn only_a_file_of_the_program_is_told_to_be_built_in() {
+        let error = located(builtin::FILES[0].0).unwrap_err();
+        assert!(error.contains("is built into the program"), "{error}");
+        let deleted = tempfile::tempdir().unwrap().path().join("gone.ron");
+        let error = located(&deleted.display().to_string()).unwrap_err();
+        assert!(error.contains("gone.ron cannot be opened: ") && !error.contains("built"), "{error}");
     }
 }
