@@ -6,6 +6,7 @@ mod faults;
 mod idle;
 mod placed;
 mod room;
+mod scenes;
 mod script;
 
 use splatgraph_framework::ir::{Format, Origin, Pass, PassId, Run, Shape, Source, Usage, Work};

@@ -71,15 +71,11 @@ impl<D: Device> Viewer<D> {
             return self.share_scene();
         }
         self.restored[opening::index(id)] = None;
-        self.follow_scenes(id, path);
-        if let Err(error) = self.opening.open_scene(id, path) {
-            self.events.push(Event::SceneFailed { path: path.to_owned(), error });
-        }
-    }
-
-    pub(super) fn follow_scenes(&mut self, id: RendererId, path: &Path) {
         if let Err(error) = self.placed.follow(id, path, &self.wake) {
             self.events.push(Event::Problem { text: format!("changes are not detected: {error}") });
+        }
+        if let Err(error) = self.opening.open_scene(id, path) {
+            self.events.push(Event::SceneFailed { path: path.to_owned(), error });
         }
     }
 
@@ -102,9 +98,14 @@ impl<D: Device> Viewer<D> {
     }
 
     /// Exchanges graphs, parameters and scenes of A and B, if there is a B. The camera stays at its place in the world.
+    ///
+    /// If B shares A's scene, it gets its own while another is being loaded for it: A shows that one once it is loaded.
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
         std::mem::swap(&mut self.a, b);
+        if self.other.is_none() && self.loading(RendererId::B).is_some() {
+            self.other = Some(self.subject.copied(self.wake.clone()));
+        }
         if let Some(other) = self.other.take() {
             let former = self.replace_subject(other);
             self.other = Some(former);
@@ -144,7 +145,7 @@ impl<D: Device> Viewer<D> {
             Content::Scene(id, Ok(scene), cameras) => {
                 let splats = scene.count();
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
-                let mut subject = Subject::new(*scene, path, self.wake.clone());
+                let mut subject = Subject::new(scene, path, self.wake.clone());
                 if let Some(marks) = self.marks_for(id, &subject)
                     && let Err(text) = subject.set_marks(marks)
                 {

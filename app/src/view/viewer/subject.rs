@@ -133,8 +133,8 @@ pub(super) struct Subject {
 }
 
 impl Subject {
-    pub fn new(scene: Scene, path: PathBuf, wake: Wake) -> Subject {
-        let MarkedScene { scene, catalog } = MarkedScene::of(Arc::new(scene));
+    pub fn new(scene: impl Into<Arc<Scene>>, path: PathBuf, wake: Wake) -> Subject {
+        let MarkedScene { scene, catalog } = MarkedScene::of(scene.into());
         Subject {
             whole: scene.clone(),
             scene,
@@ -145,6 +145,19 @@ impl Subject {
             finder: Latest::new("select", wake),
             searches: VecDeque::new(),
         }
+    }
+
+    /// Makes a subject of the same scene with the same marks, but without its searches.
+    pub fn copied(&self, wake: Wake) -> Subject {
+        let mut copy = Subject::new(self.whole.clone(), self.path.clone(), wake);
+        if self.maker.busy() {
+            // Without a thread that applies them, the copy has no marks.
+            let _ = copy.set_marks(self.marks.clone());
+        } else {
+            copy.marks = self.marks.clone();
+            copy.show(MarkedScene { scene: self.scene.clone(), catalog: self.catalog.clone() });
+        }
+        copy
     }
 
     pub fn marks(&self) -> &Marks {

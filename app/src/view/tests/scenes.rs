@@ -1,0 +1,31 @@
+//! Tests the scenes of A and B, on a device that executes nothing.
+
+use super::script::Script;
+use crate::draw::splat_set::SplatSet;
+use crate::view::events::RendererId;
+use crate::view::paint::Mode;
+use crate::view::viewer::Marks;
+use splatgraph_null::Config;
+
+#[test]
+fn a_scene_that_is_loaded_for_b_is_exchanged_with_its_graph() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    script.viewer().choose_compare(Mode::Split);
+    script.settle();
+    let (first, second) = (script.path("first.ply"), script.path("second.ply"));
+    let marks = Marks { hidden: SplatSet::from_iter([7]).into(), ..Marks::default() };
+    let viewer = script.viewer();
+    viewer.set_marks(RendererId::A, marks.clone());
+    viewer.open_scene_in(RendererId::B, &second);
+    viewer.exchange();
+    assert_eq!(viewer.loading(RendererId::A), Some(second.as_path()));
+    assert_eq!(viewer.loading(RendererId::B), None);
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_path_of(id)), [&first, &first]);
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.marks(id)), [&marks, &marks]);
+    script.settle();
+    let viewer = script.viewer();
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_path_of(id)), [&second, &first]);
+    assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_of(id).count()), [200, 99]);
+    script.close(&[]);
+}
