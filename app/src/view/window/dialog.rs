@@ -29,10 +29,15 @@ impl Dialog {
     }
 
     /// Opens the dialog in the folder of `near`, for any file or, with `cameras`, for cameras of this role. Does
-    /// nothing while it is open.
-    pub fn ask(&mut self, window: &winit::window::Window, near: &Path, cameras: Option<CameraRole>) {
-        if std::mem::replace(&mut self.is_open, true) {
-            return;
+    /// nothing while it is open. Fails if the system cannot start a thread.
+    pub fn ask(
+        &mut self,
+        window: &winit::window::Window,
+        near: &Path,
+        cameras: Option<CameraRole>,
+    ) -> Result<(), String> {
+        if self.is_open {
+            return Ok(());
         }
         let (title, filter, endings) = match cameras {
             None => ("Open a scene, a graph or cameras", "Scenes, graphs and cameras", openable()),
@@ -53,9 +58,10 @@ impl Dialog {
             let _ = sender.send(path);
             wake();
         };
-        if std::thread::Builder::new().name("dialog".to_owned()).spawn(work).is_err() {
-            self.is_open = false;
-        }
+        let thread = std::thread::Builder::new().name("dialog".to_owned()).spawn(work);
+        thread.map_err(|error| format!("no thread can be started to choose a file: {error}"))?;
+        self.is_open = true;
+        Ok(())
     }
 
     /// Takes the chosen file; `None` while the dialog is open, or if it was cancelled.

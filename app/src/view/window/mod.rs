@@ -524,7 +524,9 @@ impl Running {
 
     fn ask(&mut self, cameras: Option<CameraRole>) {
         let near = self.shell.viewer.scene_path();
-        self.window.with(|window| self.open.ask(window, near, cameras));
+        if let Err(text) = self.window.with(|window| self.open.ask(window, near, cameras)) {
+            self.shell.report(Event::Problem { text });
+        }
     }
 
     fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
