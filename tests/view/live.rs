@@ -180,14 +180,18 @@ fn another_graph_and_a_second_one_beside_it_share_the_camera() {
     twin.viewer.measure();
     let compared = twin.until("the comparison", |event| matches!(event, Event::Compared { .. }));
     assert!(
-        matches!(compared, Event::Compared { psnr, worst, .. } if psnr.is_infinite() && worst == 0.0),
+        matches!(compared, Event::Compared { psnr, worst, identical: true, .. } if psnr.is_infinite() && worst == 0.0),
         "{compared:?}"
     );
+    assert!(compared.to_string().ends_with(": identical"), "{compared}");
 
     choose(&mut twin, "unsorted");
     twin.viewer.measure();
     let compared = twin.until("the comparison", |event| matches!(event, Event::Compared { .. }));
-    assert!(matches!(compared, Event::Compared { psnr, .. } if psnr < 40.0), "{compared:?}");
+    assert!(
+        matches!(compared, Event::Compared { psnr, identical: false, .. } if psnr < 40.0),
+        "{compared:?}"
+    );
     twin.close();
 }
 

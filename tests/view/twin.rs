@@ -51,8 +51,7 @@ impl Twin {
 
     pub fn frame(&mut self) {
         self.viewer.frame(self.size);
-        let renderers = [Some(&self.viewer.a), self.viewer.b.as_ref()].into_iter().flatten();
-        for renderer in renderers.map(|viewport| &viewport.renderer) {
+        for renderer in self.viewer.viewports().map(|viewport| &viewport.renderer) {
             assert!(renderer.lost().is_none(), "{:?}", renderer.lost());
             assert!(renderer.trouble().is_none(), "a frame is drawn: {:?}", renderer.trouble());
         }

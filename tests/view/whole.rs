@@ -15,7 +15,6 @@ use splatgraph::draw::builtin;
 use splatgraph::draw::session::image_of;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
-use splatgraph::view::paint::Mode;
 use splatgraph::view::shell::{Frame, FrameRequest, Shell};
 use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
@@ -186,15 +185,13 @@ impl<D: Device> TestShell<D> {
         let request = FrameRequest { size: self.size, pixels_per_point, read, ..FrameRequest::default() };
         let frame = self.shell.frame(input, request);
         assert!(frame.lost.is_none(), "{:?}", frame.lost);
-        let viewports = [Some(&self.shell.viewer.a), self.shell.viewer.b.as_ref()].into_iter().flatten();
-        for renderer in viewports.map(|viewport| &viewport.renderer).chain([self.shell.window()]) {
+        let renderers = self.shell.viewer.viewports().map(|viewport| &viewport.renderer);
+        for renderer in renderers.chain([self.shell.window()]) {
             assert!(renderer.trouble().is_none(), "a frame is drawn: {:?}", renderer.trouble());
         }
         self.undrawn_windows += u64::from(window && !frame.drawn);
         let viewer = &self.shell.viewer;
-        let shown_b = viewer.b.as_ref().filter(|_| viewer.compare != Mode::A);
-        let viewports = [Some(&viewer.a), shown_b].into_iter().flatten();
-        self.due += viewports.filter(|viewport| viewport.renderer.draws(viewer.scene())).count() as u64;
+        self.due += viewer.shown().filter(|shown| shown.renderer.draws(viewer.scene())).count() as u64;
         self.events.extend(self.shell.take_events());
         let scene = self.shell.viewer.a.renderer.device_mut().expect("the device is not lost");
         common::assert_silent(scene, "a frame");
@@ -206,12 +203,7 @@ impl<D: Device> TestShell<D> {
     #[cfg(target_os = "linux")]
     pub fn drawn(&mut self) -> u64 {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let viewer = &self.shell.viewer;
-        [Some(&viewer.a), viewer.b.as_ref()]
-            .into_iter()
-            .flatten()
-            .map(|viewport| viewport.history.frames())
-            .sum()
+        self.shell.viewer.viewports().map(|viewport| viewport.history.frames()).sum()
     }
 
     /// Draws frames until `is_so`. Between frames, waits up to [`REST`] for news from other threads.
@@ -259,9 +251,8 @@ impl<D: Device> TestShell<D> {
         let mark = format!("{number}. ");
         self.until("the files as they are shipped", |viewer| {
             let shell = &viewer.shell;
-            let b = shell.viewer.b.as_ref().filter(|_| shell.viewer.compare != Mode::A);
-            let all = [Some(&shell.viewer.a.renderer), b.map(|b| &b.renderer), Some(shell.window())];
-            all.into_iter().flatten().all(|renderer| {
+            let shown = shell.viewer.shown().map(|viewport| &viewport.renderer);
+            shown.chain([shell.window()]).all(|renderer| {
                 renderer.failure().is_none()
                     && renderer.plan().is_some_and(|plan| plan.summary.starts_with(&mark))
             })

@@ -146,6 +146,8 @@ pub enum Event {
         ssim: Option<f64>,
         /// Largest difference in a colour channel, from 0 to 1.
         worst: f64,
+        /// True if the pictures are identical.
+        identical: bool,
     },
     /// The window's content has a new size or scale.
     Window {
@@ -246,9 +248,10 @@ impl fmt::Display for Event {
                 write!(f, "{}: {} splats, {} bytes", path.display(), count((*splats).into()), count(*bytes))?;
                 if lost.is_empty() { Ok(()) } else { write!(f, "; lost: {}", lost.join("; ")) }
             }
-            Event::Compared { psnr, ssim, worst } => {
+            Event::Compared { psnr, ssim, worst, identical } => {
                 write!(f, "A against B: {psnr:.2} dB PSNR, worst pixel {worst:.4}")?;
-                ssim.map_or(Ok(()), |ssim| write!(f, ", SSIM {ssim:.4}"))
+                ssim.map_or(Ok(()), |ssim| write!(f, ", SSIM {ssim:.4}"))?;
+                f.write_str(if *identical { ": identical" } else { "" })
             }
             Event::Window { width, height, pixels_per_point } => {
                 write!(f, "{width} x {height} pixels, {pixels_per_point} per point")

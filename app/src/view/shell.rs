@@ -13,7 +13,7 @@
 
 use super::events::{Event, RendererId};
 use super::history::History;
-use super::paint::{self, Composition, Mode, Painter};
+use super::paint::{self, Composition, Painter};
 use super::panels::{Command, Panels, theme};
 use super::profile::{self, zone};
 use super::renderer::{self, Failure, PlanInputs, Renderer, Wake};
@@ -181,13 +181,12 @@ impl<D: Device> Shell<D> {
     ///
     /// Covers A, B if it is shown, A's inspection, the window itself, and pictures that stay incomplete.
     pub fn problem(&self) -> Option<String> {
-        let Viewer { a, b, compare, .. } = &self.viewer;
-        let b = b.as_ref().filter(|_| *compare != Mode::A);
-        let in_part = [Some(a), b].into_iter().flatten().find_map(Viewport::stays_in_part);
-        let viewports = [Some(&a.renderer), b.map(|b| &b.renderer), Some(&self.canvas)];
-        let drawn = viewports.into_iter().flatten().find_map(|renderer| renderer.problem(false));
+        let viewer = &self.viewer;
+        let in_part = viewer.shown().find_map(Viewport::stays_in_part);
+        let renderers = viewer.shown().map(|viewport| &viewport.renderer);
+        let drawn = renderers.chain([&self.canvas]).find_map(|renderer| renderer.problem(false));
         let inspected =
-            a.inspection.as_ref().and_then(|inspection| inspection.found.as_ref()?.as_ref().err());
+            viewer.a.inspection.as_ref().and_then(|inspection| inspection.found.as_ref()?.as_ref().err());
         drawn.or_else(|| inspected.map(ToString::to_string).or(in_part).map(|text| format!("error: {text}")))
     }
 

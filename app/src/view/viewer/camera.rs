@@ -119,16 +119,6 @@ impl<D: Device> Viewer<D> {
         self.camera_files.save(self.path.keys(), path)
     }
 
-    /// Reads a `cameras.json` on another thread, and appends its cameras to the saved views.
-    pub fn open_views(&mut self, path: &Path) {
-        self.open_cameras_as(CameraRole::Views, path);
-    }
-
-    /// Reads a `cameras.json` on another thread, and replaces the path's keys with its cameras.
-    pub fn open_path(&mut self, path: &Path) {
-        self.open_cameras_as(CameraRole::Path, path);
-    }
-
     /// Reads cameras on another thread, to be used as `role`; reports an error as an event.
     pub(in crate::view) fn open_cameras_as(&mut self, role: CameraRole, path: &Path) {
         if let Err(error) = self.opening.open_cameras(role, path) {

@@ -3,7 +3,7 @@
 //! A comparison starts once both viewports draw the requested state. Its result is outdated when the camera or a
 //! setting has changed since.
 
-use super::parts::{Compared, Comparison, ComparisonResult, Side, Step};
+use super::parts::{Compared, Comparison, Side, Step};
 use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
 use crate::studies::metrics;
@@ -16,14 +16,14 @@ impl<D: Device> Viewer<D> {
     ///
     /// Does nothing without B, or while a comparison is in progress.
     pub fn measure(&mut self) {
-        if self.b.is_some() && self.comparing.step == Step::No {
+        if self.b.is_some() && !self.is_comparing() {
             self.comparing.step = Step::Waiting;
         }
     }
 
     /// Returns true from [`Viewer::measure`] until the result is known.
     pub fn is_comparing(&self) -> bool {
-        self.comparing.step != Step::No
+        self.comparing.step != Step::No || self.comparing.worker.busy()
     }
 
     /// Returns the newest comparison of A and B; `None` before the first, and after [`Viewer::forget_comparison`].
@@ -63,34 +63,28 @@ impl<D: Device> Viewer<D> {
         let asks = match self.comparing.step {
             Step::Waiting => self.b.is_none() || self.compare == Mode::A || !self.changes_soon(),
             // Until both reads are submitted, the camera may still move; the state is recorded again below.
-            Step::Reading => {
-                [Some(&self.a), self.b.as_ref()].into_iter().flatten().any(Viewport::wants_picture)
-            }
-            Step::No | Step::Computing => false,
+            Step::Reading => self.viewports().any(Viewport::wants_picture),
+            Step::No => false,
         };
         if !asks {
             return;
         }
         if self.comparing.step == Step::Waiting {
             self.comparing.step = Step::Reading;
-            for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
-                viewport.want_picture();
-            }
+            self.viewports_mut().for_each(Viewport::want_picture);
         }
         self.comparing.of = Some(self.compares_now());
     }
 
     pub(super) fn take_comparison(&mut self) {
-        while let Ok(result) = self.comparing.results.1.try_recv() {
-            self.comparing.step = Step::No;
-            match result {
-                Ok(found) => {
-                    let Comparison { psnr, ssim, worst, .. } = found;
-                    self.events.push(Event::Compared { psnr, ssim, worst });
-                    self.comparing.newest = self.comparing.of.take().map(|of| (found, of));
-                }
-                Err(error) => self.cannot_compare(&error),
+        match self.comparing.worker.take() {
+            Some(Ok(found)) => {
+                let Comparison { psnr, ssim, worst, .. } = found;
+                self.events.push(Event::Compared { psnr, ssim, worst, identical: psnr.is_infinite() });
+                self.comparing.newest = self.comparing.of.take().map(|of| (found, of));
             }
+            Some(Err(error)) => self.cannot_compare(&error),
+            None => {}
         }
     }
 
@@ -119,26 +113,19 @@ impl<D: Device> Viewer<D> {
         let (a, b) = match pictures {
             Ok(pictures) => pictures,
             Err(why) => {
-                for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
-                    viewport.forget_picture();
-                }
+                self.viewports_mut().for_each(Viewport::forget_picture);
                 return self.cannot_compare(&why);
             }
         };
-        self.comparing.step = Step::Computing;
-        let (done, wake) = (self.comparing.results.0.clone(), self.wake.clone());
-        let work = move || {
-            let _ = done.send(differences(&a, &b));
-            wake();
-        };
-        if let Err(error) = std::thread::Builder::new().name("compare".to_owned()).spawn(work) {
-            self.cannot_compare(&format!("no thread can be started: {error}"));
+        self.comparing.step = Step::No;
+        if let Err(error) = self.comparing.worker.start(move |_| Some(differences(&a, &b))) {
+            self.cannot_compare(&error);
         }
     }
 }
 
 /// Computes the differences of two pictures, in display-encoded colours clamped to 0..1.
-fn differences(a: &Pixels, b: &Pixels) -> ComparisonResult {
+fn differences(a: &Pixels, b: &Pixels) -> Result<Comparison, String> {
     let image = |pixels| image_of(pixels).ok_or("the output has no colours");
     let (a, b) = (image(a)?.clamped(), image(b)?.clamped());
     let found = metrics::compare(&a, &b).map_err(|error| error.to_string())?;

@@ -165,7 +165,7 @@ impl<D: Device> Viewer<D> {
             opening: Opening::new(wake.clone()),
             placed,
             cameras_number: 0,
-            comparing: Comparing::default(),
+            comparing: Comparing::new(wake.clone()),
             copy: CopyLimit::Unknown,
             events: Vec::new(),
             wake,
@@ -193,28 +193,42 @@ impl<D: Device> Viewer<D> {
             viewport.renderer.busy() || viewport.renderer.may_grow() || viewport.is_coming()
         };
         let scenes = [Some(&self.subject), self.other.as_ref()];
-        self.shown().any(busy) || self.opening.busy() || scenes.into_iter().flatten().any(Subject::busy)
+        self.drawing().any(busy) || self.opening.busy() || scenes.into_iter().flatten().any(Subject::busy)
+    }
+
+    /// Iterates over A, and B after the first comparison.
+    pub fn viewports(&self) -> impl Iterator<Item = &Viewport<D>> {
+        [Some(&self.a), self.b.as_ref()].into_iter().flatten()
+    }
+
+    fn viewports_mut(&mut self) -> impl Iterator<Item = &mut Viewport<D>> {
+        [Some(&mut self.a), self.b.as_mut()].into_iter().flatten()
+    }
+
+    /// Iterates over A, and B unless it is hidden.
+    pub fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
+        let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
+        [Some(&self.a), b].into_iter().flatten()
     }
 
     /// Iterates over A, B, and the viewport of the copy measurement while it runs.
     fn all(&self) -> impl Iterator<Item = &Viewport<D>> {
-        [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten()
+        self.viewports().chain(self.copy.viewport())
     }
 
-    /// Iterates over A, B unless it is hidden, and the viewport of the copy measurement while it runs.
-    fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
-        let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
-        [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
+    /// Iterates over the shown viewports, and the viewport of the copy measurement while it runs.
+    fn drawing(&self) -> impl Iterator<Item = &Viewport<D>> {
+        self.shown().chain(self.copy.viewport())
     }
 
     /// Returns true if frames are drawn continuously: on request, for a measurement, or because they may differ for
     /// equal inputs.
     pub(super) fn is_animated(&self) -> bool {
-        self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
+        self.continuous || self.is_measuring_copy() || self.drawing().any(Viewport::is_animated)
     }
 
     pub(super) fn waits(&self) -> bool {
-        self.shown().any(Viewport::waits)
+        self.drawing().any(Viewport::waits)
     }
 
     /// Returns a counter of changes that panels show: finished frames, and [`Renderer::changes`].
@@ -229,7 +243,7 @@ impl<D: Device> Viewer<D> {
             let retry = viewport.renderer.retry().filter(|_| viewport.waits());
             [viewport.renderer.next(), retry]
         };
-        self.shown().flat_map(of).flatten().min()
+        self.drawing().flat_map(of).flatten().min()
     }
 
     /// Takes the results of finished frames; see [`renderer::frames::collect`].
@@ -238,9 +252,8 @@ impl<D: Device> Viewer<D> {
         let mut renderers: Vec<_> =
             all.into_iter().flatten().map(|viewport| &mut viewport.renderer).collect();
         let ready = renderer::frames::collect(&mut renderers, patience);
-        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
-            viewport.collect(self.to_host);
-        }
+        let to_host = self.to_host;
+        self.viewports_mut().for_each(|viewport| viewport.collect(to_host));
         if let Some(viewport) = self.copy.viewport_mut() {
             viewport.collect(false);
         }
@@ -295,7 +308,7 @@ impl<D: Device> Viewer<D> {
                     viewport.renderer.choose(&path.to_string_lossy(), IndexMap::new());
                 }
             }
-            "json" => self.open_cameras(path),
+            "json" => self.open_cameras_as(CameraRole::Selectable, path),
             _ if SceneFormat::of_name(path).is_some() => self.open_scene_in(id, path),
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
@@ -304,11 +317,6 @@ impl<D: Device> Viewer<D> {
                         .into(),
             }),
         }
-    }
-
-    /// Loads selectable cameras on another thread, and then selects the first.
-    pub fn open_cameras(&mut self, path: &Path) {
-        self.open_cameras_as(CameraRole::Selectable, path);
     }
 
     fn take_cameras(&mut self, role: CameraRole, path: PathBuf, cameras: Result<Vec<Camera>, String>) {
@@ -433,23 +441,19 @@ impl<D: Device> Viewer<D> {
 
     /// Returns the error that lost the device; `None` while it works, and after [`Viewer::release`].
     pub fn lost(&self) -> Option<&BackendError> {
-        self.a.renderer.lost().or_else(|| self.b.as_ref()?.renderer.lost())
+        self.viewports().find_map(|viewport| viewport.renderer.lost())
     }
 
     /// Drops the lost device and everything on it. The scene stays in host memory.
     pub fn release(&mut self) {
         // The copy limit must be measured again on the next device.
         self.copy = CopyLimit::Unknown;
-        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
-            viewport.release();
-        }
+        self.viewports_mut().for_each(Viewport::release);
     }
 
     /// Suspends builds until something changes; see [`Renderer::hold`].
     pub fn hold(&mut self, loss: &str) {
-        for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
-            viewport.renderer.hold(loss);
-        }
+        self.viewports_mut().for_each(|viewport| viewport.renderer.hold(loss));
     }
 
     /// Returns true once no build holds the released device.

@@ -1,12 +1,13 @@
 //! Defines the state of a comparison, and of the measurement of the copy limit.
 
 use crate::draw::facts;
+use crate::view::latest::Latest;
 use crate::view::navigation::Navigation;
+use crate::view::renderer::Wake;
 use crate::view::viewport::Viewport;
 use indexmap::IndexMap;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// Creates the navigation for a scene without cameras, with the whole scene in view.
 pub(super) fn at_start(scene: &Scene) -> Navigation {
@@ -52,23 +53,19 @@ pub(super) enum Step {
     Waiting,
     /// The pictures are being read back.
     Reading,
-    /// Another thread is computing the differences.
-    Computing,
 }
-
-pub(super) type ComparisonResult = Result<Comparison, String>;
 
 pub(super) struct Comparing {
     pub step: Step,
-    pub results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
+    pub worker: Latest<Result<Comparison, String>>,
     pub newest: Option<(Comparison, Compared)>,
     /// Inputs of the comparison in progress.
     pub of: Option<Compared>,
 }
 
-impl Default for Comparing {
-    fn default() -> Comparing {
-        Comparing { step: Step::No, results: channel(), newest: None, of: None }
+impl Comparing {
+    pub fn new(wake: Wake) -> Comparing {
+        Comparing { step: Step::No, worker: Latest::new("compare", wake), newest: None, of: None }
     }
 }
 
