@@ -141,11 +141,6 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Returns a statistic of the graph by its name.
-    pub fn stat(&self, name: &str) -> Option<u32> {
-        self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
-    }
-
     /// Describes the fallback that is drawn because the device does not meet the graph's requirements; `None` if the
     /// graph itself is drawn.
     pub fn fallback(&self) -> Option<String> {

@@ -2,7 +2,7 @@
 
 use super::Renderer;
 use super::events::{Cause, Failure};
-use super::state::{BuildState, DeviceState};
+use super::state::{BuildState, DeviceState, Fault};
 use splatgraph_api::{BackendError, Device, DeviceInfo};
 use splatgraph_framework::reload::LastGood;
 use std::time::Instant;
@@ -10,12 +10,12 @@ use std::time::Instant;
 impl<D: Device> Renderer<D> {
     /// Returns the device, even if it is lost; `None` between [`Renderer::release`] and [`Renderer::give`].
     pub fn device(&self) -> Option<&D> {
-        self.device.device()
+        self.device.device.as_ref()
     }
 
     /// Returns the device, for changes that do not affect a plan; `None` as for [`Renderer::device`].
     pub fn device_mut(&mut self) -> Option<&mut D> {
-        self.device.device_mut()
+        self.device.device.as_mut()
     }
 
     /// Returns the device's description, which stays available after a loss.
@@ -31,15 +31,15 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the error that lost the device or its window surface; `None` also after [`Renderer::release`].
     pub fn lost(&self) -> Option<&BackendError> {
-        match &self.device {
-            DeviceState::Lost { error, .. } => Some(error),
+        match &self.device.fault {
+            Some(Fault::Lost(error)) => Some(error),
             _ => None,
         }
     }
 
     /// Drops the lost device with its plan and its frames in flight, whose results are lost. Graph and settings stay.
     pub fn release(&mut self) {
-        self.device = DeviceState::Released;
+        self.device = DeviceState::new(None);
         self.epoch += 1;
         self.changes += 1;
         self.forgot |= !self.in_flight.is_empty();
@@ -56,13 +56,13 @@ impl<D: Device> Renderer<D> {
     /// Returns true once no build holds the released device.
     pub fn is_released(&mut self) -> bool {
         self.take_builds();
-        self.device.device().is_none() && self.jobs.is_empty()
+        self.device.device.is_none() && self.jobs.is_empty()
     }
 
     /// Continues on another device after [`Renderer::release`], and builds the plan again.
     pub fn give(&mut self, device: D) {
         self.info = device.info().clone();
-        self.device = DeviceState::Drawing(device);
+        self.device = DeviceState::new(Some(device));
     }
 
     /// Suspends builds until files, parameters, graph or scene change; `loss` is shown as the reason.
@@ -74,6 +74,6 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the device, even if it is lost; `None` if it was released.
     pub fn into_device(self) -> Option<D> {
-        self.device.into_device()
+        self.device.device
     }
 }

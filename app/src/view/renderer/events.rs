@@ -1,13 +1,14 @@
 //! Defines the causes of building a plan, and the events that report the results.
 
 use crate::draw::planner::GraphErrors;
+use indexmap::IndexSet;
 use serde::{Serialize, Serializer};
 use splatgraph_api::{BackendError, Recovery};
 use std::fmt;
 use std::path::PathBuf;
 
 /// A cause of a build.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Cause {
     /// There is no plan yet.
     Start,
@@ -53,7 +54,7 @@ impl fmt::Display for Cause {
 
 /// Causes of a build without duplicates, in the order of the changes. In JSON, they are a list of texts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Causes(Vec<Cause>);
+pub struct Causes(IndexSet<Cause>);
 
 impl Causes {
     /// Returns true if `cause` is among the causes.
@@ -67,11 +68,7 @@ impl Causes {
     }
 
     pub(super) fn add(&mut self, later: Causes) {
-        for cause in later.0 {
-            if !self.contains(&cause) {
-                self.0.push(cause);
-            }
-        }
+        self.0.extend(later.0);
     }
 
     /// Returns true if there are causes, and all are overflowed lists.
@@ -87,15 +84,13 @@ impl Causes {
 
 impl From<Cause> for Causes {
     fn from(cause: Cause) -> Causes {
-        Causes(vec![cause])
+        Causes(IndexSet::from([cause]))
     }
 }
 
 impl FromIterator<Cause> for Causes {
     fn from_iter<I: IntoIterator<Item = Cause>>(all: I) -> Causes {
-        let mut causes = Causes::default();
-        all.into_iter().for_each(|cause| causes.add(cause.into()));
-        causes
+        Causes(all.into_iter().collect())
     }
 }
 

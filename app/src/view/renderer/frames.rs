@@ -1,7 +1,7 @@
 //! Manages a renderer's frames in flight: submission, bounded waits, and results.
 
 use super::events::{RendererEvent, Swap};
-use super::state::{DeviceState, RETRY};
+use super::state::{Fault, RETRY};
 use super::{FinishedFrame, FrameInFlight, PendingSwap, Renderer};
 use crate::view::profile::zone;
 use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recovery, Running};
@@ -23,12 +23,12 @@ impl<D: Device> Renderer<D> {
     /// The device fails. The caller passes the error to [`Renderer::report`], unless it retries with other inputs.
     pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
         let Some(plan) = self.state.good().cloned() else { return Ok(false) };
-        let waits = match self.device {
-            DeviceState::Drawing(_) => false,
-            DeviceState::Failing { retry, .. } => self.now < retry,
-            DeviceState::Lost { .. } | DeviceState::Released => true,
+        let waits = match self.device.fault {
+            None => false,
+            Some(Fault::Failing { retry, .. }) => self.now < retry,
+            Some(Fault::Lost(_)) => true,
         };
-        if waits || self.paused {
+        if waits || self.paused || self.device.device.is_none() {
             return Ok(false);
         }
         if self.in_flight.len() == FRAMES_IN_FLIGHT && !self.wait_for_oldest(self.patience)? {
@@ -37,7 +37,7 @@ impl<D: Device> Renderer<D> {
         zone!("submit");
         let inspected = inputs.inspect.clone();
         let inputs = FrameInputs { live: self.live(&plan), ..inputs };
-        let Some(device) = self.device.device_mut() else { return Ok(false) };
+        let Some(device) = &mut self.device.device else { return Ok(false) };
         let frame = device.submit(&inputs)?;
         self.changes += u64::from(self.device.recover());
         self.redraw = false;
@@ -114,20 +114,19 @@ impl<D: Device> Renderer<D> {
         else {
             return Ok(true);
         };
-        let is_first = first.is_some();
         if let Some(PendingSwap { swap, asked }) = first {
             let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
             self.events.push(RendererEvent::Swapped(Swap { latency_ms, ..swap }));
         }
         let short = self.make_room(&plan, &result);
-        self.done.push(FinishedFrame { result, plan, first: is_first, inspected, short, number });
+        self.done.push(FinishedFrame { result, plan, inspected, short, number });
         Ok(true)
     }
 
     /// Waits for the frame in flight at this index, and stores its result; returns true if it is finished.
     fn wait_for(&mut self, index: usize, patience: Duration) -> Result<bool, BackendError> {
         let reads_block = self.reads_block();
-        let (Some(device), Some(frame)) = (self.device.device_mut(), self.in_flight.get_mut(index)) else {
+        let (Some(device), Some(frame)) = (&mut self.device.device, self.in_flight.get_mut(index)) else {
             return Ok(true);
         };
         let end = Instant::now() + patience;

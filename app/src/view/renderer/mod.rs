@@ -35,7 +35,7 @@ use splatgraph_framework::ir::{ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, WatchError, WatchKind, Watcher};
-use state::{BuildState, Crowded, DeviceState, PendingBuild, ends_device};
+use state::{BuildState, Crowded, DeviceState, Fault, PendingBuild, ends_device};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -53,8 +53,6 @@ pub struct FinishedFrame {
     pub result: FrameResult,
     /// Plan that the frame was drawn with.
     pub plan: Arc<Plan>,
-    /// True for the first frame of its plan.
-    pub first: bool,
     /// Inspections that the frame read, in the order of the result's contents.
     pub inspected: Vec<Inspect>,
     /// Lists that overflowed in the frame, with their capacities.
@@ -151,7 +149,7 @@ impl<D: Device> Renderer<D> {
             patience: PATIENCE,
             paused: false,
             info: device.info().clone(),
-            device: DeviceState::Drawing(device),
+            device: DeviceState::new(Some(device)),
             epoch: 0,
             graph: graph.to_owned(),
             set: set.iter().cloned().collect(),
@@ -194,8 +192,8 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the error of the last attempt to draw a frame; `None` if it succeeded, or if the device is lost.
     pub fn trouble(&self) -> Option<&BackendError> {
-        match &self.device {
-            DeviceState::Failing { error, .. } => Some(error),
+        match &self.device.fault {
+            Some(Fault::Failing { error, .. }) => Some(error),
             _ => None,
         }
     }
@@ -290,8 +288,8 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the time of the next attempt to draw after a [`Renderer::trouble`]; `None` without one.
     pub(super) fn retry(&self) -> Option<Instant> {
-        match self.device {
-            DeviceState::Failing { retry, .. } => Some(retry),
+        match self.device.fault {
+            Some(Fault::Failing { retry, .. }) => Some(retry),
             _ => None,
         }
     }
@@ -398,7 +396,7 @@ impl<D: Device> Renderer<D> {
         // A picture without pixels cannot be drawn; the previous plan stays.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
-            && let Some(device) = self.device.device()
+            && let Some(device) = &self.device.device
             && let Some(PendingBuild { causes, asked, .. }) = self.build.begin()
         {
             self.asked = Some(inputs.clone());
@@ -481,7 +479,7 @@ impl<D: Device> Renderer<D> {
             }
             Err(failure) => return self.refuse(&built.causes, failure),
         };
-        let Some(device) = self.device.device_mut() else { return };
+        let Some(device) = &mut self.device.device else { return };
         if let Err(error) = device.swap(ready) {
             return self.refuse(&built.causes, Failure::Backend(error));
         }

@@ -40,70 +40,35 @@ impl PlanInputs {
     }
 }
 
-pub(super) enum DeviceState<D> {
-    /// The device draws frames.
-    Drawing(D),
+pub(super) struct DeviceState<D> {
+    /// `None` after the device was released, until it is replaced. A lost device is kept until it is released.
+    pub device: Option<D>,
+    pub fault: Option<Fault>,
+}
+
+pub(super) enum Fault {
     /// The last frame failed. The next is drawn no earlier than `retry`.
-    Failing { device: D, error: BackendError, retry: Instant },
-    /// The device or its window surface is lost. The device is kept until it is released.
-    Lost { device: D, error: BackendError },
-    /// The device was released after a loss, and has not been replaced yet.
-    Released,
+    Failing { error: BackendError, retry: Instant },
+    /// The device or its window surface is lost.
+    Lost(BackendError),
 }
 
 impl<D> DeviceState<D> {
-    pub fn device(&self) -> Option<&D> {
-        match self {
-            DeviceState::Drawing(device)
-            | DeviceState::Failing { device, .. }
-            | DeviceState::Lost { device, .. } => Some(device),
-            DeviceState::Released => None,
-        }
-    }
-
-    pub fn device_mut(&mut self) -> Option<&mut D> {
-        match self {
-            DeviceState::Drawing(device)
-            | DeviceState::Failing { device, .. }
-            | DeviceState::Lost { device, .. } => Some(device),
-            DeviceState::Released => None,
-        }
-    }
-
-    pub fn into_device(self) -> Option<D> {
-        match self {
-            DeviceState::Drawing(device)
-            | DeviceState::Failing { device, .. }
-            | DeviceState::Lost { device, .. } => Some(device),
-            DeviceState::Released => None,
-        }
+    pub fn new(device: Option<D>) -> DeviceState<D> {
+        DeviceState { device, fault: None }
     }
 
     /// Records an error: the device becomes lost, or the next frame waits until `retry`. A loss is permanent.
     pub fn fail(&mut self, error: BackendError, retry: Instant) {
-        *self = match std::mem::replace(self, DeviceState::Released) {
-            DeviceState::Drawing(device) | DeviceState::Failing { device, .. } if ends_device(&error) => {
-                DeviceState::Lost { device, error }
-            }
-            DeviceState::Drawing(device) | DeviceState::Failing { device, .. } => {
-                DeviceState::Failing { device, error, retry }
-            }
-            other => other,
-        };
+        if self.device.is_some() && !matches!(self.fault, Some(Fault::Lost(_))) {
+            self.fault =
+                Some(if ends_device(&error) { Fault::Lost(error) } else { Fault::Failing { error, retry } });
+        }
     }
 
     /// Clears the failure of the last frame; returns true if there was one.
     pub fn recover(&mut self) -> bool {
-        match std::mem::replace(self, DeviceState::Released) {
-            DeviceState::Failing { device, .. } => {
-                *self = DeviceState::Drawing(device);
-                true
-            }
-            other => {
-                *self = other;
-                false
-            }
-        }
+        self.fault.take_if(|fault| matches!(fault, Fault::Failing { .. })).is_some()
     }
 }
 
