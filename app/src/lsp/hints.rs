@@ -24,7 +24,7 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
             found.entry(declared).or_insert(passes);
         }
     }
-    let hint = |((line, _), passes): ((u32, u32), Vec<&DumpPass>)| {
+    let of_passes = |((line, _), passes): ((u32, u32), Vec<&DumpPass>)| {
         let waiting: Vec<&&DumpPass> = passes.iter().filter(|pass| !pass.barriers.is_empty()).collect();
         let first = waiting.first()?;
         let mut label = format!("waits for {}", after(first).join(", "));
@@ -37,18 +37,23 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
             lines.extend(barrier.dependencies.iter().map(|d| dump::cause_line(barrier, d)));
         }
         let width = text.lines().nth(line as usize - 1)?.encode_utf16().count() as u32;
-        Some(InlayHint {
-            position: Position { line: line - 1, character: width },
-            label: InlayHintLabel::String(label),
-            kind: None,
-            text_edits: None,
-            tooltip: Some(InlayHintTooltip::String(format!("{}\n{}", first.name, lines.join("\n")))),
-            padding_left: Some(true),
-            padding_right: None,
-            data: None,
-        })
+        let position = Position { line: line - 1, character: width };
+        Some(hint(position, label, Some(format!("{}\n{}", first.name, lines.join("\n")))))
     };
-    found.into_iter().filter_map(hint).collect()
+    found.into_iter().filter_map(of_passes).collect()
+}
+
+fn hint(position: Position, label: String, tooltip: Option<String>) -> InlayHint {
+    InlayHint {
+        position,
+        label: InlayHintLabel::String(label),
+        kind: None,
+        text_edits: None,
+        tooltip: tooltip.map(InlayHintTooltip::String),
+        padding_left: Some(true),
+        padding_right: None,
+        data: None,
+    }
 }
 
 /// Lists the passes that a pass's barriers wait for, and the layout transitions without an earlier writer.
@@ -74,15 +79,5 @@ pub fn within(hints: Vec<InlayHint>, first: u32, last: u32) -> Vec<InlayHint> {
 
 /// Makes a hint for each value of a `let`. The hint follows the expression, at the given byte offset.
 pub fn values(text: &str, lets: impl Iterator<Item = (usize, String)>) -> Vec<InlayHint> {
-    let hint = |(end, value): (usize, String)| InlayHint {
-        position: text::position_of(text, end),
-        label: InlayHintLabel::String(format!("= {value}")),
-        kind: None,
-        text_edits: None,
-        tooltip: None,
-        padding_left: Some(true),
-        padding_right: None,
-        data: None,
-    };
-    lets.map(hint).collect()
+    lets.map(|(end, value)| hint(text::position_of(text, end), format!("= {value}"), None)).collect()
 }

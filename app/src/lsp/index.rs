@@ -383,11 +383,7 @@ impl Index {
             }
             know(capital, Form::Macro);
         }
-        let mut seen = BTreeSet::new();
-        let mut waiting: Vec<FileId> = self.graphs[&file].shaders.values().copied().collect();
-        while let Some(shader) = waiting.pop() {
-            let Some(read) = self.shaders.get(&shader).filter(|_| seen.insert(shader)) else { continue };
-            waiting.extend(&read.includes);
+        for (shader, read) in self.with_includes(self.graphs[&file].shaders.values().copied()) {
             for word in &read.words {
                 let Word::Name(range) = word else { continue };
                 if let Some((length, form, declarations)) = known.get(&self.paths[&shader].1[range.clone()]) {
@@ -400,18 +396,31 @@ impl Index {
 
     /// Finds the first occurrence of a name, usually its declaration, in a shader or else in its includes.
     fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
-        let mut seen = BTreeSet::new();
-        let mut waiting = vec![shader];
-        while let Some(shader) = waiting.pop() {
-            let Some(read) = self.shaders.get(&shader).filter(|_| seen.insert(shader)) else { continue };
-            waiting.extend(&read.includes);
+        self.with_includes([shader]).find_map(|(shader, read)| {
             let (path, text) = &self.paths[&shader];
-            let is_name = |word: &&Word| matches!(word, Word::Name(range) if text[range.clone()] == *name);
-            if let Some(Word::Name(range)) = read.words.iter().find(is_name) {
-                return Some(Place { file: path.clone(), start: range.start, end: range.end });
+            let range = read.words.iter().find_map(|word| match word {
+                Word::Name(range) if text[range.clone()] == *name => Some(range),
+                _ => None,
+            })?;
+            Some(Place { file: path.clone(), start: range.start, end: range.end })
+        })
+    }
+
+    /// Iterates over shaders and the files that they include, directly or not, each once.
+    fn with_includes(
+        &self,
+        shaders: impl IntoIterator<Item = FileId>,
+    ) -> impl Iterator<Item = (FileId, &Shader)> {
+        let mut seen = BTreeSet::new();
+        let mut waiting: Vec<FileId> = shaders.into_iter().collect();
+        std::iter::from_fn(move || {
+            loop {
+                let shader = waiting.pop()?;
+                let Some(read) = self.shaders.get(&shader).filter(|_| seen.insert(shader)) else { continue };
+                waiting.extend(&read.includes);
+                return Some((shader, read));
             }
-        }
-        None
+        })
     }
 
     fn at(&self, path: &str, offset: usize) -> Option<(&(FileId, usize), &Found)> {
@@ -463,10 +472,10 @@ impl Index {
         loop {
             let before = users.len();
             for (file, graph) in &self.graphs {
-                let names = |named: &FileId| users.contains(named) || changed.contains(&self.paths[named].0);
-                let is_user = changed.contains(&self.paths[file].0)
-                    || graph.graphs.values().any(names)
-                    || graph.shaders.values().any(|shader| self.includes_any(*shader, changed));
+                let changes = |file: &FileId| changed.contains(&self.paths[file].0);
+                let is_user = changes(file)
+                    || graph.graphs.values().any(|named| users.contains(named) || changes(named))
+                    || self.with_includes(graph.shaders.values().copied()).any(|(file, _)| changes(&file));
                 if is_user {
                     users.insert(*file);
                 }
@@ -475,20 +484,6 @@ impl Index {
                 return users.iter().map(|file| self.paths[file].0.clone()).collect();
             }
         }
-    }
-
-    fn includes_any(&self, shader: FileId, changed: &BTreeSet<String>) -> bool {
-        let mut seen = BTreeSet::new();
-        let mut waiting = vec![shader];
-        while let Some(shader) = waiting.pop() {
-            if changed.contains(&self.paths[&shader].0) {
-                return true;
-            }
-            if seen.insert(shader) {
-                waiting.extend(self.shaders.get(&shader).into_iter().flat_map(|shader| &shader.includes));
-            }
-        }
-        false
     }
 
     /// Returns the text of a file; `None` if the index did not read it.
