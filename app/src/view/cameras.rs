@@ -8,6 +8,7 @@ use splatgraph_assets::Camera;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
+use std::iter;
 use std::path::{Path, PathBuf};
 
 /// The user's saved views. A view's name is its camera's `img_name`, and is unique.
@@ -24,17 +25,9 @@ impl Views {
 
     /// Adds a view at the end, and returns its index. A name already in use gets a number; an empty one becomes `view`.
     pub fn add(&mut self, name: &str, camera: Camera) -> usize {
-        let img_name = self.free_name(name, None);
+        let img_name = self.free_name(name);
         self.list.push(Camera { img_name, ..camera });
         self.list.len() - 1
-    }
-
-    /// Renames a view, by the rules of [`Views::add`]; does nothing if there is no view at this index.
-    pub fn rename(&mut self, index: usize, name: &str) {
-        let name = self.free_name(name, Some(index));
-        if let Some(view) = self.list.get_mut(index) {
-            view.img_name = name;
-        }
     }
 
     /// Removes the view at this index, if there is one.
@@ -44,20 +37,11 @@ impl Views {
         }
     }
 
-    /// Makes a name that no view other than `own` has.
-    fn free_name(&self, name: &str, own: Option<usize>) -> String {
+    fn free_name(&self, name: &str) -> String {
         let name = Some(name.trim()).filter(|name| !name.is_empty()).unwrap_or("view");
-        let taken = |name: &str| {
-            self.list.iter().enumerate().any(|(i, view)| Some(i) != own && view.img_name == name)
-        };
-        let mut free = name.to_owned();
-        for number in 2.. {
-            if !taken(&free) {
-                break;
-            }
-            free = format!("{name} {number}");
-        }
-        free
+        let taken = |name: &str| self.list.iter().any(|view| view.img_name == name);
+        let numbered = (2u64..).map(|number| format!("{name} {number}"));
+        iter::once(name.to_owned()).chain(numbered).find(|name| !taken(name)).unwrap_or_default()
     }
 }
 
@@ -154,14 +138,10 @@ mod tests {
             views.add(name, camera(0.0));
         }
         assert_eq!(names(&views), ["front", "front 2", "view", "front 3", "view 2", "front 2 2"]);
-        views.rename(0, "front");
-        views.rename(3, "view");
-        views.rename(9, "x");
-        assert_eq!(names(&views), ["front", "front 2", "view", "view 3", "view 2", "front 2 2"]);
         views.remove(1);
         views.remove(9);
         assert_eq!(views.add("front 2", camera(7.0)), 5);
-        assert_eq!(names(&views), ["front", "view", "view 3", "view 2", "front 2 2", "front 2"]);
+        assert_eq!(names(&views), ["front", "view", "front 3", "view 2", "front 2 2", "front 2"]);
         assert_eq!(views.list()[5].position, camera(7.0).position);
     }
 

@@ -245,7 +245,7 @@ impl Navigation {
     /// Creates a navigation that starts at the camera `start`.
     ///
     /// `bounds` is the box around most of the scene's splats ([`splatgraph_assets::Scene::robust_bounds`]). `up` is
-    /// [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`].
+    /// [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`], which also replaces a vector without a direction.
     pub fn new(bounds: &Bounds, start: &Camera, up: DVec3) -> Navigation {
         let pose = Pose {
             position: DVec3::ZERO,
@@ -255,41 +255,28 @@ impl Navigation {
             distance: 1.0,
             projection: Projection::Pinhole,
         };
+        let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
+        let bounds = if finite { *bounds } else { Bounds::ORIGIN };
+        // A single point has no size. Beyond these limits, squares overflow f32 or lose digits.
+        let scale = match bounds.extent() {
+            extent if extent > 0.0 => extent.clamp(1e-12, 1e18),
+            _ => 1.0,
+        };
         let mut navigation = Navigation {
             pose,
             unmoved: None,
             flight: None,
             start: start.clone(),
             own_field_of_view: false,
-            up: DEFAULT_UP,
-            bounds: Bounds::ORIGIN,
-            scale: 1.0,
+            up: up.try_normalize().unwrap_or(DEFAULT_UP),
+            bounds,
+            scale,
             speed: 1.0,
             animated: false,
         };
-        navigation.set_scene(bounds);
-        navigation.set_up(up);
         navigation.set_camera(start);
         navigation.animated = true;
         navigation
-    }
-
-    /// Replaces the scene's bounds; the camera stays.
-    pub fn set_scene(&mut self, bounds: &Bounds) {
-        let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
-        self.bounds = if finite { *bounds } else { Bounds::ORIGIN };
-        // A single point has no size. Beyond these limits, squares overflow f32 or lose digits.
-        self.scale = match self.bounds.extent() {
-            extent if extent > 0.0 => extent.clamp(1e-12, 1e18),
-            _ => 1.0,
-        };
-    }
-
-    /// Sets the direction up. A zero or non-finite vector is ignored.
-    pub fn set_up(&mut self, up: DVec3) {
-        if let Some(up) = up.try_normalize() {
-            self.up = up;
-        }
     }
 
     /// Returns the direction up, of length 1.
@@ -323,11 +310,6 @@ impl Navigation {
     /// Returns the vertical field of view, in degrees.
     pub fn field_of_view(&self) -> f64 {
         2.0 * self.pose.tan_y.atan().to_degrees()
-    }
-
-    /// Returns the vertical field of view of the first camera, in degrees.
-    pub fn first_field_of_view(&self) -> f64 {
-        2.0 * self.goal_of(&self.start).pose.tan_y.atan().to_degrees()
     }
 
     /// Sets the vertical field of view, in degrees, clamped to [`FIELDS_OF_VIEW`]; NaN is ignored. The camera stays in

@@ -1,11 +1,12 @@
 //! Tests picking, playback of a path, and saved views, on a device that executes nothing.
 
-use super::script::{Script, arrange};
+use super::script::{Script, arranged};
 use crate::draw::pick;
 use crate::draw::splat_set::{Masked, SplatSet};
 use crate::view::events::Event;
 use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input};
+use crate::view::opening::CameraRole;
 use crate::view::viewer::{Marks, Viewer};
 use splatgraph_assets::{Camera, Projection, synth};
 use splatgraph_null::{Config, Null};
@@ -16,10 +17,9 @@ const FAR: [f64; 3] = [512_345.1, -4_000_000.7, 1_000.3];
 
 /// Runs `steps` on a viewer that has drawn its scene. `change` may first edit the files in its folder.
 fn visit(change: impl FnOnce(&Path), steps: impl FnOnce(&mut Script)) -> Vec<Event> {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
+    let folder = arranged();
     change(folder.path());
-    let mut script = Script::open(folder.path(), &Config::default());
+    let mut script = Script::open_in(folder, &Config::default(), false);
     script.settle();
     steps(&mut script);
     let (_, events, _) = script.close(&[]);
@@ -208,8 +208,8 @@ fn views_and_paths_come_back_from_their_files_and_show_the_same_picture() {
                 let named = Camera { img_name: "front".into(), ..picture.clone() };
                 assert_eq!(viewer.picture_camera(), named, "to the bit");
                 viewer.path.set_keys(Vec::new()).expect("no key is unusable");
-                viewer.open_views(&file);
-                viewer.open_path(&path);
+                viewer.open_cameras_as(CameraRole::Views, &file);
+                viewer.open_cameras_as(CameraRole::Path, &path);
                 script.until("the files", |script| {
                     !script.viewer().busy() && !script.viewer().path.keys().is_empty()
                 });
@@ -237,8 +237,8 @@ fn a_file_that_is_no_list_of_cameras_changes_no_view_and_no_path() {
             let file = script.path("bad.json");
             record(script.viewer());
             script.viewer().save_view("own");
-            script.viewer().open_views(&file);
-            script.viewer().open_path(&file);
+            script.viewer().open_cameras_as(CameraRole::Views, &file);
+            script.viewer().open_cameras_as(CameraRole::Path, &file);
             script.until("both errors", |script| {
                 let failed = |event: &&Event| matches!(event, Event::FileFailed { .. });
                 script.events.iter().filter(failed).count() == 2
