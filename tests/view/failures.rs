@@ -89,9 +89,7 @@ fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
     let first = program.until(since, "a frame", |event| number(event).is_some());
     let first = number(&first).flatten().expect("it has a number");
     program.until(since, "more frames", |event| number(event).flatten() >= Some(first + 4));
-    program.window.ask_to_close();
-    let (status, errors) = program.end();
-    assert!(status.success(), "{status}\n{errors}");
+    program.close();
 }
 
 fn slow_graph(groups: u32) -> String {
@@ -169,7 +167,5 @@ fn a_graph_that_is_mended_while_its_pass_runs_for_long_is_drawn_when_that_ends()
     let alone = comes(|| program.window.title() == "scene.ply - splatgraph");
     assert!(alone, "the title is {}", program.window.title());
     program.rests();
-    program.window.ask_to_close();
-    let (status, errors) = program.end();
-    assert!(status.success() && errors.trim() == "validation: no messages", "{status}\n{errors}");
+    program.close();
 }

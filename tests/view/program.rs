@@ -284,6 +284,13 @@ impl Program {
         }
     }
 
+    /// Closes the window; fails if the program fails or reports validation messages.
+    pub fn close(self) {
+        self.window.ask_to_close();
+        let (status, errors) = self.end();
+        assert!(status.success() && errors.trim() == "validation: no messages", "{status}\n{errors}");
+    }
+
     /// Waits for the program's end; returns its status and standard error.
     pub fn end(self) -> (ExitStatus, String) {
         self.end_before(|| {})

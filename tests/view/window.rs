@@ -26,9 +26,7 @@ fn a_person_uses_the_window() {
     comparisons(&mut program, &first);
     screen(&mut program, &first);
 
-    program.window.ask_to_close();
-    let (status, errors) = program.end();
-    assert!(status.success() && errors.trim() == "validation: no messages", "{status}\n{errors}");
+    program.close();
 }
 
 #[test]
@@ -71,9 +69,7 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     });
     assert!(blue, "the edited shader is not shown");
     program.rests();
-    program.window.ask_to_close();
-    let (status, errors) = program.end();
-    assert!(status.success() && errors.trim() == "validation: no messages", "{status}\n{errors}");
+    program.close();
 }
 
 #[test]

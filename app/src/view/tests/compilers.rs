@@ -1,25 +1,22 @@
 //! Tests the viewer on a device whose driver hangs while it compiles a pipeline.
 
-use super::script::{Script, arrange};
+use super::script::Script;
 use crate::view::events::Event;
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Config, Fault, Point};
 use std::time::Duration;
-use tempfile::TempDir;
 
 /// Opens a viewer that has drawn its first plan, on a device whose driver hangs in the next pipeline. Waits for it time
 /// out after `patience`.
-fn hanging(patience: Duration) -> (Script, TempDir) {
+fn hanging(patience: Duration) -> Script {
     let mut made = None;
     loop {
-        let folder = tempfile::tempdir().expect("a folder");
-        arrange(folder.path());
         let faults = made.map(|after| Fault { point: Point::Compile, after }).into_iter().collect();
         let config = Config { faults, compile_patience: patience, ..Config::default() };
-        let mut script = Script::open(folder.path(), &config);
+        let mut script = Script::open(&config);
         script.settle();
         if made.is_some() {
-            return (script, folder);
+            return script;
         }
         made = Some(script.pipelines());
         script.close(&[]);
@@ -46,7 +43,7 @@ fn failures(events: &[Event]) -> Vec<&str> {
 
 #[test]
 fn a_build_that_the_driver_does_not_end_makes_way_for_the_next_change() {
-    let (mut script, _folder) = hanging(Duration::from_secs(600));
+    let mut script = hanging(Duration::from_secs(600));
     let made = script.pipelines();
     set_digits(&mut script, 5);
     script.until("the compiler", |script| script.pipelines() > made);
@@ -59,7 +56,7 @@ fn a_build_that_the_driver_does_not_end_makes_way_for_the_next_change() {
 
 #[test]
 fn the_build_of_a_copy_measurement_counts_as_running() {
-    let (mut script, _folder) = hanging(Duration::from_secs(600));
+    let mut script = hanging(Duration::from_secs(600));
     let made = script.pipelines();
     assert!(script.viewer().is_idle());
     script.viewer().measure_copy();
@@ -70,7 +67,7 @@ fn the_build_of_a_copy_measurement_counts_as_running() {
 
 #[test]
 fn a_build_that_is_given_up_is_shown_with_its_pass_and_its_shader_and_the_last_plan_draws_on() {
-    let (mut script, _folder) = hanging(Duration::from_millis(300));
+    let mut script = hanging(Duration::from_millis(300));
     set_digits(&mut script, 5);
     script.until("the error", |script| script.viewer().a.renderer.failure().is_some());
     assert_eq!(digits(&mut script), Value::Int(4));

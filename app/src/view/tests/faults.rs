@@ -3,7 +3,7 @@
 //! In each visit, one call fails. Nothing may panic, hang or leak, and the last frame and state must equal those of a
 //! visit without faults. With `SPLATGRAPH_LONG`, every call of every kind fails once; otherwise, some of each kind.
 
-use super::script::{Outcome, Script, arrange, check_no_panic, loses};
+use super::script::{Outcome, Script, check_no_panic, loses};
 use crate::view::events::Event;
 use splatgraph_null::{Config, Fault, Point};
 use std::collections::BTreeMap;
@@ -18,17 +18,12 @@ const NEEDED: u32 = 300;
 const THREADS: usize = 6;
 
 fn visit(faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<Point, u64>) {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
-    let mut script = Script::open(
-        folder.path(),
-        &Config {
-            faults: faults.to_vec(),
-            read: NEEDED,
-            compile_patience: Duration::from_millis(500),
-            ..Config::default()
-        },
-    );
+    let mut script = Script::open(&Config {
+        faults: faults.to_vec(),
+        read: NEEDED,
+        compile_patience: Duration::from_millis(500),
+        ..Config::default()
+    });
     script.visit();
     script.close(faults)
 }

@@ -1,24 +1,21 @@
 //! Tests that an unchanged viewer submits no frames, and one per change; and that a slow picture does not block it.
 
-use super::script::{Script, arrange};
+use super::script::{Script, arranged};
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::{Input, Keys};
 use splatgraph_api::BufferContents;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Value;
 use splatgraph_null::Config;
-use tempfile::TempDir;
 
 /// Opens a viewer that draws only on changes, and is at rest.
-fn resting() -> (Script, TempDir) {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
-    let mut script = Script::open(folder.path(), &Config::default());
+fn resting() -> Script {
+    let mut script = Script::open(&Config::default());
     script.viewer().continuous = false;
     script.settle();
     script.rest();
     script.submissions();
-    (script, folder)
+    script
 }
 
 fn submitted(script: &mut Script) -> usize {
@@ -28,7 +25,7 @@ fn submitted(script: &mut Script) -> usize {
 
 #[test]
 fn nothing_is_submitted_while_nothing_changes() {
-    let (mut script, _folder) = resting();
+    let mut script = resting();
     for _ in 0..100 {
         let frame = script.frame(false).expect("the device is not lost");
         assert!(!frame.drawn && frame.next.is_none());
@@ -39,7 +36,7 @@ fn nothing_is_submitted_while_nothing_changes() {
 
 #[test]
 fn a_picture_and_the_window_are_submitted_after_each_change_of_the_picture() {
-    let (mut script, _folder) = resting();
+    let mut script = resting();
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
     assert_eq!(submitted(&mut script), 2, "a live parameter");
     let orbit =
@@ -63,7 +60,7 @@ fn a_picture_and_the_window_are_submitted_after_each_change_of_the_picture() {
 
 #[test]
 fn the_window_alone_is_submitted_after_a_change_of_the_window() {
-    let (mut script, _folder) = resting();
+    let mut script = resting();
     script.panels().hidden = false;
     script.rest();
     script.submissions();
@@ -81,7 +78,7 @@ fn the_window_alone_is_submitted_after_a_change_of_the_window() {
 
 #[test]
 fn a_key_after_a_rest_moves_the_camera_by_one_frame_and_on_while_it_is_held() {
-    let (mut script, _folder) = resting();
+    let mut script = resting();
     let angle = |script: &mut Script, from: &Camera| {
         let [one, other] = [from, &script.viewer().navigation.camera(64, 36)].map(|camera| camera.axes()[2]);
         one.iter().zip(other).map(|(a, b)| a * b).sum::<f64>().clamp(-1.0, 1.0).acos()
@@ -114,9 +111,7 @@ fn a_key_after_a_rest_moves_the_camera_by_one_frame_and_on_while_it_is_held() {
 
 #[test]
 fn the_first_plan_has_the_size_of_the_view_beside_the_panels() {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
-    let mut script = Script::open(folder.path(), &Config::default());
+    let mut script = Script::open(&Config::default());
     script.panels().hidden = false;
     script.resize((1200, 700));
     script.settle();
@@ -130,7 +125,7 @@ fn the_first_plan_has_the_size_of_the_view_beside_the_panels() {
 
 #[test]
 fn a_graph_with_a_history_is_drawn_all_the_time() {
-    let (mut script, _folder) = resting();
+    let mut script = resting();
     let graph = script.path("graph.ron");
     let text = std::fs::read_to_string(&graph).expect("the graph");
     let keys = "\"keys\": Buffer(stride: 4, count: \"max(n, entries)\"";
@@ -153,7 +148,7 @@ fn a_graph_with_a_history_is_drawn_all_the_time() {
 
 #[test]
 fn what_is_asked_for_all_the_time_is_drawn_all_the_time() {
-    let (mut script, _folder) = resting();
+    let mut script = resting();
     script.viewer().continuous = true;
     for _ in 0..20 {
         assert!(script.frame(false).is_some_and(|frame| frame.drawn && frame.next.is_some()));
@@ -166,9 +161,7 @@ fn what_is_asked_for_all_the_time_is_drawn_all_the_time() {
 
 #[test]
 fn the_window_is_drawn_while_a_device_of_the_scene_hangs() {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
-    let mut script = Script::open_apart(folder.path(), &Config::default());
+    let mut script = Script::open_in(arranged(), &Config::default(), true);
     script.viewer().continuous = false;
     script.settle();
     script.rest();
@@ -198,7 +191,7 @@ fn the_window_is_drawn_while_a_device_of_the_scene_hangs() {
 
 #[test]
 fn the_window_does_not_queue_up_behind_a_picture_that_hangs() {
-    let (mut script, _folder) = resting();
+    let mut script = resting();
     script.panels().hidden = false;
     script.rest();
     script.set_hanging(true);

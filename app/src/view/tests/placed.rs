@@ -1,6 +1,6 @@
 //! Tests editing a placement file while the viewer shows its scenes.
 
-use super::script::{Script, arrange};
+use super::script::Script;
 use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::{Buttons, Input};
@@ -16,12 +16,10 @@ fn drag() -> Input {
 
 #[test]
 fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keeps_the_former() {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
-    let file = folder.path().join("both.ron");
+    let mut script = Script::open(&Config::default());
+    let file = script.path("both.ron");
     let write = |text: &str| fs::write(&file, text).expect("written");
     write("Scenes([Scene(file: \"first.ply\")])");
-    let mut script = Script::open(folder.path(), &Config::default());
     script.settle();
     let first = script.viewer().scene().count();
     script.viewer().open(&file);
@@ -49,12 +47,10 @@ fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keep
 
 #[test]
 fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_changed_one_is_told() {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
-    let file = folder.path().join("both.ron");
+    let mut script = Script::open(&Config::default());
+    let file = script.path("both.ron");
     let write = |text: &str| fs::write(&file, text).expect("written");
     write("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");
-    let mut script = Script::open(folder.path(), &Config::default());
     script.settle();
     script.viewer().open(&file);
     script.until("both scenes", |script| script.viewer().scene().count() == 300);
@@ -78,7 +74,7 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
     assert_eq!(script.panels().undo_steps(), steps, "the program's own change is no step");
 
     let other = synth::generate("uniform", 200, 1).expect("the scene is generated");
-    other.write_ply(folder.path().join("second.ply")).expect("the scene is written");
+    other.write_ply(script.path("second.ply")).expect("the scene is written");
     write("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");
     script.until("the changed scene", |script| script.viewer().scene().count() == 298);
     let marks = script.viewer().marks(RendererId::A).clone();

@@ -1,6 +1,6 @@
 //! Tests frames that need more capacity than their plan has: they are shown incomplete until a larger plan is built.
 
-use super::script::{Script, arrange};
+use super::script::{Script, arranged};
 use crate::view::events::Event;
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Config, limits};
@@ -8,9 +8,7 @@ use splatgraph_runtime::Limits;
 
 /// Runs a visit to a viewer whose frames all need `needed` entries; the scene's default capacity is 200.
 fn visit(needed: u32, limits: Limits, steps: impl FnOnce(&mut Script)) -> Vec<Event> {
-    let folder = tempfile::tempdir().expect("a folder");
-    arrange(folder.path());
-    let mut script = Script::open(folder.path(), &Config { read: needed, limits, ..Config::default() });
+    let mut script = Script::open(&Config { read: needed, limits, ..Config::default() });
     steps(&mut script);
     let (_, events, _) = script.close(&[]);
     events
@@ -49,14 +47,8 @@ fn held_back_until(script: &mut Script, what: &str, shown: impl Fn(&mut Script) 
 #[test]
 fn the_first_picture_of_a_scene_and_of_a_graph_is_whole() {
     for apart in [false, true] {
-        let folder = tempfile::tempdir().expect("a folder");
-        arrange(folder.path());
         let config = Config { read: 500, ..Config::default() };
-        let mut script = if apart {
-            Script::open_apart(folder.path(), &config)
-        } else {
-            Script::open(folder.path(), &config)
-        };
+        let mut script = Script::open_in(arranged(), &config, apart);
         script.viewer().continuous = false;
         let has_room = |script: &mut Script| entries(script) == Value::Int(625);
         held_back_until(&mut script, "the first picture", has_room);

@@ -14,10 +14,11 @@ use splatgraph_null::{Call, Config, Fault, Journal, Null, open};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tempfile::TempDir;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -103,36 +104,36 @@ pub struct Script {
     calls: u64,
     pub input: Vec<egui::Event>,
     hangs: bool,
-    folder: PathBuf,
+    folder: TempDir,
 }
 
-pub fn arrange(folder: &Path) {
-    let write = |name: &str, text: &str| fs::write(folder.join(name), text).expect("a file is written");
+/// Makes a folder with a graph, its shaders, two scenes and cameras.
+pub fn arranged() -> TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let write = |name: &str, text: &str| fs::write(at(name), text).expect("a file is written");
     write("graph.ron", GRAPH);
     for (name, text) in SHADERS {
         write(name, &format!("{HEAD}{text}"));
     }
     for (name, splats) in [("first.ply", 100), ("second.ply", 200)] {
         let scene = synth::generate("uniform", splats, 0).expect("the scene is generated");
-        scene.write_ply(folder.join(name)).expect("the scene is written");
+        scene.write_ply(at(name)).expect("the scene is written");
     }
     let scene = synth::generate("uniform", 100, 0).expect("the scene is generated");
-    Camera::save(&[Camera::framing(&scene, 64, 36)], folder.join("cameras.json"))
-        .expect("cameras are written");
+    Camera::save(&[Camera::framing(&scene, 64, 36)], at("cameras.json")).expect("cameras are written");
+    folder
 }
 
 impl Script {
     /// Opens the viewer on one null device. The faults apply to the first device opened.
-    pub fn open(folder: &Path, config: &Config) -> Script {
-        Script::open_on(folder, config, false)
+    pub fn open(config: &Config) -> Script {
+        Script::open_in(arranged(), config, false)
     }
 
-    /// Opens the viewer with separate devices for the scene and the window, as on a CPU.
-    pub fn open_apart(folder: &Path, config: &Config) -> Script {
-        Script::open_on(folder, config, true)
-    }
-
-    fn open_on(folder: &Path, config: &Config, apart: bool) -> Script {
+    /// Opens the viewer in an arranged folder; with separate devices for the scene and the window, as on a CPU, if
+    /// `apart`.
+    pub fn open_in(folder: TempDir, config: &Config, apart: bool) -> Script {
         let devices = Rc::new(RefCell::new(Devices::default()));
         let config = config.clone();
         let mut faults = config.faults.clone();
@@ -163,18 +164,12 @@ impl Script {
         let first = recovery.open(SIZE, true);
         // The program would report the error and exit; the user starts it again.
         let (canvas, device) = first.or_else(|_| recovery.open(SIZE, true)).expect("the second device opens");
-        let scene =
-            Scene::load(folder.join("first.ply"), splatgraph_assets::QUIET).expect("the scene is loaded");
-        let graph = folder.join("graph.ron");
+        let path = folder.path().join("first.ply");
+        let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
+        let graph = folder.path().join("graph.ron");
         let wake: crate::view::renderer::Wake = Arc::new(|| {});
-        let mut viewer = Viewer::new(
-            device,
-            (scene, folder.join("first.ply")),
-            &graph.to_string_lossy(),
-            &[],
-            wake.clone(),
-        )
-        .expect("the viewer opens");
+        let viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake.clone());
+        let mut viewer = viewer.expect("the viewer opens");
         viewer.navigation.set_animated(false);
         // Draw continuously, even after a failure.
         viewer.continuous = true;
@@ -185,7 +180,6 @@ impl Script {
         shell.panels.hidden = true;
         // The overlay shows frame times, and would cause another frame after each.
         shell.panels.hud = false;
-        let folder = folder.to_owned();
         Script {
             shell,
             recovery,
@@ -200,7 +194,7 @@ impl Script {
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(name)
+        self.folder.path().join(name)
     }
 
     pub fn resize(&mut self, size: (u32, u32)) {
@@ -340,11 +334,9 @@ impl Script {
         self.until("the end of all building", |script| {
             let Script { shell, size, recovery, .. } = script;
             let viewer = &shell.viewer;
-            let b = viewer.b.as_ref().filter(|_| viewer.compare != Mode::A);
-            let plans = [Some(&viewer.a), b].into_iter().flatten().all(|v| v.renderer.plan().is_some());
             recovery.loss().is_none()
                 && !viewer.busy()
-                && plans
+                && viewer.shown().all(|shown| shown.renderer.plan().is_some())
                 && shell.problem().is_none()
                 && shell.window().size() == *size
                 && !shell.window().busy()
