@@ -8,7 +8,7 @@ use super::theme::{self, Palette};
 use super::widgets::{self, fact, heading, hint, link};
 use crate::view::viewport::Viewport;
 use egui::{RichText, Ui};
-use egui_plot::{Line, Plot, PlotPoints};
+use egui_plot::{Line, PlotPoints};
 use splatgraph_api::Device;
 use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::ir::{Masks, Origin, Run, Use};
@@ -104,22 +104,14 @@ fn show_pass<D: Device>(
         }
         against_copy(ui, (read + written) as f64, ms.median, target);
         if viewport.history.is_mostly_unattributed() {
-            ui.weak("This driver's timestamps do not separate passes.");
+            ui.weak("More than half of a frame is outside its passes, so this time means little.");
         }
         let series = viewport.history.pass_series(&pass.phase);
         if let Some(series) = series.into_iter().find(|series| series.name == pass.name) {
             let colour = super::timeline::phase_colour(dump, &pass.phase);
-            Plot::new("pass")
-                .height(72.0)
-                .allow_scroll(false)
-                .allow_zoom(false)
-                .allow_drag(false)
-                .include_y(0.0)
-                .x_axis_formatter(|_, _| String::new())
-                .y_axis_formatter(|mark, _| widgets::time(mark.value))
-                .show(ui, |plot| {
-                    plot.line(Line::new(series.name, PlotPoints::from(series.points)).color(colour));
-                });
+            widgets::time_plot("pass", 72.0).show(ui, |plot| {
+                plot.line(Line::new(series.name, PlotPoints::from(series.points)).color(colour));
+            });
         }
     }
     for shader in &pass.shaders {

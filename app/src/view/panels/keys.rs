@@ -59,7 +59,8 @@ impl Panels {
         }
     }
 
-    fn toggle(&mut self, tool: Tool) {
+    /// Opens a tool, or closes it if it is open.
+    pub(super) fn toggle(&mut self, tool: Tool) {
         if self.layout.is_open(tool) {
             self.layout.set_open(tool, false);
         } else {

@@ -142,11 +142,9 @@ impl Layout {
         self.tree.make_active(|_, tile| *tile == Tile::Pane(tool));
     }
 
-    pub fn set_floating(&mut self, tool: Tool, floating: bool) {
+    pub fn undock(&mut self, tool: Tool) {
         self.floating.retain(|other| *other != tool);
-        if floating {
-            self.floating.push(tool);
-        }
+        self.floating.push(tool);
     }
 
     /// Lists the open tools that float in a window of this size: undocked tools, and tools that do not fit.

@@ -35,6 +35,7 @@ use super::viewer::Viewer;
 use super::wheel::Wheel;
 use crate::draw::stats::median;
 use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
+use indexmap::IndexSet;
 use layout::Layout;
 use presets::Presets;
 use selection::{Dumped, Selection};
@@ -260,7 +261,7 @@ impl Panels {
     }
 
     #[cfg(test)]
-    pub fn undo_steps(&self) -> usize {
+    pub(in crate::view) fn undo_steps(&self) -> usize {
         self.undo.steps()
     }
 
@@ -437,27 +438,19 @@ impl Panels {
 
 /// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`.
 fn difference(former: &Plan, plan: &Plan) -> String {
-    let count = |plan: &Plan, phase: Option<&str>| {
-        let phases = plan.frame.iter().map(|pass| &plan.pass(*pass).phase);
-        phases.filter(|of| phase.is_none_or(|phase| *of == phase)).count()
-    };
-    let mut phases: Vec<&str> = Vec::new();
-    for (plan, pass) in
-        [former, plan].into_iter().flat_map(|plan| plan.frame.iter().map(move |pass| (plan, pass)))
-    {
-        let phase = plan.pass(*pass).phase.as_str();
-        if !phases.contains(&phase) {
-            phases.push(phase);
-        }
+    // The phase of each pass.
+    fn phases(plan: &Plan) -> Vec<&str> {
+        plan.frame.iter().map(|pass| plan.pass(*pass).phase.as_str()).collect()
     }
-    let changed = phases.into_iter().filter_map(|phase| {
-        let (before, after) = (count(former, Some(phase)), count(plan, Some(phase)));
-        (before != after).then(|| format!("{phase} {before} → {after}"))
+    let [former, now] = [former, plan].map(phases);
+    let all: IndexSet<&str> = former.iter().chain(&now).copied().collect();
+    let changed = all.into_iter().filter_map(|phase| {
+        let [from, to] = [&former, &now].map(|phases| phases.iter().filter(|of| **of == phase).count());
+        (from != to).then(|| format!("{phase} {from} → {to}"))
     });
     let changed: Vec<String> = changed.collect();
-    let (before, after) = (count(former, None), count(plan, None));
     match changed.as_slice() {
-        [] => format!("{after} passes, as before"),
-        changed => format!("{before} → {after} passes: {}", changed.join(", ")),
+        [] => format!("{} passes, as before", now.len()),
+        changed => format!("{} → {} passes: {}", former.len(), now.len(), changed.join(", ")),
     }
 }

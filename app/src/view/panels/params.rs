@@ -8,6 +8,7 @@ use super::theme::{self, Palette, ROW};
 use super::widgets::{self, hint};
 use crate::view::renderer::Renderer;
 use egui::{Align, ComboBox, DragValue, Layout, Response, RichText, Slider, SliderClamping, Ui};
+use indexmap::IndexSet;
 use splatgraph_api::Device;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
@@ -171,12 +172,8 @@ impl Groups {
 
     /// Lists the groups in the order of their first parameters, with "Other" last.
     fn list<'a>(&self, all: &'a [Control]) -> Vec<(&str, Vec<&'a Control>)> {
-        let mut titles: Vec<&str> = Vec::new();
-        for (_, title) in &self.members {
-            if !titles.contains(&title.as_str()) {
-                titles.push(title);
-            }
-        }
+        let titles: IndexSet<&str> = self.members.iter().map(|(_, title)| title.as_str()).collect();
+        let mut titles = Vec::from_iter(titles);
         titles.sort_by_key(|title| *title == "Other");
         let of = |title: &str| {
             let is_in = |control: &&Control| {

@@ -1,6 +1,6 @@
 //! Lists the selectable graphs: the built-in graphs, and files that were used in this window.
 
-use super::controls::{Command, Controls};
+use super::controls::Controls;
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
 use egui::{Key, RichText, Ui};
@@ -38,15 +38,7 @@ impl Presets {
     ) -> bool {
         self.remember(renderer);
         let mut chosen = None;
-        let wanted = ui.horizontal(|ui| {
-            let wanted = super::widgets::search(ui, &mut self.search, "graph_search", controls);
-            if ui.button("Open a file…").clicked() {
-                controls.commands.push(Command::Open);
-                ui.close();
-            }
-            wanted
-        });
-        let wanted = wanted.inner;
+        let wanted = super::widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
         let fits = |entry: &&Entry| {
             [&entry.graph, &entry.summary].iter().any(|text| text.to_lowercase().contains(&wanted))
         };

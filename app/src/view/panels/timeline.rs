@@ -11,6 +11,7 @@ use super::widgets::{self, hint, text_in};
 use egui::{
     Align, Color32, FontId, Id, Layout, Painter, Rect, RichText, Sense, Stroke, StrokeKind, Ui, pos2, vec2,
 };
+use indexmap::IndexSet;
 use splatgraph_framework::dump::{self, Dump, DumpPass};
 use splatgraph_framework::ir::Run;
 
@@ -162,7 +163,7 @@ impl State {
                         dump::bytes(dump.totals.saved_bytes),
                     );
                     if let Some(rest) = times.unattributed.filter(|_| times.unreliable) {
-                        text += &format!(" — {} of a frame belong to no pass on this driver", widgets::time(rest));
+                        text += &format!(" — {} of a frame are outside its passes", widgets::time(rest));
                     }
                     let label = ui.add(egui::Label::new(&text).truncate());
                     hint(label, text);
@@ -230,16 +231,12 @@ fn legend(ui: &mut Ui, dump: &Dump) {
             ui.label(text);
         });
     };
-    let mut seen: Vec<&str> = Vec::new();
-    for phase in &dump.phases {
-        if seen.contains(&phase.name.as_str()) {
-            continue;
-        }
-        seen.push(&phase.name);
-        let count = dump.passes.iter().filter(|pass| pass.phase == phase.name).count();
+    for (index, phase) in phases(dump).into_iter().enumerate() {
+        let count = dump.passes.iter().filter(|pass| pass.phase == phase).count();
         let passes = if count == 1 { "1 pass".to_owned() } else { format!("{count} passes") };
-        let colour = phase_colour(dump, &phase.name);
-        row(format!("{}: {passes}", phase.name), &|painter, rect| _ = painter.rect_filled(rect, 2.0, colour));
+        row(format!("{phase}: {passes}"), &|painter, rect| {
+            painter.rect_filled(rect, 2.0, theme::phase(index));
+        });
     }
     let line = Stroke::new(1.0, palette.ink);
     row("runs once, before the first frame".to_owned(), &|painter, rect| {
@@ -416,13 +413,12 @@ fn draw_phases(ui: &Ui, painter: &Painter, dump: &Dump, columns: &[Column], view
 }
 
 pub fn phase_colour(dump: &Dump, phase: &str) -> Color32 {
-    let mut names: Vec<&str> = Vec::new();
-    for phase in &dump.phases {
-        if !names.contains(&phase.name.as_str()) {
-            names.push(&phase.name);
-        }
-    }
-    theme::phase(names.iter().position(|name| *name == phase).unwrap_or(0))
+    theme::phase(phases(dump).get_index_of(phase).unwrap_or(0))
+}
+
+/// Lists the names of the phases; a phase of both the prologue and the frame counts once.
+fn phases(dump: &Dump) -> IndexSet<&str> {
+    dump.phases.iter().map(|phase| phase.name.as_str()).collect()
 }
 
 #[allow(clippy::too_many_arguments)]

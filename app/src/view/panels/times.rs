@@ -4,8 +4,8 @@ use super::theme::{self, Palette};
 use super::widgets::{self, fact, heading, hint, row};
 use crate::view::history::{History, Quantiles, Row, Series};
 use crate::view::viewport::Viewport;
-use egui::{Align, ComboBox, Label, Layout, RichText, Sense, Ui, vec2};
-use egui_plot::{Line, Plot, PlotPoints, VLine};
+use egui::{Align, ComboBox, Label, Layout, Response, RichText, Sense, Ui, WidgetText, vec2};
+use egui_plot::{Line, PlotPoints, VLine};
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump;
@@ -50,9 +50,9 @@ pub fn show<D: Device>(
     let unreliable = history.is_mostly_unattributed();
     ui.separator();
     if unreliable {
-        let why = "This driver writes the timestamps of compute passes when the whole frame ends, as Mesa's does on a CPU.";
-        let text = "More than half of a frame belongs to no pass: the times below mean little.";
-        hint(ui.colored_label(Palette::of(ui).caution, text), why);
+        let text = "More than half of a frame is outside its passes: their times below mean little.";
+        let example = "For example, Mesa's driver for CPUs writes the timestamps of compute passes when the whole frame ends.";
+        hint(ui.colored_label(Palette::of(ui).caution, text), example);
     } else {
         choose(ui, &phases, plotted);
         let plotted_series = plotted.as_ref().map_or(series, |phase| history.pass_series(phase));
@@ -109,6 +109,13 @@ fn cell(ui: &mut Ui, text: String, grey: bool) {
     });
 }
 
+/// Draws text at the left of `reserved` points, truncated to what remains of the width.
+fn label_beside(ui: &mut Ui, reserved: f32, text: impl Into<WidgetText>) -> Response {
+    let size = vec2((ui.available_width() - reserved).max(40.0), ui.available_height());
+    let layout = Layout::left_to_right(Align::Center);
+    ui.allocate_ui_with_layout(size, layout, |ui| ui.add(Label::new(text).truncate())).inner
+}
+
 fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
     if plotted.as_ref().is_some_and(|phase| !phases.contains(phase)) {
         *plotted = None;
@@ -124,25 +131,16 @@ fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
 
 fn plot(ui: &mut Ui, series: Vec<Series>, changes: &[f64]) {
     let palette = Palette::of(ui);
-    Plot::new("phases")
-        .height(140.0)
-        .allow_scroll(false)
-        .allow_zoom(false)
-        .allow_drag(false)
-        .include_y(0.0)
-        .grid_spacing(16.0..=120.0)
-        .y_axis_min_width(48.0)
-        .y_axis_formatter(|mark, _| widgets::time(mark.value))
-        .x_axis_formatter(|_, _| String::new())
-        .show(ui, |plot| {
-            for change in changes {
-                plot.vline(VLine::new("another plan", *change).color(palette.line));
-            }
-            for (index, series) in series.into_iter().enumerate() {
-                let line = Line::new(series.name, PlotPoints::from(series.points));
-                plot.line(line.color(theme::phase(index)));
-            }
-        });
+    let plot = widgets::time_plot("phases", 140.0).grid_spacing(16.0..=120.0).y_axis_min_width(48.0);
+    plot.show(ui, |plot| {
+        for change in changes {
+            plot.vline(VLine::new("another plan", *change).color(palette.line));
+        }
+        for (index, series) in series.into_iter().enumerate() {
+            let line = Line::new(series.name, PlotPoints::from(series.points));
+            plot.line(line.color(theme::phase(index)));
+        }
+    });
 }
 
 /// `phases` are in the order of the plot's colours.
@@ -159,13 +157,7 @@ fn table(ui: &mut Ui, rows: &[Row], phases: &[String], grey: bool) {
             }
             Some(_) => {
                 ui.add_space(18.0);
-                let text = RichText::new(&line.name).color(palette.soft);
-                let width = (ui.available_width() - 2.0 * COLUMN - 24.0).max(40.0);
-                let size = vec2(width, ui.available_height());
-                ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
-                    ui.add(Label::new(text).truncate())
-                })
-                .inner
+                label_beside(ui, 2.0 * COLUMN + 24.0, RichText::new(&line.name).color(palette.soft))
             }
         };
         row(ui, left, |ui| numbers(ui, line.ms, grey));
@@ -178,14 +170,6 @@ fn memory(ui: &mut Ui, pieces: &[(String, u64)]) {
     let mut pieces = pieces.to_vec();
     pieces.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
     for (name, bytes) in &pieces {
-        let left = |ui: &mut Ui| {
-            let width = (ui.available_width() - COLUMN - 12.0).max(40.0);
-            let size = vec2(width, ui.available_height());
-            ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
-                ui.add(Label::new(name).truncate())
-            })
-            .inner
-        };
-        row(ui, left, |ui| cell(ui, dump::bytes(*bytes), false));
+        row(ui, |ui| label_beside(ui, COLUMN + 12.0, name), |ui| cell(ui, dump::bytes(*bytes), false));
     }
 }

@@ -34,7 +34,7 @@ impl Panels {
         for (tool, act) in acts {
             match act {
                 Act::Close => self.layout.set_open(tool, false),
-                Act::Float => self.layout.set_floating(tool, true),
+                Act::Float => self.layout.undock(tool),
             }
         }
         view
@@ -82,27 +82,17 @@ impl Panels {
             }
             Tool::Cameras => {
                 let selected = self.selected;
-                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                    ui.set_max_width((ui.available_width() - 10.0).max(0.0));
-                    cameras::show(ui, viewer, selected, &mut self.controls);
-                });
+                scrolled(ui, |ui| cameras::show(ui, viewer, selected, &mut self.controls));
             }
-            Tool::Times => {
-                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                    // Leave space for the scroll bar.
-                    ui.set_max_width((ui.available_width() - 10.0).max(0.0));
-                    let interval = self.interval();
-                    let loaded = viewer.scene_of(self.selected).count();
-                    if let Some(viewport) = viewer.viewport(self.selected) {
-                        times::show(ui, viewport, loaded, interval, window, &mut self.plotted);
-                    }
-                });
-            }
+            Tool::Times => scrolled(ui, |ui| {
+                let interval = self.interval();
+                let loaded = viewer.scene_of(self.selected).count();
+                if let Some(viewport) = viewer.viewport(self.selected) {
+                    times::show(ui, viewport, loaded, interval, window, &mut self.plotted);
+                }
+            }),
             Tool::Inspector if self.selection == Some(Selection::Splat) => {
-                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                    ui.set_max_width((ui.available_width() - 10.0).max(0.0));
-                    splat::show(ui, viewer, &mut self.controls);
-                });
+                scrolled(ui, |ui| splat::show(ui, viewer, &mut self.controls));
             }
             Tool::Inspector => {
                 let copy = match viewer.copy_limit() {
@@ -137,6 +127,14 @@ impl Panels {
             }
         }
     }
+}
+
+fn scrolled(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        // Leave space for the scroll bar.
+        ui.set_max_width((ui.available_width() - 10.0).max(0.0));
+        contents(ui);
+    });
 }
 
 enum Act {

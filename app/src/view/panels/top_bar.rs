@@ -95,15 +95,8 @@ impl Panels {
         let title = short(&file_name(&path.to_string_lossy()));
         let title = if selected == RendererId::B { format!("B: {title}") } else { title };
         let button = drop_down(ui, &title, TITLE, |ui| {
-            let wanted = ui.horizontal(|ui| {
-                let wanted = widgets::search(ui, search, "scene_search", controls);
-                if ui.button("Open a file…").clicked() {
-                    controls.commands.push(Command::Open);
-                    ui.close();
-                }
-                wanted
-            });
-            let shown = recent.iter().filter(|scene| contains(&scene.to_string_lossy(), &wanted.inner));
+            let wanted = widgets::search_or_open(ui, search, "scene_search", controls);
+            let shown = recent.iter().filter(|scene| contains(&scene.to_string_lossy(), &wanted));
             for (index, scene) in shown.enumerate() {
                 let item = ui.selectable_label(index == 0 && *scene == recent[0], named(scene));
                 if ui.is_visible() {
@@ -207,11 +200,7 @@ impl Panels {
                 .controls
                 .seen(&format!("panel:{}", tool.title()), ui.toggle_value(&mut open, tool.title()));
             if response.clicked() {
-                if open {
-                    self.layout.reveal(tool);
-                } else {
-                    self.layout.set_open(tool, false);
-                }
+                self.toggle(tool);
             }
         }
     }
@@ -253,23 +242,17 @@ impl Panels {
                 ui.label("Background");
                 ui.color_edit_button_rgb(&mut viewer.background);
             });
-            if ui.button("Save the window (F12)").clicked() {
-                self.controls.commands.push(Command::Screenshot);
-                ui.close();
-            }
-            if ui.button("Save the picture (Shift + F12)").clicked() {
-                self.controls.commands.push(Command::SavePicture);
-                ui.close();
-            }
-            if let Some(with) = CAPTURES
-                && ui.button(format!("Capture the next frame with {with}")).clicked()
-            {
-                self.controls.commands.push(Command::Capture);
-                ui.close();
-            }
-            if ui.button("Full screen (F11)").clicked() {
-                self.controls.commands.push(Command::Fullscreen);
-                ui.close();
+            let capture = CAPTURES.map(|with| format!("Capture the next frame with {with}"));
+            for (text, command) in [
+                (Some("Save the window (F12)".to_owned()), Command::Screenshot),
+                (Some("Save the picture (Shift + F12)".to_owned()), Command::SavePicture),
+                (capture, Command::Capture),
+                (Some("Full screen (F11)".to_owned()), Command::Fullscreen),
+            ] {
+                if text.is_some_and(|text| ui.button(text).clicked()) {
+                    self.controls.commands.push(command);
+                    ui.close();
+                }
             }
             if ui.button("Keys and mouse (F1)").clicked() {
                 self.help = true;

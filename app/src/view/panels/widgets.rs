@@ -1,11 +1,12 @@
 //! Draws small widgets that the panels share, such as rows, hints, numbers and sparklines.
 
-use super::controls::Controls;
+use super::controls::{Command, Controls};
 use super::theme::{self, Palette, ROW, TEXT};
 use egui::Tooltip;
 use egui::{
     Align, FontId, Layout, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2, pos2,
 };
+use egui_plot::Plot;
 
 /// Sides on which a hint may appear without covering its control.
 const SIDES: [RectAlign; 6] = [
@@ -56,6 +57,31 @@ pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Control
     let field = egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0);
     controls.see(name, ui.add(field).rect);
     text.trim().to_lowercase()
+}
+
+/// Draws a search field, as [`search`] does, beside a button that opens a file.
+pub fn search_or_open(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
+    let row = ui.horizontal(|ui| {
+        let wanted = search(ui, text, name, controls);
+        if ui.button("Open a file…").clicked() {
+            controls.commands.push(Command::Open);
+            ui.close();
+        }
+        wanted
+    });
+    row.inner
+}
+
+/// Returns a plot of times in milliseconds that the pointer does not move.
+pub fn time_plot<'a>(name: &str, height: f32) -> Plot<'a> {
+    Plot::new(name)
+        .height(height)
+        .allow_scroll(false)
+        .allow_zoom(false)
+        .allow_drag(false)
+        .include_y(0.0)
+        .x_axis_formatter(|_, _| String::new())
+        .y_axis_formatter(|mark, _| time(mark.value))
 }
 
 pub fn heading(ui: &mut Ui, text: impl Into<String>) {

@@ -90,7 +90,7 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// Computes the bandwidth in the pass, or in the whole frame if the driver's timestamps do not separate passes.
+/// Computes the bandwidth in the pass, or in the whole frame if the passes' times are unreliable.
 fn rate<D: Device>(viewport: &Viewport<D>) -> Option<f64> {
     let plan = viewport.renderer.plan()?;
     let pass = plan.passes.iter().find(|pass| pass.name == PASS)?;
