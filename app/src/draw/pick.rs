@@ -131,7 +131,7 @@ pub fn pick(
     let found = fragments(masked, camera, pixel, rules, cancelled)?;
     let of = |fragment: &Fragment| {
         let splat = scene.get(fragment.index as usize);
-        let projected = project(&splat, camera, rules)?;
+        let projected = project(scene, fragment.index, camera, rules)?;
         let offset = scene.offset();
         Some(PickedSplat {
             index: fragment.index,
@@ -163,7 +163,7 @@ pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
         return None;
     }
     let rules = &Rules::of_view(scene, camera);
-    Outline::of(&project(&scene.get(index as usize), camera, rules)?, rules)
+    Outline::of(&project(scene, index, camera, rules)?, rules)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 use super::splat_set::{Masked, SplatSet};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
-use splatgraph_reference::{Rules, Splats, largest, project};
+use splatgraph_reference::{Rules, largest, project};
 
 /// Number of splats between checks for cancellation.
 const CHUNK: u32 = 8192;
@@ -115,7 +115,7 @@ fn centres(
 ) -> Option<SplatSet> {
     let [left, top, right, bottom] = region.bounds((camera.width, camera.height)).map(f64::from);
     let is_in = |index: &u32| {
-        project(&masked.get(*index as usize), camera, rules).is_some_and(|splat| {
+        project(masked, *index, camera, rules).is_some_and(|splat| {
             let [x, y] = splat.center.map(|v| v + 0.5);
             splat.opacity >= rules.alpha_floor
                 && (left..=right).contains(&x)
@@ -157,7 +157,7 @@ mod tests {
         let found = selected(&SplatSet::default(), &BOX, Reach::Through);
         let rules = Rules::of(&scene);
         for index in 0..scene.count() {
-            let splat = project(&scene.get(index as usize), &camera, &rules);
+            let splat = project(&scene, index, &camera, &rules);
             let inside = splat.is_some_and(|splat| {
                 let [x, y] = splat.center.map(|v| v + 0.5);
                 (40.0..=100.0).contains(&x)

@@ -6,6 +6,7 @@
 //! ambient light.
 
 use crate::gaussian::Splats;
+use crate::project::{cross, dot};
 use crate::rules::{KeyOf, Rules};
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Mesh, MeshMaterial, Texture};
@@ -26,14 +27,6 @@ pub(crate) struct Surface {
 }
 
 type Vector = [f64; 3];
-
-fn dot(a: Vector, b: Vector) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: Vector, b: Vector) -> Vector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
 
 fn minus(a: Vector, b: Vector) -> Vector {
     std::array::from_fn(|i| a[i] - b[i])
@@ -67,7 +60,44 @@ struct Hit {
     weights: [f64; 3],
 }
 
-pub(crate) struct Caster<'a> {
+/// The surface at each pixel of a rectangle of the image.
+pub(crate) struct Surfaces {
+    /// Left, top, right and bottom, in pixels; right and bottom exclusive.
+    area: [usize; 4],
+    /// In row order; `None` where the ray misses the mesh.
+    found: Vec<Option<Surface>>,
+}
+
+impl Surfaces {
+    /// Finds the surfaces of the mesh that comes with the splats. There are none if the camera is not a pinhole. `None`
+    /// once `cancelled`, which several threads call, returns true.
+    pub(crate) fn find(
+        splats: &(impl Splats + ?Sized),
+        camera: &Camera,
+        rules: &Rules,
+        area: [u32; 4],
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Surfaces> {
+        match splats.mesh().filter(|_| camera.projection.is_pinhole()) {
+            Some(mesh) => Caster::new(mesh, camera, rules).surfaces(area, cancelled),
+            None => Some(Surfaces { area: [0; 4], found: Vec::new() }),
+        }
+    }
+
+    /// Returns the surface at a pixel; `None` without one, and outside the rectangle.
+    pub(crate) fn at(&self, [x, y]: [usize; 2]) -> Option<Surface> {
+        let [left, top, right, bottom] = self.area;
+        let inside = (left..right).contains(&x) && (top..bottom).contains(&y);
+        if inside { self.found[(y - top) * (right - left) + x - left] } else { None }
+    }
+
+    /// Returns the depth beyond which splats are hidden at a pixel.
+    pub(crate) fn limit(&self, pixel: [usize; 2]) -> f64 {
+        self.at(pixel).map_or(f64::INFINITY, |surface| surface.depth)
+    }
+}
+
+struct Caster<'a> {
     mesh: &'a Mesh,
     camera: &'a Camera,
     near: f64,
@@ -76,16 +106,6 @@ pub(crate) struct Caster<'a> {
 }
 
 impl<'a> Caster<'a> {
-    /// Prepares the mesh that comes with the splats; `None` without a mesh, or if the camera is not a pinhole.
-    pub(crate) fn among(
-        splats: &'a (impl Splats + ?Sized),
-        camera: &'a Camera,
-        rules: &Rules,
-    ) -> Option<Self> {
-        let mesh = splats.mesh().filter(|_| camera.projection.is_pinhole())?;
-        Some(Self::new(mesh, camera, rules))
-    }
-
     /// Prepares the triangles of a mesh, except those nearer than the near plane.
     fn new(mesh: &'a Mesh, camera: &'a Camera, rules: &Rules) -> Self {
         let near = rules.near;
@@ -112,12 +132,17 @@ impl<'a> Caster<'a> {
         Caster { mesh, camera, near, key_of: rules.key_of, triangles }
     }
 
-    /// Finds the surface at every pixel, in row order; `None` where the ray misses the mesh.
-    pub(crate) fn surfaces(&self) -> Vec<Option<Surface>> {
-        let (width, height) = (self.camera.width as usize, self.camera.height as usize);
-        let mut found = vec![None; width * height];
-        found.par_chunks_mut((ROWS * width).max(1)).enumerate().for_each(|(chunk, pixels)| {
-            let first = chunk * ROWS;
+    /// Finds the surface at every pixel of a rectangle; `None` once `cancelled`.
+    fn surfaces(&self, area: [u32; 4], cancelled: &(dyn Fn() -> bool + Sync)) -> Option<Surfaces> {
+        let area = area.map(|side| side as usize);
+        let [left, top, right, bottom] = area;
+        let width = right - left;
+        let mut found = vec![None; width * (bottom - top)];
+        let row = |(chunk, pixels): (usize, &mut [Option<Surface>])| {
+            if cancelled() {
+                return None;
+            }
+            let first = top + chunk * ROWS;
             let mut hits: Vec<Option<Hit>> = vec![None; pixels.len()];
             for triangle in &self.triangles {
                 let inside = |axis: usize, from: usize, count: usize| {
@@ -126,8 +151,8 @@ impl<'a> Caster<'a> {
                     start..((high.floor() + 1.0).min((from + count) as f64).max(0.0) as usize).max(start)
                 };
                 for y in inside(1, first, pixels.len() / width) {
-                    for x in inside(0, 0, width) {
-                        let hit = &mut hits[(y - first) * width + x];
+                    for x in inside(0, left, width) {
+                        let hit = &mut hits[(y - first) * width + x - left];
                         *hit = self.nearer(triangle, [x as f64, y as f64], *hit);
                     }
                 }
@@ -135,15 +160,10 @@ impl<'a> Caster<'a> {
             for (pixel, hit) in pixels.iter_mut().zip(hits) {
                 *pixel = hit.map(|hit| self.seen(&hit));
             }
-        });
-        found
-    }
-
-    /// Finds the surface at one pixel; `None` if its ray misses the mesh.
-    pub(crate) fn surface(&self, [x, y]: [u32; 2]) -> Option<Surface> {
-        let at = [f64::from(x), f64::from(y)];
-        let hit = self.triangles.iter().fold(None, |hit, triangle| self.nearer(triangle, at, hit));
-        hit.map(|hit| self.seen(&hit))
+            Some(())
+        };
+        found.par_chunks_mut((ROWS * width).max(1)).enumerate().try_for_each(row)?;
+        Some(Surfaces { area, found })
     }
 
     /// Returns the nearer of `hit` and the hit of a pixel's ray with `triangle` (Möller and Trumbore). A hit whose
@@ -327,8 +347,13 @@ mod tests {
         }
     }
 
+    fn of_area(mesh: &Mesh, area: [u32; 4]) -> Surfaces {
+        let surfaces = Caster::new(mesh, &camera(), &Rules::PUBLISHED).surfaces(area, &|| false);
+        surfaces.expect("nobody cancels it")
+    }
+
     fn surfaces(mesh: &Mesh) -> Vec<Option<Surface>> {
-        Caster::new(mesh, &camera(), &Rules::PUBLISHED).surfaces()
+        of_area(mesh, [0, 0, 5, 5]).found
     }
 
     #[test]
@@ -344,7 +369,17 @@ mod tests {
             assert!((surface.depth - if near { 2.0 } else { 4.0 }).abs() < 1e-12, "{x}, {y}: {surface:?}");
             assert_eq!(surface.color[0] > surface.color[2], near);
         }
-        assert_eq!(Caster::new(&both, &camera(), &Rules::PUBLISHED).surface([2, 2]), found[12]);
+        for [left, top, right, bottom] in [[2, 2, 3, 3], [1, 3, 5, 5], [0, 0, 5, 1]] {
+            let part = of_area(&both, [left, top, right, bottom]);
+            for (at, surface) in found.iter().enumerate() {
+                let pixel @ [x, y] = [at as u32 % 5, at as u32 / 5];
+                let inside = (left..right).contains(&x) && (top..bottom).contains(&y);
+                assert_eq!(part.at(pixel.map(|v| v as usize)), surface.filter(|_| inside), "{pixel:?}");
+            }
+        }
+        let camera = camera();
+        let caster = Caster::new(&both, &camera, &Rules::PUBLISHED);
+        assert!(caster.surfaces([0, 0, 5, 5], &|| true).is_none(), "it is cancelled");
     }
 
     struct Alone(Mesh);
@@ -368,10 +403,12 @@ mod tests {
         let alone = Alone(wall(2.0, 10.0, [1.0; 4]));
         for projection in Projection::ALL {
             let camera = Camera { projection, ..camera() };
-            let sees = Caster::among(&alone, &camera, &Rules::PUBLISHED).is_some();
+            let found = Surfaces::find(&alone, &camera, &Rules::PUBLISHED, [0, 0, 5, 5], &|| false);
+            let sees = found.is_some_and(|surfaces| surfaces.at([2, 2]).is_some());
             assert_eq!(sees, projection == Projection::Pinhole, "{projection}");
         }
-        assert!(Caster::among(&[] as &[Gaussian], &camera(), &Rules::PUBLISHED).is_none());
+        let none = Surfaces::find(&[] as &[Gaussian], &camera(), &Rules::PUBLISHED, [0, 0, 5, 5], &|| false);
+        assert_eq!(none.expect("nobody cancels it").limit([2, 2]), f64::INFINITY);
     }
 
     #[test]
@@ -411,7 +448,7 @@ mod tests {
         for (u, alpha) in [(0.25, 1.0), (0.75, 0.0), (0.5, 0.5), (0.0, 0.5), (-0.75, 1.0), (2.0, 0.5)] {
             assert!((at(u) - alpha).abs() < 1e-12, "{u}");
         }
-        let row: Vec<bool> = caster.surfaces()[10..15].iter().map(Option::is_some).collect();
+        let row: Vec<bool> = surfaces(&wall)[10..15].iter().map(Option::is_some).collect();
         // Alpha at u = 0, 1/4, 1/2, 3/4, 1 is 1/2, 1, 1/2, 0, 1/2.
         assert_eq!(row, [true, true, true, false, true]);
     }

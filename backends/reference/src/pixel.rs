@@ -1,17 +1,12 @@
 //! Lists the splats that one pixel blends ([`fragments`]), exactly as [`render`](crate::render) blends them, and
 //! returns a splat's Gaussian on the image ([`project`]), to draw its outline.
 
-use crate::gaussian::{Gaussian, Splats};
-use crate::mesh::Caster;
-use crate::order;
+use crate::gaussian::Splats;
+use crate::mesh::Surfaces;
 use crate::project::{Ellipse, Projector, TILE};
 use crate::raster;
 use crate::rules::Rules;
-use rayon::prelude::*;
 use splatgraph_assets::Camera;
-
-/// Number of splats projected between checks for cancellation.
-const CHUNK: usize = 4096;
 
 /// A splat blended at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,9 +59,7 @@ impl Fragments {
 }
 
 /// Lists the splats blended at a pixel, given as column and row, down to the mesh. `None` for a pixel outside the
-/// image, or once `cancelled` returns true.
-///
-/// Runs in parallel: several threads call `cancelled`, every few thousand splats.
+/// image, or once `cancelled`, which several threads call, returns true.
 pub fn fragments(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,
@@ -80,20 +73,9 @@ pub fn fragments(
     let projector = Projector::new(camera, rules, splats.is_wide());
     let tile = [x / TILE, y / TILE];
     let touches = |[x0, y0, x1, y1]: [u32; 4]| (x0..x1).contains(&tile[0]) && (y0..y1).contains(&tile[1]);
-    let chunk = |chunk: usize| -> Option<Vec<Ellipse>> {
-        if cancelled() {
-            return None;
-        }
-        let end = splats.count().min((chunk + 1) * CHUNK);
-        let project = |index: usize| projector.project_onto(index as u32, &splats.get(index), touches);
-        Some((chunk * CHUNK..end).filter_map(project).collect())
-    };
-    let chunks: Option<Vec<Vec<Ellipse>>> =
-        (0..splats.count().div_ceil(CHUNK)).into_par_iter().map(chunk).collect();
-    let mut ellipses = chunks?.concat();
-    order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
-    let surface = Caster::among(splats, camera, rules).and_then(|caster| caster.surface([x, y]));
-    let limit = surface.map_or(f64::INFINITY, |surface| surface.depth);
+    let ellipses = projector.sorted(splats, touches, cancelled)?;
+    let surfaces = Surfaces::find(splats, camera, rules, [x, y, x + 1, y + 1], cancelled)?;
+    let limit = surfaces.limit([x as usize, y as usize]);
     let mut list = Vec::new();
     let transmittance = raster::blend(
         ellipses.iter().take_while(|ellipse| ellipse.depth < limit),
@@ -125,10 +107,16 @@ pub struct Projected {
     pub color: [f64; 3],
 }
 
-/// Projects a splat; `None` if it is culled or degenerate, or touches no tile of the image.
-pub fn project(splat: &Gaussian, camera: &Camera, rules: &Rules) -> Option<Projected> {
-    let wide = splat.position.iter().any(|v| *v != f64::from(*v as f32));
-    let Ellipse { depth, footprint, .. } = Projector::new(camera, rules, wide).project(0, splat)?;
+/// Projects splat `index`, which must be below [`Splats::count`]. `None` if it is culled or degenerate, or touches no
+/// tile of the image.
+pub fn project(
+    splats: &(impl Splats + ?Sized),
+    index: u32,
+    camera: &Camera,
+    rules: &Rules,
+) -> Option<Projected> {
+    let projector = Projector::new(camera, rules, splats.is_wide());
+    let Ellipse { depth, footprint, .. } = projector.project(index, &splats.get(index as usize))?;
     Some(Projected {
         depth,
         center: footprint.center,
@@ -142,7 +130,9 @@ pub fn project(splat: &Gaussian, camera: &Camera, rules: &Rules) -> Option<Proje
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::raster::render;
+    use crate::gaussian::Gaussian;
+    use crate::project::CHUNK;
+    use crate::raster::{largest, render};
     use proptest::prelude::*;
     use splatgraph_assets::{Scene, synth};
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -232,10 +222,49 @@ mod tests {
     fn a_cancelled_search_ends_after_the_chunks_in_work() {
         let scene = synth::generate("uniform", 40 * CHUNK as u32, 0).unwrap();
         let camera = Camera::framing(&scene, 64, 48);
-        let looks = AtomicUsize::new(0);
-        let cancelled = || looks.fetch_add(1, Ordering::Relaxed) >= 3;
-        assert_eq!(fragments(&scene, &camera, [32, 24], &Rules::PUBLISHED, &cancelled), None);
-        assert!(looks.into_inner() < 40, "all chunks were begun");
+        let rules = &Rules::PUBLISHED;
+        type Cancelled<'a> = &'a (dyn Fn() -> bool + Sync);
+        type Ends<'a> = &'a dyn Fn(Cancelled) -> bool;
+        let searches: [(&str, Ends); 2] = [
+            ("fragments", &|cancelled| fragments(&scene, &camera, [32, 24], rules, cancelled).is_none()),
+            ("largest", &|cancelled| largest(&scene, &camera, [8, 8, 9, 9], rules, cancelled).is_none()),
+        ];
+        for (name, ends) in searches {
+            let looks = AtomicUsize::new(0);
+            assert!(ends(&|| looks.fetch_add(1, Ordering::Relaxed) >= 3), "{name}");
+            assert!(looks.into_inner() < 40, "{name}: all chunks were begun");
+        }
+    }
+
+    /// A scene whose positions f32 cannot hold, although one of its splats is where f32 can.
+    #[test]
+    fn a_splat_is_as_deep_as_its_fragment_however_precise_its_scene_is() {
+        struct Wide(Vec<Gaussian>);
+
+        impl Splats for Wide {
+            fn count(&self) -> usize {
+                self.0.len()
+            }
+
+            fn get(&self, index: usize) -> Gaussian {
+                self.0[index]
+            }
+
+            fn is_wide(&self) -> bool {
+                true
+            }
+        }
+
+        let scene = synth::generate("uniform", 400, 1).unwrap();
+        let wide = Wide((0..Splats::count(&scene)).map(|index| Splats::get(&scene, index)).collect());
+        let camera = Camera::framing(&scene, 64, 48);
+        let found = fragments(&wide, &camera, [32, 24], &Rules::PUBLISHED, GOES_ON).unwrap();
+        let deep = |splats: &dyn Fn(u32) -> Option<Projected>| -> Vec<f64> {
+            found.list.iter().map(|fragment| splats(fragment.index).unwrap().depth).collect()
+        };
+        let depths: Vec<f64> = found.list.iter().map(|fragment| fragment.depth).collect();
+        assert_eq!(deep(&|index| project(&wide, index, &camera, &Rules::PUBLISHED)), depths);
+        assert_ne!(deep(&|index| project(&scene, index, &camera, &Rules::PUBLISHED)), depths);
     }
 
     proptest! {
@@ -255,7 +284,7 @@ mod tests {
                 sh: [[0.0; 3]; 16],
             };
             let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (200, 160));
-            let found = project(&splat, &camera, &Rules::PUBLISHED).expect("it is in the picture");
+            let found = project(&[splat] as &[Gaussian], 0, &camera, &Rules::PUBLISHED).expect("it is in the picture");
             // Computes the 3D covariance by rotating each axis with quaternion products.
             let [w, x, y, z] = splat.rotation;
             let rotate = glam::DQuat::from_xyzw(x, y, z, w);

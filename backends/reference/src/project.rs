@@ -9,15 +9,19 @@
 //! - the exponent is a sum of two squares, from the Cholesky factor of the covariance, so it is never positive. (The
 //!   rasteriser skips exponents above 0: in exact arithmetic there are none.)
 
-use crate::gaussian::Gaussian;
+use crate::gaussian::{Gaussian, Splats};
 use crate::harmonics;
 use crate::lens::Lens;
-use crate::order::View;
+use crate::order::{self, View};
 use crate::rules::{Extent, LowPass, Rules};
+use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
 /// Side of a tile of the rasteriser, in pixels (`BLOCK_X` and `BLOCK_Y` of its config.h).
 pub(crate) const TILE: u32 = 16;
+
+/// Number of splats projected between checks for cancellation.
+pub(crate) const CHUNK: usize = 4096;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Ellipse {
@@ -120,6 +124,28 @@ impl<'a> Projector<'a> {
 
     pub(crate) fn width(&self) -> usize {
         self.camera.width as usize
+    }
+
+    /// Projects all splats whose tiles are `wanted`, and sorts them, near to far. `None` once `cancelled` returns true;
+    /// several threads call it, every few thousand splats.
+    pub(crate) fn sorted(
+        &self,
+        splats: &(impl Splats + ?Sized),
+        wanted: impl Fn([u32; 4]) -> bool + Sync,
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Vec<Ellipse>> {
+        let chunk = |chunk: usize| -> Option<Vec<Ellipse>> {
+            if cancelled() {
+                return None;
+            }
+            let end = splats.count().min((chunk + 1) * CHUNK);
+            let project = |index: usize| self.project_onto(index as u32, &splats.get(index), &wanted);
+            Some((chunk * CHUNK..end).filter_map(project).collect())
+        };
+        let chunks = (0..splats.count().div_ceil(CHUNK)).into_par_iter().map(chunk);
+        let mut ellipses = chunks.collect::<Option<Vec<_>>>()?.concat();
+        order::sort(&mut ellipses, self.rules, |ellipse| (ellipse.depth, ellipse.index));
+        Some(ellipses)
     }
 
     /// Projects a splat; `None` if it is culled, degenerate or touches no tile.
@@ -235,10 +261,10 @@ fn rotation([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
     ]
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

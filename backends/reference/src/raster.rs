@@ -1,7 +1,7 @@
 //! Blends the sorted ellipses at every pixel, front to back.
 
 use crate::gaussian::Splats;
-use crate::mesh::{Caster, Surface};
+use crate::mesh::{Surface, Surfaces};
 use crate::order;
 use crate::project::{Ellipse, Footprint, Projector, TILE};
 use crate::rules::Rules;
@@ -118,21 +118,19 @@ pub fn render(
     progress: Progress,
 ) -> Picture {
     let projector = Projector::new(camera, rules, splats.is_wide());
-    let mut ellipses: Vec<Ellipse> = (0..splats.count())
-        .into_par_iter()
-        .filter_map(|index| projector.project(index as u32, &splats.get(index)))
-        .collect();
-    order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
-
-    let surfaces = Caster::among(splats, camera, rules).map(|caster| caster.surfaces());
-    let surface = |at: usize| surfaces.as_ref().and_then(|all| all[at]);
+    let goes_on = &|| false;
+    let area = [0, 0, camera.width, camera.height];
+    let (Some(ellipses), Some(surfaces)) =
+        (projector.sorted(splats, |_| true, goes_on), Surfaces::find(splats, camera, rules, area, goes_on))
+    else {
+        unreachable!("nothing cancels it")
+    };
     let width = camera.width as usize;
     let mut pixels = vec![Pixel::EMPTY; width * camera.height as usize];
     let done = AtomicUsize::new(0);
     let rows = projector.grid[1] as usize;
     pixels.par_chunks_mut((width * TILE as usize).max(1)).enumerate().for_each(|(row, pixels)| {
-        let limit = |at: usize| surface(row * TILE as usize * width + at).map_or(f64::INFINITY, |s| s.depth);
-        tile_row(&ellipses, &projector, row as u32, 0..projector.grid[0], pixels, rules, limit);
+        tile_row(&ellipses, &projector, row as u32, 0..projector.grid[0], pixels, rules, &surfaces);
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, rows);
     });
     Picture {
@@ -142,7 +140,8 @@ pub fn render(
             .iter()
             .enumerate()
             .map(|(at, p)| {
-                let behind = surface(at).map_or(background, |Surface { color, .. }| color);
+                let behind =
+                    surfaces.at([at % width, at / width]).map_or(background, |Surface { color, .. }| color);
                 std::array::from_fn(|c| p.color[c] + p.transmittance * behind[c])
             })
             .collect(),
@@ -175,13 +174,8 @@ pub fn largest(
     let touches = |[x0, y0, x1, y1]: [u32; 4]| {
         x0 < columns.end && columns.start < x1 && y0 < rows.end && rows.start < y1
     };
-    let project = |index: usize| projector.project_onto(index as u32, &splats.get(index), touches);
-    let mut ellipses: Vec<Ellipse> = (0..splats.count()).into_par_iter().filter_map(project).collect();
-    if cancelled() {
-        return None;
-    }
-    order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
-    let surfaces = Caster::among(splats, camera, rules).map(|caster| caster.surfaces());
+    let ellipses = projector.sorted(splats, touches, cancelled)?;
+    let surfaces = Surfaces::find(splats, camera, rules, area, cancelled)?;
     let width = projector.width();
     let row = |row: u32| -> Option<Vec<u32>> {
         if cancelled() {
@@ -189,9 +183,7 @@ pub fn largest(
         }
         let height = TILE.min(camera.height - row * TILE);
         let mut pixels = vec![Pixel::EMPTY; width * height as usize];
-        let surface = |at: usize| surfaces.as_ref().and_then(|all| all[(row * TILE) as usize * width + at]);
-        let limit = |at: usize| surface(at).map_or(f64::INFINITY, |surface| surface.depth);
-        tile_row(&ellipses, &projector, row, columns.clone(), &mut pixels, rules, limit);
+        tile_row(&ellipses, &projector, row, columns.clone(), &mut pixels, rules, &surfaces);
         let lines = pixels.chunks(width).zip(row * TILE..).filter(|(_, y)| (top..bottom).contains(y));
         Some(lines.flat_map(|(line, _)| &line[left as usize..right as usize]).map(|p| p.most.1).collect())
     };
@@ -199,8 +191,7 @@ pub fn largest(
     Some(found?.concat())
 }
 
-/// Blends the tiles of a row in these columns. `pixels` are the image's pixels in this row; splats behind `limit`, a
-/// depth for each pixel, are hidden.
+/// Blends the tiles of a row in these columns, down to the surfaces. `pixels` are the image's pixels in this row.
 fn tile_row(
     ellipses: &[Ellipse],
     projector: &Projector,
@@ -208,7 +199,7 @@ fn tile_row(
     columns: Range<u32>,
     pixels: &mut [Pixel],
     rules: &Rules,
-    limit: impl Fn(usize) -> f64,
+    surfaces: &Surfaces,
 ) {
     let mut lists: Vec<Vec<u32>> = vec![Vec::new(); columns.len()];
     for (at, ellipse) in ellipses.iter().enumerate() {
@@ -223,16 +214,16 @@ fn tile_row(
         let splats: Vec<&Ellipse> = list.iter().map(|at| &ellipses[*at as usize]).collect();
         let first = (column * TILE) as usize;
         for (line_number, line) in pixels.chunks_mut(width).enumerate() {
-            let y = f64::from(row * TILE) + line_number as f64;
+            let y = (row * TILE) as usize + line_number;
             let end = width.min(first + TILE as usize);
             for (x, pixel) in line[first..end].iter_mut().enumerate() {
                 let mut blended = Pixel::EMPTY;
-                let at = [(first + x) as f64, y];
-                let limit = limit(line_number * width + first + x);
+                let pixel_at = [first + x, y];
+                let limit = surfaces.limit(pixel_at);
                 blended.transmittance = blend(
                     splats.iter().take_while(|splat| splat.depth < limit),
                     |splat| &splat.footprint,
-                    at,
+                    pixel_at.map(|v| v as f64),
                     rules,
                     |splat, alpha, transmittance| {
                         blended.add(splat, alpha, transmittance);
@@ -393,8 +384,6 @@ mod tests {
         assert!(picture.index.iter().filter(|index| **index != u32::MAX).count() > 1000);
         let none = largest(splats.as_slice(), &camera, [5, 5, 5, 9], &Rules::PUBLISHED, goes_on);
         assert_eq!(none, Some(Vec::new()));
-        let cancelled = largest(splats.as_slice(), &camera, [0, 0, 65, 49], &Rules::PUBLISHED, &|| true);
-        assert_eq!(cancelled, None);
     }
 
     #[test]
