@@ -41,6 +41,9 @@ pub mod source;
 #[cfg(test)]
 extern crate self as splatgraph_framework;
 #[cfg(test)]
+#[path = "../../tests/numbers.rs"]
+mod numbers;
+#[cfg(test)]
 mod testing;
 
 pub use build::build;

@@ -34,7 +34,6 @@ impl ShaderCompiler for ListCompiler {
             push: None,
             inputs: Vec::new(),
             outputs: Vec::new(),
-            subgroups: false,
             features: Features::empty(),
         };
         let text = files.text(request.file).to_string();

@@ -49,7 +49,6 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
         push: None,
         inputs: Vec::new(),
         outputs: Vec::new(),
-        subgroups: false,
         features: Features::empty(),
     };
     for line in text.lines().filter_map(|line| line.strip_prefix("//: ")) {

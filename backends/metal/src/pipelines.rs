@@ -133,7 +133,7 @@ fn compute(
     let shader = plan.shader(shader);
     let all: u64 = threads.iter().map(|&n| u64::from(n)).product();
     let (raw, lanes) = gpu::kernel(&gpu.device, function, &shader.name, all)?;
-    if shader.reflection.subgroups && lanes != u64::from(LANES) {
+    if shader.reflection.has_subgroups() && lanes != u64::from(LANES) {
         return Err(BackendError::Unsupported(format!(
             "shader `{}` was compiled for SIMD groups of {LANES} lanes, and Metal runs it with {lanes}",
             shader.name

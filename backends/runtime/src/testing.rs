@@ -116,12 +116,12 @@ fn shader(name: &str, stage: ShaderStage) -> Shader {
         name: name.to_string(),
         defines: Vec::new(),
         spirv: Arc::new(vec![0x0723_0203]),
-        reflection: reflection(stage, [64, 1, 1], false),
+        reflection: reflection(stage, [64, 1, 1], Features::empty()),
         msl: None,
     }
 }
 
-pub(crate) fn reflection(stage: ShaderStage, local_size: [u32; 3], subgroups: bool) -> Reflection {
+pub(crate) fn reflection(stage: ShaderStage, local_size: [u32; 3], features: Features) -> Reflection {
     Reflection {
         stage,
         local_size,
@@ -130,8 +130,7 @@ pub(crate) fn reflection(stage: ShaderStage, local_size: [u32; 3], subgroups: bo
         push: None,
         inputs: Vec::new(),
         outputs: Vec::new(),
-        subgroups,
-        features: Features::empty(),
+        features,
     }
 }
 

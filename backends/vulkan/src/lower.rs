@@ -146,7 +146,7 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
 /// Requests the subgroup size that the graph assumes and full subgroups, each if the device and the workgroup size
 /// allow it.
 pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgroups {
-    if !shader.subgroups || limits.size == 0 {
+    if !shader.has_subgroups() || limits.size == 0 {
         return Subgroups::default();
     }
     // A requested size must divide x and give few enough subgroups. Without a request, a SPIR-V 1.6 shader may get any
@@ -297,7 +297,8 @@ mod tests {
     #[test]
     fn subgroup_shaders_run_full_and_with_the_size_that_was_told_where_that_is_allowed() {
         let asked = |local: [u32; 3], limits: SubgroupLimits| {
-            let state = subgroups(&reflection(ShaderStage::Compute, local, true), &limits);
+            let state =
+                subgroups(&reflection(ShaderStage::Compute, local, Features::SUBGROUP_BASIC), &limits);
             (state.size, state.full)
         };
         assert_eq!(asked([256, 1, 1], LIMITS), (Some(32), true));
@@ -309,7 +310,7 @@ mod tests {
         let fixed = SubgroupLimits { selectable: false, ..LIMITS };
         assert_eq!(asked([256, 1, 1], fixed), (None, true));
         assert_eq!(asked([32, 1, 1], fixed), (None, false));
-        let plain = subgroups(&reflection(ShaderStage::Compute, [256, 1, 1], false), &LIMITS);
+        let plain = subgroups(&reflection(ShaderStage::Compute, [256, 1, 1], Features::empty()), &LIMITS);
         assert_eq!(plain, Subgroups::default());
     }
 

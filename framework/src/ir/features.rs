@@ -104,6 +104,16 @@ bitflags! {
 }
 
 impl Features {
+    /// All kinds of subgroup operations. A module with any of them has subgroups.
+    pub const SUBGROUP_OPERATIONS: Features = Features::SUBGROUP_BASIC
+        .union(Features::SUBGROUP_VOTE)
+        .union(Features::SUBGROUP_ARITHMETIC)
+        .union(Features::SUBGROUP_BALLOT)
+        .union(Features::SUBGROUP_SHUFFLE)
+        .union(Features::SUBGROUP_SHUFFLE_RELATIVE)
+        .union(Features::SUBGROUP_CLUSTERED)
+        .union(Features::SUBGROUP_QUAD);
+
     /// Lists each feature with a description and its name in Vulkan.
     #[rustfmt::skip]
     pub const LIST: [(Features, &str, &str); 45] = [

@@ -1,5 +1,7 @@
 //! Defines positions in graph files.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 /// An index into the files of a [`SourceMap`](crate::source::SourceMap).
@@ -15,6 +17,13 @@ pub struct Span {
     pub start: usize,
     /// Byte offset just past the last byte.
     pub end: usize,
+}
+
+impl Span {
+    /// Creates the span of a byte range of a file.
+    pub fn new(file: FileId, bytes: Range<usize>) -> Span {
+        Span { file, start: bytes.start, end: bytes.end }
+    }
 }
 
 /// The position of a declaration in a graph file, for error messages and dumps.

@@ -102,10 +102,15 @@ pub struct Reflection {
     pub inputs: Vec<Varying>,
     /// Stage outputs with a `location`, sorted by it.
     pub outputs: Vec<Varying>,
-    /// True if the module uses subgroup operations (any GroupNonUniform capability).
-    pub subgroups: bool,
     /// Optional device features that the module requires.
     pub features: Features,
+}
+
+impl Reflection {
+    /// Returns true if the module uses subgroup operations.
+    pub fn has_subgroups(&self) -> bool {
+        self.features.intersects(Features::SUBGROUP_OPERATIONS)
+    }
 }
 
 /// A block or an image that a shader binds.
@@ -162,6 +167,16 @@ pub struct PushBlock {
     pub bytes: u32,
     /// Members, in order of declaration.
     pub members: Vec<Member>,
+}
+
+impl PushBlock {
+    /// Returns true if the blocks have the same members, whichever of them the code reads.
+    pub fn has_layout_of(&self, other: &PushBlock) -> bool {
+        let all = |block: &PushBlock| -> Vec<Member> {
+            block.members.iter().map(|member| Member { used: true, ..member.clone() }).collect()
+        };
+        self.bytes == other.bytes && all(self) == all(other)
+    }
 }
 
 /// A member of a uniform or push-constant block.

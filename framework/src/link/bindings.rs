@@ -2,8 +2,8 @@
 
 use super::linker::{Linker, describe, touch};
 use crate::ir::{
-    Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding, ReflectedKind,
-    ResourceId, Run, ShaderId, Shape, Source, Span, Stages, Use, Value, to_f32,
+    Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, PushBlock, ReflectedBinding,
+    ReflectedKind, ResourceId, Run, ShaderId, Shape, Source, Span, Stages, Use, Value, to_f32,
 };
 use crate::lower::{LoweredBind, LoweredPass};
 use crate::source::{Diagnostic, nearest};
@@ -308,28 +308,25 @@ impl Linker<'_> {
 
     /// Encodes the push constants of a pass, and checks `push` against the shaders' blocks. Empty if they have none.
     pub(super) fn push(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) -> Vec<u8> {
+        let with_push = |(shader, _): &(ShaderId, Stages)| {
+            let shader = &self.shaders[shader.index()];
+            Some((shader.name.clone(), shader.reflection.push.clone()?))
+        };
+        let blocks: Vec<(String, PushBlock)> = stages.iter().filter_map(with_push).collect();
         let mut bytes = Vec::new();
         let mut known = Vec::new();
-        for (shader, _) in stages {
-            let shader = self.shaders[shader.index()].clone();
-            let Some(block) = &shader.reflection.push else { continue };
-            // The stages of a draw share the push constants, so their blocks must be equal.
-            let other = stages.iter().filter_map(|(s, _)| self.shaders[s.index()].reflection.push.as_ref());
-            if other.clone().any(|b| b != block) {
-                self.errors.push(Diagnostic::new(
-                    "the two shaders declare different push constants",
-                    pass.span,
-                    "in this draw",
-                ));
-                break;
-            }
-            bytes.resize(bytes.len().max(block.bytes as usize), 0);
+        // The stages of a draw share the push constants, so their blocks must be equal.
+        if blocks.iter().any(|(_, block)| !block.has_layout_of(&blocks[0].1)) {
+            let message = "the two shaders declare different push constants";
+            self.errors.push(Diagnostic::new(message, pass.span, "in this draw"));
+        } else if let Some((shader, block)) = blocks.first() {
+            bytes.resize(block.bytes as usize, 0);
             for member in &block.members {
                 known.push(member.name.clone());
                 let Some(push) = pass.push.iter().find(|p| p.name == member.name) else {
                     self.errors.push(
                         Diagnostic::new(
-                            format!("the push constant `{}` of `{}` is not given", member.name, shader.name),
+                            format!("the push constant `{}` of `{shader}` is not given", member.name),
                             pass.span,
                             "in this pass",
                         )
@@ -349,7 +346,7 @@ impl Linker<'_> {
                 match word {
                     Some(word) if at + 4 <= bytes.len() => bytes[at..at + 4].copy_from_slice(&word),
                     _ => self.errors.push(Diagnostic::new(
-                        format!("`{}` of `{}` is {}", member.name, shader.name, kind_name(member.kind)),
+                        format!("`{}` of `{shader}` is {}", member.name, kind_name(member.kind)),
                         push.value_span,
                         format!("the value {} does not fit", push.value),
                     )),

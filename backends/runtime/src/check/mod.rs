@@ -367,7 +367,7 @@ impl<'a> Checker<'a> {
     /// Refuses a shader with subgroup operations if its subgroup size can differ from the size that the graph assumes.
     fn subgroups(&self, shader: &Shader) -> Result<(), BackendError> {
         let (limits, local) = (&self.limits.subgroup, shader.reflection.local_size);
-        if !shader.reflection.subgroups || limits.has_certain_size(local) {
+        if !shader.reflection.has_subgroups() || limits.has_certain_size(local) {
             return Ok(());
         }
         let lanes = limits.size;

@@ -121,10 +121,11 @@ fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_
     let several = SubgroupLimits { size: 32, min_size: 32, max_size: 64, selectable: true, max_per_group: 8 };
     let with = |limits: SubgroupLimits, local_size: [u32; 3]| {
         said(|plan, own| {
-            own.subgroup = limits;
+            (own.subgroup, own.features) = (limits, Features::all());
             for shader in &mut plan.shaders {
                 if shader.reflection.stage == ShaderStage::Compute {
-                    (shader.reflection.subgroups, shader.reflection.local_size) = (true, local_size);
+                    shader.reflection.features = Features::SUBGROUP_BASIC;
+                    shader.reflection.local_size = local_size;
                 }
             }
         })

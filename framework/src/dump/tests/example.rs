@@ -202,7 +202,6 @@ impl Maker {
             push: Some(PushBlock { bytes: 4, members: vec![member] }),
             inputs: vec![],
             outputs: vec![],
-            subgroups: false,
             features: Features::empty(),
         };
         let defines = vec![("DIGIT_BITS".into(), "4".into())];

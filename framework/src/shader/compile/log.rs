@@ -117,7 +117,7 @@ impl IncludeFailure {
         let file = unit.origin.file(files, request);
         let include = unit.includes.get(&self.name);
         let place = include.map_or(0..0, |include| include.place.clone());
-        let span = Span { file, start: place.start, end: place.end };
+        let span = Span::new(file, place);
         match &self.why {
             IncludeProblem::Missing => match include.map(|i| &i.target) {
                 Some(Err(not_found)) => not_found.at(span),

@@ -94,9 +94,7 @@ impl ShaderCompiler for Glslang {
     ) -> Result<Compiled, Vec<Diagnostic>> {
         let _span = info_span!("prepare a shader", shader = files.path(request.file)).entered();
         let sources = info_span!("read GLSL").in_scope(|| Sources::gather(files, request))?;
-        if let Some(diagnostic) =
-            sources.taken_name(files, request).or_else(|| sources.too_large(files, request))
-        {
+        if let Some(diagnostic) = sources.too_large(files, request) {
             return Err(vec![diagnostic]);
         }
         let defines = request.defines.iter().filter(|(name, _)| sources.identifiers.contains(name));
@@ -119,8 +117,11 @@ impl ShaderCompiler for Glslang {
             None => {}
         }
         let followed = info_span!("follow the branches").in_scope(|| sources.follow(&key.defines));
-        if let Some((unit, place)) = followed.as_ref().and_then(|followed| followed.undefined.clone()) {
-            return Err(vec![sources.undefined(files, request, unit, place)]);
+        if let Some(place) = followed.as_ref().and_then(|followed| followed.redeclared.clone()) {
+            return Err(vec![sources.redeclared(files, request, place)]);
+        }
+        if let Some(place) = followed.as_ref().and_then(|followed| followed.undefined.clone()) {
+            return Err(vec![sources.undefined(files, request, place)]);
         }
         let spirv = match self.stored_or_generated(&key) {
             Ok(spirv) => spirv,
@@ -163,7 +164,7 @@ impl Failure {
     fn diagnose(&self, files: &mut SourceMap, request: &ShaderRequest, sources: &Sources) -> Vec<Diagnostic> {
         match self {
             Failure::Cancelled => {
-                let span = Span { file: request.file, start: 0, end: 0 };
+                let span = Span::new(request.file, 0..0);
                 vec![Diagnostic::new(CANCELLED, span, "")]
             }
             Failure::Log(log) | Failure::Crash(log) => log::diagnose(files, request, sources, log),

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::generate::{INCLUDE_BYTES, MAX_DEPTH, MAX_INCLUDED_BYTES};
-use super::scan::{Token, TokenKind, lex};
+use super::scan::{Token, TokenKind, is_number_type, lex};
 
 /// Maximum number of words visited while expanding a condition. A longer one is not evaluated.
 const MAX_WORDS: usize = 10_000;
@@ -32,6 +32,8 @@ pub(super) struct Reached {
     /// The first undefined name in a condition: the index of its text, and its bytes. Operands of `defined` do not
     /// count, nor do names that the compiler or an extension may define.
     pub undefined: Option<(usize, Range<usize>)>,
+    /// The first define that a compiled line declares, as in `uint COUNT`: the index of its text, and its bytes.
+    pub redeclared: Option<(usize, Range<usize>)>,
 }
 
 /// Finds the names that the preprocessor reaches from `texts[0]` with `defines`. `None` if the texts cannot be
@@ -44,6 +46,7 @@ pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]
         macros: BTreeMap::new(),
         names: BTreeSet::new(),
         undefined: None,
+        redeclared: None,
         bytes: 0,
     };
     let pastes = |(text, tokens): (&Text, &Vec<Token>)| tokens.iter().any(|t| t.of(text.text) == "##");
@@ -51,7 +54,8 @@ pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]
         return None;
     }
     walk.text(0, Truth::Yes, 0)?;
-    Some(Reached { names: walk.names.into_iter().map(str::to_owned).collect(), undefined: walk.undefined })
+    let Walk { names, undefined, redeclared, .. } = walk;
+    Some(Reached { names: names.into_iter().map(str::to_owned).collect(), undefined, redeclared })
 }
 
 /// Three-valued truth: whether lines are compiled, or whether a condition holds.
@@ -117,6 +121,7 @@ struct Walk<'t> {
     macros: BTreeMap<&'t str, Macro<'t>>,
     names: BTreeSet<&'t str>,
     undefined: Option<(usize, Range<usize>)>,
+    redeclared: Option<(usize, Range<usize>)>,
     bytes: usize,
 }
 
@@ -166,10 +171,24 @@ impl<'t> Walk<'t> {
                 }
                 "define" => self.define(rest, now),
                 "undef" => self.undefine(rest, now),
-                _ => self.reach_all(rest),
+                _ => {
+                    if now == Truth::Yes {
+                        self.redeclare(rest);
+                    }
+                    self.reach_all(rest);
+                }
             }
         }
         Some(())
+    }
+
+    /// Notes the first define that a compiled line declares.
+    fn redeclare(&mut self, words: &[Word<'t>]) {
+        let declares =
+            |two: &&[Word<'t>]| is_number_type(two[0].text) && self.defines.contains_key(two[1].text);
+        let name = words.windows(2).find(declares).map(|two| two[1]);
+        let place = name.map(|name| (name.at.0, name.at.1..name.at.1 + name.text.len()));
+        self.redeclared = self.redeclared.take().or(place);
     }
 
     fn define(&mut self, words: &[Word<'t>], now: Truth) {

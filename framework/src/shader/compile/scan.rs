@@ -142,8 +142,6 @@ pub(super) struct Scan<'t> {
     pub macros: HashSet<&'t str>,
     /// All words, numbers and symbols after `#if` and `#elif`.
     pub conditions: HashSet<&'t str>,
-    /// Names that follow a number type, as in `uint count`, with their places.
-    pub declared: Vec<(&'t str, Range<usize>)>,
     /// Names of blocks and other `uniform` declarations, without push constants.
     pub bindings: Vec<&'t str>,
     /// Place of the number in the first `#version`, and true if it is 460 in the core profile.
@@ -159,7 +157,6 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
         includes: Vec::new(),
         macros: HashSet::new(),
         conditions: HashSet::new(),
-        declared: Vec::new(),
         bindings: Vec::new(),
         version: None,
         foreign: None,
@@ -170,9 +167,6 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
             TokenKind::Identifier => {
                 let name = token.of(text);
                 scan.identifiers.insert(name);
-                if i > 0 && is_number_type(tokens[i - 1].of(text)) {
-                    scan.declared.push((name, token.range()));
-                }
                 let is_push = || tokens[statement..i].iter().any(|t| t.of(text) == "push_constant");
                 if matches!(name, "buffer" | "uniform") && !is_push() {
                     scan.bindings.extend(binding_name(text, &tokens[i + 1..]));
@@ -216,7 +210,7 @@ fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {
 }
 
 /// Returns true for `uint`, `vec3`, ...: types of variables whose names may collide with the graph's constants.
-fn is_number_type(word: &str) -> bool {
+pub(super) fn is_number_type(word: &str) -> bool {
     let base = word.strip_prefix(['i', 'u', 'b', 'd']).filter(|rest| rest.starts_with("vec")).unwrap_or(word);
     matches!(base, "uint" | "int" | "float" | "bool" | "double" | "vec2" | "vec3" | "vec4")
 }

@@ -31,7 +31,6 @@ pub(super) struct Unit {
     pub text: String,
     /// Included files, by the name in the `#include`.
     pub includes: BTreeMap<String, Include>,
-    pub declared: Vec<(String, Range<usize>)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -69,7 +68,7 @@ impl Sources {
             };
             let span_of = |place: Range<usize>, files: &mut SourceMap| {
                 let file = origin.file(files, request);
-                Span { file, start: place.start, end: place.end }
+                Span::new(file, place)
             };
             bytes += text.len();
             if bytes > MAX_BYTES || sources.units.len() >= MAX_FILES {
@@ -132,36 +131,9 @@ impl Sources {
                 });
                 includes.insert(name.to_string(), Include { place, target });
             }
-            let declared = scan.declared.into_iter().map(|(name, place)| (name.to_string(), place)).collect();
-            sources.units.push(Unit { origin, text, includes, declared });
+            sources.units.push(Unit { origin, text, includes });
         }
         Ok(sources)
-    }
-
-    /// Returns the error for a constant of the graph that the shader also declares, if any. The preprocessor would
-    /// replace the name by the number, and cause a misleading compiler error.
-    pub fn taken_name(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
-        for unit in &self.units {
-            for (name, place) in &unit.declared {
-                let Some((_, value)) = request.defines.iter().find(|(define, _)| define == name) else {
-                    continue;
-                };
-                let span =
-                    Span { file: unit.origin.file(files, request), start: place.start, end: place.end };
-                let graph = name.to_lowercase();
-                return Some(
-                    Diagnostic::new(
-                        format!("`{name}` is a constant of the graph"),
-                        span,
-                        "declared again here",
-                    )
-                    .with_help(format!(
-                        "the graph defines it as {value}: use that, or rename `{graph}` in the graph"
-                    )),
-                );
-            }
-        }
-        None
     }
 
     /// Finds the names that the shader reaches with `defines`; `None` if the branches cannot be followed.
@@ -170,13 +142,28 @@ impl Sources {
         reached::reached(&texts, defines)
     }
 
+    /// Returns the error for a constant of the graph that the shader also declares. The preprocessor would replace the
+    /// name by the number, and cause a misleading compiler error.
+    pub fn redeclared(
+        &self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+        (unit, place): (usize, Range<usize>),
+    ) -> Diagnostic {
+        let name = &self.units[unit].text[place.clone()];
+        let value = request.defines.iter().find(|(define, _)| define == name).map_or("", |(_, value)| value);
+        let graph = name.to_lowercase();
+        let span = self.span(files, request, unit, place);
+        Diagnostic::new(format!("`{name}` is a constant of the graph"), span, "declared again here")
+            .with_help(format!("the graph defines it as {value}: use that, or rename `{graph}` in the graph"))
+    }
+
     /// Returns the error for an undefined name in an `#if`. The compiler would treat it as 0.
     pub fn undefined(
         &self,
         files: &mut SourceMap,
         request: &ShaderRequest,
-        unit: usize,
-        place: Range<usize>,
+        (unit, place): (usize, Range<usize>),
     ) -> Diagnostic {
         let name = &self.units[unit].text[place.clone()];
         let span = self.span(files, request, unit, place);
@@ -230,7 +217,7 @@ impl Sources {
         place: Range<usize>,
     ) -> Span {
         let file = self.units[unit].origin.file(files, request);
-        Span { file, start: place.start, end: place.end }
+        Span::new(file, place)
     }
 }
 

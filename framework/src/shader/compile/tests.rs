@@ -1,5 +1,6 @@
 use super::*;
 use crate::ir::ShaderStage;
+use crate::numbers::Random;
 use crate::source::{Kind, Library, render};
 use std::time::Duration;
 
@@ -452,13 +453,8 @@ void main() {{
     let bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/inc.glsl", inc)]);
     let mut bench = bench.in_worker(Limits::default());
     bench.compile("a.comp", &[("N", "8")]).unwrap();
-    let mut random = 0x9e37_79b9_7f4a_7c15u64;
-    let mut next = |below: usize| {
-        random ^= random << 13;
-        random ^= random >> 7;
-        random ^= random << 17;
-        (random % below as u64) as usize
-    };
+    let mut random = Random(1);
+    let mut next = |below: usize| random.below(below);
     let pieces = [
         "(",
         ")",
@@ -512,4 +508,9 @@ fn a_constant_of_the_graph_that_the_shader_declares_again_is_shown_where_it_does
         Bench::new(&files).compile("a.comp", &[]).is_ok(),
         "without the constant it is the shader's own affair"
     );
+    let default = shader.replace("const uint BINS = 4u;", "#ifndef BINS\nconst uint BINS = 4u;\n#endif");
+    let files = [("shaders/a.comp", default.as_str())];
+    for defines in [&[][..], &[("BINS", "256")]] {
+        assert!(Bench::new(&files).compile("a.comp", defines).is_ok(), "{defines:?}");
+    }
 }

@@ -31,20 +31,12 @@ pub(super) fn features(module: &Module, accesses: &Accesses) -> Result<Features,
     if module.source_extensions.iter().any(|name| name == "GL_EXT_scalar_block_layout") {
         needed |= Features::SCALAR_LAYOUT;
     }
-    let subgroups = Features::SUBGROUP_BASIC
-        | Features::SUBGROUP_VOTE
-        | Features::SUBGROUP_ARITHMETIC
-        | Features::SUBGROUP_BALLOT
-        | Features::SUBGROUP_SHUFFLE
-        | Features::SUBGROUP_SHUFFLE_RELATIVE
-        | Features::SUBGROUP_CLUSTERED
-        | Features::SUBGROUP_QUAD;
     let (stores, in_stage) = match module.stage {
         ShaderStage::Vertex => (Features::VERTEX_STORES, Features::SUBGROUPS_IN_VERTEX),
         ShaderStage::Fragment => (Features::FRAGMENT_STORES, Features::SUBGROUPS_IN_FRAGMENT),
         ShaderStage::Compute => (Features::empty(), Features::empty()),
     };
-    if needed.intersects(subgroups) {
+    if needed.intersects(Features::SUBGROUP_OPERATIONS) {
         needed |= in_stage;
     }
     if !accesses.writes.is_empty() {

@@ -63,7 +63,6 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
         inputs: varyings(&module, StorageClass::Input)?,
         outputs: varyings(&module, StorageClass::Output)?,
         features: features::features(&module, &accesses)?,
-        subgroups: module.capabilities.iter().any(|c| format!("{c:?}").starts_with("GroupNonUniform")),
     })
 }
 
@@ -250,7 +249,8 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
                 let flat =
                     flat || module.decoration(variable.pointee, Some(index), Decoration::Flat).is_some();
                 add(module.name(variable.pointee, Some(index)), location, *member, flat)?;
-                next = Some(location.saturating_add(locations(module, *member)?));
+                let taken = u32::try_from(locations(module, *member)?).unwrap_or(u32::MAX);
+                next = Some(location.saturating_add(taken));
             }
         } else if let Some(location) = base {
             add(module.name(variable.id, None), location, variable.pointee, flat)?;
@@ -260,17 +260,17 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
     Ok(varyings)
 }
 
-/// Returns the number of locations of a type: one per started 16 bytes of each column, array element or scalar.
-fn locations(module: &Module, id: Word) -> Result<u32, String> {
+/// Returns the number of locations of a type: one per started 16 bytes of each scalar or vector in it.
+fn locations(module: &Module, id: Word) -> Result<u64, String> {
     let info = module.type_of(id)?;
-    let each =
-        |element: Word| Ok::<u64, String>(module.type_of(element)?.natural.map_or(1, |n| n.0.div_ceil(16)));
-    let count = match &info.kind {
-        Type::Matrix { column, columns } => u64::from(*columns).saturating_mul(each(*column)?),
-        Type::Array { element, length } => length.saturating_mul(each(*element)?),
-        _ => each(id)?,
-    };
-    Ok(u32::try_from(count).unwrap_or(u32::MAX))
+    Ok(match &info.kind {
+        Type::Matrix { column, columns } => u64::from(*columns).saturating_mul(locations(module, *column)?),
+        Type::Array { element, length } => length.saturating_mul(locations(module, *element)?),
+        Type::Struct { members } => members.iter().try_fold(0, |sum: u64, member| {
+            Ok::<_, String>(sum.saturating_add(locations(module, *member)?))
+        })?,
+        _ => info.natural.map_or(1, |(bytes, _)| bytes.div_ceil(16)),
+    })
 }
 
 fn glsl_type(module: &Module, mut id: Word) -> Result<String, String> {
@@ -281,11 +281,11 @@ fn glsl_type(module: &Module, mut id: Word) -> Result<String, String> {
     }
     let name = match &module.type_of(id)?.kind {
         Type::Vector { element, count } => {
-            format!("{}vec{count}", vector_prefix(&module.type_of(*element)?.kind))
+            format!("{}vec{count}", scalar_names(&module.type_of(*element)?.kind)[1])
         }
         Type::Matrix { column, columns } => match module.type_of(*column)?.kind {
             Type::Vector { element, count } => {
-                let prefix = vector_prefix(&module.type_of(element)?.kind);
+                let [_, prefix] = scalar_names(&module.type_of(element)?.kind);
                 if count == *columns {
                     format!("{prefix}mat{columns}")
                 } else {
@@ -295,35 +295,23 @@ fn glsl_type(module: &Module, mut id: Word) -> Result<String, String> {
             _ => return Err("a matrix has no columns".into()),
         },
         Type::Struct { .. } => module.name(id, None).to_string(),
-        scalar => scalar_name(scalar),
+        scalar => scalar_names(scalar)[0].clone(),
     };
     Ok(name + &suffix)
 }
 
-fn scalar_name(scalar: &Type) -> String {
+/// Returns the name of a scalar type, and the prefix of its vectors' names.
+fn scalar_names(scalar: &Type) -> [String; 2] {
+    let plain = |names: [&str; 2]| names.map(str::to_string);
     match scalar {
-        Type::Bool => "bool".into(),
-        Type::Int { bits: 32, signed: true } => "int".into(),
-        Type::Int { bits: 32, signed: false } => "uint".into(),
-        Type::Int { bits, signed: true } => format!("int{bits}_t"),
-        Type::Int { bits, signed: false } => format!("uint{bits}_t"),
-        Type::Float { bits: 32 } => "float".into(),
-        Type::Float { bits: 64 } => "double".into(),
-        Type::Float { bits } => format!("float{bits}_t"),
-        other => format!("{other:?}"),
-    }
-}
-
-fn vector_prefix(element: &Type) -> String {
-    match element {
-        Type::Bool => "b".into(),
-        Type::Int { bits: 32, signed: true } => "i".into(),
-        Type::Int { bits: 32, signed: false } => "u".into(),
-        Type::Int { bits, signed: true } => format!("i{bits}"),
-        Type::Int { bits, signed: false } => format!("u{bits}"),
-        Type::Float { bits: 32 } => "".into(),
-        Type::Float { bits: 64 } => "d".into(),
-        Type::Float { bits } => format!("f{bits}"),
-        other => format!("{other:?} "),
+        Type::Bool => plain(["bool", "b"]),
+        Type::Int { bits: 32, signed: true } => plain(["int", "i"]),
+        Type::Int { bits: 32, signed: false } => plain(["uint", "u"]),
+        Type::Int { bits, signed: true } => [format!("int{bits}_t"), format!("i{bits}")],
+        Type::Int { bits, signed: false } => [format!("uint{bits}_t"), format!("u{bits}")],
+        Type::Float { bits: 32 } => plain(["float", ""]),
+        Type::Float { bits: 64 } => plain(["double", "d"]),
+        Type::Float { bits } => [format!("float{bits}_t"), format!("f{bits}")],
+        other => [format!("{other:?}"), format!("{other:?} ")],
     }
 }

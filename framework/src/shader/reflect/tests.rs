@@ -1,8 +1,8 @@
 use super::super::compile::Glslang;
 use super::super::{ShaderCompiler, ShaderRequest};
 use super::*;
-use crate::ir::Features;
-use crate::ir::ShaderStage;
+use crate::ir::{Features, ShaderStage};
+use crate::numbers::Random;
 use crate::source::{Library, SourceMap, render};
 
 fn compile(stage: ShaderStage, body: &str) -> Result<(Vec<u32>, Reflection), String> {
@@ -298,10 +298,9 @@ fn shared_memory_is_summed_with_specialization_defaults() {
 #[test]
 fn subgroup_operations_are_noticed() {
     let with = "#extension GL_KHR_shader_subgroup_ballot : require\n";
-    assert!(!compute(&format!("{with}{IN_OUT}void main() {{ b[0] = a[0]; }}")).subgroups);
-    assert!(
-        compute(&format!("{with}{IN_OUT}void main() {{ b[0] = subgroupBallot(a[0] > 1).x; }}")).subgroups
-    );
+    let has = |body: &str| compute(&format!("{with}{IN_OUT}void main() {{ {body} }}")).has_subgroups();
+    assert!(!has("b[0] = a[0];"));
+    assert!(has("b[0] = subgroupBallot(a[0] > 1).x;"));
 }
 
 #[test]
@@ -400,6 +399,18 @@ fn stage_inputs_and_outputs_are_listed_by_location() {
 }
 
 #[test]
+fn members_without_locations_of_their_own_take_those_after_the_members_before_them() {
+    let r = reflected(
+        ShaderStage::Vertex,
+        "struct Pair { float x; vec2 y; };
+         layout(location = 1) out Block { mat2 m[2]; Pair pair; vec4 v[2]; float last; } block;
+         void main() { block.m[0] = mat2(1); block.pair.x = 1.0; block.v[1] = vec4(0); block.last = 2.0; gl_Position = vec4(0); }",
+    );
+    let locations: Vec<_> = r.outputs.iter().map(|v| (v.name.as_str(), v.location)).collect();
+    assert_eq!(locations, [("m", 1), ("pair", 5), ("v", 7), ("last", 9)]);
+}
+
+#[test]
 fn bindings_that_a_graph_cannot_give_are_named() {
     let out = "layout(set = 0, binding = 9) buffer Out { vec4 o; };\n";
     let sampler = format!(
@@ -478,13 +489,8 @@ fn damaged_modules_never_panic() {
     for length in 0..spirv.len() {
         let _ = reflect(&spirv[..length]);
     }
-    let mut random = 0x2545_f491_4f6c_dd1du64;
-    let mut next = |below: usize| {
-        random ^= random << 13;
-        random ^= random >> 7;
-        random ^= random << 17;
-        (random % below as u64) as usize
-    };
+    let mut random = Random(1);
+    let mut next = |below: usize| random.below(below);
     for _ in 0..3000 {
         let mut damaged = spirv.clone();
         for _ in 0..1 + next(3) {

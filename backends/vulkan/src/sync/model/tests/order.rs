@@ -177,7 +177,6 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
             push: None,
             inputs: vec![],
             outputs: vec![],
-            subgroups: false,
             features: Default::default(),
         },
     };
