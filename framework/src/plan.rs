@@ -10,6 +10,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
+use indexmap::IndexSet;
 use serde::{Deserialize, Serialize};
 
 use crate::ir::{
@@ -127,14 +128,9 @@ impl Plan {
 
     /// Lists the phases that contain a pass affected by a parameter, each once.
     pub fn affected_phases(&self, parameter: &str) -> Vec<&str> {
-        let mut phases: Vec<&str> = Vec::new();
-        for id in self.effect(parameter).iter().flat_map(|effect| &effect.passes) {
-            let phase = self.pass(*id).phase.as_str();
-            if !phases.contains(&phase) {
-                phases.push(phase);
-            }
-        }
-        phases
+        let passes = self.effect(parameter).into_iter().flat_map(|effect| &effect.passes);
+        let phases: IndexSet<&str> = passes.map(|id| self.pass(*id).phase.as_str()).collect();
+        phases.into_iter().collect()
     }
 
     /// Describes the effect of a parameter in a sentence: the passes that depend on it, or the reason why none does.

@@ -147,20 +147,34 @@ pub fn catalog() -> Catalog {
     }
 }
 
-/// Builds `graph.ron` from `files`, pairs of a path and a text. Errors are rendered as for a user.
-pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, String> {
+/// Builds `graph.ron` from [`SHADERS`] and `files`, pairs of a path and a text. Errors are rendered as for a user.
+pub fn try_plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, String> {
     plan_with(files, set, &[], true)
 }
 
+/// Builds a plan as [`try_plan_of`] does; panics on errors.
+pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Plan {
+    try_plan_of(files, set).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+/// Builds a plan from the text of a graph that uses [`SHADERS`].
+pub fn plan(graph: &str, set: &[(&str, &str)]) -> Plan {
+    plan_of(&[("graph.ron", graph)], set)
+}
+
 /// Builds a graph as [`plan`] does, with minimum values for growing parameters.
-pub fn plan_with_capacities(
-    graph: &str,
-    set: &[(&str, &str)],
-    capacities: &[(&str, i64)],
-) -> Result<Plan, String> {
-    let mut files = SHADERS.to_vec();
-    files.push(("graph.ron", graph));
-    plan_with(&files, set, capacities, true)
+pub fn plan_with_capacities(graph: &str, set: &[(&str, &str)], capacities: &[(&str, i64)]) -> Plan {
+    plan_with(&[("graph.ron", graph)], set, capacities, true).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+/// Builds a graph as [`plan`] does, but with every resource in its own memory.
+pub fn apart(graph: &str) -> Plan {
+    plan_with(&[("graph.ron", graph)], &[], &[], false).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+/// Returns the errors of a graph.
+pub fn error_of(graph: &str) -> String {
+    try_plan_of(&[("graph.ron", graph)], &[]).expect_err("the graph has a mistake")
 }
 
 fn plan_with(
@@ -169,7 +183,8 @@ fn plan_with(
     capacities: &[(&str, i64)],
     share_memory: bool,
 ) -> Result<Plan, String> {
-    let memory = files.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    let files = SHADERS.iter().chain(files);
+    let memory = files.map(|(k, v)| (k.to_string(), v.to_string())).collect();
     let mut map = SourceMap::new(Library { memory, ..Library::default() });
     let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
     let capacities: Vec<_> = capacities.iter().map(|(name, least)| (name.to_string(), *least)).collect();
@@ -224,20 +239,6 @@ pub const SHADERS: &[(&str, &str)] = &[
     ("quad.vert", "r In 4"),
     ("quad.frag", "out color"),
 ];
-
-/// Builds a plan from the text of a graph that uses [`SHADERS`].
-pub fn plan(graph: &str, set: &[(&str, &str)]) -> Result<Plan, String> {
-    let mut files = SHADERS.to_vec();
-    files.push(("graph.ron", graph));
-    plan_of(&files, set)
-}
-
-/// Builds a graph as [`plan`] does, but with every resource in its own memory.
-pub fn apart(graph: &str) -> Result<Plan, String> {
-    let mut files = SHADERS.to_vec();
-    files.push(("graph.ron", graph));
-    plan_with(&files, &[], &[], false)
-}
 
 pub fn dispatch(name: &str, shader: &str, bind: &str) -> String {
     format!(r#"        Dispatch(name: "{name}", shader: "{shader}", size: Threads(64), bind: {{{bind}}}),"#)

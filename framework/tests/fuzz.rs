@@ -9,6 +9,7 @@
 mod nominal;
 #[path = "../../tests/numbers.rs"]
 mod numbers;
+mod worker;
 
 use numbers::Random;
 use std::collections::BTreeMap;
@@ -20,9 +21,7 @@ use std::time::{Duration, Instant};
 
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Request, ShaderStage};
-use splatgraph_framework::shader::{
-    Compiled, Glslang, Limits, ShaderCompiler, ShaderRequest, Worker, serve_if_asked,
-};
+use splatgraph_framework::shader::{Compiled, Glslang, Limits, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render};
 
 /// Number of damaged files of each kind: with `SPLATGRAPH_LONG`, and without.
@@ -173,19 +172,10 @@ fn texts(folder: &str) -> BTreeMap<String, String> {
 const COUNT: u32 = 1000;
 const SIZE: (u32, u32) = (64, 32);
 
-/// Returns a compiler in a separate process: this program, running only the test that serves.
+/// Returns a compiler in a separate process.
 fn compiler() -> Glslang {
-    let program = std::env::current_exe().expect("this program");
-    let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
     // The default memory limit: a worker ends after each shader if it uses over a quarter of its limit.
-    let limits = Limits { time: Duration::from_secs(1), ..Limits::default() };
-    Glslang::in_worker(Worker { program, arguments: arguments.map(Into::into).into(), limits })
-}
-
-/// Serves in the worker's process; does nothing in the process that runs all tests.
-#[test]
-fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
-    serve_if_asked();
+    worker::compiler(Limits { time: Duration::from_secs(1), ..Limits::default() })
 }
 
 #[derive(Clone, Copy, Default)]

@@ -17,6 +17,8 @@
 //! git diff framework/tests/golden/out
 //! ```
 
+mod worker;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,7 +29,7 @@ use splatgraph_framework::build;
 use splatgraph_framework::ir::{
     Attribute, Catalog, DeviceFacts, Facts, Features, HostBuffer, Param, Request, Value,
 };
-use splatgraph_framework::shader::{Glslang, Limits, Worker, serve_if_asked};
+use splatgraph_framework::shader::{Glslang, Limits};
 use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render, render_warnings};
 
 fn folder(name: &str) -> PathBuf {
@@ -65,20 +67,6 @@ fn catalog() -> Catalog {
         uniforms: [("frame.camera".into(), 256)].into(),
         buffers: [("frame.words".into(), HostBuffer { stride: 4, least: 64 })].into(),
     }
-}
-
-/// Returns a compiler in a separate process: some sections crash it.
-fn compiler() -> Glslang {
-    let program = std::env::current_exe().expect("this program");
-    let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
-    let arguments = arguments.map(Into::into).into();
-    Glslang::in_worker(Worker { program, arguments, limits: Limits::default() })
-}
-
-/// Serves in the worker's process; does nothing in the process that runs all tests.
-#[test]
-fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
-    serve_if_asked();
 }
 
 fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compiler: &mut Glslang) -> String {
@@ -165,7 +153,7 @@ fn outputs() -> BTreeMap<String, String> {
                 None => joined.push(part.to_string()),
             }
         }
-        let mut compiler = compiler();
+        let mut compiler = worker::compiler(Limits::default());
         let shown = joined.iter().map(|section| {
             let (title, text) = section.split_once('\n').unwrap_or((section, ""));
             format!("//// {title}\n\n{}", printed(&name, text, &shared, &mut compiler))

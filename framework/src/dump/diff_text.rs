@@ -1,5 +1,6 @@
 //! Formats a comparison as text. Equal differences in many iterations of a repeat are listed once.
 
+use indexmap::{IndexMap, IndexSet};
 use std::fmt::{self, Write};
 
 use super::diff::{Diff, NamedChange, PropertyChange, TotalChange};
@@ -79,25 +80,18 @@ fn write_only(out: &mut String, side: &str, names: &[String]) -> fmt::Result {
 
 /// Writes one entry for all iterations of a member that differ in the same properties.
 fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
-    let mut lines: Vec<(String, Vec<&str>, Vec<&NamedChange>)> = Vec::new();
+    let mut lines: IndexMap<(String, Vec<&str>), Vec<&NamedChange>> = IndexMap::new();
     for change in changed {
         let member = single_index(&change.name).map_or(change.name.clone(), |(member, _)| member);
-        let fields: Vec<&str> = change.changes.iter().map(|c| c.name.as_str()).collect();
-        match lines.iter_mut().find(|(m, f, _)| *m == member && *f == fields) {
-            Some((_, _, changes)) => changes.push(change),
-            None => lines.push((member, fields, vec![change])),
-        }
+        let fields = change.changes.iter().map(|c| c.name.as_str()).collect();
+        lines.entry((member, fields)).or_default().push(change);
     }
-    for (_, fields, changes) in lines {
+    for ((_, fields), changes) in lines {
         let names: Vec<String> = changes.iter().map(|c| c.name.clone()).collect();
         writeln!(out, "  {}", ranges(&names).join(", "))?;
         for (i, field) in fields.iter().enumerate() {
-            let mut values: Vec<String> = Vec::new();
-            for value in changes.iter().map(|c| arrow(&c.changes[i])) {
-                if !values.contains(&value) {
-                    values.push(value);
-                }
-            }
+            let values: IndexSet<String> = changes.iter().map(|c| arrow(&c.changes[i])).collect();
+            let mut values: Vec<String> = values.into_iter().collect();
             if values.len() > MAX_VALUES {
                 values.truncate(MAX_VALUES);
                 values.push("...".into());
@@ -110,14 +104,10 @@ fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
 
 /// Lists barriers of one side. Barriers that differ only in iteration indices are one entry.
 fn write_barriers(out: &mut String, side: &str, barriers: &[DumpBarrier]) -> fmt::Result {
-    let mut entries: Vec<(Vec<String>, Vec<&DumpBarrier>)> = Vec::new();
+    let mut entries: IndexMap<Vec<String>, Vec<&DumpBarrier>> = IndexMap::new();
     for barrier in barriers {
-        let key: Vec<String> =
-            [place(barrier)].iter().chain(&lines(barrier)).map(|line| without_indices(line)).collect();
-        match entries.iter_mut().find(|(k, _)| *k == key) {
-            Some((_, same)) => same.push(barrier),
-            None => entries.push((key, vec![barrier])),
-        }
+        let key = [place(barrier)].iter().chain(&lines(barrier)).map(|line| without_indices(line)).collect();
+        entries.entry(key).or_default().push(barrier);
     }
     for (_, same) in entries {
         let names: Vec<String> =

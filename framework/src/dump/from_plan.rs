@@ -10,7 +10,8 @@ use crate::ir::{
     Source, Use, Value, Work,
 };
 use crate::plan::{Cause, Dependency, Plan, Resource, Warning};
-use std::collections::{HashMap, HashSet};
+use indexmap::{IndexMap, IndexSet};
+use std::collections::HashSet;
 
 /// Returns the plan with names in place of numbers, and without barriers: a backend adds those of its API with
 /// [`Dump::with_barriers`].
@@ -115,16 +116,12 @@ fn blocks(plan: &Plan) -> Vec<DumpBlock> {
 }
 
 fn phases(passes: &[DumpPass]) -> Vec<DumpPhase> {
-    let mut phases: Vec<DumpPhase> = Vec::new();
-    let mut known: HashMap<(&str, bool), usize> = HashMap::new();
+    let mut phases: IndexMap<(&str, bool), DumpPhase> = IndexMap::new();
     for pass in passes {
-        let at = *known.entry((&pass.phase, pass.run == Run::Once)).or_insert_with(|| {
-            phases.push(DumpPhase { name: pass.phase.clone(), run: pass.run, passes: 0, gpu_ms: None });
-            phases.len() - 1
-        });
-        phases[at].passes += 1;
+        let new = || DumpPhase { name: pass.phase.clone(), run: pass.run, passes: 0, gpu_ms: None };
+        phases.entry((&pass.phase, pass.run == Run::Once)).or_insert_with(new).passes += 1;
     }
-    phases
+    phases.into_values().collect()
 }
 
 fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], freed: bool) -> DumpResource {
@@ -330,11 +327,6 @@ impl DumpPass {
 }
 
 fn names(uses: &[Use<String>]) -> Vec<&str> {
-    let mut names: Vec<&str> = Vec::new();
-    for touch in uses {
-        if !names.contains(&touch.resource.as_str()) {
-            names.push(&touch.resource);
-        }
-    }
-    names
+    let names: IndexSet<&str> = uses.iter().map(|touch| touch.resource.as_str()).collect();
+    names.into_iter().collect()
 }

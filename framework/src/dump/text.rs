@@ -1,5 +1,6 @@
 //! Formats a dump as text, for a terminal or a test.
 
+use indexmap::{IndexMap, IndexSet};
 use std::fmt::{self, Write};
 
 use super::form::{BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, Lifetime};
@@ -157,24 +158,16 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
 /// Formats the passes that a pass waits for: `project (visible, splats), draw and export of the previous frame (color
 /// in the memory of depth)`.
 pub(super) fn comes_after(pass: &DumpPass) -> String {
-    let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
+    let mut passes: IndexMap<(&str, Since), IndexSet<String>> = IndexMap::new();
     for dependency in &pass.dependencies {
-        let (earlier, resource) =
-            ((dependency.first.name.as_str(), dependency.since), subject_of(dependency));
-        match passes.iter_mut().find(|(known, _)| *known == earlier) {
-            Some((_, resources)) if resources.contains(&resource) => {}
-            Some((_, resources)) => resources.push(resource),
-            None => passes.push((earlier, vec![resource])),
-        }
+        let earlier = (dependency.first.name.as_str(), dependency.since);
+        passes.entry(earlier).or_default().insert(subject_of(dependency));
     }
-    let mut groups: Vec<(Vec<&str>, Since, Vec<String>)> = Vec::new();
+    let mut groups: IndexMap<(Since, Vec<String>), Vec<&str>> = IndexMap::new();
     for ((name, since), resources) in passes {
-        match groups.iter_mut().find(|group| (group.1, &group.2) == (since, &resources)) {
-            Some((names, ..)) => names.push(name),
-            None => groups.push((vec![name], since, resources)),
-        }
+        groups.entry((since, resources.into_iter().collect())).or_default().push(name);
     }
-    let group = |(names, since, resources): &(Vec<&str>, Since, Vec<String>)| {
+    let group = |((since, resources), names): (&(Since, Vec<String>), &Vec<&str>)| {
         let names = match names.split_last() {
             Some((last, rest)) if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
             _ => names.join(", "),
@@ -219,21 +212,15 @@ fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
 /// Counts the culled passes by reason: `15 passes left out: 13 (nothing reads what it writes), 2 (its condition is
 /// false)`.
 pub fn left_out_counts(dump: &Dump) -> String {
-    let mut reasons: Vec<(&str, usize)> = Vec::new();
+    let mut reasons: IndexMap<&str, usize> = IndexMap::new();
     for left_out in &dump.left_out {
         // Group by kind of reason: after the colon comes the condition itself.
-        let why = left_out.why.split(": ").next().unwrap_or_default();
-        match reasons.iter_mut().find(|(known, _)| *known == why) {
-            Some((_, count)) => *count += 1,
-            None => reasons.push((why, 1)),
-        }
+        *reasons.entry(left_out.why.split(": ").next().unwrap_or_default()).or_default() += 1;
     }
-    let count = |n: usize| if n == 1 { "1 pass".to_string() } else { format!("{n} passes") };
-    let reasons: Vec<String> = match &reasons[..] {
-        [(why, _)] => vec![why.to_string()],
-        _ => reasons.iter().map(|(why, n)| format!("{n} ({why})")).collect(),
-    };
-    format!("{} left out: {}", count(dump.left_out.len()), reasons.join(", "))
+    let alone = reasons.len() == 1;
+    let reason = |(why, n): (&&str, &usize)| if alone { why.to_string() } else { format!("{n} ({why})") };
+    let reasons: Vec<String> = reasons.iter().map(reason).collect();
+    format!("{} left out: {}", counted(dump.left_out.len(), "pass", "passes"), reasons.join(", "))
 }
 
 /// Formats the counts: `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 dependencies`.

@@ -44,15 +44,6 @@ impl Number {
     }
 }
 
-impl From<Number> for Value {
-    fn from(number: Number) -> Value {
-        match number {
-            Number::Int(v) => Value::Int(v),
-            Number::Float(v) => Value::Float(v),
-        }
-    }
-}
-
 fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) -> Result<Value, ExprError> {
     let [left, right] = operands;
     let symbol = format!("`{}`", op.symbol());

@@ -54,7 +54,7 @@ pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diag
     files.find(None, name, Kind::Graph).map_err(|error| {
         // There is no file to point into, so the diagnostic shows the name as its source text.
         let file = files.add("command line", name);
-        vec![error.at(Span { file, start: 0, end: name.len() })]
+        vec![error.at(Span::new(file, 0..name.len()))]
     })
 }
 

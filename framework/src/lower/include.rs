@@ -7,8 +7,8 @@ use super::declared;
 use super::document::{MAX_DEPTH, Opened};
 use super::lowered::LoweredInclude;
 use super::lowering::{Handle, Level, Lowering, Scope};
-use super::params::{self, is_identifier};
-use super::scope::Names;
+use super::params;
+use super::scope::{Names, check_identifier};
 use crate::ir::{Param, ParamSet, Value};
 use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
@@ -87,14 +87,7 @@ impl Lowering<'_> {
         let (names, params) = self.include_params(level, opened, &parameters, include)?;
         let full = format!("{}{name}{}", level.prefix, level.suffix);
         let span = place.field("name").span();
-        if !is_identifier(name) {
-            let message = format!("`{name}` cannot name an include");
-            return Err(Diagnostic::new(
-                message,
-                span,
-                "use letters, digits and `_`, without a leading digit",
-            ));
-        }
+        check_identifier(name, "an include", span)?;
         if let Some(first) = self.include_names.insert(full.clone(), span) {
             let message = format!("two includes are called `{full}`");
             return Err(Diagnostic::new(message, span, "the second").with_label(first, "the first"));

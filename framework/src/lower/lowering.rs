@@ -8,7 +8,6 @@ use super::declared::{Exposed, Known};
 use super::defines::{Constants, defines};
 use super::document::Opened;
 use super::lowered::{Declaration, LoweredInclude, LoweredPass, RemovedPass, RemovedUse, SkippedUse};
-use super::params::is_identifier;
 use super::require::Choices;
 use super::scope::Names;
 use crate::ir::{EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
@@ -154,15 +153,9 @@ impl<'a> Lowering<'a> {
         let Scope { mut names, params, exposed } = scope;
         for (name, number) in &opened.graph.lets {
             let place = opened.root.field("let").field(name);
-            if names.values.contains_key(name) || names.live.contains(name) {
-                let taken = "the name is already used by a parameter, a fact or a `let`";
-                self.errors.push(Diagnostic::new(format!("`{name}` is declared twice"), place.key(), taken));
-                continue;
-            }
-            if !is_identifier(name) {
-                let message = format!("`{name}` cannot name a `let`");
-                let rule = "use letters, digits and `_`, without a leading digit";
-                self.errors.push(Diagnostic::new(message, place.key(), rule));
+            let taken = "the name is already used by a parameter, a fact or a `let`";
+            if let Err(error) = names.check_new(name, "a `let`", taken, place.key()) {
+                self.errors.push(error);
                 continue;
             }
             let (value, read) = names.traced(|| names.evaluate(number, &place));

@@ -26,10 +26,12 @@ pub use lowered::{
 pub use params::parse_value;
 pub use results::no_output;
 
-use declared::Declared;
+use declared::{Declared, Known, Parameters};
 use lowering::{Lowering, Scope};
-use require::Choices;
+use params::Resolved;
+use require::{Choices, Chosen};
 use scope::Values;
+use std::rc::Rc;
 
 use crate::expr::Expr;
 use crate::ir::{Fallback, LIVE_BLOCK, Param, ParamSet, Request, Shape, Source, Unmet, Value};
@@ -57,13 +59,9 @@ pub struct Control {
 /// requirements if no graph suits the facts.
 pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
     let mut walk = Lowering::new(request, files);
-    let chosen = walk.choices.root(walk.files)?;
+    let Root { chosen, parameters, resolved } =
+        Root::open(request, walk.files, &mut walk.choices, &mut walk.known)?;
     let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
-    let parameters = declared::parameters(root, &mut walk.choices, walk.files, &mut walk.known)?;
-    let resolved = params::resolve(root, &parameters, walk.request, walk.files, &mut walk.errors);
-    if !walk.errors.is_empty() {
-        return Err(require::explained(walk.errors, fallbacks));
-    }
     let (names, params) = (resolved.names, resolved.params.clone());
     let scope = Scope { names, params, exposed: parameters.exposed.clone() };
     let mut level = walk.level(root, scope, String::new());
@@ -124,19 +122,38 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
     }
 }
 
+/// The graph of a request, with the values of its parameters.
+struct Root {
+    chosen: Rc<Chosen>,
+    parameters: Rc<Parameters>,
+    resolved: Resolved,
+}
+
+impl Root {
+    fn open(
+        request: &Request,
+        files: &mut SourceMap,
+        choices: &mut Choices,
+        known: &mut Known,
+    ) -> Result<Root, Vec<Diagnostic>> {
+        let chosen = choices.root(files)?;
+        let parameters = declared::parameters(&chosen.opened, choices, files, known)?;
+        let mut errors = Vec::new();
+        let resolved = params::resolve(&chosen.opened, &parameters, request, files, &mut errors);
+        if !errors.is_empty() {
+            return Err(require::explained(errors, &chosen.fallbacks));
+        }
+        Ok(Root { chosen, parameters, resolved })
+    }
+}
+
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
 ///
 /// # Errors
 /// Those of [`lower`] about the request's settings, files, parameters and requirements.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
-    let mut choices = Choices::new(request);
-    let chosen = choices.root(files)?;
-    let parameters = declared::parameters(&chosen.opened, &mut choices, files, &mut Default::default())?;
-    let mut errors = Vec::new();
-    let resolved = params::resolve(&chosen.opened, &parameters, request, files, &mut errors);
-    if !errors.is_empty() {
-        return Err(require::explained(errors, &chosen.fallbacks));
-    }
+    let Root { chosen, parameters, resolved } =
+        Root::open(request, files, &mut Choices::new(request), &mut Known::default())?;
     let control = |(param, declared): (Param, &Declared)| {
         let (label, help) = params::texts(declared.declaration());
         let label = if label.is_empty() { param.name.replace('_', " ") } else { folded(label) };
@@ -181,17 +198,10 @@ pub fn expression_names(
     request: &Request,
     files: &mut SourceMap,
 ) -> Result<ExpressionNames, Vec<Diagnostic>> {
-    let mut choices = Choices::new(request);
-    let chosen = choices.root(files)?;
-    let opened = &chosen.opened;
-    let parameters = declared::parameters(opened, &mut choices, files, &mut Default::default())?;
-    let mut errors = Vec::new();
-    let mut names = params::resolve(opened, &parameters, request, files, &mut errors).names;
-    if !errors.is_empty() {
-        return Err(require::explained(errors, &chosen.fallbacks));
-    }
-    for (name, number) in &opened.graph.lets {
-        let place = opened.root.field("let").field(name);
+    let Root { chosen, resolved: Resolved { mut names, .. }, .. } =
+        Root::open(request, files, &mut Choices::new(request), &mut Known::default())?;
+    for (name, number) in &chosen.opened.graph.lets {
+        let place = chosen.opened.root.field("let").field(name);
         if let Ok(value) = names.evaluate(number, &place) {
             names.define(name, value, ParamSet::new());
         }

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::declared::{Declared, Parameters, Reach};
 use super::document::{Opened, Setting};
 use super::lowered::SkippedUse;
-use super::scope::{Names, describe};
+use super::scope::{Names, check_identifier, describe, is_identifier};
 use crate::ir::{
     Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,
 };
@@ -44,10 +44,9 @@ pub(super) fn resolve(
     for (name, value) in request.set {
         let file = files.add("--set", format!("{name}={value}"));
         if !parameters.contains(name) {
-            let span = Span { file, start: 0, end: name.len() };
-            errors.push(parameters.unknown(name, span, "set here"));
+            errors.push(parameters.unknown(name, Span::new(file, 0..name.len()), "set here"));
         }
-        let span = Span { file, start: name.len() + 1, end: name.len() + 1 + value.len() };
+        let span = Span::new(file, name.len() + 1..name.len() + 1 + value.len());
         texts.push((name.as_str(), Text { value, span }));
     }
 
@@ -130,13 +129,7 @@ fn one(
         ParamDecl::Const(kind) => (kind, ParamBinding::Const),
         ParamDecl::Live(kind) => (kind, ParamBinding::Live { offset: offset as u32 }),
     };
-    if !is_identifier(name) {
-        return Err(Diagnostic::new(
-            format!("`{name}` cannot name a parameter"),
-            place.key(),
-            "use letters, digits and `_`, without a leading digit",
-        ));
-    }
+    check_identifier(name, "a parameter", place.key())?;
     let kind_place = place.index(0);
     let (written, level) = match replaced {
         Some((Setting { number, place }, level)) => ((number.clone(), place.clone()), *level),
@@ -265,12 +258,9 @@ fn domain(
     };
     let bound = |number: &Number, index: usize| -> Result<f64, Diagnostic> {
         let at = place.field("range").index(index);
-        let v = match names.evaluate(number, &at)? {
-            Value::Int(v) => v as f64,
-            Value::Float(v) => v,
-            other => {
-                return Err(at.error("a range needs numbers", format!("this is {}", describe(&other))));
-            }
+        let value = names.evaluate(number, &at)?;
+        let Some(v) = value.as_f64() else {
+            return Err(at.error("a range needs numbers", format!("this is {}", describe(&value))));
         };
         if (v as f32).is_finite() {
             Ok(v)
@@ -304,16 +294,15 @@ fn domain(
             }
             let step = match step {
                 None => (max - min) / 100.0,
-                Some(number) => match names.evaluate(number, &place.field("step"))? {
-                    Value::Int(v) if v > 0 => v as f64,
-                    Value::Float(v) if v > 0.0 => v,
-                    Value::Int(_) | Value::Float(_) => {
-                        return Err(place.field("step").error("a step must be above 0", "this is not"));
+                Some(number) => {
+                    let at = place.field("step");
+                    let value = names.evaluate(number, &at)?;
+                    match value.as_f64() {
+                        Some(v) if v > 0.0 => v,
+                        Some(_) => return Err(at.error("a step must be above 0", "this is not")),
+                        None => return Err(at.error("a step must be a number", describe(&value))),
                     }
-                    other => {
-                        return Err(place.field("step").error("a step must be a number", describe(&other)));
-                    }
-                },
+                }
             };
             Domain::Float { min, max, step }
         }
@@ -361,28 +350,14 @@ fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, P
 
 /// Converts a value to the domain's type, or describes why it does not fit.
 fn within(value: Value, domain: &Domain) -> Result<Value, String> {
-    match (domain, value) {
-        (Domain::Bool, Value::Bool(v)) => Ok(Value::Bool(v)),
-        (Domain::Int { min, max }, Value::Int(v)) => {
-            if (*min..=*max).contains(&v) {
-                Ok(Value::Int(v))
-            } else {
-                Err(format!("{v} is not in {min} to {max}"))
-            }
-        }
-        (Domain::Float { min, max, .. }, v @ (Value::Int(_) | Value::Float(_))) => {
-            let v = match v {
-                Value::Int(v) => v as f64,
-                Value::Float(v) => v,
-                _ => unreachable!("the pattern allows no other"),
-            };
-            if (*min..=*max).contains(&v) {
-                Ok(Value::Float(v))
-            } else {
-                Err(format!("{v:?} is not in {min:?} to {max:?}"))
-            }
-        }
-        (Domain::Choice(of), Value::Text(v)) => {
+    let number = value.as_f64();
+    match (domain, value, number) {
+        (Domain::Bool, Value::Bool(v), _) => Ok(Value::Bool(v)),
+        (Domain::Int { min, max }, Value::Int(v), _) if (*min..=*max).contains(&v) => Ok(Value::Int(v)),
+        (Domain::Int { min, max }, Value::Int(v), _) => Err(format!("{v} is not in {min} to {max}")),
+        (Domain::Float { min, max, .. }, _, Some(v)) if (*min..=*max).contains(&v) => Ok(Value::Float(v)),
+        (Domain::Float { min, max, .. }, _, Some(v)) => Err(format!("{v:?} is not in {min:?} to {max:?}")),
+        (Domain::Choice(of), Value::Text(v), _) => {
             if of.contains(&v) {
                 return Ok(Value::Text(v));
             }
@@ -392,7 +367,7 @@ fn within(value: Value, domain: &Domain) -> Result<Value, String> {
             };
             Err(format!("`{v}` is not one of {}{near}", of.join(", ")))
         }
-        (domain, value) => Err(format!("{} is not {}", describe(&value), wanted(domain))),
+        (domain, value, _) => Err(format!("{} is not {}", describe(&value), wanted(domain))),
     }
 }
 
@@ -435,11 +410,6 @@ pub(super) fn included(
         param.reason = None;
     }
     Ok((param, params))
-}
-
-pub(super) fn is_identifier(name: &str) -> bool {
-    name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
 /// Generates `live.glsl`: one uniform block with the live parameters, in order.

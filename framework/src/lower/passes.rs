@@ -5,7 +5,6 @@ use indexmap::IndexMap;
 use super::include::Written;
 use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName};
 use super::lowering::{Level, Lowering, MAX_PASSES};
-use super::params::is_identifier;
 use super::scope::{Notes, describe};
 use crate::ir::{
     DepthTarget, DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value, Work,
@@ -373,16 +372,8 @@ impl Lowering<'_> {
                 count_place.error(format!("this repeats over {MAX_PASSES} times"), format!("is {count}"))
             );
         }
-        if level.names.values.contains_key(var) || level.names.live.contains(var) {
-            let at = place.field("var");
-            return Err(at.error(format!("`{var}` is declared twice"), "the name is already in use"));
-        }
-        if !is_identifier(var) {
-            let message = format!("`{var}` cannot name the counter of a repeat");
-            return Err(place
-                .field("var")
-                .error(message, "use letters, digits and `_`, without a leading digit"));
-        }
+        let (what, taken) = ("the counter of a repeat", "the name is already in use");
+        level.names.check_new(var, what, taken, place.field("var").span())?;
         let errors = self.errors.len();
         let suffix = level.suffix.clone();
         let around = level.around.clone();

@@ -2,8 +2,7 @@
 
 use super::lowered::Declaration;
 use super::lowering::{Handle, History, Level, Lowering, PingPong};
-use super::params::is_identifier;
-use super::scope::describe;
+use super::scope::{check_identifier, describe, is_identifier};
 
 use crate::expr::Scope;
 use crate::ir::{Format, HostBuffer, ParamSet, ResourceId, Shape, Source, Span, Usage, Value};
@@ -16,23 +15,12 @@ impl Lowering<'_> {
         let graph = level.graph.clone();
         let root = level.root.clone();
         level.names.take_notes();
-        let lists = [
-            ("ports", graph.ports.keys().collect::<Vec<_>>()),
-            ("imports", graph.imports.keys().collect()),
-            ("resources", graph.resources.keys().collect()),
-        ];
-        for (list, name) in
-            lists.into_iter().flat_map(|(list, names)| names.into_iter().map(move |n| (list, n)))
-        {
-            if !is_identifier(name) {
-                let at = root.field(list).field(name).key();
-                let message = format!("`{name}` cannot name a resource");
-                self.errors.push(Diagnostic::new(
-                    message,
-                    at,
-                    "use letters, digits and `_`, without a leading digit",
-                ));
-            }
+        let ports = graph.ports.keys().map(|name| ("ports", name));
+        let imports = graph.imports.keys().map(|name| ("imports", name));
+        let resources = graph.resources.keys().map(|name| ("resources", name));
+        for (list, name) in ports.chain(imports).chain(resources) {
+            let span = root.field(list).field(name).key();
+            self.errors.extend(check_identifier(name, "a resource", span).err());
         }
         for (name, import) in &graph.imports {
             let place = root.field("imports").field(name);

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::lowered::Extent;
 use crate::expr::{ExprError, Scope};
-use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Value};
+use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Span, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Place};
 
@@ -82,6 +82,14 @@ impl Names {
             self.live.insert(name.into());
             self.params.extend(from.params.get(name).map(|params| (name.to_owned(), params.clone())));
         }
+    }
+
+    /// Refuses a name that is in use (`taken` tells by what), or not an identifier. `what` is what it would name.
+    pub fn check_new(&self, name: &str, what: &str, taken: &str, span: Span) -> Result<(), Diagnostic> {
+        if self.values.contains_key(name) || self.live.contains(name) {
+            return Err(Diagnostic::new(format!("`{name}` is declared twice"), span, taken));
+        }
+        check_identifier(name, what, span)
     }
 
     /// Returns the parameters recorded since the last call, and clears the record.
@@ -221,6 +229,20 @@ impl Scope for Reached<'_> {
     fn names(&self) -> Vec<String> {
         self.names.names()
     }
+}
+
+pub(super) fn is_identifier(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+/// Refuses a name that is not an identifier. `what` is what it would name.
+pub(super) fn check_identifier(name: &str, what: &str, span: Span) -> Result<(), Diagnostic> {
+    if is_identifier(name) {
+        return Ok(());
+    }
+    let rule = "use letters, digits and `_`, without a leading digit";
+    Err(Diagnostic::new(format!("`{name}` cannot name {what}"), span, rule))
 }
 
 pub(super) fn describe(value: &Value) -> String {

@@ -2,7 +2,7 @@
 
 use crate::ir::{Request, Shape, Source, Value, Work};
 use crate::source::{Library, SourceMap};
-use crate::testing::{ListCompiler, SHADERS, dispatch, graph, plan, plan_of, plan_with_capacities};
+use crate::testing::{ListCompiler, dispatch, graph, plan, plan_of, plan_with_capacities, try_plan_of};
 
 fn shown(name: &str) -> String {
     dispatch(name, "show.comp", r#""In": "a", "Image": "image""#)
@@ -22,8 +22,7 @@ fn a_pass_is_there_where_its_condition_holds() {
         shown("show"),
     ];
     let names = |width| -> Vec<String> {
-        let plan =
-            plan(&graph(WIDTH, &passes.join("\n")), &[("width", width)]).unwrap_or_else(|e| panic!("{e}"));
+        let plan = plan(&graph(WIDTH, &passes.join("\n")), &[("width", width)]);
         plan.passes.into_iter().map(|pass| pass.name).collect()
     };
     assert_eq!(names("8"), ["other", "show", "export"]);
@@ -38,7 +37,7 @@ fn threads_and_groups_have_up_to_three_dimensions_and_threads_are_divided_in_eac
             r#"Dispatch(name: "paint", shader: "square.comp", size: {size}, bind: {{"Image": "image"}}),"#
         );
         let graph = graph(WIDTH, &pass);
-        let plan = plan_of(&[("graph.ron", &graph), ("square.comp", square)], &[])?;
+        let plan = try_plan_of(&[("graph.ron", &graph), ("square.comp", square)], &[])?;
         let Work::Dispatch { groups: crate::ir::Groups::Direct(groups), .. } = plan.passes[0].work else {
             panic!("a dispatch of known size");
         };
@@ -75,10 +74,7 @@ fn an_included_graph_takes_its_ports_and_parameters_from_the_includer() {
     ]
     .join("\n");
     let graph = graph(WIDTH, &passes);
-    let mut files = SHADERS.to_vec();
-    files.push(("graph.ron", &graph));
-    files.push(("steps.ron", include));
-    let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let plan = plan_of(&[("graph.ron", &graph), ("steps.ron", include)], &[]);
     let names: Vec<&str> = plan.passes.iter().map(|p| p.name.as_str()).collect();
     assert_eq!(names, ["make", "s.step[0]", "s.step[1]", "s.step[2]", "show", "export"]);
 }
@@ -94,14 +90,8 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     let middle = r#"Preset(graph: "narrow", summary: "Narrower", set: {"width": 5}, require: [("device.subgroup_size > 4096", "wide subgroups")])"#;
     let narrow = base("");
     let plan = |choice: &str| {
-        let mut files = SHADERS.to_vec();
-        files.extend([
-            ("graph.ron", choice),
-            ("wide.ron", &wide),
-            ("middle.ron", middle),
-            ("narrow.ron", &narrow),
-        ]);
-        plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"))
+        let graphs = [("wide.ron", &*wide), ("middle.ron", middle), ("narrow.ron", &narrow)];
+        plan_of(&[&graphs[..], &[("graph.ron", choice)]].concat(), &[])
     };
     let found =
         plan(r#"Choice(summary: "the best", of: [(graph: "wide"), (graph: "middle"), (graph: "narrow")])"#);
@@ -125,54 +115,43 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     assert!(preferred.fallbacks[0].preference, "{:?}", preferred.fallbacks);
     assert_eq!(preferred.based_on, ["narrow"]);
     // A preset of a choice applies to the chosen graph.
-    let mut files = SHADERS.to_vec();
-    let (choice, preset) = (
-        r#"Choice(summary: "", of: [(graph: "wide"), (graph: "narrow")])"#,
-        r#"Preset(graph: "choice", summary: "", set: {"width": 3})"#,
-    );
-    files.extend([
-        ("graph.ron", preset),
-        ("choice.ron", choice),
-        ("wide.ron", &wide),
-        ("narrow.ron", &narrow),
-    ]);
-    let found = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let choice = r#"Choice(summary: "", of: [(graph: "wide"), (graph: "narrow")])"#;
+    let preset = r#"Preset(graph: "choice", summary: "", set: {"width": 3})"#;
+    let graphs = [("choice.ron", choice), ("wide.ron", &wide), ("narrow.ron", &narrow)];
+    let found = plan_of(&[&graphs[..], &[("graph.ron", preset)]].concat(), &[]);
     assert_eq!((found.params[0].value.clone(), found.drawn()), (Value::Int(3), "narrow"));
 }
 
-fn of_parts(include: &str, more: &str) -> Vec<(&'static str, String)> {
-    let maker = r#"Graph(version: 1, summary: "makes", params: {
-            "size": Const(Int(default: 64, range: (1, 128))),
-            "times": Const(Int(default: 1, range: (1, 9), help: "How often\n      it is made.")),
-            "share": Live(Float(default: 0.5, range: (0.0, 1.0))),
-            "room": Const(Int(default: 64, range: (1, 1024), grows: "made")),
-        },
-        let: { "result": "times > 1 ? 'b' : 'a'" },
-        resources: { "a": Buffer(stride: 4, count: "size"), "b": Buffer(stride: 4, count: "size") },
-        passes: [
-            Dispatch(name: "make", shader: "make.comp", size: Threads("size"), bind: {"Out": "a"}),
-            Dispatch(name: "more", shader: "copy.comp", size: Threads("size"), when: "times > 1", bind: {"In": "a", "Out": "b"}),
-        ],
-        stats: {"made": ("a", 0)},
-    )"#;
-    let whole = format!(
+/// A part, which [`including`] includes.
+const MAKER: &str = r#"Graph(version: 1, summary: "makes", params: {
+        "size": Const(Int(default: 64, range: (1, 128))),
+        "times": Const(Int(default: 1, range: (1, 9), help: "How often\n      it is made.")),
+        "share": Live(Float(default: 0.5, range: (0.0, 1.0))),
+        "room": Const(Int(default: 64, range: (1, 1024), grows: "made")),
+    },
+    let: { "result": "times > 1 ? 'b' : 'a'" },
+    resources: { "a": Buffer(stride: 4, count: "size"), "b": Buffer(stride: 4, count: "size") },
+    passes: [
+        Dispatch(name: "make", shader: "make.comp", size: Threads("size"), bind: {"Out": "a"}),
+        Dispatch(name: "more", shader: "copy.comp", size: Threads("size"), when: "times > 1", bind: {"In": "a", "Out": "b"}),
+    ],
+    stats: {"made": ("a", 0)},
+)"#;
+
+fn including(include: &str) -> String {
+    format!(
         r#"Graph(version: 1, summary: "whole", output: "image",
             params: {{ "width": Const(Int(default: 8, range: (1, 11))) }},
             resources: {{ "image": Image(format: "rgba16f", size: (8, 8)) }},
             passes: [
                 {include}
                 Dispatch(name: "show", shader: "show.comp", size: Threads(64), bind: {{"In": "maker.result", "Image": "image"}}),
-                {more}
             ])"#
-    );
-    vec![("graph.ron", whole), ("maker.ron", maker.to_string())]
+    )
 }
 
 fn plan_of_parts(include: &str, set: &[(&str, &str)]) -> Result<crate::plan::Plan, String> {
-    let parts = of_parts(include, "");
-    let mut files = SHADERS.to_vec();
-    files.extend(parts.iter().map(|(name, text)| (*name, text.as_str())));
-    plan_of(&files, set)
+    try_plan_of(&[("graph.ron", &including(include)), ("maker.ron", MAKER)], set)
 }
 
 #[test]
@@ -216,16 +195,13 @@ fn includes_of_one_name_under_opposite_conditions_keep_their_parameters_apart() 
 
 #[test]
 fn a_parameter_that_two_includes_share_has_one_default() {
-    let parts = of_parts(
+    let whole = including(
         r#"Include(graph: "maker", name: "maker", expose: All),
         Include(graph: "often", name: "other", expose: Only(["times"]), set: {"size": "size"}),"#,
-        "",
     );
     let often = r#"Preset(graph: "maker", summary: "", set: {"times": 9})"#;
-    let mut files = SHADERS.to_vec();
-    files.extend(parts.iter().map(|(name, text)| (*name, text.as_str())));
-    files.push(("often.ron", often));
-    let refused = plan_of(&files, &[]).unwrap_err();
+    let files = [("graph.ron", whole.as_str()), ("maker.ron", MAKER), ("often.ron", often)];
+    let refused = try_plan_of(&files, &[]).unwrap_err();
     assert!(refused.contains("this graph already has the parameter `times`"), "{refused}");
 }
 
@@ -239,7 +215,7 @@ fn a_parameter_that_chooses_a_resource_of_a_part_decides_for_its_readers() {
 
 #[test]
 fn a_graph_builds_on_the_picture_of_another_whichever_a_choice_takes() {
-    let scene = of_parts(r#"Include(graph: "maker", name: "maker", expose: All),"#, "");
+    let scene = including(r#"Include(graph: "maker", name: "maker", expose: All),"#);
     let never = r#"Preset(graph: "scene", summary: "", set: {}, require: [("false", "a miracle")])"#;
     let choice = r#"Choice(summary: "", of: [(graph: "never"), (graph: "scene")])"#;
     let edges = r#"Graph(version: 1, summary: "edges", output: "image",
@@ -251,15 +227,15 @@ fn a_graph_builds_on_the_picture_of_another_whichever_a_choice_takes() {
     let filter = "local 64 1 1
 image r Picture rgba16f
 image w Image rgba16f";
-    let mut files = SHADERS.to_vec();
-    files.extend([
+    let files = [
         ("graph.ron", edges),
         ("choice.ron", choice),
         ("never.ron", never),
         ("filter.comp", filter),
-    ]);
-    files.extend([("scene.ron", scene[0].1.as_str()), ("maker.ron", scene[1].1.as_str())]);
-    let plan = plan_of(&files, &[("times", "2")]).unwrap_or_else(|e| panic!("{e}"));
+        ("scene.ron", &scene),
+        ("maker.ron", MAKER),
+    ];
+    let plan = plan_of(&files, &[("times", "2")]);
     let names: Vec<&str> = plan.passes.iter().map(|p| p.name.as_str()).collect();
     assert_eq!(names, ["scene.maker.make", "scene.maker.more", "scene.show", "filter", "export", "host"]);
     let filter = plan.passes.iter().find(|pass| pass.name == "filter").expect("a pass");
@@ -280,7 +256,7 @@ fn a_value_that_an_expression_gave_carries_the_values_that_its_evaluation_reache
     let text = graph(params, &[make(), shown("show")].join("\n"))
         .replace("output:", r#"stats: {"visible": ("a", 0)}, output:"#);
     let reasons = |set: &[(&str, &str)], capacities: &[(&str, i64)]| -> Vec<String> {
-        let plan = plan_with_capacities(&text, set, capacities).unwrap_or_else(|e| panic!("{e}"));
+        let plan = plan_with_capacities(&text, set, capacities);
         let mut all: Vec<String> = plan
             .params
             .iter()
@@ -310,12 +286,13 @@ fn a_value_that_an_expression_gave_carries_the_values_that_its_evaluation_reache
 #[test]
 fn presets_lay_their_settings_over_each_other_and_the_command_line_over_all() {
     let base = graph(WIDTH, &[make(), shown("show")].join("\n"));
-    let mut files = SHADERS.to_vec();
-    files.push(("base.ron", &base));
-    files.push(("middle.ron", r#"Preset(graph: "base", summary: "five", set: {"width": 5})"#));
-    files.push(("graph.ron", r#"Preset(graph: "middle", summary: "six", set: {"width": "5 + 1"})"#));
+    let files = [
+        ("base.ron", base.as_str()),
+        ("middle.ron", r#"Preset(graph: "base", summary: "five", set: {"width": 5})"#),
+        ("graph.ron", r#"Preset(graph: "middle", summary: "six", set: {"width": "5 + 1"})"#),
+    ];
     let width = |set: &[(&str, &str)]| {
-        let plan = plan_of(&files, set).unwrap_or_else(|e| panic!("{e}"));
+        let plan = plan_of(&files, set);
         (plan.summary.clone(), plan.params[0].value.clone(), plan.params[0].default.clone())
     };
     assert_eq!(width(&[]), ("six".into(), Value::Int(6), Value::Int(8)));
@@ -331,7 +308,7 @@ fn a_parameter_that_grows_takes_the_largest_of_its_value_and_what_frames_needed_
         .replace(r#""a": Buffer(stride: 4, count: 64)"#, r#""a": Buffer(stride: 4, count: "room")"#)
         .replace("output:", r#"stats: {"needed": ("a", 0)}, output:"#);
     let built = |set: &[(&str, &str)], capacities: &[(&str, i64)]| {
-        let plan = plan_with_capacities(&graph, set, capacities).unwrap_or_else(|e| panic!("{e}"));
+        let plan = plan_with_capacities(&graph, set, capacities);
         let a = plan.resource(plan.find_resource("a").expect("it is read"));
         assert_eq!(Value::Int(a.bytes() as i64 / 4), plan.params[0].value, "sizes follow");
         assert_eq!(plan.params[0].grows.as_deref(), Some("needed"));
@@ -352,7 +329,7 @@ fn a_parameter_that_grows_takes_the_largest_of_its_value_and_what_frames_needed_
 #[test]
 fn dispatches_beyond_the_limit_in_x_are_folded_into_y() {
     let passes = [make().replace("Threads(64)", "Threads(10000000)"), shown("show")].join("\n");
-    let plan = plan(&graph("", &passes), &[]).unwrap_or_else(|e| panic!("{e}"));
+    let plan = plan(&graph("", &passes), &[]);
     let Work::Dispatch { groups: crate::ir::Groups::Direct([x, y, 1]), .. } = plan.passes[0].work else {
         panic!("{:?}", plan.passes[0].work)
     };
@@ -364,7 +341,7 @@ fn dispatches_beyond_the_limit_in_x_are_folded_into_y() {
 fn push_constants_are_written_in_place() {
     let pass = r#"Dispatch(name: "make", shader: "push.comp", size: Threads(64), bind: {"Out": "a"}, push: {"shift": "3 * width"}),"#;
     let good = graph(WIDTH, &[pass.to_string(), shown("show")].join("\n"));
-    let plan = plan(&good, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let plan = plan(&good, &[]);
     assert_eq!(plan.passes[0].push, 24u32.to_le_bytes());
 }
 
@@ -373,7 +350,7 @@ fn a_buffer_that_comes_with_every_frame_is_read_as_a_storage_buffer() {
     let read = [dispatch("copy", "copy.comp", r#""In": "words", "Out": "a""#), shown("show")].join("\n");
     let graph = graph("", &read)
         .replace("resources:", r#"imports: {"words": Import(from: "frame.words")}, resources:"#);
-    let plan = plan(&graph, &[]).unwrap_or_else(|error| panic!("{error}"));
+    let plan = plan(&graph, &[]);
     let words = plan.resource(plan.find_resource("words").unwrap());
     assert_eq!(words.source, Source::HostBuffer { buffer: "frame.words".to_string() });
     assert_eq!(words.shape, Shape::Buffer { stride: 4, count: 4 });
@@ -387,7 +364,7 @@ fn a_long_chain_of_passes_is_solved() {
         shown("show"),
     ]
     .join("\n");
-    let plan = plan(&graph("", &passes), &[]).unwrap_or_else(|e| panic!("{e}"));
+    let plan = plan(&graph("", &passes), &[]);
     assert_eq!(plan.frame.len(), 5003);
 }
 
@@ -453,9 +430,8 @@ fn the_default_of_an_exposed_parameter_sees_what_its_include_sets_at_every_depth
             .replace("p.part.words", if include.contains("middle") { "p.part.words" } else { "p.words" });
         // The includer has a `width` of its own.
         let graph = graph(WIDTH, &passes);
-        let mut files = SHADERS.to_vec();
-        files.extend([("graph.ron", graph.as_str()), ("part.ron", part), ("middle.ron", middle)]);
-        let plan = plan_of(&files, set).unwrap_or_else(|e| panic!("{e}"));
+        let files = [("graph.ron", graph.as_str()), ("part.ron", part), ("middle.ron", middle)];
+        let plan = plan_of(&files, set);
         let words = plan.resources.iter().find(|r| r.name.ends_with("words")).expect("the part's buffer");
         let room = plan.params.iter().find(|param| param.name == "room").expect("it is exposed");
         (room.value.clone(), words.bytes() / 4, plan.effect_text("width"))
@@ -481,9 +457,7 @@ fn a_default_in_set_of_what_is_exposed_is_over_the_includers_names() {
     let include = r#"Include(graph: "part", name: "p", set: {"width": 7, "room": "2 * width"}, expose: Only(["room"])),"#;
     let passes = [include, &make(), &shown("show")].join("\n");
     let graph = graph(WIDTH, &passes);
-    let mut files = SHADERS.to_vec();
-    files.extend([("graph.ron", graph.as_str()), ("part.ron", part)]);
-    let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let plan = plan_of(&[("graph.ron", graph.as_str()), ("part.ron", part)], &[]);
     let room = plan.params.iter().find(|param| param.name == "room").expect("it is exposed");
     assert_eq!(room.value, Value::Int(16));
 }

@@ -160,7 +160,7 @@ impl<'a> Check<'a> {
         let actions = trace.actions(now.pass);
         for access in &actions.accesses {
             for cell in access.cells(0) {
-                self.look_back(cell, now, access);
+                self.look_back(cell, now, access.resource, Some(access));
             }
         }
         for change in plan.layout_changes.iter().filter(|change| change.before == now.pass) {
@@ -187,31 +187,30 @@ impl<'a> Check<'a> {
     }
 
     /// Demands a dependency on the preceding accesses: for a read, on the last write; for a write, on the reads since
-    /// the last write, or on that write if there are none.
-    fn look_back(&mut self, cell: usize, now: Occurrence, target: &'a Access) {
+    /// the last write, or on that write if there are none. A layout change (without a `target`) counts as a write, and
+    /// depends on nothing before the last change.
+    fn look_back(&mut self, cell: usize, now: Occurrence, resource: ResourceId, target: Option<&'a Access>) {
+        let (is_read, is_change) = (target.is_some_and(|access| !access.writes()), target.is_none());
         let mut pairs = Vec::new();
         let events = self.cells[cell].iter().rev();
+        let events = events.take_while(|event| !is_change || matches!(event, Event::Pass(..)));
         let passes = events.filter_map(|event| match event {
             Event::Pass(first, accesses) => Some((*first, accesses)),
             Event::Change => None,
         });
         for (back, (first, accesses)) in passes.enumerate() {
-            let is_written = accesses.iter().any(|access| access.writes());
             let wanted = accesses.iter().filter(|access| match access.writes() {
-                true => !target.writes() || back == 0,
-                false => target.writes() && is_apart(access, accesses),
+                true => is_read || back == 0,
+                false => !is_read && is_apart(access, accesses),
             });
-            let resource = target.resource;
-            let target = Some(target);
             pairs.extend(wanted.map(|source| Pair { first, source, second: now, resource, target }));
-            if is_written {
+            if accesses.iter().any(|access| access.writes()) {
                 break;
             }
         }
         pairs.into_iter().for_each(|pair| self.demand(pair));
     }
 
-    /// Demands dependencies of a layout change: on the reads since the last write or change, or else on that write.
     fn change(&mut self, change: &LayoutChange, now: Occurrence) {
         let LayoutChange { image, old, new, .. } = *change;
         let found = self.layouts[image.index()];
@@ -222,28 +221,10 @@ impl<'a> Check<'a> {
             self.found.push(Objection::NeedlessChange(*change));
         }
         self.layouts[image.index()] = new;
-        let mut pairs = Vec::new();
         for cell in self.trace.resource(image).cells(0) {
-            for (back, event) in self.cells[cell].iter().rev().enumerate() {
-                let Event::Pass(first, accesses) = event else { break };
-                let wanted = accesses.iter().filter(|access| match access.writes() {
-                    true => back == 0,
-                    false => is_apart(access, accesses),
-                });
-                pairs.extend(wanted.map(|source| Pair {
-                    first: *first,
-                    source,
-                    second: now,
-                    resource: image,
-                    target: None,
-                }));
-                if accesses.iter().any(|access| access.writes()) {
-                    break;
-                }
-            }
+            self.look_back(cell, now, image, None);
             self.cells[cell].push(Event::Change);
         }
-        pairs.into_iter().for_each(|pair| self.demand(pair));
     }
 
     /// Marks the dependencies that order two accesses; adds an objection if there is none.

@@ -278,13 +278,8 @@ impl SourceMap {
         let library_paths = self.library_paths(from, name, kind);
         for path in &library_paths {
             if let Some(text) = self.library.memory.get(path) {
-                let identity = Identity::Memory(path.clone());
-                if let Some(file) = self.known.get(&identity) {
-                    return Ok(Some(*file));
-                }
-                let file = self.insert(path.clone(), Cow::Owned(text.clone()), None);
-                self.known.insert(identity, file);
-                return Ok(Some(file));
+                let text = Cow::Owned(text.clone());
+                return Ok(Some(self.of_library(Identity::Memory(path.clone()), path, text)));
             }
         }
         for folder in self.disk_folders(from, kind) {
@@ -296,19 +291,24 @@ impl SourceMap {
         }
         for path in &library_paths {
             if let Some(index) = self.library.builtin.iter().position(|(builtin, _)| builtin == path) {
-                let identity = Identity::BuiltIn(index);
-                if let Some(file) = self.known.get(&identity) {
-                    return Ok(Some(*file));
-                }
-                let file = self.insert(path.clone(), Cow::Borrowed(self.library.builtin[index].1), None);
-                self.known.insert(identity, file);
-                return Ok(Some(file));
+                let text = Cow::Borrowed(self.library.builtin[index].1);
+                return Ok(Some(self.of_library(Identity::BuiltIn(index), path, text)));
             }
         }
         for path in library_paths.into_iter().filter(|path| !path.starts_with("..")) {
             push_new(tried, format!("{path} (built in)"));
         }
         Ok(None)
+    }
+
+    /// Returns a file in memory or a built-in one, and adds it if it is new.
+    fn of_library(&mut self, identity: Identity, path: &str, text: Cow<'static, str>) -> FileId {
+        if let Some(file) = self.known.get(&identity) {
+            return *file;
+        }
+        let file = self.insert(path.to_string(), text, None);
+        self.known.insert(identity, file);
+        file
     }
 
     /// Lists the normalised paths to try in memory and among the built-in files.

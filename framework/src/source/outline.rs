@@ -77,7 +77,7 @@ impl Outline {
     }
 
     pub(super) fn span(&self, place: Range<usize>) -> Span {
-        Span { file: self.file, start: place.start, end: place.end }
+        Span::new(self.file, place)
     }
 
     /// Returns the element that starts at byte `offset`, if any.
@@ -162,8 +162,8 @@ impl<'a> Parser<'a> {
         match self.peek(0) {
             None if self.lexical_error.is_none() => Ok(root),
             Some(token) if matches!(token.kind, TokenKind::Close(_)) => {
-                let message = format!("this `{}` closes nothing", &self.text[token.start..token.end]);
-                Err(self.error(token.start..token.end, message, "no bracket is open here"))
+                let message = format!("this `{}` closes nothing", &self.text[token.place()]);
+                Err(self.error(token.place(), message, "no bracket is open here"))
             }
             _ => Err(self.expected("the end of the file")),
         }
@@ -171,7 +171,7 @@ impl<'a> Parser<'a> {
 
     fn value(&mut self) -> ParseResult<usize> {
         let Some(token) = self.peek(0) else { return Err(self.expected("a value")) };
-        let place = token.start..token.end;
+        let place = token.place();
         match &token.kind {
             TokenKind::Open(_) => self.bracketed(None),
             TokenKind::Identifier => {
@@ -199,7 +199,7 @@ impl<'a> Parser<'a> {
         let TokenKind::Open(bracket) = opener.kind else { return Err(self.expected("an opening bracket")) };
         if self.open.len() == MAX_DEPTH {
             let message = format!("the file is nested more than {MAX_DEPTH} levels deep");
-            return Err(self.error(opener.start..opener.end, message, "this level is one too many"));
+            return Err(self.error(opener.place(), message, "this level is one too many"));
         }
         self.open.push(opener);
         self.at += 1;
@@ -234,7 +234,7 @@ impl<'a> Parser<'a> {
         self.at += 1;
         self.open.pop();
         let first = name.unwrap_or(opener);
-        let is_some = name.is_some_and(|name| &self.text[name.start..name.end] == "Some");
+        let is_some = name.is_some_and(|name| &self.text[name.place()] == "Some");
         if let (true, false, [inner]) = (is_some, is_record, &children[..]) {
             return Ok(*inner);
         }
@@ -243,7 +243,7 @@ impl<'a> Parser<'a> {
         } else {
             Content::List { children, bracket }
         };
-        Ok(self.push(first.start..end, first.start..first.end, content))
+        Ok(self.push(first.start..end, first.place(), content))
     }
 
     fn key(&mut self, bracket: char) -> ParseResult<(String, Range<usize>)> {
@@ -251,19 +251,19 @@ impl<'a> Parser<'a> {
         let (name, place) = match &token.kind {
             TokenKind::Identifier if bracket == '(' && self.peek_kind(1) == Some(&TokenKind::Open('(')) => {
                 // A struct or call follows where a name should be: a closing parenthesis is probably missing before it.
-                let name = &self.text[token.start..token.end];
+                let name = &self.text[token.place()];
                 let message = format!("expected a field `name: value`, found `{name}(`");
-                let mut error = self.error(token.start..token.end, message, "not expected here");
+                let mut error = self.error(token.place(), message, "not expected here");
                 if let Some(opener) = self.open.last() {
-                    let span = Span { file: self.file, start: opener.start, end: opener.end };
+                    let span = Span::new(self.file, opener.place());
                     error.secondary.push(Label { span, text: "this `(` is still open".into() });
                 }
                 return Err(error);
             }
             TokenKind::Identifier => {
                 self.at += 1;
-                let name = &self.text[token.start..token.end];
-                (name.strip_prefix("r#").unwrap_or(name).to_string(), token.start..token.end)
+                let name = &self.text[token.place()];
+                (name.strip_prefix("r#").unwrap_or(name).to_string(), token.place())
             }
             TokenKind::Text(text) if bracket == '{' => {
                 self.at += 1;
@@ -277,7 +277,7 @@ impl<'a> Parser<'a> {
             TokenKind::Text(text) if self.peek_kind(1) == Some(&TokenKind::Colon) => {
                 let label = "write it without quotes";
                 let error = self.error(
-                    token.start..token.end,
+                    token.place(),
                     format!("a field's name is in quotes: {:?}", text.value),
                     label,
                 );
@@ -297,10 +297,8 @@ impl<'a> Parser<'a> {
         let what = if bracket == '(' { "field" } else { "key" };
         let message = format!("the {what} `{name}` is given twice");
         let key = |child: usize| self.nodes[child].key.clone().unwrap_or_default();
-        let Range { start, end } = key(first);
         let error = self.error(key(again), message, "again here");
-        let error = error.with_label(Span { file: self.file, start, end }, "first here");
-        self.duplicates.push(error);
+        self.duplicates.push(error.with_label(Span::new(self.file, key(first)), "first here"));
     }
 
     fn push(&mut self, place: Range<usize>, head: Range<usize>, content: Content) -> usize {
@@ -309,8 +307,7 @@ impl<'a> Parser<'a> {
     }
 
     fn error(&self, place: Range<usize>, message: impl Into<String>, label: &str) -> Box<Diagnostic> {
-        let span = Span { file: self.file, start: place.start, end: place.end };
-        Box::new(Diagnostic::new(message, span, label))
+        Box::new(Diagnostic::new(message, Span::new(self.file, place), label))
     }
 
     /// Returns the error for an element that is not followed by a comma or the closing bracket.
@@ -327,10 +324,10 @@ impl<'a> Parser<'a> {
         // `Threads(scene.count)`: an expression lacks its quotes.
         if before.end == next.start
             && before.kind == TokenKind::Identifier
-            && self.text[next.start..next.end].starts_with('.')
+            && self.text[next.place()].starts_with('.')
         {
             let place = before.start..next.end;
-            let span = Span { file: self.file, start: place.start, end: place.end };
+            let span = Span::new(self.file, place.clone());
             return Box::new(unquoted(&self.text[place], span));
         }
         let error = self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"));
@@ -348,19 +345,15 @@ impl<'a> Parser<'a> {
         let found = match &token.kind {
             TokenKind::Text(_) => "a string".to_string(),
             TokenKind::Attribute => "an attribute".to_string(),
-            _ => format!("`{}`", &self.text[token.start..token.end]),
+            _ => format!("`{}`", &self.text[token.place()]),
         };
-        let error = self.error(
-            token.start..token.end,
-            format!("expected {what}, found {found}"),
-            "not expected here",
-        );
+        let error = self.error(token.place(), format!("expected {what}, found {found}"), "not expected here");
         match (&token.kind, self.open.last()) {
             (TokenKind::Close(found), Some(opener)) if opener.kind != TokenKind::Open(opening(*found)) => {
-                let opened = &self.text[opener.start..opener.end];
+                let opened = &self.text[opener.place()];
                 let message = format!("expected {what}, found `{found}`");
-                let error = self.error(token.start..token.end, message, "this closes another bracket");
-                let span = Span { file: self.file, start: opener.start, end: opener.end };
+                let error = self.error(token.place(), message, "this closes another bracket");
+                let span = Span::new(self.file, opener.place());
                 Box::new(error.with_label(span, format!("this `{opened}` is still open")))
             }
             (TokenKind::Colon, Some(opener)) if opener.kind == TokenKind::Open('[') => Box::new(
@@ -378,10 +371,9 @@ impl<'a> Parser<'a> {
         // Point just after the last token, because blank lines may follow.
         let end = self.text.trim_end().len();
         if let Some(opener) = self.open.last() {
-            let opened = &self.text[opener.start..opener.end];
-            let error =
-                self.error(opener.start..opener.end, format!("this `{opened}` is not closed"), "opened here");
-            let end = Span { file: self.file, start: end, end };
+            let opened = &self.text[opener.place()];
+            let error = self.error(opener.place(), format!("this `{opened}` is not closed"), "opened here");
+            let end = Span::new(self.file, end..end);
             let TokenKind::Open(bracket) = opener.kind else { return error };
             return Box::new(
                 error.with_label(end, format!("the file ends without its `{}`", closing(bracket))),

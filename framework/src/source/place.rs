@@ -77,7 +77,7 @@ impl Place {
 
     /// Converts a byte offset in a string's value, after escapes are resolved, to an offset in the file. `offset` is
     /// clamped. For other elements, returns their start.
-    pub fn string_offset(&self, offset: usize) -> usize {
+    pub(super) fn string_offset(&self, offset: usize) -> usize {
         let node = self.node();
         match &node.content {
             Content::Text(text) => text.file_offset(offset.min(text.value.len())),

@@ -211,7 +211,7 @@ impl Translator<'_> {
     }
 
     fn span(&self, place: Range<usize>) -> Span {
-        Span { file: self.file, start: place.start, end: place.end }
+        Span::new(self.file, place)
     }
 
     /// Returns the span of the character at the cursor; empty at the end of a line.

@@ -15,6 +15,12 @@ pub(super) struct Token {
     pub end: usize,
 }
 
+impl Token {
+    pub fn place(&self) -> Range<usize> {
+        self.start..self.end
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum TokenKind {
     Open(char),
@@ -42,8 +48,7 @@ impl Text {
     pub fn file_offset(&self, offset: usize) -> usize {
         let next = self.steps.partition_point(|(value, _)| *value <= offset);
         let (value, file) = self.steps[next - 1];
-        let end = self.steps.get(next).map_or(self.inside.end, |(_, file)| *file);
-        (file + (offset - value)).min(end)
+        file + (offset - value)
     }
 }
 
@@ -75,8 +80,7 @@ impl<'a> Lexer<'a> {
     }
 
     fn error(&self, place: Range<usize>, message: impl Into<String>, label: &str) -> Box<Diagnostic> {
-        let span = Span { file: self.file, start: place.start, end: place.end };
-        Box::new(Diagnostic::new(message, span, label))
+        Box::new(Diagnostic::new(message, Span::new(self.file, place), label))
     }
 
     fn next(&mut self) -> Result<Option<Token>> {

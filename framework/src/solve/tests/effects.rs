@@ -1,7 +1,7 @@
 //! Tests which passes depend on a parameter, for each kind of dependency, and the reasons for having no effect.
 
 use crate::plan::Plan;
-use crate::testing::{SHADERS, dispatch, graph, plan_of, plan_with_capacities};
+use crate::testing::{dispatch, graph, plan, plan_of, plan_with_capacities};
 
 const P: &str = r#""p": Const(Int(default: 8, range: (1, 64))),"#;
 const P_AND_Q: &str = r#""p": Const(Int(default: 8, range: (1, 64))), "q": Const(Bool(default: false)),"#;
@@ -26,9 +26,7 @@ fn effect_in(plan: &Plan, parameter: &str) -> String {
 }
 
 fn effect_with(text: &str, set: &[(&str, &str)], more: &[(&str, &str)]) -> String {
-    let files = [SHADERS, more, &[("graph.ron", text)]].concat();
-    let plan = plan_of(&files, set).unwrap_or_else(|error| panic!("{error}"));
-    effect_in(&plan, "p")
+    effect_in(&plan_of(&[more, &[("graph.ron", text)]].concat(), set), "p")
 }
 
 fn effect(passes: &[String]) -> String {
@@ -76,15 +74,10 @@ fn the_setting_of_a_preset_is_followed_and_the_end_of_the_range_that_a_value_gro
     let text = graph(&params, &[make().replace("64", "\"r\""), show()].join("\n"))
         .replace("output:", r#"stats: {"needed": ("a", 0)}, output:"#);
     let preset = r#"Preset(graph: "base", summary: "", set: {"r": "p"})"#;
-    let files = [SHADERS, &[("base.ron", text.as_str()), ("graph.ron", preset)]].concat();
-    let plan = plan_of(&files, &[]).unwrap_or_else(|error| panic!("{error}"));
+    let plan = plan_of(&[("base.ron", text.as_str()), ("graph.ron", preset)], &[]);
     assert_eq!(effect_in(&plan, "p"), "make");
-    let capacities = |capacities: &[(&str, i64)]| {
-        effect_in(
-            &plan_with_capacities(&text, &[], capacities).unwrap_or_else(|error| panic!("{error}")),
-            "p",
-        )
-    };
+    let capacities =
+        |capacities: &[(&str, i64)]| effect_in(&plan_with_capacities(&text, &[], capacities), "p");
     assert_eq!(capacities(&[]), NONE);
     assert_eq!(capacities(&[("r", 1000)]), "make");
 }
@@ -112,12 +105,12 @@ fn a_define_counts_where_the_text_of_a_shader_depends_on_it() {
 fn a_live_parameter_counts_where_a_shader_reads_its_member() {
     let params = r#""p": Const(Int(default: 1, range: (1, 9))), "stop": Live(Float(default: "float(p)", range: (0.0, 9.0))), "go": Live(Float(default: 1.0, range: (0.0, 9.0))),"#;
     let text = graph(params, &[make(), show()].join("\n")).replace("make.comp", "live.comp");
-    let files = [SHADERS, &[("graph.ron", text.as_str()), ("live.comp", "w Out 4\nlive stop")]].concat();
-    let plan = plan_of(&files, &[]).unwrap_or_else(|error| panic!("{error}"));
+    let files = [("graph.ron", text.as_str()), ("live.comp", "w Out 4\nlive stop")];
+    let plan = plan_of(&files, &[]);
     assert_eq!(effect_in(&plan, "stop"), "make");
     assert_eq!(effect_in(&plan, "go"), NONE);
     assert_eq!(effect_in(&plan, "p"), "make", "its value is the default of the live one");
-    let plan = plan_of(&files, &[("stop", "2.0")]).unwrap_or_else(|error| panic!("{error}"));
+    let plan = plan_of(&files, &[("stop", "2.0")]);
     assert_eq!(effect_in(&plan, "p"), NONE);
 }
 
@@ -203,9 +196,7 @@ fn a_value_is_followed_into_an_included_graph() {
 fn what_is_not_evaluated_does_not_count_and_the_condition_does() {
     let with = |expression: &str| {
         let passes = [make().replace("64", &format!("\"{expression}\"")), show()].join("\n");
-        let text = graph(P_AND_Q, &passes);
-        let files = [SHADERS, &[("graph.ron", text.as_str())]].concat();
-        let plan = plan_of(&files, &[]).unwrap_or_else(|error| panic!("{error}"));
+        let plan = plan(&graph(P_AND_Q, &passes), &[]);
         (effect_in(&plan, "p"), effect_in(&plan, "q"))
     };
     let (none, make) = (NONE.to_string(), "make".to_string());

@@ -18,15 +18,11 @@ fn a_pass_that_only_the_next_frame_reads_from_is_not_left_out() {
 
 #[test]
 fn a_reader_of_the_last_frame_comes_before_the_writer_wherever_it_stands() {
-    let plan = plan(
-        &with_history(&[
-            dispatch("make", "make.comp", r#""Out": "past""#),
-            dispatch("use", "copy.comp", r#""In": "last(past)", "Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ]),
-        &[],
-    )
-    .unwrap();
+    let plan = kept(&[
+        dispatch("make", "make.comp", r#""Out": "past""#),
+        dispatch("use", "copy.comp", r#""In": "last(past)", "Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
     assert_eq!(frame(&plan), ["use", "make", "show", "export"], "{}", shown(&plan));
     assert_eq!(plan.prologue.len(), 1, "zeros to begin with");
     assert!(matches!(plan.pass(plan.prologue[0]).work, Work::ClearHistory { .. }));
@@ -39,21 +35,17 @@ fn a_reader_of_the_last_frame_comes_before_the_writer_wherever_it_stands() {
 #[test]
 fn of_a_ping_pong_resource_the_half_that_the_frame_ends_with_lives_on_for_odd_and_even_counts() {
     for count in 1..=4 {
-        let plan = plan(
-            &with_history(&[
-                dispatch("use", "copy.comp", r#""In": "last(order)", "Out": "a""#),
-                dispatch("make", "make.comp", r#""Out": "order""#),
-                format!(
-                    r#"Repeat(var: "i", count: {count}, body: [
-                    Dispatch(name: "step", shader: "copy.comp", size: Threads(64), bind: {{"In": "front(order)", "Out": "back(order)"}}),
-                    Swap("order"),
-                ]),"#
-                ),
-                dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-            ]),
-            &[],
-        )
-        .unwrap();
+        let plan = kept(&[
+            dispatch("use", "copy.comp", r#""In": "last(order)", "Out": "a""#),
+            dispatch("make", "make.comp", r#""Out": "order""#),
+            format!(
+                r#"Repeat(var: "i", count: {count}, body: [
+                Dispatch(name: "step", shader: "copy.comp", size: Threads(64), bind: {{"In": "front(order)", "Out": "back(order)"}}),
+                Swap("order"),
+            ]),"#
+            ),
+            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+        ]);
         let real = plan.passes.iter().find(|p| p.name == "use").unwrap().bindings[0].resource;
         assert_eq!(plan.resource(real).name, format!("order#{}", count % 2), "{}", shown(&plan));
         assert_eq!(plan.resource(real).history.as_deref(), Some("order"));
@@ -66,14 +58,10 @@ fn of_a_ping_pong_resource_the_half_that_the_frame_ends_with_lives_on_for_odd_an
 
 #[test]
 fn a_history_that_is_changed_in_place_is_its_own_reader() {
-    let plan = plan(
-        &with_history(&[
-            dispatch("step", "change.comp", r#""Out": "past""#),
-            dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
-        ]),
-        &[],
-    )
-    .unwrap();
+    let plan = kept(&[
+        dispatch("step", "change.comp", r#""Out": "past""#),
+        dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
+    ]);
     assert_eq!(frame(&plan), ["step", "show", "export"]);
     let expected = "WriteAfterRead on past after show of the previous frame".to_string();
     assert!(dependencies(&plan, "step").contains(&expected), "{}", shown(&plan));
@@ -81,16 +69,12 @@ fn a_history_that_is_changed_in_place_is_its_own_reader() {
 
 #[test]
 fn an_image_with_a_history_keeps_its_contents_through_changes_of_layout() {
-    let plan = plan(
-        &with_history(&[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("use", "filter.comp", r#""Color": "last(trail)", "Image": "image""#),
-            r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
-                bind: {"In": "a"}, targets: [Target(image: "trail", load: Keep, blend: PremultipliedOver)]),"#.into(),
-        ]),
-        &[],
-    )
-    .unwrap();
+    let plan = kept(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("use", "filter.comp", r#""Color": "last(trail)", "Image": "image""#),
+        r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {"In": "a"}, targets: [Target(image: "trail", load: Keep, blend: PremultipliedOver)]),"#.into(),
+    ]);
     let changes: Vec<(Layout, Layout)> = (plan.layout_changes.iter())
         .filter(|change| plan.resource(change.image).name == "trail")
         .map(|change| (change.old, change.new))
@@ -107,21 +91,17 @@ fn an_image_with_a_history_keeps_its_contents_through_changes_of_layout() {
 
 #[test]
 fn a_pass_that_needs_the_last_frame_and_this_one_of_the_same_buffer_is_a_cycle() {
-    let error = plan(
-        &with_history(&[
-            dispatch("make", "make.comp", r#""Out": "past""#),
-            dispatch("use", "join.comp", r#""In": "last(past)", "In2": "past", "Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ]),
-        &[],
-    )
-    .unwrap_err();
+    let error = error_of(&with_history(&[
+        dispatch("make", "make.comp", r#""Out": "past""#),
+        dispatch("use", "join.comp", r#""In": "last(past)", "In2": "past", "Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]));
     assert!(error.contains("wait for each other"), "{error}");
 }
 
 #[test]
 fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
-    let error = |passes: &[String]| plan(&with_history(passes), &[]).unwrap_err();
+    let error = |passes: &[String]| error_of(&with_history(passes));
     let text = error(&[dispatch("show", "show.comp", r#""In": "last(a)", "Image": "image""#)]);
     assert!(text.contains("declared without `history: true`"), "{text}");
     let text = error(&[dispatch("show", "make.comp", r#""Out": "last(past)""#)]);
@@ -150,14 +130,14 @@ fn a_history_that_frames_write_in_part_keeps_the_rest() {
         dispatch("make", "copy.comp", r#""In": "b", "Out": "past""#),
         dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
     ];
-    let plan = plan(&with_history(&passes), &[]).unwrap();
+    let plan = kept(&passes);
     assert_eq!(kept_and_shared(&plan, "past"), (true, false), "{}", shown(&plan));
     assert_eq!(plan.pass(plan.prologue[0]).name, "start(past)");
     let plain = with_history(&passes).replace(
         "past\": Buffer(stride: 4, count: 64, history: true)",
         "past\": Buffer(stride: 4, count: 64)",
     );
-    let plain = super::plan(&plain, &[]).unwrap();
+    let plain = super::plan(&plain, &[]);
     assert_eq!(kept_and_shared(&plain, "past"), (false, true), "{}", shown(&plain));
     assert_eq!(plain.prologue, []);
 }
@@ -172,14 +152,14 @@ fn a_history_that_every_frame_writes_over_before_it_reads_is_none() {
         dispatch("mix", "filter.comp", r#""Color": "trail", "Image": "image""#),
         dispatch("show", "mix.comp", r#""In": "past", "Image": "image""#),
     ];
-    let plan = plan(&with_history(&overwritten), &[]).unwrap();
+    let plan = kept(&overwritten);
     assert!(plan.resources.iter().all(|r| r.history.is_none()), "{}", shown(&plan));
     assert_eq!(plan.prologue, []);
     // Variants that keep contents: a fill that is not first, and a target that is not cleared.
     let mut kept = overwritten.clone();
     kept.swap(0, 1);
     kept[2] = kept[2].replace("Clear(0, 0, 0, 0)", "Keep");
-    let plan = super::plan(&with_history(&kept), &[]).unwrap();
+    let plan = super::kept(&kept);
     assert_eq!([kept_and_shared(&plan, "past"), kept_and_shared(&plan, "trail")], [(true, false); 2]);
 }
 
@@ -189,7 +169,7 @@ fn a_history_with_a_single_writer_is_written_over_before_it_is_read_wherever_tha
         dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
         r#"Fill(name: "clear", buffer: "past", value: 0),"#.into(),
     ];
-    let plan = plan(&with_history(&passes), &[]).unwrap();
+    let plan = kept(&passes);
     assert_eq!(frame(&plan), ["clear", "show", "export"]);
     assert_eq!((kept_and_shared(&plan, "past").0, plan.prologue.len()), (false, 0));
 }
@@ -201,7 +181,7 @@ fn a_pass_that_runs_once_and_writes_a_part_of_a_history_finds_zeros() {
         dispatch("step", "change.comp", r#""Out": "past""#),
         dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
     ];
-    let plan = plan(&with_history(&passes), &[]).unwrap();
+    let plan = kept(&passes);
     let prologue: Vec<&str> = plan.prologue.iter().map(|id| plan.pass(*id).name.as_str()).collect();
     assert_eq!(prologue, ["start(past)", "seed"], "{}", shown(&plan));
 }
@@ -219,8 +199,8 @@ fn whether_contents_are_kept_may_depend_on_a_constant() {
             "\"past\": Buffer(stride: 4, count: 64, history: \"keep\")",
         )
         .replace("params: {", "params: {\"keep\": Const(Bool(default: true)),");
-    assert_eq!(frame(&plan(&text, &[]).unwrap()), ["use", "make", "show", "export"]);
-    let plan = plan(&text, &[("keep", "false")]).unwrap();
+    assert_eq!(frame(&plan(&text, &[])), ["use", "make", "show", "export"]);
+    let plan = plan(&text, &[("keep", "false")]);
     assert_eq!(
         (frame(&plan), kept_and_shared(&plan, "past").0),
         (vec!["make", "use", "show", "export"], false)
@@ -229,16 +209,12 @@ fn whether_contents_are_kept_may_depend_on_a_constant() {
 
 #[test]
 fn a_history_without_readers_goes_with_its_passes() {
-    let plan = plan(
-        &with_history(&[
-            dispatch("make", "make.comp", r#""Out": "past""#),
-            dispatch("spare", "copy.comp", r#""In": "last(past)", "Out": "b""#),
-            dispatch("other", "make.comp", r#""Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ]),
-        &[],
-    )
-    .unwrap();
+    let plan = kept(&[
+        dispatch("make", "make.comp", r#""Out": "past""#),
+        dispatch("spare", "copy.comp", r#""In": "last(past)", "Out": "b""#),
+        dispatch("other", "make.comp", r#""Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
     assert_eq!(frame(&plan), ["other", "show", "export"]);
     assert_eq!(plan.prologue, []);
     assert!(plan.resources.iter().all(|r| r.history.is_none()));

@@ -8,16 +8,16 @@ mod order;
 use crate::ir::{Layout, PassId, Work};
 use crate::plan::{Dependency, Plan, Since};
 use crate::solve::reorder;
-use crate::testing::{apart, dispatch, graph, plan};
+use crate::testing::{apart, dispatch, error_of, graph, plan};
 
 /// Solves with every resource in its own memory.
 fn solved(params: &str, passes: &[String]) -> Plan {
-    apart(&graph(params, &passes.join("\n"))).unwrap_or_else(|error| panic!("{error}"))
+    apart(&graph(params, &passes.join("\n")))
 }
 
 /// Solves with shared memory.
 fn packed(passes: &[String]) -> Plan {
-    plan(&graph("", &passes.join("\n")), &[]).unwrap_or_else(|error| panic!("{error}"))
+    plan(&graph("", &passes.join("\n")), &[])
 }
 
 fn shown(plan: &Plan) -> String {
@@ -55,6 +55,11 @@ fn draw(name: &str, load: &str) -> String {
         r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
             bind: {{"In": "a"}}, targets: [Target(image: "color", load: {load}, blend: PremultipliedOver)]),"#
     )
+}
+
+/// Solves [`with_history`].
+fn kept(passes: &[String]) -> Plan {
+    plan(&with_history(passes), &[])
 }
 
 /// Returns [`graph`] with a buffer, a ping-pong buffer and an image with histories: `past`, `order`, `trail`.

@@ -103,11 +103,11 @@ fn a_name_may_be_chosen_by_an_expression() {
         dispatch("make", "make.comp", r#""Out": "past""#),
         dispatch("show", "show.comp", r#""In": "scene.count > 5 ? 'last(past)' : 'past'", "Image": "image""#),
     ]);
-    let late = plan(&text, &[]).unwrap();
+    let late = plan(&text, &[]);
     assert_eq!(frame(&late), ["show", "make", "export"]);
-    let now = plan(&text.replace("> 5", "< 5"), &[]).unwrap();
+    let now = plan(&text.replace("> 5", "< 5"), &[]);
     assert_eq!(frame(&now), ["make", "show", "export"]);
-    let wrong = plan(&text.replace("'last(past)'", "7"), &[]).unwrap_err();
+    let wrong = error_of(&text.replace("'last(past)'", "7"));
     assert!(wrong.contains("a resource is needed here") && wrong.contains("the integer 7"), "{wrong}");
 }
 

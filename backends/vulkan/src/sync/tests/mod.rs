@@ -10,7 +10,7 @@ use splatgraph_framework::ir::Run;
 use testing::{apart, dispatch, graph, plan};
 /// Solves a graph without aliasing.
 fn solved(passes: &[String]) -> Plan {
-    apart(&graph("", &passes.join("\n"))).unwrap_or_else(|error| panic!("{error}"))
+    apart(&graph("", &passes.join("\n")))
 }
 
 fn placed(plan: &Plan) -> Barriers {

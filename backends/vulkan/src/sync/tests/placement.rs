@@ -168,7 +168,7 @@ fn a_draw_that_tests_waits_at_both_tests_for_the_depths_that_another_wrote() {
     let depth =
         r#"resources: { "depth": Image(format: "depth32f", size: ("viewport.width", "viewport.height")),"#;
     let text = graph("", &passes.join("\n")).replace("resources: {", depth);
-    let plan = apart(&text).unwrap_or_else(|error| panic!("{error}"));
+    let plan = apart(&text);
     assert_eq!(
         before(&plan, "splats"),
         ["COLOR_OUTPUT|EARLY_TESTS|LATE_TESTS COLOR_WRITE|DEPTH_WRITE -> \
@@ -296,7 +296,7 @@ fn the_statistics_are_copied_for_the_host_and_made_visible_to_it() {
         ]
         .join("\n"),
     );
-    let plan = plan(&text.replace("output:", r#"stats: {"n": ("a", 8)}, output:"#), &[]).unwrap();
+    let plan = plan(&text.replace("output:", r#"stats: {"n": ("a", 8)}, output:"#), &[]);
     assert_eq!(frame(&plan), ["make", "show", "export", "host"]);
     assert_eq!(
         before(&plan, "host"),
