@@ -80,7 +80,8 @@ impl<G: Gpu> CompiledPlan<G> {
         // This may wait for another upload, so it comes after the pipelines.
         let (mut planes, turn) = shared.attributes.find(&keys);
         let absent: Vec<_> = keys.iter().filter(|(_, key)| !planes.contains_key(key)).collect();
-        once.find_room(&plan, gpu.available(), &absent, taken.values().map(|buffer| buffer.bytes).sum())?;
+        let available = gpu.available().unwrap_or(gpu.limits().heap_bytes);
+        once.find_room(&plan, available, &absent, taken.values().map(|buffer| buffer.bytes).sum())?;
         let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, (&taken, &once))?;
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &skipped)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
@@ -161,11 +162,15 @@ impl<G: Gpu> CompiledPlan<G> {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
 
+    /// Returns true if a pass would zero a history that continues.
+    pub fn would_clear(&self, pass: PassId) -> bool {
+        let continues = |resource: &ResourceId| self.carried.contains(resource);
+        matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if continues(resource))
+    }
+
     /// Returns true if a pass would zero a history that continues, or recompute a reused result.
     pub fn is_skipped(&self, pass: PassId) -> bool {
-        let continues_previous = |resource: &ResourceId| self.carried.contains(resource);
-        matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if continues_previous(resource))
-            || self.skipped.contains(&pass)
+        self.would_clear(pass) || self.skipped.contains(&pass)
     }
 
     /// Returns true if the first frame reads data that frames of other plans wrote.

@@ -5,21 +5,36 @@ use crate::compiled::CompiledPlan;
 use crate::gpu::Gpu;
 use crate::shared::Shared;
 use splatgraph_api::{BackendError, FrameInputs};
-use splatgraph_framework::ir::{ResourceId, Source};
+use splatgraph_framework::ir::{Param, ParamBinding, ResourceId, Source};
 
-/// Copies the frame's uniform blocks to its slot's buffers, and zeroes the rest of each.
+/// Copies the frame's uniform blocks to its slot's buffers, and zeroes the rest of each. Live parameters may not be
+/// missing.
 pub(crate) fn write_uniforms<G: Gpu>(
     compiled: &mut CompiledPlan<G>,
     slot: usize,
     inputs: &FrameInputs,
 ) -> Result<(), BackendError> {
+    let live_end = |param: &Param| match param.binding {
+        ParamBinding::Live { offset } => offset as usize + 4,
+        ParamBinding::Const => 0,
+    };
     for (index, resource) in compiled.plan.resources.iter().enumerate() {
         let bytes = match &resource.source {
             Source::Frame { uniform } => match inputs.uniforms.get(uniform) {
                 Some(bytes) => bytes,
                 None => return invalid(format!("the frame has no contents for uniform block `{uniform}`")),
             },
-            Source::Live => &inputs.live,
+            Source::Live => {
+                let needed = compiled.plan.params.iter().map(live_end).max().unwrap_or(0);
+                if inputs.live.len() < needed {
+                    return invalid(format!(
+                        "the live parameters of plan `{}`: expected at least {needed} bytes, found {}",
+                        compiled.plan.name,
+                        inputs.live.len()
+                    ));
+                }
+                &inputs.live
+            }
             Source::Transient | Source::Scene { .. } | Source::HostBuffer { .. } | Source::Readback => {
                 continue;
             }

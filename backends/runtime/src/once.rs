@@ -10,7 +10,7 @@ use crate::gpu::Location;
 use splatgraph_api::{BackendError, display_bytes};
 use splatgraph_framework::ir::{PassId, ResourceId};
 use splatgraph_framework::plan::Plan;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 /// The buffers of one plan that its frames do not use.
 #[derive(Debug)]
@@ -35,19 +35,18 @@ impl UsedOnce {
     /// Moves the planes that only the prologue uses to host memory if `available` bytes do not suffice for everything.
     ///
     /// `absent` are the planes to upload, `held` is the size of the results that the plan reuses, and `available` is
-    /// the driver's estimate. The check comes first because allocation may succeed at the cost of other programs'
-    /// memory.
+    /// the driver's estimate, or the size of the heap. The check comes first because allocation may succeed at the cost
+    /// of other programs' memory.
     ///
     /// # Errors
     /// [`BackendError::OutOfMemory`] if the plan needs more than `available` bytes even without these planes.
     pub fn find_room(
         &mut self,
         plan: &Plan,
-        available: Option<u64>,
+        available: u64,
         absent: &[&(ResourceId, PlaneKey)],
         held: u64,
     ) -> Result<(), BackendError> {
-        let Some(available) = available else { return Ok(()) };
         let unused: u64 = self
             .unused
             .iter()
@@ -57,7 +56,9 @@ impl UsedOnce {
         let own = plan.transient_bytes().saturating_sub(held).saturating_sub(unused);
         let sum = |freed: bool| -> u64 {
             let planes = absent.iter().filter(|(id, _)| self.freed.contains(id) == freed);
-            planes.fold(0, |sum, (_, key)| sum.saturating_add(key.bytes))
+            // A plane that two includes import appears twice.
+            let planes: HashSet<&PlaneKey> = planes.map(|(_, key)| key).collect();
+            planes.iter().fold(0, |sum, key| sum.saturating_add(key.bytes))
         };
         let needed = own.saturating_add(sum(false));
         if needed > available {

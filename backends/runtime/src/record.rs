@@ -110,10 +110,7 @@ impl<G: Gpu> Recorder<'_, G> {
     /// because other passes may rely on it.
     fn synchronize(&mut self, at: Option<PassId>, layouts: &mut [Layout]) {
         let compiled = self.compiled;
-        let is_start = at.is_some_and(|pass| {
-            let work = &compiled.plan.pass(pass).work;
-            matches!(work, Work::ClearHistory { resource } if compiled.carried.contains(resource))
-        });
+        let is_start = at.is_some_and(|pass| compiled.would_clear(pass));
         let changes = || compiled.plan.layout_changes_at(at).filter(|_| !is_start);
         self.encoder.synchronize(&compiled.synchronization, at, |image| {
             changes().find(|change| change.image == image).and_then(|_| compiled.resources.image(image))

@@ -27,6 +27,18 @@ enum Held<G: Gpu> {
     Freed,
 }
 
+impl<G: Gpu> Held<G> {
+    fn pieces(&self) -> Vec<&Arc<G::Memory>> {
+        match self {
+            Held::Transient(transient) => vec![transient.memory()],
+            Held::Plane(buffer) => vec![&buffer.memory],
+            Held::PerFrame(copies) => copies.iter().map(|copy| &copy.memory).collect(),
+            Held::HostBuffer(copies) => copies.iter().filter_map(HostBuffer::memory).collect(),
+            Held::Freed => Vec::new(),
+        }
+    }
+}
+
 pub(crate) struct Resources<G: Gpu> {
     held: Vec<Held<G>>,
 }
@@ -169,13 +181,7 @@ impl<G: Gpu> Resources<G> {
     }
 
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
-        self.held.iter().flat_map(|held| match held {
-            Held::Transient(transient) => vec![transient.memory()],
-            Held::Plane(buffer) => vec![&buffer.memory],
-            Held::PerFrame(copies) => copies.iter().map(|copy| &copy.memory).collect(),
-            Held::HostBuffer(copies) => copies.iter().filter_map(HostBuffer::memory).collect(),
-            Held::Freed => Vec::new(),
-        })
+        self.held.iter().flat_map(Held::pieces)
     }
 
     /// Lists names and allocated bytes: the plan's own resources, then the scene's planes. Resources that share memory
@@ -188,30 +194,16 @@ impl<G: Gpu> Resources<G> {
         let (planes, own): (Vec<_>, Vec<_>) = (0..self.held.len()).partition(is_plane);
         for index in own.into_iter().chain(planes) {
             let name = &plan.resources[index].name;
-            let memory = match &self.held[index] {
-                Held::Transient(transient) => transient.memory(),
-                Held::Plane(buffer) => &buffer.memory,
-                Held::Freed => continue,
-                Held::PerFrame(copies) => {
-                    entries.push((name.clone(), copies.iter().map(|copy| copy.memory.bytes()).sum()));
-                    continue;
-                }
-                Held::HostBuffer(copies) => {
-                    let bytes = copies.iter().filter_map(HostBuffer::memory).map(|m| m.bytes()).sum();
-                    if bytes > 0 {
-                        entries.push((name.clone(), bytes));
-                    }
-                    continue;
-                }
-            };
-            match seen.get(&Arc::as_ptr(memory)) {
+            let pieces = self.held[index].pieces();
+            let Some(first) = pieces.first().map(|piece| Arc::as_ptr(piece)) else { continue };
+            match seen.get(&first) {
                 Some(&entry) => {
                     let (names, _): &mut (String, u64) = &mut entries[entry];
                     *names = format!("{names} + {name}");
                 }
                 None => {
-                    seen.insert(Arc::as_ptr(memory), entries.len());
-                    entries.push((name.clone(), memory.bytes()));
+                    seen.insert(first, entries.len());
+                    entries.push((name.clone(), pieces.iter().map(|piece| piece.bytes()).sum()));
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Tests frames: their commands, their slots, and their results.
 
 use crate::common::*;
-use crate::testing::{COLOR, WORDS, plan};
+use crate::testing::{CAMERA, COLOR, WORDS, plan};
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Object};
@@ -60,6 +60,38 @@ fn a_third_frame_waits_for_the_first_and_results_are_taken_in_any_order() {
     let results = [third, first[0], first[1]].map(|frame| null.wait(frame).expect("the frame is done"));
     assert_eq!(results.map(|result| result.pass_ms.len()), [4, 5, 4]);
     assert!(matches!(error_of(null.wait(third)), BackendError::Invalid(_)));
+    finish(null, &journal);
+}
+
+#[test]
+fn a_frame_without_some_of_the_live_parameters_is_refused() {
+    let (mut null, journal) = device();
+    let mut lively = plan();
+    lively.resources[CAMERA.index()].source = Source::Live;
+    lively.params = ["first", "second"]
+        .into_iter()
+        .zip([0, 4])
+        .map(|(name, offset)| Param {
+            name: name.to_string(),
+            value: Value::Int(1),
+            default: Value::Int(1),
+            reason: None,
+            exact: None,
+            grows: None,
+            domain: Domain::Int { min: 0, max: 9 },
+            binding: ParamBinding::Live { offset },
+            origin: lively.passes[0].origin.clone(),
+        })
+        .collect();
+    let live = lively.live_bytes();
+    load(&mut null, lively);
+    let with = |live: &[u8]| FrameInputs { live: live.to_vec(), ..FrameInputs::default() };
+    for short in [0, 4, 7] {
+        let error = error_of(null.submit(&with(&live[..short]))).to_string();
+        assert!(error.contains(&format!("expected at least 8 bytes, found {short}")), "{error}");
+    }
+    frame(&mut null, &with(&live[..8]));
+    frame(&mut null, &with(&live));
     finish(null, &journal);
 }
 

@@ -6,7 +6,8 @@ use crate::results::{SUMS, folding, load_sharing};
 use crate::testing::{SPLATS, WORDS, plan};
 use splatgraph_api::{Device, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_null::{Call, Config, Null, Object, open};
+use splatgraph_null::{Call, Config, Null, Object, limits, open};
+use splatgraph_runtime::{Limits, Location};
 
 /// Bytes of `splats`, and below of `sums` (and of the `table` computed from them). Here only the prologue uses `splats`
 /// and `sums`.
@@ -21,6 +22,17 @@ pub fn packing() -> Plan {
         pass.bindings.retain(|binding| binding.resource != SPLATS);
         pass.uses.retain(|used| used.resource != SUMS);
     }
+    plan
+}
+
+/// Builds the plan of [`packing`] with a second import of the plane, for the same pass.
+fn importing_twice() -> Plan {
+    let mut plan = packing();
+    let again = ResourceId(plan.resources.len() as u32);
+    plan.resources.push(Resource { name: "again".to_string(), ..plan.resources[SPLATS.index()].clone() });
+    let sum = &mut plan.passes[6];
+    sum.bindings.push(Binding { binding: 2, resource: again, ..sum.bindings[0].clone() });
+    sum.uses.push(Use { resource: again, ..sum.uses[0] });
     plan
 }
 
@@ -111,12 +123,20 @@ fn what_is_freed_cannot_be_inspected_later() {
 #[test]
 fn without_room_for_what_is_freed_it_lies_in_the_memory_of_the_host() {
     let all = packing().transient_bytes() + SPLAT_BYTES;
-    for (room, place) in
-        [(all, splatgraph_runtime::Location::Device), (all - 1, splatgraph_runtime::Location::Host)]
-    {
-        let (null, journal) = open(&Config { budget: Some(room), ..Config::default() });
+    let budget = |room| Config { budget: Some(room), ..Config::default() };
+    // Without a budget, the heap counts.
+    let heap = |heap_bytes| Config { limits: Limits { heap_bytes, ..limits() }, ..Config::default() };
+    for (config, plan, place) in [
+        (budget(all), packing(), Location::Device),
+        (budget(all), importing_twice(), Location::Device),
+        (budget(all - 1), packing(), Location::Host),
+        (budget(all - 1), importing_twice(), Location::Host),
+        (heap(all), packing(), Location::Device),
+        (heap(all - 1), importing_twice(), Location::Host),
+    ] {
+        let (null, journal) = open(&config);
         let mut null = null.expect("it opens");
-        load(&mut null, packing());
+        load(&mut null, plan);
         let placed = |call: &Call| match call {
             Call::Allocate { name, location, .. } if name == "splats" => Some(*location),
             _ => None,
@@ -125,7 +145,7 @@ fn without_room_for_what_is_freed_it_lies_in_the_memory_of_the_host() {
         frame(&mut null, &inputs());
         // A plan that reads the plane in every frame must not find it in host memory.
         let (mut other, scene) = (null.new_context().expect("there can be another"), Zeros::default());
-        let mut reads = plan();
+        let mut reads = self::plan();
         reads.resources[SPLATS.index()].shape = Shape::Buffer { stride: 4, count: 1 << 10 };
         other.load(reads, &scene, &mut |_| {}).expect("the plan loads");
         assert_eq!(scene.asked(), 1);

@@ -4,6 +4,7 @@
 
 mod host_buffers;
 
+use crate::attributes;
 use crate::limits::Limits;
 use splatgraph_api::{BackendError, LimitExceeded, Unit, display_bytes};
 use splatgraph_framework::ir::ShaderStage;
@@ -12,8 +13,6 @@ use std::collections::HashSet;
 
 /// Maximum number of invocations or vertices of a pass; a larger number is taken for a mistake.
 const MAX_INVOCATIONS: u64 = 1 << 40;
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Refuses a plan that is inconsistent ([`BackendError::Invalid`]) or exceeds a limit ([`BackendError::Limit`]).
 ///
@@ -34,7 +33,6 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
         }
     }
     checker.blocks()?;
-    checker.memory()?;
     let mut seen = HashSet::new();
     for id in plan.order() {
         let pass = checker.passes(id)?;
@@ -43,6 +41,7 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
         }
         checker.pass(pass)?;
     }
+    checker.memory()?;
     checker.dependencies()?;
     checker.layout_changes()?;
     checker.order()?;
@@ -67,6 +66,12 @@ fn within_count(
     available: impl Into<u64>,
 ) -> Result<(), BackendError> {
     within(what, needed.into(), available.into(), Unit::Count)
+}
+
+fn within_axes(what: impl Fn() -> String, needed: [u32; 3], available: [u32; 3]) -> Result<(), BackendError> {
+    ["x", "y", "z"].iter().zip(needed.iter().zip(available)).try_for_each(|(axis, (needed, available))| {
+        within_count(|| format!("{} in {axis}", what()), *needed, available)
+    })
 }
 
 fn within(
@@ -184,11 +189,20 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
+    /// Compares the memory that the plan needs in every frame with the device's. A plane of the scene counts once, and
+    /// not at all if only the prologue uses it: it can be placed in host memory (see [`crate::once`]).
     fn memory(&self) -> Result<(), BackendError> {
-        let others = self.plan.resources.iter().filter(|r| r.source != Source::Transient);
+        let (used_once, mut planes) = (self.plan.used_once(), HashSet::new());
+        let mut counts = |(id, resource): &(ResourceId, &Resource)| match attributes::key(resource, 0) {
+            Some(plane) => !used_once.contains(id) && planes.insert(plane),
+            None => true,
+        };
+        let all = (0..).map(ResourceId).zip(&self.plan.resources);
+        let counted: Vec<_> = all.filter(|item| counts(item)).map(|(_, resource)| resource).collect();
+        let others = counted.iter().filter(|r| r.source != Source::Transient);
         let total = others.fold(self.plan.transient_bytes(), |sum, r| sum.saturating_add(r.bytes()));
         let what = || {
-            let largest = self.plan.resources.iter().max_by_key(|r| r.bytes());
+            let largest = counted.iter().max_by_key(|r| r.bytes());
             let largest =
                 largest.map(|r| format!(" (the largest is `{}` with {})", r.name, display_bytes(r.bytes())));
             format!("the size of all resources{}", largest.unwrap_or_default())
@@ -332,10 +346,8 @@ impl<'a> Checker<'a> {
     fn dispatch(&self, pass: &Pass, shader: ShaderId, groups: Groups) -> Result<(), BackendError> {
         let shader = self.shader(shader, ShaderStage::Compute, &pass.name)?;
         let (local, name) = (shader.reflection.local_size, &shader.name);
-        for axis in 0..3 {
-            let what = || format!("the workgroup size {local:?} of shader `{name}` in {}", AXES[axis]);
-            within_count(what, local[axis], self.limits.max_local_size[axis])?;
-        }
+        let what = || format!("the workgroup size {local:?} of shader `{name}`");
+        within_axes(what, local, self.limits.max_local_size)?;
         let invocations = local.iter().fold(1u64, |product, &n| product.saturating_mul(n.into()));
         let what = || format!("the number of invocations in a workgroup {local:?} of shader `{name}`");
         within_count(what, invocations, self.limits.max_invocations)?;
@@ -350,15 +362,8 @@ impl<'a> Checker<'a> {
                     all,
                     MAX_INVOCATIONS,
                 )?;
-                (0..3).try_for_each(|axis| {
-                    let what = || {
-                        format!(
-                            "the number of workgroups {groups:?} of pass `{}` in {}",
-                            pass.name, AXES[axis]
-                        )
-                    };
-                    within_count(what, groups[axis], self.limits.max_groups[axis])
-                })
+                let what = || format!("the number of workgroups {groups:?} of pass `{}`", pass.name);
+                within_axes(what, groups, self.limits.max_groups)
             }
             Groups::Indirect { buffer, offset } => self.indirect(buffer, offset, 12, &pass.name),
         }

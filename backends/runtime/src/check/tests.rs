@@ -294,6 +294,41 @@ fn a_buffer_that_comes_with_a_frame_counts_among_a_passs_descriptors_and_sizes()
 }
 
 #[test]
+fn a_plane_imported_twice_counts_once_and_one_that_only_the_prologue_uses_does_not_count() {
+    let size = 37_156;
+    let twice = |plan: &mut Plan| plan.resources.push(plan.resources[SPLATS.index()].clone());
+    let with = |heap_bytes: u64, alter: &dyn Fn(&mut Plan)| {
+        said(|plan, limits| {
+            limits.heap_bytes = heap_bytes;
+            alter(plan);
+        })
+    };
+    assert_eq!(with(size, &twice), "");
+    assert!(with(size - 1, &twice).contains("found 37156 bytes"), "{}", with(size - 1, &twice));
+    let packed = |plan: &mut Plan| {
+        twice(plan);
+        plan.passes[3].bindings.retain(|binding| binding.resource != SPLATS);
+        for plane in [SPLATS, ResourceId(plan.resources.len() as u32 - 1)] {
+            let (stages, accesses) = (Stages::COMPUTE, Accesses::STORAGE_READ);
+            plan.passes[0].uses.push(Use {
+                resource: plane,
+                stages,
+                accesses,
+                layout: None,
+                discards: false,
+            });
+        }
+    };
+    let needed = size - 16_384;
+    assert_eq!(with(needed, &packed), "");
+    let text = with(needed - 1, &packed);
+    assert!(
+        text.contains("the largest is `color` with 16384 bytes") && text.contains("found 20772"),
+        "{text}"
+    );
+}
+
+#[test]
 fn what_shares_memory_counts_once() {
     // `words` and `args` have 4096 bytes each.
     let apart = |plan: &mut Plan, limits: &mut Limits| {
