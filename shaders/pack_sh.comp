@@ -8,28 +8,23 @@
 // 1/127. This rounds a coefficient by at most 1/254 of the splat's largest one.
 
 #include "groups.glsl"
-#include "sh_layout.glsl"
+#include "sh_planes.glsl"
 
 layout(local_size_x = 256) in;
 
-layout(set = 0, binding = 0, std430) readonly buffer Sh { vec4 v[]; } sh[SH_PLANES];
 layout(set = 0, binding = SH_PLANES, std430) writeonly buffer Packed { uvec2 packed_sh[]; };
 
 // The largest half float. Converting a larger value is undefined.
 const float LARGEST = 65504.0;
 
 #if SH_STORAGE == SH_STORAGE_F16
-void store(uint plane, uint i, vec4 v) {
-    v = clamp(v, -LARGEST, LARGEST);
-    packed_sh[plane * uint(SCENE_COUNT) + i] = uvec2(packHalf2x16(v.xy), packHalf2x16(v.zw));
+void store(uint i) {
+    for (uint plane = 0u; plane < uint(SH_PLANES); plane++) {
+        vec4 v = clamp(planes[plane], -LARGEST, LARGEST);
+        packed_sh[plane * uint(SCENE_COUNT) + i] = uvec2(packHalf2x16(v.xy), packHalf2x16(v.zw));
+    }
 }
 #else
-vec4 planes[SH_PLANES];
-
-void store(uint plane, uint i, vec4 v) {
-    planes[plane] = v;
-}
-
 float largest(vec4 v) {
     v = abs(v);
     return max(max(v.x, v.y), max(v.z, v.w));
@@ -45,7 +40,7 @@ uint bytes_of(uint word, float scale) {
     return packSnorm4x8(v / scale);
 }
 
-void store_bytes(uint i) {
+void store(uint i) {
 #if SH_DEGREE == 0 || SH_DEGREE == 2
     // This float belongs to the next band, or to no coefficient.
     planes[SH_PLANES - 1].w = 0.0;
@@ -71,26 +66,6 @@ void main() {
     if (i >= uint(SCENE_COUNT)) {
         return;
     }
-    // One line per plane: not every device allows variable indices into arrays of buffers.
-    store(0u, i, sh[0].v[i]);
-#if SH_PLANES > 1
-    store(1u, i, sh[1].v[i]);
-    store(2u, i, sh[2].v[i]);
-#endif
-#if SH_PLANES > 3
-    store(3u, i, sh[3].v[i]);
-    store(4u, i, sh[4].v[i]);
-    store(5u, i, sh[5].v[i]);
-    store(6u, i, sh[6].v[i]);
-#endif
-#if SH_PLANES > 7
-    store(7u, i, sh[7].v[i]);
-    store(8u, i, sh[8].v[i]);
-    store(9u, i, sh[9].v[i]);
-    store(10u, i, sh[10].v[i]);
-    store(11u, i, sh[11].v[i]);
-#endif
-#if SH_STORAGE == SH_STORAGE_Q8
-    store_bytes(i);
-#endif
+    load_planes(i);
+    store(i);
 }

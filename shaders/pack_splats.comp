@@ -7,12 +7,12 @@
 #include "groups.glsl"
 #include "ordered_floats.glsl"
 #include "packed_splat.glsl"
+#include "sh_planes.glsl"
 
 layout(local_size_x = 256) in;
 
 struct Scale3 { float x, y, z; };
 
-layout(set = 0, binding = 0, std430) readonly buffer Sh { vec4 v[]; } sh[SH_PLANES];
 layout(set = 0, binding = SH_PLANES, std430) readonly buffer Scale { Scale3 scale[]; };
 layout(set = 0, binding = SH_PLANES + 1, std430) readonly buffer Rotation { vec4 rotation[]; };  // w, x, y, z
 layout(set = 0, binding = SH_PLANES + 2, std430) readonly buffer Opacity { float opacity[]; };
@@ -26,7 +26,6 @@ const float OCTAVES = 20.0;
 
 shared uint bounds[RANGES];
 
-vec4 planes[SH_PLANES];
 // By coefficient, the components along and across the colour of its band.
 vec3 parts[16];
 // By band, the fields of the colour's direction.
@@ -195,28 +194,6 @@ void put_rotation(vec4 q) {
         int steps = int((1u << (ROTATION_BITS - 1u)) - 1u);
         put(uint(clamp(int(round(q[(largest + k) & 3u] * unit)), -steps, steps) + steps), ROTATION_BITS);
     }
-}
-
-void load_planes(uint i) {
-    // One line per plane: not every device allows variable indices into arrays of buffers.
-    planes[0] = sh[0].v[i];
-#if SH_PLANES > 1
-    planes[1] = sh[1].v[i];
-    planes[2] = sh[2].v[i];
-#endif
-#if SH_PLANES > 3
-    planes[3] = sh[3].v[i];
-    planes[4] = sh[4].v[i];
-    planes[5] = sh[5].v[i];
-    planes[6] = sh[6].v[i];
-#endif
-#if SH_PLANES > 7
-    planes[7] = sh[7].v[i];
-    planes[8] = sh[8].v[i];
-    planes[9] = sh[9].v[i];
-    planes[10] = sh[10].v[i];
-    planes[11] = sh[11].v[i];
-#endif
 }
 
 void main() {

@@ -40,7 +40,7 @@ vec3 surface_normal(Material m, vec3 to_camera) {
         vec3 b = cross(n, t);
         // Green points up, against v.
         b = dot(b, along_v) > 0.0 ? -b : b;
-        vec3 bump = 2.0 * sample_image(m.normal_image, uv).xyz - 1.0;
+        vec3 bump = 2.0 * sample_image(m.normal_image, uv, false).xyz - 1.0;
         n = normalize(m.normal_scale * (bump.x * t + bump.y * b) + bump.z * n);
     }
     return dot(n, to_camera) < 0.0 ? -n : n;
@@ -50,7 +50,7 @@ void main() {
     Material m = materials[material];
     vec4 base = m.base;
     if (has_image(m.base_image)) {
-        base *= sample_colour(m.base_image, uv);
+        base *= sample_image(m.base_image, uv, true);
     }
     if (base.a < m.alpha_cutoff) {
         discard;
@@ -58,7 +58,7 @@ void main() {
     float metallic = m.metallic;
     float roughness = m.roughness;
     if (has_image(m.rough_image)) {
-        vec4 image = sample_image(m.rough_image, uv);
+        vec4 image = sample_image(m.rough_image, uv, false);
         roughness *= image.g;
         metallic *= image.b;
     }

@@ -5,6 +5,7 @@
 
 #include "blocks.glsl"
 #include "digit.glsl"
+#include "../thread_index.glsl"
 
 const uint LANES = uint(DEVICE_SUBGROUP_SIZE);
 #if DEVICE_SUBGROUP_SIZE <= 32 && DIGIT_BITS <= 9
@@ -20,8 +21,3 @@ const uint THREADS = SUBGROUPS * LANES;
 const uint STEPS = (uint(BLOCK_KEYS) + THREADS - 1u) / THREADS;
 
 layout(local_size_x = BLOCK_SUBGROUPS * DEVICE_SUBGROUP_SIZE) in;
-
-// Vulkan does not define the mapping of invocations to subgroups, so indices come from these two values only.
-uint thread_index() {
-    return gl_SubgroupID * LANES + gl_SubgroupInvocationID;
-}

@@ -2,6 +2,7 @@
 // its lanes take neighbouring keys. Memory order is (subgroup, step, lane), which is also the order of equal keys.
 
 #include "blocks.glsl"
+#include "../thread_index.glsl"
 
 const uint LANES = uint(DEVICE_SUBGROUP_SIZE);
 const uint THREADS = uint(SWEEP_THREADS);
@@ -10,8 +11,3 @@ const uint SUBGROUPS = THREADS / LANES;
 const uint STEPS = (uint(BLOCK_KEYS) + THREADS - 1u) / THREADS;
 
 layout(local_size_x = SWEEP_THREADS) in;
-
-// Vulkan does not define the mapping of invocations to subgroups, so indices come from these two values only.
-uint thread_index() {
-    return gl_SubgroupID * LANES + gl_SubgroupInvocationID;
-}
