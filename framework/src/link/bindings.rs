@@ -51,14 +51,15 @@ impl Linker<'_> {
                     {
                         None => bindings.push(binding),
                         Some(same) if *same == binding => {}
-                        Some(other) => self.errors.push(Diagnostic::new(
-                            format!(
-                                "`{}` and `{}` are both binding {}",
-                                other.name, block.name, block.binding
-                            ),
-                            pass.span,
-                            "the two shaders of this draw share their bindings",
-                        )),
+                        Some(other) => {
+                            let (number, name) = (block.binding, &block.name);
+                            let message = format!("`{}` and `{name}` are both binding {number}", other.name);
+                            self.error(
+                                message,
+                                pass.span,
+                                "the two shaders of this draw share their bindings",
+                            );
+                        }
                     }
                 }
             }
@@ -318,7 +319,7 @@ impl Linker<'_> {
         // The stages of a draw share the push constants, so their blocks must be equal.
         if blocks.iter().any(|(_, block)| !block.has_layout_of(&blocks[0].1)) {
             let message = "the two shaders declare different push constants";
-            self.errors.push(Diagnostic::new(message, pass.span, "in this draw"));
+            self.error(message, pass.span, "in this draw");
         } else if let Some((shader, block)) = blocks.first() {
             bytes.resize(block.bytes as usize, 0);
             for member in &block.members {

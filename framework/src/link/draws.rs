@@ -45,11 +45,7 @@ impl Linker<'_> {
         for (i, (target, span)) in targets.iter().zip(&pass.target_spans).enumerate() {
             let image = self.resource(target.image).clone();
             let Shape::Image { width, height, .. } = image.shape else {
-                self.errors.push(Diagnostic::new(
-                    format!("`{}` is a buffer", image.name),
-                    *span,
-                    "a target must be an image",
-                ));
+                self.error(format!("`{}` is a buffer", image.name), *span, "a target must be an image");
                 continue;
             };
             if is_depth(&image.shape) {
@@ -59,25 +55,13 @@ impl Linker<'_> {
                 continue;
             }
             if image.source != Source::Transient || self.lowered.real(target.image) != target.image {
-                self.errors.push(Diagnostic::new(
-                    format!("`{}` cannot be drawn to", image.name),
-                    *span,
-                    "not the graph's own",
-                ));
+                self.error(format!("`{}` cannot be drawn to", image.name), *span, "not the graph's own");
             }
             if targets[..i].iter().any(|t| t.image == target.image) {
-                self.errors.push(Diagnostic::new(
-                    format!("`{}` is a target twice", image.name),
-                    *span,
-                    "the second time",
-                ));
+                self.error(format!("`{}` is a target twice", image.name), *span, "the second time");
             }
             if *size.get_or_insert((width, height)) != (width, height) {
-                self.errors.push(Diagnostic::new(
-                    "the targets of a pass must have the same size",
-                    *span,
-                    describe(&image),
-                ));
+                self.error("the targets of a pass must have the same size", *span, describe(&image));
             }
             // A cleared target is only written: blending reads the pass's own output.
             let (accesses, discards) = match target.load {
@@ -102,7 +86,7 @@ impl Linker<'_> {
         let found = self.resource(image).clone();
         let Shape::Image { width, height, format: Format::Depth32Float } = found.shape else {
             let message = format!("expected an image of the format depth32f, found {}", describe(&found));
-            self.errors.push(Diagnostic::new(message, span, "cannot hold depths"));
+            self.error(message, span, "cannot hold depths");
             return;
         };
         if let Some(target) = targets.first() {
@@ -112,7 +96,7 @@ impl Linker<'_> {
             {
                 let label = describe(&found);
                 let message = "the depth image of a draw must have the size of its targets";
-                self.errors.push(Diagnostic::new(message, span, label));
+                self.error(message, span, label);
                 return;
             }
         }

@@ -71,6 +71,10 @@ pub(super) struct Linker<'a> {
 }
 
 impl Linker<'_> {
+    pub fn error(&mut self, message: impl Into<String>, span: Span, label: impl Into<String>) {
+        self.errors.push(Diagnostic::new(message, span, label));
+    }
+
     pub fn resource(&self, id: ResourceId) -> &Resource {
         self.lowered.plan.resource(id)
     }

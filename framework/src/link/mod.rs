@@ -56,7 +56,7 @@ pub fn link(
             break;
         }
         if linker.compiler.is_cancelled() {
-            linker.errors.push(Diagnostic::new(CANCELLED, pass.span, ""));
+            linker.error(CANCELLED, pass.span, "");
             break;
         }
     }

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::linker::{Linker, MAX_COMPILATIONS};
-use crate::ir::{Features, Groups, Shader, ShaderId, ShaderStage, Span, Work};
+use crate::ir::{DeviceFacts, Features, Groups, Reflection, Shader, ShaderId, ShaderStage, Span, Work};
 use crate::lower::{Extent, LoweredPass, LoweredSize, ShaderName};
 use crate::shader::{Compiled, ShaderRequest};
 use crate::source::{Diagnostic, Kind};
@@ -49,11 +49,9 @@ impl Linker<'_> {
                 ShaderStage::Vertex => ".vert",
                 ShaderStage::Fragment => ".frag",
             };
-            self.errors.push(Diagnostic::new(
-                format!("`{}` is not a {} shader", name.name, format!("{stage:?}").to_lowercase()),
-                name.span,
-                format!("its name must end in `{ending}`"),
-            ));
+            let stage = format!("{stage:?}").to_lowercase();
+            let message = format!("`{}` is not a {stage} shader", name.name);
+            self.error(message, name.span, format!("its name must end in `{ending}`"));
             return None;
         }
         let known = self.found.get(&(pass.file, name.name.clone())).copied();
@@ -122,21 +120,16 @@ impl Linker<'_> {
     }
 
     pub(super) fn workgroup(&mut self, id: ShaderId, span: Span) {
-        let reflection = &self.shaders[id.index()].reflection;
-        let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();
-        if invocations > self.device.max_invocations.into() {
-            self.errors.push(Diagnostic::new(
-                format!("the device has workgroups of at most {} invocations", self.device.max_invocations),
-                span,
-                format!("this shader has {invocations}"),
-            ));
+        let Reflection { local_size, shared_bytes, .. } = self.shaders[id.index()].reflection;
+        let invocations: u64 = local_size.iter().map(|s| *s as u64).product();
+        let DeviceFacts { max_invocations: most, shared_bytes: room, .. } = self.device;
+        if invocations > most.into() {
+            let message = format!("the device has workgroups of at most {most} invocations");
+            self.error(message, span, format!("this shader has {invocations}"));
         }
-        if reflection.shared_bytes > self.device.shared_bytes {
-            self.errors.push(Diagnostic::new(
-                format!("the device has {} bytes of shared memory", self.device.shared_bytes),
-                span,
-                format!("this shader uses {}", reflection.shared_bytes),
-            ));
+        if shared_bytes > room {
+            let message = format!("the device has {room} bytes of shared memory");
+            self.error(message, span, format!("this shader uses {shared_bytes}"));
         }
     }
 
@@ -163,31 +156,20 @@ impl Linker<'_> {
         }
         let mut groups: [u64; 3] = std::array::from_fn(|axis| size[axis].div_ceil(each[axis]));
         let limits = self.device.max_groups().map(|most| u64::from(most.max(1)));
-        let mut too_large = |found: String| {
-            self.errors.push(Diagnostic::new(
-                "this dispatch is larger than the device can do at once",
-                span,
-                found,
-            ));
-        };
+        let too_large = "this dispatch is larger than the device can do at once";
         if dimensions == 1 {
             // As few rows as possible, and then as short as possible, so that few groups are idle.
             let [all, rows] = [groups[0], groups[0].div_ceil(limits[0]).max(1)];
             if rows > limits[1] {
-                too_large(format!(
-                    "{all} workgroups; {} in x and {} in y are possible",
-                    limits[0], limits[1]
-                ));
+                let [x, y, _] = limits;
+                let found = format!("{all} workgroups; {x} in x and {y} in y are possible");
+                self.error(too_large, span, found);
                 return None;
             }
             groups = [all.div_ceil(rows), rows, 1];
         } else if let Some(axis) = (0..3).find(|axis| groups[*axis] > limits[*axis]) {
-            too_large(format!(
-                "{} workgroups in {}; {} are possible",
-                groups[axis],
-                ["x", "y", "z"][axis],
-                limits[axis]
-            ));
+            let (name, count, most) = (["x", "y", "z"][axis], groups[axis], limits[axis]);
+            self.error(too_large, span, format!("{count} workgroups in {name}; {most} are possible"));
             return None;
         }
         // Shaders number invocations (workgroups, for `Groups`) with a `uint`: all together if there is one dimension,
@@ -199,11 +181,7 @@ impl Linker<'_> {
         if counted > 1 << 32 {
             let found =
                 format!("expected at most 4294967296, including those of unfinished rows, found {counted}");
-            self.errors.push(Diagnostic::new(
-                "this dispatch has more indices than 32 bits can hold",
-                span,
-                found,
-            ));
+            self.error("this dispatch has more indices than 32 bits can hold", span, found);
             return None;
         }
         Some(Groups::Direct(groups.map(|n| n as u32)))

@@ -112,6 +112,12 @@ pub(super) struct PingPong {
     pub front: usize,
 }
 
+impl PingPong {
+    pub fn in_front(&self) -> ResourceId {
+        self.halves[self.front]
+    }
+}
+
 #[derive(Clone, Debug)]
 pub(super) struct History {
     pub name: String,

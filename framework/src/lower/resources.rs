@@ -192,10 +192,7 @@ impl Lowering<'_> {
         for History { name, previous_frame, of } in std::mem::take(&mut self.histories) {
             let real = match of {
                 Handle::Plain(ids) => ids[0],
-                Handle::PingPong(index) => {
-                    let pair = &self.ping_pongs[index];
-                    pair.halves[pair.front]
-                }
+                Handle::PingPong(index) => self.ping_pongs[index].in_front(),
             };
             self.plan.resources[real.index()].history = Some(name);
             self.declarations[previous_frame.index()].previous_frame_of = Some(real);
@@ -300,10 +297,7 @@ impl Lowering<'_> {
         let Some(handle) = handle else { return Ok(None) };
         match self.part(handle, *part) {
             Some(Handle::Plain(ids)) => Ok(Some(ids)),
-            Some(Handle::PingPong(index)) => {
-                let pair = &self.ping_pongs[index];
-                Ok(Some(vec![pair.halves[pair.front]]))
-            }
+            Some(Handle::PingPong(index)) => Ok(Some(vec![self.ping_pongs[index].in_front()])),
             None if *part == Part::PreviousFrame => Err(Diagnostic::new(
                 format!("`{name}` has no history"),
                 span,
@@ -350,10 +344,7 @@ impl Lowering<'_> {
             Port::Image { format } => return self.image_port(name, format, given, inner, port_at, at),
         };
         let handle = match (given, ping_pong) {
-            (Handle::PingPong(index), false) => {
-                let pair = &self.ping_pongs[index];
-                Handle::Plain(vec![pair.halves[pair.front]])
-            }
+            (Handle::PingPong(index), false) => Handle::Plain(vec![self.ping_pongs[index].in_front()]),
             (Handle::Plain(_), true) => {
                 return Err(at.error(
                     format!("the port `{name}` needs a front and a back"),

@@ -97,11 +97,6 @@ impl<P, E> LastGood<P, E> {
         self.good.as_ref()
     }
 
-    /// Returns the newest product, mutably.
-    pub fn good_mut(&mut self) -> &mut Option<P> {
-        &mut self.good
-    }
-
     /// Returns the error to show: the newest attempt's, unless it is delayed, or else the one that was shown before.
     pub fn error(&self, now: Instant) -> Option<&E> {
         let newer = if self.is_due(now) { self.kept_back.as_ref() } else { None };
