@@ -192,3 +192,17 @@ fn an_editor_is_told_the_mistakes_of_a_graph_on_standard_output() {
     send(None, "exit", serde_json::Value::Null);
     assert!(server.wait().expect("it ends").success());
 }
+
+#[test]
+fn an_editor_that_disconnects_without_a_shutdown_is_an_error() {
+    let mut server = Place::empty().program("lsp").stdin(Stdio::piped()).spawn().expect("the program runs");
+    let mut input = server.stdin.take().expect("piped");
+    for message in [
+        r#"{ "jsonrpc": "2.0", "id": 1, "method": "initialize", "params": { "capabilities": {} } }"#,
+        r#"{ "jsonrpc": "2.0", "method": "initialized", "params": {} }"#,
+        r#"{ "jsonrpc": "2.0", "method": "exit" }"#,
+    ] {
+        write!(input, "Content-Length: {}\r\n\r\n{message}", message.len()).expect("the server listens");
+    }
+    assert_eq!(server.wait().expect("it ends").code(), Some(1));
+}

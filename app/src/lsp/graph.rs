@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
 
-/// The planner, and the declarations and plan of every graph that the editor has opened.
+/// The planner, and the declarations and plan of every open graph.
 #[derive(Default)]
 pub struct Workspace {
     planner: Planner,
@@ -50,6 +50,7 @@ impl Workspace {
     /// graph has an entry in the result, even if it has no diagnostics.
     pub fn diagnostics(&mut self, open: &BTreeMap<PathBuf, String>) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
         self.planner.read_unsaved(open.clone());
+        self.known.retain(|path, _| open.contains_key(path));
         let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
         for path in open.keys().filter(|path| is_graph(path)) {
             found.entry(path.clone()).or_default();
@@ -228,7 +229,7 @@ impl Workspace {
     }
 
     /// Lists the hints of a graph: the barriers before its passes, and the values of its `let`s. A part has no plan of
-    /// its own: its passes are looked up in the plans of the other graphs that were opened.
+    /// its own: its passes are looked up in the plans of the other open graphs.
     pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
         let own = self.known.get(path);
         let others = self.known.iter().filter(|(other, _)| *other != path).map(|(_, known)| known);

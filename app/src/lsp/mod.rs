@@ -14,7 +14,7 @@ mod rename;
 mod tests;
 mod text;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use graph::Workspace;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{
@@ -39,7 +39,7 @@ use std::path::PathBuf;
 /// Answers an editor until it ends the connection.
 ///
 /// # Errors
-/// The editor violates the protocol, or a message cannot be sent because the editor has disconnected.
+/// The editor violates the protocol, or disconnects before it requests `shutdown`.
 pub fn serve(connection: &Connection) -> Result<()> {
     let capabilities = ServerCapabilities {
         text_document_sync: Some(TextDocumentSyncCapability::Kind(TextDocumentSyncKind::FULL)),
@@ -78,7 +78,7 @@ pub fn serve(connection: &Connection) -> Result<()> {
             publish(&mut server, connection)?;
         }
     }
-    Ok(())
+    bail!("expected the request `shutdown` before the end, found none")
 }
 
 /// Builds the open graphs if a text changed, and sends the diagnostics that changed.
