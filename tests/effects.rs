@@ -248,6 +248,10 @@ fn check_warns_of_a_setting_without_an_effect_and_says_for_which_devices() {
         line.starts_with("warning: tiled, 4, 8, 16, 32, 64 lanes: `budget` has no effect: nothing in"),
         "{line}"
     );
+    let (json, errors) = place.said("check tiled --set budget=0.5 --json");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let text = json[0]["without_effect"][0].as_str().expect("a sentence");
+    assert!(line.ends_with(text) && errors.is_empty(), "{text} {errors}");
 }
 
 #[cfg(target_os = "linux")]

@@ -31,6 +31,11 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     let drawn = scored(&place, "--all");
     assert_eq!(drawn["views"].as_array().map(Vec::len), Some(9));
     assert!(psnr(&drawn) > 50.0, "{drawn:#}");
+    assert_eq!(drawn["all"], true);
+    assert_eq!(
+        (&drawn["photographs"], &drawn["background"]),
+        (&Value::Null, &serde_json::json!([0.0, 0.0, 0.0]))
+    );
     let half = scored(&place, "--backend reference --downscale 2");
     assert_eq!(
         (half["views"][0]["width"].as_u64(), half["views"][0]["height"].as_u64()),

@@ -51,6 +51,7 @@ pub struct Args {
     device: Vec<String>,
     /// Print JSON, or write it to a file: for each graph and each --device, its name, validity, verdict and diagnostics
     ///
+    /// `without_effect` lists the settings without an effect, each as a sentence.
     /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`),
     /// `message`, `label` (the text shown under the span, which may be empty) and `help` (a list). Lines and columns
     /// count from 1, columns in characters.
@@ -75,16 +76,20 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut outcome = Outcome::Done;
     let mut all = Vec::new();
     for (graph, on) in graphs.iter().flat_map(|graph| groups.iter().map(move |on| (*graph, *on))) {
-        let mut warnings = Vec::new();
-        let result = check(&mut planner, graph, &args.set, args.splats.into(), on, &mut |warning| {
-            if args.json.is_some() { warnings.extend(warning.plain) } else { say_styled(&warning.text) }
-        });
+        let (mut warnings, mut without_effect) = (Vec::new(), Vec::new());
+        let mut warn = |warning| match warning {
+            Warning::Plan { plain, .. } if args.json.is_some() => warnings.extend(plain),
+            Warning::Plan { text, .. } => say_styled(&text),
+            Warning::Setting(text) if args.json.is_some() => without_effect.push(text),
+            Warning::Setting(text) => say(format!("warning: {graph}, {text}")),
+        };
+        let result = check(&mut planner, graph, &args.set, args.splats.into(), on, &mut warn);
         if !matches!(result, Ok(Verdict::Right(_))) {
             outcome = Outcome::Failed;
         }
         let device = on[0].is_named.then_some(on[0].name.as_str());
         if args.json.is_some() {
-            all.push(as_json(graph, device, &result, warnings));
+            all.push(as_json(graph, device, &result, warnings, &without_effect));
             continue;
         }
         let title = device.map_or(graph.to_owned(), |device| format!("{graph} on {device}"));
@@ -177,6 +182,7 @@ fn as_json(
     device: Option<&str>,
     result: &CheckResult,
     mut found: Vec<PlainDiagnostic>,
+    without_effect: &[String],
 ) -> Value {
     let verdict = match result {
         Ok(Verdict::Right(verdict) | Verdict::Lacking(verdict)) => verdict.clone(),
@@ -187,7 +193,9 @@ fn as_json(
         }
     };
     let is_right = matches!(result, Ok(Verdict::Right(_)));
-    let mut json = json!({ "graph": graph, "ok": is_right, "verdict": verdict, "diagnostics": found });
+    let mut json = json!({
+        "graph": graph, "ok": is_right, "verdict": verdict, "diagnostics": found, "without_effect": without_effect,
+    });
     if let Some(device) = device {
         json["device"] = device.into();
     }
@@ -207,9 +215,11 @@ enum Verdict {
 
 type CheckResult = Result<Verdict, GraphErrors>;
 
-struct Warning {
-    text: String,
-    plain: Vec<PlainDiagnostic>,
+enum Warning {
+    /// Warnings about a plan, as rendered text with source lines and as plain data.
+    Plan { text: String, plain: Vec<PlainDiagnostic> },
+    /// A setting without an effect, with the devices.
+    Setting(String),
 }
 
 /// A verified plan, with the subgroup widths for which it was built.
@@ -225,7 +235,7 @@ struct Verified {
 /// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead. If the
 /// smallest device needs a fallback or does not meet the requirements, the line says so and no plan is built.
 ///
-/// Each warning about a plan is passed to `warn` once. Parameters without an effect are reported on standard error.
+/// Each warning is passed to `warn` once.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -263,7 +273,7 @@ fn check(
         let warnings = planner.warnings(&plan, colour());
         if !warnings.is_empty() && !warned.contains(&warnings) {
             let text = format!("{}\n", warnings.trim_end());
-            warn(Warning { text, plain: planner.plain_warnings(&plan) });
+            warn(Warning::Plan { text, plain: planner.plain_warnings(&plan) });
             warned.push(warnings);
         }
         for (_, text) in without_effect(&plan, set) {
@@ -305,7 +315,7 @@ fn check(
         false => format!("{} lanes: ", lanes.join(", ")),
     };
     for (text, lanes) in idle {
-        say(format!("warning: {graph}, {}{text}", lanes_of(&lanes)));
+        warn(Warning::Setting(format!("{}{text}", lanes_of(&lanes))));
     }
     let verdict = if found.is_empty() { "not for the least capable supported device" } else { "OK" };
     let found = found.into_iter().map(|verified| (verified.lanes, verified.line));
@@ -515,7 +525,7 @@ mod tests {
         std::fs::write(&path, text).expect("writable");
         let graph = path.display().to_string();
         let result = checked(&mut Planner::default(), &graph, 1000);
-        let json = as_json(&graph, None, &result, Vec::new());
+        let json = as_json(&graph, None, &result, Vec::new(), &[]);
         assert_eq!(json["ok"], false);
         let found = &json["diagnostics"][0];
         assert_eq!((&found["line"], &found["column"]), (&json!(2), &json!(40)), "{json:#}");

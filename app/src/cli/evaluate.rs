@@ -238,7 +238,8 @@ fn request(args: &Args) -> Json {
     };
     json!({
         "scene": args.scene, "dataset": args.cameras, "backend": args.backend.to_string(), "pipeline": graph,
-        "set": args.set, "downscale": args.downscale,
+        "set": args.set, "downscale": args.downscale, "photographs": args.photographs, "all": args.all,
+        "background": args.background,
     })
 }
 
@@ -322,7 +323,6 @@ impl job::Work for Views {
             }
         };
         origin.insert("request".into(), request(&self.args));
-        origin.insert("background".into(), json!(self.args.background));
         self.drawer = Some(drawer);
         Ok(origin)
     }
