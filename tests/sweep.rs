@@ -59,4 +59,6 @@ fn mistakes_are_told_and_no_input_is_written_over() {
     );
     place.write("sweep.json", place.bytes("scene.ply"));
     place.refuses("sweep sweep.json", &[("-o .", 2, "sweep.json")]);
+    place.write("out/pictures", "a file");
+    place.refuses(SHORT, &[("-o out", 2, "out/pictures")]);
 }

@@ -75,6 +75,8 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
             ("defaults --truth ledger/pictures", 2, "choose another --output"),
         ],
     );
+    place.write("out/pictures", "a file");
+    place.refuses(&short, &[("defaults -o out", 2, "out/pictures")]);
 }
 
 /// Returns the PSNR of a setting's row in dB; `None` if its picture equals the truth.

@@ -237,5 +237,6 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     for name in [PAGE, CSV, JSON].map(String::from).into_iter().chain(plots) {
         guard.output("--output", &args.output.join(name))?;
     }
-    Ok(())
+    // The numbers of splats are not known yet: this checks the folder.
+    Ok(guard.output("--output", &args.output.join(picture_of(None, 0)))?)
 }

@@ -267,6 +267,8 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
         guard.output("--output", &args.output.join(name))?;
     }
     let pictures = args.output.join(pictures::FOLDER);
+    // The settings are not known yet: this checks the folder.
+    guard.output("--output", &pictures.join("defaults.png"))?;
     let canonical = |path: &Path| path.canonicalize().ok();
     if let Some(truth) = &args.truth
         && canonical(truth).is_some_and(|truth| Some(truth) == canonical(&pictures))

@@ -32,9 +32,10 @@ pub struct Step {
     pub gpu_bytes: u64,
 }
 
-/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, at most `steps` of them.
+/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, at most `steps` of them, but at least one.
 pub fn counts(all: u32, steps: u32) -> Vec<u32> {
-    let mut counts: Vec<u32> = (0..steps).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
+    let mut counts: Vec<u32> =
+        (0..steps.max(1)).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
     counts.dedup();
     counts
 }
@@ -145,5 +146,6 @@ mod tests {
         assert_eq!(counts(1000, 6), [1000, 500, 250, 125, 62, 31]);
         assert_eq!(counts(3, 6), [3, 1]);
         assert_eq!(counts(1, 40), [1]);
+        assert_eq!(counts(9, 0), [9]);
     }
 }
