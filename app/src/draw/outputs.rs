@@ -24,6 +24,7 @@ use crate::draw::capture::CaptureError;
 use crate::draw::inspect::{Finding, Words};
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::io::image::{Format, Image, ImageError, save_values, save_words};
+use crate::io::output::OutputError;
 use splatgraph_api::{Device, Inspect};
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::{PassId, Work};
@@ -112,7 +113,7 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     outputs.map(output).collect()
 }
 
-/// Checks that the output named `name` can be written in a format.
+/// Checks that the output named `name` can be written in a format, as [`Output::save`] does.
 ///
 /// # Errors
 /// The format is not possible. The error lists the possible formats.
@@ -132,13 +133,16 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 impl Output {
     /// Writes the values as an array or a float image, or normals and fractions as a picture.
     ///
-    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2. Call [`check_format`] first: a PNG
-    /// clamps depths to 1.
+    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2.
     ///
     /// # Errors
-    /// The extension is not one of `.npy`, `.exr` and `.png`, the values are integers and the extension is not `.npy`,
-    /// or the file cannot be written.
+    /// The extension is not one of `.npy`, `.exr` and `.png`, [`check_format`] refuses the format, or the file cannot be
+    /// written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
+        if let Some(format) = Format::of(path) {
+            let refused = |why: String| OutputError { path: path.to_owned(), cause: why.into() };
+            check_format(&self.name, format).map_err(refused)?;
+        }
         let (format, values) = match (Format::of(path), &self.words) {
             (Some(format @ (Format::Png | Format::Exr)), Words::Float(values)) => (format, values),
             (_, Words::Float(values)) => return save_words(path, &self.shape, values),
@@ -185,7 +189,9 @@ mod tests {
         let alpha = Words::Float(vec![0.0, 0.25, 0.5, 1.0]);
         let grey = Image::load(&save("alpha", alpha.clone(), &[2, 2], "a.png").unwrap()).unwrap();
         assert_eq!((grey.at(1, 1), grey.at(0, 0)), ([1.0; 3], [0.0; 3]));
-        save("depth", alpha, &[2, 2], "d.exr").unwrap();
+        save("depth", alpha.clone(), &[2, 2], "d.exr").unwrap();
+        let error = save("depth", alpha, &[2, 2], "d.png").unwrap_err().to_string();
+        assert!(error.contains("expected the extension .npy or .exr"), "{error}");
         let normals = Words::Float(vec![0.0, 0.0, -0.5, 0.0, 0.0, 0.0]);
         let colours = Image::load(&save("normal", normals, &[1, 2, 3], "n.png").unwrap()).unwrap();
         assert_eq!((colours.at(0, 0)[2], colours.at(1, 0)), (0.0, [0.0; 3]));

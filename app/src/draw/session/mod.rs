@@ -89,7 +89,8 @@ pub struct Session<D> {
     pipeline: String,
     set: Vec<(String, String)>,
     planner: Planner,
-    warned: bool,
+    /// Warnings of plans that were printed.
+    told_warnings: BTreeSet<String>,
     /// Fallbacks of the last report.
     told: Vec<Fallback>,
     /// Settings without an effect that were reported.
@@ -145,7 +146,7 @@ impl<D: Device> Session<D> {
             pipeline: pipeline.to_owned(),
             set: set.to_vec(),
             planner: Planner::default(),
-            warned: false,
+            told_warnings: BTreeSet::new(),
             told: Vec::new(),
             told_settings: BTreeSet::new(),
             loaded: None,
@@ -355,7 +356,7 @@ impl<D: Device> Session<D> {
     /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
     /// Returns true if it loaded a plan; the next frame then runs the prologue. Prints to standard error the warnings
-    /// of the first plan that has any, and, whenever these change, the graphs of a choice that the device cannot run.
+    /// of plans, equal ones once, and, whenever these change, the graphs of a choice that the device cannot run.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -378,8 +379,10 @@ impl<D: Device> Session<D> {
         let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
         let plan = info_span!("build the plan")
             .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog))?;
-        if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
-            let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
+        let warnings = self.planner.warnings(&plan, false);
+        if !self.told_warnings.contains(&warnings) {
+            let _ = std::io::stderr().write_all(warnings.as_bytes());
+            self.told_warnings.insert(warnings);
         }
         if plan.fallbacks != self.told {
             self.told.clone_from(&plan.fallbacks);
