@@ -47,8 +47,7 @@ const MAX_LINKS: usize = 40;
 /// Writes a file, and creates its folder; `-` is standard output.
 ///
 /// # Errors
-/// The folder or the file cannot be created or written, or `body` fails. An existing file is then kept, unless only the
-/// folder cannot be synced after the replacement.
+/// The folder or the file cannot be created or written, or `body` fails. An existing file is then kept.
 pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), OutputError> {
     write_to(path, body).map_err(|cause| OutputError { path: path.to_owned(), cause })
 }
@@ -314,12 +313,12 @@ impl Unfinished {
         faults::step()?;
         info_span!("put on the disk").in_scope(|| synced(self.file.sync_all()))?;
         self.name(existing)?;
-        // The name survives a crash only once the folder is synced.
-        match File::open(folder_of(&self.target)) {
-            Ok(folder) => info_span!("put on the disk").in_scope(|| synced(folder.sync_all())),
-            // A writable folder may be unreadable, and then cannot be synced.
-            Err(_) => Ok(()),
+        // The name survives a crash only once the folder is synced. The file is complete even if that fails, for
+        // instance because the folder is unreadable.
+        if let Ok(folder) = File::open(folder_of(&self.target)) {
+            let _ = info_span!("put on the disk").in_scope(|| folder.sync_all());
         }
+        Ok(())
     }
 
     fn name(&mut self, existing: Existing) -> io::Result<()> {
