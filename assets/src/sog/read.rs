@@ -16,15 +16,17 @@ const TEXEL: usize = 4;
 
 const ENTRIES_PER_ROW: u32 = 64;
 
-/// Maximum splats per byte of a file: 20 bytes of texels per splat, at an assumed maximum compression of 1032 to 1.
-const MAX_PER_BYTE: u64 = 1032 / 20;
+/// Maximum number of splats: the texels of the largest WebP image.
+const MAX_COUNT: u32 = 16_384 * 16_384;
 
 fn meta(files: &mut Container) -> Result<Meta, SceneError> {
     let meta = Meta::parse(&files.meta()?)?;
-    let length = files.bytes_of(meta.textures().into_iter().flatten());
-    let most = length.saturating_mul(MAX_PER_BYTE);
-    if u64::from(meta.count) > most {
-        return Err(wrong("count", &format!("at most {most}, which {length} bytes can hold"), meta.count));
+    if meta.count > MAX_COUNT {
+        return Err(wrong(
+            "count",
+            &format!("at most {MAX_COUNT}, the texels of the largest WebP"),
+            meta.count,
+        ));
     }
     Ok(meta)
 }
