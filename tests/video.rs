@@ -154,11 +154,14 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
         );
         place.refuses(film, &[("film.gif", 1, &error)]);
     }
+    // Pinhole cameras are converted to the graph's projection.
     fs::write(place.at("lens.json"), with(["fisheye", "pinhole"])).expect("written");
-    place.refuses(
-        film,
-        &[("film.gif -p fisheye", 1, "camera path: expected cameras with one projection, found ")],
-    );
+    place.done(&format!("{film} mixed -p fisheye"));
+    place.done("render scene.ply -c lens.json#1 --size=48x27 -p fisheye -o pinhole.png");
+    let far = difference(&frame(&place, "mixed", 1), &place.image("pinhole.png"));
+    assert!(far < 2.5, "{far}");
+    fs::write(place.at("lens.json"), with(["fisheye", "orthographic"])).expect("written");
+    place.refuses(film, &[("film.gif -p fisheye", 1, "expected a graph for orthographic cameras")]);
 }
 
 #[test]

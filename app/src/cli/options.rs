@@ -49,7 +49,7 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     };
     match parse() {
         Some((width, height)) if width.max(height) > MAX_SIDE => {
-            Err(format!("expected at most {MAX_SIDE}x{MAX_SIDE}, the largest images of any device"))
+            Err(format!("expected at most {MAX_SIDE}x{MAX_SIDE} pixels, found {width}x{height}"))
         }
         Some(size) => Ok(size),
         None => Err("expected WIDTHxHEIGHT in pixels, for instance 1920x1080".into()),

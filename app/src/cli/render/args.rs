@@ -155,7 +155,7 @@ pub struct Work {
 /// Reads the cameras, and chooses the names of all files.
 ///
 /// # Errors
-/// The cameras cannot be read or are too large for a device, or the command line is invalid.
+/// The cameras cannot be read, their pictures are too large, or the command line is invalid.
 pub fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;
@@ -163,7 +163,7 @@ pub fn prepare(args: &Args) -> Result<Work> {
     for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
         if camera.width.max(camera.height) > MAX_SIDE {
             bail!(
-                "the camera {} has pictures of {} x {} pixels; no device has images larger than {MAX_SIDE} x {MAX_SIDE}",
+                "the camera {}: expected pictures of at most {MAX_SIDE} x {MAX_SIDE} pixels, found {} x {}",
                 one_line(&camera.img_name),
                 camera.width,
                 camera.height

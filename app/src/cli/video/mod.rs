@@ -9,7 +9,7 @@ use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
 use crate::draw::backend::Backend;
-use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, KeyError, SECONDS};
+use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::Orbit;
 use crate::draw::projection;
@@ -37,7 +37,7 @@ pub const EXAMPLES: &str = "Examples:
 /// Draw a film of a camera that moves through a scene
 ///
 /// With --cameras, the camera moves smoothly through them at constant speed, where rotation counts as distance. Without, it goes
-/// once around the scene. Cameras with one projection keep it: fisheyes need `--pipeline fisheye`. The viewer plays the same path: K records a key, and the Cameras tool writes the keys to a file.
+/// once around the scene. Fisheyes need `--pipeline fisheye`, which draws pinholes as fisheyes, too. The viewer plays the same path: K records a key, and the Cameras tool writes the keys to a file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -186,12 +186,12 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     if keys.len() < 2 {
         bail!(Usage(format!("expected two cameras or more for a path, found {}", keys.len())));
     }
-    let lens = projection::shared(keys).map_err(KeyError::from)?;
-    projection::check(lens, args.projection())?;
+    let graph = args.projection();
+    keys.iter().try_for_each(|key| projection::check(key.projection, graph))?;
     let (width, height) = (keys[0].width, keys[0].height);
     if args.drawing.size.is_none() && width.max(height) > MAX_SIDE {
         bail!(
-            "the first camera has pictures of {width} x {height} pixels; no device has images larger than {MAX_SIDE} x {MAX_SIDE}"
+            "the first camera: expected pictures of at most {MAX_SIDE} x {MAX_SIDE} pixels, found {width} x {height}"
         );
     }
     Ok(())
@@ -222,7 +222,11 @@ fn motion(
         }));
     };
     args.look.refuse_height("a path through cameras keeps their scale")?;
-    let keys = options::in_scene(keys, scene).iter().map(sized).collect();
+    let mut keys: Vec<Camera> = options::in_scene(keys, scene).iter().map(sized).collect();
+    if projection::shared(&keys).is_err() {
+        // A path has one projection.
+        keys = keys.into_iter().map(|key| key.projected(graph, scene)).collect();
+    }
     let mut path = CameraPath::new(camera_path::length_of_radian(scene));
     path.set_keys(keys)?;
     path.set_closed(args.closed);
