@@ -3,6 +3,7 @@
 //! Each test copies the small graph of `tests/graphs/two_steps`, breaks it, runs the program on it and compares the
 //! whole output.
 
+use crate::common;
 use crate::place::Place;
 use std::fs;
 
@@ -223,7 +224,24 @@ fn a_shader_includes_no_file_of_the_system() {
     assert!(refused.contains("/etc/passwd is outside the graph's folder, "), "{refused}");
     // With the folder allowed, the file is read; it is not GLSL.
     let allowed = place.fails("check graph.ron --include-root /etc", 1);
-    assert!(!allowed.contains("lies outside"), "{allowed}");
+    assert!(!allowed.contains("is outside"), "{allowed}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_job_of_another_process_may_use_the_folders_that_its_line_allows() {
+    let (place, other) = (changed(&[]), Place::empty());
+    place.done("synth demo --count 300 -o scene.ply --cameras cameras.json");
+    other.write("hash.glsl", place.bytes("hash.glsl"));
+    place.edit("make.comp", "\"hash.glsl\"", &format!("\"{}\"", other.named("hash.glsl")));
+    let [scene, cameras, graph, out] =
+        ["scene.ply", "cameras.json#0", "graph.ron", "out"].map(|name| place.named(name));
+    let root = other.named("");
+    let line = ["render", &scene, "-c", &cameras, "-p", &graph, "-o", &out, "--include-root", &root];
+    let line: Vec<_> =
+        line.map(Into::into).into_iter().chain(common::device_option().map(Into::into)).collect();
+    let ran = splatgraph::cli::job(&line).expect("a job").run(&[0]).expect("it runs");
+    assert_eq!((ran.done.as_slice(), ran.failed.as_slice()), (&[0][..], &[][..]));
 }
 
 #[cfg(unix)]

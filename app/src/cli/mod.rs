@@ -175,6 +175,7 @@ pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
     if cli.command.shard().is_some() {
         return Err(Usage("expected no --shard: workers are assigned their views".into()).into());
     }
+    planner::configure(planner::Settings { include_roots: cli.include_root, ..Default::default() });
     Ok(Job::new(cli.command.work()?))
 }
 

@@ -13,7 +13,7 @@ use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render,
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, PoisonError, RwLock};
 
 /// Settings of planners: shader compiler, store of compiled shaders, and folders that graphs may use.
 #[derive(Clone, Debug, Default)]
@@ -26,16 +26,25 @@ pub struct Settings {
     pub include_roots: Vec<PathBuf>,
 }
 
-static SETTINGS: OnceLock<Settings> = OnceLock::new();
+static SETTINGS: RwLock<Settings> =
+    RwLock::new(Settings { worker: None, store: None, include_roots: Vec::new() });
 
-/// Sets the settings of all planners from [`Planner::default`]. Only the first call has an effect.
+/// Sets the settings of later planners from [`Planner::default`].
+///
+/// The first compiler and the first store stay, because planners share compiled shaders. Folders of several calls add
+/// up: a process may run several jobs.
 pub fn configure(settings: Settings) {
-    let _ = SETTINGS.set(settings);
+    let mut all = SETTINGS.write().unwrap_or_else(PoisonError::into_inner);
+    all.worker = all.worker.take().or(settings.worker);
+    all.store = all.store.take().or(settings.store);
+    let new = settings.include_roots.into_iter().filter(|root| !all.include_roots.contains(root));
+    let new: Vec<PathBuf> = new.collect();
+    all.include_roots.extend(new);
 }
 
-/// Returns the additional folders set by [`configure`].
-pub fn include_roots() -> &'static [PathBuf] {
-    SETTINGS.get().map_or(&[], |settings| &settings.include_roots)
+/// Returns the settings of [`configure`].
+pub fn settings() -> Settings {
+    SETTINGS.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
 /// Builds plans, and caches compiled shaders.
@@ -55,7 +64,7 @@ pub struct Planner {
 impl Default for Planner {
     /// Creates a planner with the settings of [`configure`].
     fn default() -> Planner {
-        Planner::new(SETTINGS.get().cloned().unwrap_or_default())
+        Planner::new(settings())
     }
 }
 

@@ -40,7 +40,7 @@ impl<'a, S: IntoIterator<Item = (&'a str, &'a str)>> RenderCommand<'a, S> {
         if background != [0.0; 3] {
             add("--background", background.map(|channel| channel.to_string()).join(","));
         }
-        planner::include_roots().iter().for_each(|root| add("--include-root", file(root)));
+        planner::settings().include_roots.iter().for_each(|root| add("--include-root", file(root)));
         add("--output", file(output));
         words.iter().map(|word| shell_word(word)).collect::<Vec<_>>().join(" ")
     }
