@@ -105,7 +105,7 @@ impl Gpu for NullGpu {
         self.journal.call(Call::Allocate { name, bytes, location });
         self.used.fetch_add(bytes, Ordering::Relaxed);
         let mapped = match location {
-            Location::Device => Vec::new(),
+            Location::Device | Location::Host => Vec::new(),
             Location::Readback => self.read.to_le_bytes().into_iter().cycle().take(bytes as usize).collect(),
             _ => vec![0; bytes as usize],
         };

@@ -137,7 +137,7 @@ impl NullGpu {
     }
 }
 
-/// A memory allocation. It is mapped unless its location is [`Location::Device`](splatgraph_runtime::Location::Device).
+/// A memory allocation. It is mapped unless its [location](splatgraph_runtime::Location) is `Device` or `Host`.
 pub struct Memory {
     pub(crate) bytes: u64,
     pub(crate) mapped: Vec<u8>,

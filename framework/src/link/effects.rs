@@ -39,8 +39,8 @@ fn behind<'a>(
 }
 
 /// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect,
-/// because the list only explains parameters without one. After [`MAX_COMPILATIONS`] distinct shaders, passes get no
-/// parameters.
+/// because the list only explains parameters without one. Shaders after the first [`MAX_COMPILATIONS`] count as
+/// mentioning none.
 pub(super) fn mentioned(
     lowered: &Lowered,
     passes: &[LinkedPass],
@@ -57,10 +57,11 @@ pub(super) fn mentioned(
     let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {
-        if known.len() == MAX_COMPILATIONS {
+        let key = (removed.file, name.clone());
+        if known.len() == MAX_COMPILATIONS && !known.contains_key(&key) {
             return ParamSet::new();
         }
-        let names = known.entry((removed.file, name.clone())).or_insert_with(|| {
+        let names = known.entry(key).or_insert_with(|| {
             // The shader of a removed pass is not compiled, so it is no error if its file is missing.
             let Ok(file) = files.find(Some(removed.file), name, Kind::Shader) else {
                 return BTreeSet::new();

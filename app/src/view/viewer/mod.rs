@@ -446,9 +446,8 @@ impl<D: Device> Viewer<D> {
 
     /// Drops the lost device and everything on it. The scene stays in host memory.
     pub fn release(&mut self) {
-        // The copy limit must be measured again on the next device.
-        self.copy = CopyLimit::Unknown;
         self.viewports_mut().for_each(Viewport::release);
+        self.copy.viewport_mut().into_iter().for_each(Viewport::release);
     }
 
     /// Suspends builds until something changes; see [`Renderer::hold`].
@@ -458,8 +457,8 @@ impl<D: Device> Viewer<D> {
 
     /// Returns true once no build holds the released device.
     pub fn is_released(&mut self) -> bool {
-        let b = self.b.as_mut().is_none_or(|b| b.renderer.is_released());
-        self.a.renderer.is_released() && b
+        let all = [Some(&mut self.a), self.b.as_mut(), self.copy.viewport_mut()];
+        all.into_iter().flatten().all(|viewport| viewport.renderer.is_released())
     }
 
     /// Continues on another device after [`Viewer::release`].
@@ -467,6 +466,8 @@ impl<D: Device> Viewer<D> {
     /// # Errors
     /// A context for B cannot be created; B is then dropped.
     pub fn give(&mut self, device: D) -> Result<(), BackendError> {
+        // The copy limit must be measured again on the new device.
+        self.copy = CopyLimit::Unknown;
         let b = self.b.as_ref().map(|_| device.new_context()).transpose();
         self.a.renderer.give(device);
         match (&mut self.b, b) {

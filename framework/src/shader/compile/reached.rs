@@ -129,7 +129,6 @@ impl<'t> Walk<'t> {
     /// Walks over a text; `None` if it cannot be followed. `active` is the certainty that its `#include` is compiled.
     fn text(&mut self, index: usize, active: Truth, depth: usize) -> Option<()> {
         let Text { text, includes } = &self.texts[index];
-        self.bytes += text.len() + INCLUDE_BYTES;
         if depth > MAX_DEPTH || self.bytes > MAX_INCLUDED_BYTES {
             return None;
         }
@@ -166,6 +165,7 @@ impl<'t> Walk<'t> {
                     let name: String =
                         rest.iter().map(|word| word.text.trim_matches(['"', '<', '>'])).collect();
                     if let Some(target) = includes.get(name.as_str()) {
+                        self.bytes += self.texts[*target].text.len() + INCLUDE_BYTES;
                         self.text(*target, now, depth + 1)?;
                     }
                 }
