@@ -1,11 +1,12 @@
 //! `advise` as a command: a scene's needs, and the cheapest setting within a budget.
 
 use crate::common;
+use crate::images::psnr;
 use crate::place::Place;
 use serde_json::Value;
 use splatgraph::draw::keys::{Keys, Mapping};
 use splatgraph::draw::session::Session;
-use splatgraph::{draw::camera, draw::capture, studies::metrics};
+use splatgraph::{draw::camera, draw::capture};
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::Rules;
 use std::collections::HashMap;
@@ -165,7 +166,7 @@ fn the_advised_command_draws_the_promised_psnr() {
     place.done("render scene.ply -c cameras.json --backend reference -o exact --format npy");
     for (name, promised) in ["one", "two"].iter().zip(promised) {
         let load = |folder: &str| place.image(&format!("{folder}/{name}.npy"));
-        let found = metrics::compare(&load("drawn"), &load("exact")).expect("of one size").psnr();
+        let found = psnr(&load("drawn"), &load("exact"));
         assert!((found - promised).abs() < 1e-6, "{name}: {found}, promised {promised}");
     }
 

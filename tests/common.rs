@@ -1,7 +1,14 @@
 //! Shared by the tests: an open device, the data folder, and the choice of long runs.
 
+use crate::again::passes_again;
 use splatgraph::draw::backend::{Api, Backend, Options, Validation};
-use splatgraph_api::Device;
+use splatgraph::draw::builtin;
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::studies::bench;
+use splatgraph::view::paint;
+use splatgraph_api::{Device, SceneData};
+use splatgraph_assets::Scene;
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts};
 use splatgraph_framework::shader::Worker;
 use std::io::Write;
 use std::path::PathBuf;
@@ -71,12 +78,31 @@ pub fn data(test: &str) -> Option<PathBuf> {
     }
 }
 
-/// Prefix of the lines that `./x test` counts.
-const NOT_RUN: &str = "NOT RUN: ";
-
+/// Reports a test as not run, in a line that `./x test` counts.
 pub fn not_run(test: &str, needs: &str) {
-    // Not `eprintln!`, whose output is hidden in tests that pass.
-    let _ = writeln!(std::io::stderr(), "{NOT_RUN}{test} needs {needs}");
+    say(&format!("NOT RUN: {test} needs {needs}"));
+}
+
+/// Writes a line to standard error, also in tests that pass, where the output of `eprintln!` is hidden.
+pub fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Lists the built-in graphs, those of the benchmarks, and the window's.
+pub fn graphs() -> Vec<&'static str> {
+    builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).collect()
+}
+
+/// Returns the catalog for plans of [`graphs`] without a scene.
+pub fn catalog() -> Catalog {
+    let mut catalog = facts::nominal_catalog();
+    paint::offer(&mut catalog);
+    catalog
+}
+
+/// Returns the facts for plans without a scene.
+pub fn facts_of(device: &DeviceFacts) -> Facts {
+    facts::facts(&SceneFacts::NOMINAL, device, facts::DEFAULT_SIZE)
 }
 
 pub fn worker() -> Worker {
@@ -95,10 +121,9 @@ pub fn again_with_vectors_of(bits: u32, test: &str) {
     if !is_lavapipe(&open(&options(Validation::Off))) {
         return not_run(&format!("{test} with {} lanes", bits / 32), "lavapipe's widths");
     }
-    let set = [("LP_NATIVE_VECTOR_WIDTH", bits.to_string()), (EXPECTED_LANES, (bits / 32).to_string())];
-    let (passed, text) = again(test, &set);
-    assert!(passed, "with vectors of {bits} bits:\n{text}");
-    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
+    let (width, lanes) = (bits.to_string(), (bits / 32).to_string());
+    let set = [("LP_NATIVE_VECTOR_WIDTH", width.as_str()), (EXPECTED_LANES, &lanes)];
+    passes_again(&format!("with vectors of {bits} bits"), test, &set);
 }
 
 /// Set in the processes that [`alone`] starts.
@@ -112,31 +137,15 @@ pub fn alone(test: &str, body: impl FnOnce()) {
     if std::env::var_os(ALONE).is_some_and(|name| name == test) {
         return body();
     }
-    let (passed, text) = again(test, &[(ALONE, test.to_string())]);
     // Its output is hidden here unless requested, like any test's.
-    print!("{text}");
-    assert!(passed, "alone in a process, it failed");
-    assert!(text.contains("1 passed"), "the test did not run");
-}
-
-/// Runs a test of this binary again in its own process. Returns whether it passed, and its output.
-pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
-    let output = std::process::Command::new(std::env::current_exe().expect("this program"))
-        .args([test, "--exact", "--nocapture", "--include-ignored"])
-        .envs(set.iter().map(|(name, value)| (name, value)))
-        .output()
-        .expect("the tests can run themselves");
-    let errors = String::from_utf8_lossy(&output.stderr);
-    // NOT RUN lines of the other process count as well.
-    for line in errors.lines().filter(|line| line.starts_with(NOT_RUN)) {
-        let _ = writeln!(std::io::stderr(), "{line}");
-    }
-    let text = format!("{}{errors}", String::from_utf8_lossy(&output.stdout));
-    (output.status.success(), text)
+    print!("{}", passes_again("alone in a process", test, &[(ALONE, test)]));
 }
 
 /// A graph's name, and its parameters as pairs of name and value.
 pub type Graph = (&'static str, &'static [(&'static str, &'static str)]);
+
+/// Quads that are blended in 32-bit floats.
+pub const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
 
 /// The tile renderers for GPUs and for CPUs, both run on any device.
 pub const FAST_TILES: [Graph; 2] = [("tiled", &[]), ("tiled_cpu", &[])];
@@ -169,8 +178,25 @@ pub const EXACT_TILES: [Graph; 2] = [
     ),
 ];
 
+/// The rules of quads for the exact renderer: neither tiles nor an early stop. [`OPEN_TILES`] are those of tiles.
+pub const OPEN: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
+pub const OPEN_TILES: [(&str, &str); 2] = [("extent", "alpha"), ("stop", "0.0")];
+
 pub fn settings(set: &[(&str, &str)]) -> Vec<(String, String)> {
     set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
+}
+
+/// A scene's data for a loader. The second field is its identity: histories continue between equal ones.
+pub struct Upload<'a>(pub &'a Scene, pub u64);
+
+impl SceneData for Upload<'_> {
+    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
+        self.0.write_attribute(attribute, plane, offset, target)
+    }
+
+    fn identity(&self) -> u64 {
+        self.1
+    }
 }
 
 /// Returns the parameters of `graph`, followed by `more`, which override them.

@@ -4,6 +4,7 @@
 //! three products of sums, so a few units in the last place are lost.
 
 use splatgraph_assets::{Camera, Scene};
+use std::sync::Arc;
 
 use crate::common;
 use crate::golden::Golden;
@@ -33,7 +34,7 @@ fn triangle(l: &[f64]) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|row| rows[(row + 3 - first) % 3])
 }
 
-fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
+fn worst_error(scene: Arc<Scene>, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
         (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();
     let bytes = inspected(scene, camera, "splat", &[("covariance", form)], "covariances@covariance");

@@ -3,9 +3,8 @@
 use crate::common;
 #[cfg(target_os = "linux")]
 use crate::place::{DRAW, Place};
+use splatgraph::draw::builtin;
 use splatgraph::draw::facts::{self, SceneFacts};
-use splatgraph::view::paint;
-use splatgraph::{draw::builtin, studies::bench};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Domain, Facts, LIVE_BLOCK, Param, ReflectedKind, Request};
 use splatgraph_framework::plan::Plan;
@@ -59,9 +58,8 @@ struct Builds {
 
 impl Builds {
     fn new() -> Builds {
-        let mut catalog = facts::nominal_catalog();
-        paint::offer(&mut catalog);
-        Builds { files: builtin::source_map(), catalog, poisoning: Poisoning::default() }
+        let (files, catalog) = (builtin::source_map(), common::catalog());
+        Builds { files, catalog, poisoning: Poisoning::default() }
     }
 
     fn plan(&mut self, graph: &str, set: &[(String, String)], facts: &Facts) -> Result<Plan, String> {
@@ -161,8 +159,7 @@ fn facts_of(lanes: u32, count: u64) -> Facts {
 #[test]
 fn no_value_of_a_parameter_without_an_effect_changes_a_plan() {
     let mut builds = Builds::new();
-    let graphs = builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]);
-    for graph in graphs {
+    for graph in common::graphs() {
         for lanes in [8, 32] {
             check(&mut builds, graph, &[], &facts_of(lanes, 1_000_000));
         }

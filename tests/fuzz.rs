@@ -5,9 +5,7 @@
 //! shaders that compile are not executed.
 
 use splatgraph::draw::builtin;
-use splatgraph::draw::facts::{self, SceneFacts};
-use splatgraph::studies::bench;
-use splatgraph::view::paint;
+use splatgraph::draw::facts;
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Facts, OUTPUTS, Request, Value};
 use splatgraph_framework::plan::Plan;
@@ -16,7 +14,6 @@ use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Diagnostic, SourceMap, render};
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -124,10 +121,7 @@ struct Build {
 /// Returns builds that together read every shipped file.
 fn builds() -> Vec<Build> {
     let plain = |lanes, graph: &str| Build { graph: graph.into(), set: vec![], output: None, lanes };
-    let all = |lanes| {
-        let graphs = builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]);
-        graphs.map(move |graph| plain(lanes, graph))
-    };
+    let all = |lanes| common::graphs().into_iter().map(move |graph| plain(lanes, graph));
     let lanes = facts::USUAL_SUBGROUP_SIZE;
     let with = |graph, set: &[_]| Build { set: common::settings(set), ..plain(lanes, graph) };
     let forms = [
@@ -159,11 +153,9 @@ struct Outcome {
 /// Returns a builder like the live program's, with a persistent compiler.
 fn builder(folder: PathBuf) -> impl FnMut(Build) -> Outcome {
     let mut compiler = Glslang::in_worker(common::worker());
-    let mut catalog = facts::nominal_catalog();
-    paint::offer(&mut catalog);
+    let catalog = common::catalog();
     move |job| {
-        let mut facts =
-            facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(job.lanes), facts::DEFAULT_SIZE);
+        let mut facts = common::facts_of(&facts::portable_device(job.lanes));
         facts.host.extend(job.output.map(|name| (format!("{OUTPUTS}{name}"), Value::Bool(true))));
         let mut files = builtin::source_map();
         let built = plan(&folder, &job, &facts, &catalog, &mut files, &mut compiler);
@@ -402,13 +394,11 @@ fn whatever_a_file_holds_it_is_an_error_with_a_place_or_a_plan_and_mending_it_br
         &counts.slowest_ms,
     ]
     .map(|count| count.load(Relaxed));
-    // Not `eprintln!`, whose output is hidden in tests that pass.
-    let _ = writeln!(
-        std::io::stderr(),
+    common::say(&format!(
         "fuzz: {cases} broken files: {errors} errors ({diagnostics} diagnostics, {crashed} of a crash of the compiler), \
          {built} built anyway ({same} to the same plan); the slowest took {slowest} ms, all {:.0} s",
         begun.elapsed().as_secs_f64()
-    );
+    ));
     assert_eq!(errors + built, cases);
     // If nearly all damage were harmless, or nearly all fatal, the test would prove little.
     assert!(errors > cases / 2 && built > cases / 50, "{errors} errors, {built} built");

@@ -8,6 +8,7 @@ use splatgraph::io::image::Image;
 use splatgraph::studies::metrics::{self, Comparison};
 use splatgraph_assets::{Camera, Scene};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
 pub struct Golden {
     pub name: &'static str,
@@ -15,16 +16,24 @@ pub struct Golden {
     images: PathBuf,
     /// True if the images contain only the pixels of [`sampled`].
     sampled: bool,
+    scene: OnceLock<Arc<Scene>>,
 }
 
 impl Golden {
     pub fn rules() -> Golden {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/golden");
-        Golden { name: "rules", scenes: folder.clone(), images: folder, sampled: true }
+        Golden {
+            name: "rules",
+            scenes: folder.clone(),
+            images: folder,
+            sampled: true,
+            scene: OnceLock::new(),
+        }
     }
 
     pub fn whole(data: &Path, name: &'static str) -> Golden {
-        Golden { name, scenes: data.join("scenes"), images: data.join("golden"), sampled: false }
+        let (scenes, images) = (data.join("scenes"), data.join("golden"));
+        Golden { name, scenes, images, sampled: false, scene: OnceLock::new() }
     }
 
     /// Returns every scene with whole images. Without the data folder, returns `rules` and reports the others as not
@@ -40,8 +49,9 @@ impl Golden {
         self.scenes.join(format!("{}.ply", self.name))
     }
 
-    pub fn scene(&self) -> Scene {
-        Scene::load(self.path(), splatgraph_assets::QUIET).expect("the scene loads")
+    pub fn scene(&self) -> Arc<Scene> {
+        let load = || Scene::load(self.path(), splatgraph_assets::QUIET).expect("the scene loads");
+        self.scene.get_or_init(|| Arc::new(load())).clone()
     }
 
     pub fn cameras(&self) -> Vec<Camera> {

@@ -10,11 +10,10 @@
 
 #[cfg(target_os = "linux")]
 mod advise;
+mod again;
 mod batch;
 #[cfg(target_os = "linux")]
 mod bench;
-#[cfg(target_os = "linux")]
-mod builtin;
 mod commands;
 mod common;
 mod covariance;

@@ -1,13 +1,12 @@
 //! Scenes with meshes: quads and tiles draw what the exact renderer draws, and each convention of depth is tested
 //! alone.
 
-use crate::common::{self, EXACT_TILES, Graph};
+use crate::common::{self, EXACT_TILES, Graph, OPEN, OPEN_TILES, settings};
+use crate::images;
 use splatgraph::draw::backend::Backend;
-use splatgraph::draw::capture;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
-use splatgraph::studies::metrics;
 use splatgraph_assets::{Camera, Mesh, MeshMaterial, Scene, Similarity, Splat, synth};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
@@ -20,39 +19,28 @@ fn pond() -> Arc<Scene> {
 /// Graphs that draw with 32-bit floats: quads, and both tile renderers by the rules of quads (no early stop).
 const GRAPHS: [(Graph, &[(&str, &str)]); 3] = [
     (("mesh_quads", &[("target", "rgba32f")]), &[]),
-    (EXACT_TILES[1], &[("stop", "0.0"), ("extent", "alpha")]),
-    (EXACT_TILES[0], &[("stop", "0.0"), ("extent", "alpha")]),
+    (EXACT_TILES[1], &OPEN_TILES),
+    (EXACT_TILES[0], &OPEN_TILES),
 ];
 
 fn as_drawn() -> Rules {
-    rules(
-        Rules::PUBLISHED,
-        &[("extent", "unbounded"), ("stop", "none")].map(|(n, v)| (n.to_owned(), v.to_owned())),
-    )
-    .expect("rules")
+    rules(Rules::PUBLISHED, &settings(&OPEN)).expect("rules")
 }
 
 fn drawn(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
-    let set: Vec<(String, String)> =
-        graph.1.iter().chain(set).map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
-    session.set_graph(graph.0, &set);
-    session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
-    capture::take(session, camera).expect("a picture").image
+    images::drawn(session, camera, graph.0, &common::with(graph, set))
 }
 
 fn psnr(a: &Image, b: &Image, counted: &[bool]) -> f64 {
     let keep = |image: &Image| Image {
         width: counted.iter().filter(|counted| **counted).count(),
         height: 1,
-        rgb: image
-            .rgb
-            .iter()
-            .zip(counted)
+        rgb: std::iter::zip(&image.rgb, counted)
             .filter(|(_, counted)| **counted)
             .map(|(pixel, _)| *pixel)
             .collect(),
     };
-    metrics::compare(&keep(a), &keep(b)).expect("of one size and finite").psnr()
+    images::psnr(&keep(a), &keep(b))
 }
 
 /// Marks the pixels away from the mesh's edges: it covers all or none of their 3 x 3 neighbourhood.

@@ -1,9 +1,9 @@
 //! Outputs besides the picture: every graph's outputs against the exact renderer's, and plans without outputs.
 
-use crate::common::{self, EXACT_TILES, Graph, settings};
+use crate::common::{self, EXACT_TILES, Graph, OPEN, QUADS, settings};
 use crate::golden::Golden;
 use splatgraph::draw::backend::Backend;
-use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::facts;
 use splatgraph::draw::inspect::Words;
 use splatgraph::draw::outputs::{self, NAMES, Output};
 use splatgraph::draw::planner::Planner;
@@ -24,7 +24,7 @@ fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     let mut found = Vec::new();
     for golden in Golden::all("outputs of captures").into_iter().filter(|golden| golden.name != "biker") {
         let camera = golden.cameras()[0].resized(160, 90);
-        found.push((golden.name, Arc::new(golden.scene()), camera));
+        found.push((golden.name, golden.scene(), camera));
     }
     let random = synth::generate("uniform", 3000, 5).expect("it is generated");
     let camera = Camera::framing(&random, 160, 90);
@@ -94,11 +94,10 @@ fn compare(name: &str, graph: Graph, found: &[Output], truth: &Truth) {
 
 #[test]
 fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
-    let quads =
-        rules(Rules::PUBLISHED, &settings(&[("extent", "unbounded"), ("stop", "none")])).expect("rules");
+    let quads = rules(Rules::PUBLISHED, &settings(&OPEN)).expect("rules");
     let published = Rules::PUBLISHED;
     let by_quads: [(Graph, &[(&str, &str)]); 4] = [
-        (("splat", &[("target", "rgba32f")]), &[]),
+        (QUADS, &[]),
         (("tiled", &[]), &[("stop", "0.0")]),
         // Small segments, so that most tiles composite several.
         (("tiled", &[]), &[("stop", "0.0"), ("segment", "32"), ("entries", "20000")]),
@@ -122,7 +121,7 @@ fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
 
 #[test]
 fn a_plan_without_outputs_has_nothing_for_them_and_one_with_some_has_their_passes_alone() {
-    let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(32), facts::DEFAULT_SIZE);
+    let facts = common::facts_of(&facts::portable_device(32));
     let catalog = facts::nominal_catalog();
     let mut planner = Planner::default();
     let mut plan = |graph: &str, names: &[&str]| {

@@ -1,11 +1,11 @@
 //! Parameters of the graphs: each draws what the exact renderer draws with the changed rule, or with the rounded scene.
 
-use crate::common::{self, EXACT_TILES, Graph, settings};
+use crate::common::{self, EXACT_TILES, Graph, OPEN, OPEN_TILES, QUADS, settings};
+use crate::images::{self, psnr};
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
-use splatgraph::{draw::capture, studies::metrics};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
@@ -36,21 +36,12 @@ fn drawn(session: &mut Session<Backend>, camera: &Camera, set: &[(&str, &str)]) 
     drawn_by(session, camera, QUADS, set)
 }
 
-const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
-
 /// Quads, and the tile renderers for CPUs and for GPUs.
 const ALL: [Graph; 3] = [QUADS, EXACT_TILES[1], EXACT_TILES[0]];
 
 fn drawn_by(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
-    let of_quads: &[_] = if graph.0 == "splat" { &[] } else { &[("stop", "0.0"), ("extent", "alpha")] };
-    let all = graph.1.iter().chain(of_quads).chain(set);
-    session.set_graph(graph.0, &settings(&all.copied().collect::<Vec<_>>()));
-    session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
-    capture::take(session, camera).expect("a picture").image
-}
-
-fn psnr(a: &Image, b: &Image) -> f64 {
-    metrics::compare(a, b).expect("of one size and finite").psnr()
+    let of_quads: &[_] = if graph.0 == "splat" { &[] } else { &OPEN_TILES };
+    images::drawn(session, camera, graph.0, &common::with(graph, &[of_quads, set].concat()))
 }
 
 #[test]
@@ -58,8 +49,8 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
     let (scene, camera) = scene();
     // Quads have no tiles and do not stop early.
     let exact = |rule: &str, value: &str| {
-        let changes = [("extent", "unbounded"), ("stop", "none"), (rule, value)];
-        let rules = rules(Rules::PUBLISHED, &settings(&changes)).expect("rules");
+        let changes = settings(&[&OPEN[..], &[(rule, value)]].concat());
+        let rules = rules(Rules::PUBLISHED, &changes).expect("rules");
         Truth::draw(&scene, &camera, [0.0; 3], &rules).image()
     };
     let published = exact("near", "0.2");

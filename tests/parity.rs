@@ -8,7 +8,6 @@
 use splatgraph::draw::backend::{Api, Backend, Validation};
 use splatgraph::draw::session::Session;
 use splatgraph::io::image::Image;
-use splatgraph::studies::metrics;
 use splatgraph_assets::{Scene, synth};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -75,7 +74,7 @@ fn every_backend_of_the_machine_draws_the_pictures_of_vulkan() {
         let expected = Image::load(&stored(preset)).expect("a picture of Vulkan's");
         for api in &there {
             let drawn = draw(*api, &scene, preset);
-            let found = metrics::compare(&drawn.clone().clamped(), &expected).expect("of one size").psnr();
+            let found = images::psnr(&drawn.clone().clamped(), &expected);
             let steps = worst(&drawn, &expected);
             println!("{preset} by {api}: {found:.1} dB, at most {steps:.2} steps of 8 bits");
             assert!(

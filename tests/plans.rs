@@ -7,31 +7,25 @@
 //! git diff tests/plans
 //! ```
 
+use crate::common;
 use splatgraph::draw::backend;
-use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::facts;
 use splatgraph::draw::planner::Planner;
-use splatgraph::view::paint;
 use splatgraph_framework::dump;
 
 #[test]
 fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups() {
     // One planner for all: graphs share most of their shaders.
     let mut planner = Planner::default();
-    let mut catalog = facts::nominal_catalog();
-    paint::offer(&mut catalog);
+    let catalog = common::catalog();
     let mut settings = insta::Settings::clone_current();
     settings.set_snapshot_path("plans");
     settings.set_prepend_module_to_snapshot(false);
     settings.set_omit_expression(true);
-    let graphs = splatgraph::draw::builtin::names()
-        .into_iter()
-        .chain(splatgraph::studies::bench::GRAPHS)
-        .chain([paint::GRAPH]);
-    for graph in graphs {
+    for graph in common::graphs() {
         let mut texts: Vec<(String, String)> = Vec::new();
         for lanes in [4, 8, 32, 64] {
-            let device = facts::portable_device(lanes);
-            let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+            let facts = common::facts_of(&facts::portable_device(lanes));
             let plan = planner.plan(graph, &[], &facts, &catalog);
             let mut dump = backend::dump(&plan.unwrap_or_else(|error| panic!("{graph}: {error}")));
             // Reasons mention the width, which would make equal plans differ.

@@ -1,18 +1,16 @@
 //! Projections other than pinhole: each draws what the exact renderer draws, also at the picture's edges and where its
 //! Jacobian degenerates.
 
-use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, settings};
+use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, OPEN, OPEN_TILES, QUADS, settings};
+use crate::golden::Golden;
+use crate::images::{self, psnr};
 use splatgraph::draw::backend::Backend;
-use splatgraph::draw::capture;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
-use splatgraph::studies::metrics;
 use splatgraph_assets::{Camera, Projection, Scene, Splat};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
-
-const QUADS: Graph = ("splat", &[("target", "rgba32f")]);
 
 fn lenses() -> impl Iterator<Item = Projection> {
     Projection::ALL.into_iter().filter(|projection| !projection.is_pinhole())
@@ -65,23 +63,13 @@ fn camera(projection: Projection, (width, height): (u32, u32)) -> Camera {
 fn drawn(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
     let key_of = if camera.projection.sees_behind() { "distance" } else { "depth" };
     let lens = [("projection", camera.projection.name()), ("key_of", key_of)];
-    let all: Vec<_> = graph.1.iter().chain(&lens).chain(set).copied().collect();
-    session.set_graph(graph.0, &settings(&all));
-    session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
-    capture::take(session, camera).expect("a picture").image
+    images::drawn(session, camera, graph.0, &common::with(graph, &[&lens[..], set].concat()))
 }
 
 fn exact(scene: &Scene, camera: &Camera, changes: &[(&str, &str)]) -> Image {
     let rules = rules(Rules::of_view(scene, camera), &settings(changes)).expect("rules");
     Truth::draw(scene, camera, [0.0; 3], &rules).image()
 }
-
-fn psnr(a: &Image, b: &Image) -> f64 {
-    metrics::compare(a, b).expect("of one size and finite").psnr()
-}
-
-/// The rules of quads: no tiles, no early stop.
-const OPEN: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
 
 #[test]
 fn every_projection_draws_splats_all_around_the_camera_as_the_exact_renderer_does() {
@@ -145,9 +133,8 @@ fn captures_drawn_by_tiles_agree_with_the_exact_renderer() {
     let test = "captures_drawn_by_tiles_agree_with_the_exact_renderer";
     let Some(data) = common::data(test) else { return };
     for name in ["playbot-31k", "biker"] {
-        let file = |end: &str| data.join("scenes").join(format!("{name}{end}"));
-        let scene = Arc::new(Scene::load(file(".ply"), splatgraph_assets::QUIET).expect("a scene"));
-        let first = Camera::load(file(".cameras.json")).expect("cameras").swap_remove(0).resized(320, 240);
+        let golden = Golden::whole(&data, name);
+        let (scene, first) = (golden.scene(), golden.cameras().swap_remove(0).resized(320, 240));
         let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
         for projection in lenses() {
             let camera = first.projected(projection, &scene);
@@ -180,7 +167,7 @@ fn a_splat_behind_a_panorama_is_on_both_edges_of_it() {
     let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
     let truth = exact(&scene, &camera, &OPEN);
     for graph in EXACT_TILES {
-        let image = drawn(&mut session, &camera, graph, &[("extent", "alpha"), ("stop", "0.0")]);
+        let image = drawn(&mut session, &camera, graph, &OPEN_TILES);
         let db = psnr(&image, &truth);
         assert!(db > 100.0, "{graph:?}: {db:.1} dB");
         let row = row(&image, 50);
@@ -205,7 +192,7 @@ fn a_splat_straight_above_a_panorama_is_a_band_along_its_top() {
     let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
     let truth = exact(&scene, &camera, &OPEN);
     for graph in EXACT_TILES {
-        let image = drawn(&mut session, &camera, graph, &[("extent", "alpha"), ("stop", "0.0")]);
+        let image = drawn(&mut session, &camera, graph, &OPEN_TILES);
         let db = psnr(&image, &truth);
         assert!(db > 90.0, "{graph:?}: {db:.1} dB");
         for y in [0, 99] {
@@ -232,7 +219,7 @@ fn a_fisheye_shows_what_is_behind_the_camera_up_to_the_edge_of_its_field_of_view
         let truth = exact(&scene, &camera, &OPEN);
         let middle = 99.5 + degrees.to_radians() * camera.fx as f32;
         for graph in [EXACT_TILES[0], EXACT_TILES[1], QUADS] {
-            let open: &[_] = if graph.0 == "splat" { &[] } else { &[("extent", "alpha"), ("stop", "0.0")] };
+            let open: &[_] = if graph.0 == "splat" { &[] } else { &OPEN_TILES };
             let image = drawn(&mut session, &camera, graph, open);
             let db = psnr(&image, &truth);
             assert!(db > 100.0, "{graph:?}, {degrees} degrees: {db:.1} dB");

@@ -3,10 +3,11 @@
 
 use crate::common;
 use crate::golden::Golden;
+use crate::images;
 use splatgraph::draw::pick::pick;
 use splatgraph::draw::splat_set::Masked;
 use splatgraph::draw::truth::image_of;
-use splatgraph::studies::metrics::{self, Comparison};
+use splatgraph::studies::metrics::Comparison;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
 
@@ -33,7 +34,7 @@ fn the_reference_agrees_with_the_published_rasteriser_on_every_image() {
         let (name, scene) = (golden.name, golden.scene());
         for (index, camera) in golden.cameras().iter().enumerate() {
             let image = format!("camera{index}");
-            let found = compare(&golden, &image, &scene, camera, [0.0; 3], &Rules::PUBLISHED);
+            let found = compare(&golden, &image, &*scene, camera, [0.0; 3], &Rules::PUBLISHED);
             println!("{name} {image}: {:.1} dB, worst pixel {:.5}", found.psnr(), found.worst.difference);
             assert!(found.psnr() >= AGREEMENT && found.worst.difference < WORST, "{name} {image}: {found:?}");
         }
@@ -50,7 +51,7 @@ fn the_reference_blends_over_a_background_as_the_published_rasteriser_does() {
     let (scene, cameras) = (golden.scene(), golden.cameras());
     let background = [1.0, 0.5, 0.25];
     let image = "camera0-background";
-    let found = compare(&golden, image, &scene, &cameras[0], background, &Rules::PUBLISHED);
+    let found = compare(&golden, image, &*scene, &cameras[0], background, &Rules::PUBLISHED);
     assert!(found.psnr() >= AGREEMENT && found.worst.difference < WORST, "{found:?}");
 }
 
@@ -59,7 +60,7 @@ fn the_splats_of_a_pixel_sum_up_to_the_exact_picture_of_a_capture() {
     for golden in Golden::all("the_splats_of_a_pixel_sum_up_to_the_exact_picture_of_a_capture") {
         let (name, scene) = (golden.name, golden.scene());
         let camera = golden.cameras()[0].resized(160, 90);
-        let picture = render(&scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
+        let picture = render(&*scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
         let mut most = 0;
         for at in (0..160 * 90).step_by(211) {
             let picked = pick(&Masked::whole(&scene), &camera, [at % 160, at / 160], &|| false)
@@ -100,7 +101,7 @@ fn each_rule_broken_on_purpose_fails_the_bound() {
         let mut rules = Rules::PUBLISHED;
         rules.set(rule, value).expect("a rule");
         let found = cameras.iter().enumerate().map(|(index, camera)| {
-            compare(&golden, &format!("camera{index}"), &scene, camera, [0.0; 3], &rules).psnr()
+            compare(&golden, &format!("camera{index}"), &*scene, camera, [0.0; 3], &rules).psnr()
         });
         let worst = found.fold(f64::INFINITY, f64::min);
         println!("{rule} = {value}: {worst:.1} dB");
@@ -132,8 +133,8 @@ fn giant(logs: [f32; 3], covariance: &str) -> f64 {
         Splat { position: [0.3, 0.2, 4.0], scale: logs.map(f32::exp), rotation, opacity: 0.5, sh }
     });
     let exact = render(&scene, &camera, [0.0; 3], &Rules::PUBLISHED, &|_, _| {});
-    let drawn = crate::images::draw_scene(scene, &[camera], "splat", [0.0; 3], &[("covariance", covariance)]);
-    metrics::compare(&drawn[0], &image_of(&exact)).expect("images of one size").psnr()
+    let drawn = images::draw_one(scene, &camera, "splat", &[("covariance", covariance)]);
+    images::psnr(&drawn, &image_of(&exact))
 }
 
 #[test]
@@ -163,7 +164,7 @@ fn quaternions_of_the_lengths_in_the_file_fail_the_bound() {
     let end = b"end_header\n";
     let start = bytes.windows(end.len()).position(|window| window == end).expect("a header") + end.len();
     let rows: Vec<&[u8]> = bytes[start..].chunks_exact(62 * 4).collect();
-    assert_eq!(rows.len(), Splats::count(&scene), "no splat was dropped on load");
+    assert_eq!(rows.len(), Splats::count(&*scene), "no splat was dropped on load");
     // The last four of the reference layout's 62 floats are the quaternion.
     let splats: Vec<Gaussian> = (rows.iter().enumerate())
         .map(|(index, row)| {

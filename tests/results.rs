@@ -1,25 +1,13 @@
 //! Results of `Once` passes that a plan takes over from the previous plan: the picture is identical, on a real driver.
 
-use crate::common;
+use crate::common::{self, Upload};
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::planner::Planner;
 use splatgraph::{draw::camera, draw::facts};
-use splatgraph_api::{Device, FrameInputs, FrameResult, Loader, SceneData};
+use splatgraph_api::{Device, FrameInputs, FrameResult, Loader};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
-
-struct Upload<'a>(&'a Scene);
-
-impl SceneData for Upload<'_> {
-    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
-        self.0.write_attribute(attribute, plane, offset, target)
-    }
-
-    fn identity(&self) -> u64 {
-        self.0.identity()
-    }
-}
 
 fn plan(device: &Backend, scene: &Scene, graph: &str, set: &[(&str, &str)], size: (u32, u32)) -> Plan {
     let facts = facts::facts(&facts::SceneFacts::of(scene), &device.info().facts, size);
@@ -36,7 +24,8 @@ fn draw(device: &mut Backend, scene: &Scene, plan: Plan, camera: &Camera, sharin
         read_output: true,
         ..FrameInputs::default()
     };
-    let ready = loader.prepare(plan, &Upload(scene), &mut |_| {}).expect("it is made ready");
+    let ready =
+        loader.prepare(plan, &Upload(scene, scene.identity()), &mut |_| {}).expect("it is made ready");
     device.swap(ready).expect("it is swapped in");
     let frame = device.submit(&inputs).expect("submitted");
     device.wait(frame).expect("drawn")

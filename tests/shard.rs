@@ -15,9 +15,7 @@ fn files(place: &Place, folder: &str) -> BTreeMap<String, Vec<u8>> {
 
 fn run(place: &Place, line: &str, more: &[&str], code: i32) -> String {
     let words: Vec<&str> = line.split(' ').chain(more.iter().copied()).collect();
-    let (found, errors) = place.code(&words);
-    assert_eq!(found, Some(code), "{words:?}: {errors}");
-    errors
+    place.fails(&words, code)
 }
 
 /// Removes fields that differ between runs, such as times.
@@ -84,8 +82,7 @@ fn a_graph_that_was_edited_is_another_request() {
     run(&place, "new my.ron", &[], 0);
     let line = "render scene.ply -c cameras.json --size 32x24 -p my.ron -o out --shard 0/1";
     run(&place, line, &[], 0);
-    let text = fs::read_to_string(place.at("my.ron")).expect("it is there");
-    fs::write(place.at("my.ron"), text + "\n// edited\n").expect("it is there");
+    place.write("my.ron", place.text("my.ron") + "\n// edited\n");
     let told = run(&place, line, &[], 1);
     assert!(told.contains("differ in graph: name another folder"), "{told}");
 }
@@ -94,8 +91,7 @@ fn a_graph_that_was_edited_is_another_request() {
 fn a_view_that_fails_costs_no_other() {
     let place = Place::new();
     place.cameras(&CAMERAS);
-    let mut cameras: Value =
-        serde_json::from_slice(&fs::read(place.at("cameras.json")).expect("cameras")).expect("JSON");
+    let mut cameras = place.json("cameras.json");
     // Larger than the largest image of the tests' devices.
     cameras[1]["width"] = 32_768.into();
     cameras[1]["height"] = 32_768.into();
@@ -111,7 +107,7 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     place.cameras(&CAMERAS);
     let short = "--size 32x24 --rounds 1 --frames 1";
     for (line, file) in [
-        (format!("trade scene.ply -c cameras.json {short} --only key_bits"), "ledger.json"),
+        (format!("trade scene.ply -c cameras.json {short} --only defaults"), "ledger.json"),
         (format!("sweep scene.ply -c cameras.json {short} --steps 2"), "sweep.json"),
     ] {
         run(&place, &line, &["-o", "one"], 0);
@@ -139,7 +135,7 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
         run(&place, line, &["scores", "--shard", shard], 0);
     }
     run(&place, "merge scores", &[], 0);
-    let many = fs::read(place.at("scores/scores.json")).expect("it is written");
+    let many = place.bytes("scores/scores.json");
     assert!(many == one.stdout, "{}", String::from_utf8_lossy(&many));
     assert!(place.at("scores/renders/view-0004.png").exists());
 }

@@ -4,13 +4,10 @@
 //! description. The test generates the same pairs, sorts them, and compares keys and values.
 
 use splatgraph::draw::backend::Backend;
-use splatgraph::draw::builtin;
+use splatgraph::draw::planner::{GraphErrors, Planner};
 use splatgraph_api::{Device, FrameInputs, Inspect, NoScene};
-use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, Facts, Request, Value};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Value};
 use splatgraph_framework::plan::Plan;
-use splatgraph_framework::shader::Glslang;
-use splatgraph_framework::source::{SourceMap, render};
 
 use crate::common;
 
@@ -30,6 +27,8 @@ enum Kind {
     Descending,
     FewDistinct,
 }
+
+const SORTERS: [&str; 3] = ["sweep", "subgroup", "serial"];
 
 const KINDS: [Kind; 5] = [Kind::Random, Kind::Equal, Kind::Ascending, Kind::Descending, Kind::FewDistinct];
 
@@ -51,6 +50,12 @@ impl Run {
         };
         (0..self.count).map(|i| (key(i) & mask, mixed(i))).collect()
     }
+
+    fn sorted(self, key_bits: u32) -> Vec<(u32, u32)> {
+        let mut pairs = self.pairs(key_bits);
+        pairs.sort_by_key(|(key, _)| *key);
+        pairs
+    }
 }
 
 struct Sorter<'a> {
@@ -60,16 +65,28 @@ struct Sorter<'a> {
     name: String,
 }
 
-/// Builds plans with one compiler, which caches its shaders.
 struct Bench {
     device: Backend,
-    files: SourceMap,
-    compiler: Glslang,
+    planner: Planner,
+}
+
+/// Builds the plan of a sort of up to `capacity` pairs.
+pub fn plan(
+    planner: &mut Planner,
+    device: &DeviceFacts,
+    capacity: u32,
+    set: &[(String, String)],
+) -> Result<Plan, GraphErrors> {
+    let host = [("scene.count".into(), Value::Int(capacity.into()))].into();
+    let facts = Facts { device: *device, host };
+    let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
+    let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
+    planner.plan(graph, set, &facts, &catalog)
 }
 
 impl Bench {
     fn new() -> Bench {
-        Bench { device: common::device(), files: builtin::source_map(), compiler: Glslang::default() }
+        Bench { device: common::device(), planner: Planner::default() }
     }
 
     fn lanes(&self) -> u32 {
@@ -83,24 +100,12 @@ impl Bench {
 
     /// Builds and loads the sort with these parameters, or returns the errors of its graph.
     fn with(&mut self, sorter: &str, set: &[(&str, u32)], capacity: u32) -> Result<Sorter<'_>, String> {
-        let host = [("scene.count".into(), Value::Int(capacity.into()))].into();
-        let facts = Facts { device: self.device.info().facts, host };
         let value = |name| set.iter().find(|(k, _)| *k == name).map_or(0, |(_, v)| *v);
         let (digit_bits, key_bits) = (value("digit_bits"), value("key_bits"));
         let set = set.iter().map(|(k, v)| (k.to_string(), v.to_string()));
         let set: Vec<_> = set.chain([("sorter".to_string(), sorter.to_string())]).collect();
-        let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
-        let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
-        let request = Request {
-            graph,
-            set: &set,
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: true,
-        };
-        let plan = build(&request, &mut self.files, &mut self.compiler)
-            .map_err(|e| render(&self.files, &e, false))?;
+        let plan = plan(&mut self.planner, &self.device.info().facts, capacity, &set)
+            .map_err(|errors| errors.to_string())?;
         self.device.load(plan.clone(), &NoScene, &mut |_| {}).expect("the plan loads");
         let name =
             format!("{sorter}, {digit_bits}-bit digits of {key_bits}-bit keys, {} lanes", self.lanes());
@@ -117,6 +122,10 @@ impl Sorter<'_> {
     }
 
     fn check(&mut self, run: Run) {
+        self.expect(run, &run.sorted(self.key_bits));
+    }
+
+    fn expect(&mut self, run: Run, expected: &[(u32, u32)]) {
         let mut passes = self.plan.frame.iter().copied();
         let finish = passes.find(|pass| self.plan.pass(*pass).name == "finish").expect("the last pass");
         let fronts = ["Keys", "Values"].map(|block| {
@@ -140,8 +149,6 @@ impl Sorter<'_> {
         };
         let got: Vec<(u32, u32)> =
             words(&result.inspected[0]).into_iter().zip(words(&result.inspected[1])).collect();
-        let mut expected = run.pairs(self.key_bits);
-        expected.sort_by_key(|(key, _)| *key);
         if let Some(at) = (0..expected.len()).find(|i| got[*i] != expected[*i]) {
             panic!("{}: {run:?}: pair {at} is {:x?}, not {:x?}", self.name, got[at], expected[at]);
         }
@@ -149,37 +156,41 @@ impl Sorter<'_> {
     }
 }
 
-/// Returns sizes up to 2^16: around the number of lanes, and around multiples of the block and of a larger step.
-fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
+/// Returns sizes up to `most`: around the number of lanes, and around multiples of the block and of a larger step.
+fn boundary_sizes(block: u32, lanes: u32, serial: bool, most: u32) -> Vec<u32> {
     let mut sizes = vec![0, 1, 2, lanes - 1, lanes, lanes + 1, 65_535, 65_536];
     for step in [block, if serial { block * lanes } else { 8 * lanes }] {
         let all = 65_536 / step;
         let multiples = (1..=all).filter(|n| common::long() || matches!(n, 1 | 2 | 3 | 7));
         sizes.extend(multiples.flat_map(|n| [n * step - 1, n * step, n * step + 1]));
     }
-    sizes.retain(|s| *s <= 65_536);
+    sizes.retain(|s| *s <= most);
     sizes.sort();
     sizes.dedup();
     sizes
 }
 
-/// Tests every digit width with every key width, each at every boundary size.
+/// Tests every digit width with every key width, each at every boundary size up to 2^15.
 ///
-/// The kind of keys is pseudo-random; a long run tests all kinds. With an unusual vector width, each digit width is
-/// tested with one key width only, unless the run is long.
+/// Sizes up to 2^16 take most of the time, so each digit width has them with one key width only. The kind of keys is
+/// pseudo-random. With an unusual vector width, each digit width is tested with one key width only, and those of 4 and 8
+/// bits up to 2^16. A long run tests everything with everything.
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();
     let every = common::long() || common::lanes_are_usual();
     let mut turn = 0;
-    for sorter in ["sweep", "subgroup", "serial"] {
+    for sorter in SORTERS {
         for digit_bits in 1..=11 {
             for (i, key_bits) in [8, 16, 24, 32].into_iter().enumerate() {
-                if !every && digit_bits as usize % 4 != i {
+                let chosen = digit_bits as usize % 4 == i;
+                if !every && !chosen {
                     continue;
                 }
+                let largest = common::long() || chosen && (every || i == 0);
+                let most = if largest { 1 << 16 } else { 1 << 15 };
                 let mut sorter_here = bench.sorter(sorter, digit_bits, key_bits, 65_536);
-                for count in boundary_sizes(sorter_here.block_keys(), lanes, sorter == "serial") {
+                for count in boundary_sizes(sorter_here.block_keys(), lanes, sorter == "serial", most) {
                     let kinds = if common::long() { 5 } else { 1 };
                     let first = mixed(turn) as usize;
                     for kind in 0..kinds {
@@ -208,29 +219,37 @@ fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
 }
 
-/// Sorts up to 2^20 pairs. Every pair of digit width, key width, size and kind of keys occurs; in a long run, every
-/// triple of the first three.
+/// Sorts up to 2^20 pairs. With each sorter, every pair of digit width, key width, size and kind of keys occurs; in a
+/// long run, every triple of the first three.
 #[test]
 fn larger_sorts_are_right_too() {
     let mut bench = Bench::new();
     let sizes = [100_003, 1 << 18, 1 << 20];
     let mut sorts = 0;
-    for sorter in ["sweep", "subgroup", "serial"] {
-        for (i, digit_bits) in (1..=11).enumerate() {
-            for (j, key_bits) in [8, 16, 24, 32].into_iter().enumerate() {
+    for digit_bits in 1..=11 {
+        for (j, key_bits) in [8, 16, 24, 32].into_iter().enumerate() {
+            let i = digit_bits as usize;
+            let runs: Vec<(usize, usize)> = if common::long() {
+                (0..3).flat_map(|size| [i + j, i + j + 2].map(|kind| (size, kind))).collect()
+            } else {
+                // Narrow digits of wide keys take many passes, so they have the smaller sizes.
+                let size = [2, 1, 0, 0][(j + i.saturating_sub(8)) % 4];
+                // Four key widths give four kinds of keys; the fifth is added to one of them.
+                [(size, i + j)].into_iter().chain((j == 0).then_some((0, i + 4))).collect()
+            };
+            let runs = runs.into_iter().map(|(size, kind)| {
+                sorts += 1;
+                let run = Run { count: sizes[size], seed: mixed(sorts), kind: KINDS[kind % 5] };
+                (run, run.sorted(key_bits))
+            });
+            let runs: Vec<_> = runs.collect();
+            for sorter in SORTERS {
                 let mut sorter_here = bench.sorter(sorter, digit_bits, key_bits, 1 << 20);
-                for (k, count) in sizes.into_iter().enumerate() {
-                    if common::long() || (i + j) % 3 == k {
-                        for kind in [i + j, i + j + 2] {
-                            sorter_here.check(Run { count, seed: mixed(sorts), kind: KINDS[kind % 5] });
-                            sorts += 1;
-                        }
-                    }
-                }
+                runs.iter().for_each(|(run, expected)| sorter_here.expect(*run, expected));
             }
         }
     }
-    println!("{sorts} sorts of up to 2^20 pairs");
+    println!("{sorts} sorts of up to 2^20 pairs, with each sorter");
 }
 
 /// Lavapipe ends loops after 65,535 iterations, and the scan of the serial sort loops over the blocks.
@@ -261,11 +280,12 @@ fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
 #[test]
 fn sixteen_million_pairs_are_sorted_with_digits_of_4_8_and_11_bits() {
     let mut bench = Bench::new();
-    let every = ["serial", "subgroup", "sweep"].into_iter().flat_map(|s| [4, 8, 11].map(|d| (s, d)));
-    // By default, each sorter is tested at one digit width, and each digit width with one sorter.
+    let every = SORTERS.into_iter().flat_map(|s| [4, 8, 11].map(|d| (s, d)));
+    // By default, each sorter is tested at one digit width, each digit width with one sorter, and keys have 16 bits.
     let short = [("serial", 11), ("subgroup", 4), ("sweep", 8)];
     for (sorter, digit_bits) in every.filter(|sort| common::long() || short.contains(sort)) {
-        let mut sorter = bench.sorter(sorter, digit_bits, 32, 1 << 24);
+        let key_bits = if common::long() { 32 } else { 16 };
+        let mut sorter = bench.sorter(sorter, digit_bits, key_bits, 1 << 24);
         sorter.check(Run { count: 1 << 24, seed: digit_bits, kind: Kind::Random });
     }
     if common::long() {

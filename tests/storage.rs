@@ -85,7 +85,7 @@ fn packed_captures_keep_their_decibels() {
     let Some(data) = common::data("packed_captures_keep_their_decibels") else { return };
     for name in ["playbot-31k", "biker"] {
         let golden = Golden::whole(&data, name);
-        let scene = Arc::new(golden.scene());
+        let scene = golden.scene();
         let cameras: Vec<Camera> = golden.cameras().iter().take(2).map(|c| c.resized(480, 270)).collect();
         let images = |set: &[(&str, &str)]| draw_scene(scene.clone(), &cameras, "tiled_cpu", [0.0; 3], set);
         let exact = images(&[]);

@@ -3,7 +3,7 @@
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
-use crate::images::{self, bytes, draw_scene, inspected, psnr};
+use crate::images::{self, bytes, draw_one, draw_scene, inspected, psnr};
 use splatgraph::draw::session::FrameOptions;
 use splatgraph::draw::truth::Truth;
 use splatgraph::io::image::Image;
@@ -15,7 +15,7 @@ const GPU: Graph = EXACT_TILES[0];
 const CPU: Graph = EXACT_TILES[1];
 
 fn least_psnr(graphs: [Graph; 2], golden: &Golden) -> f64 {
-    let (scene, loaded, cameras) = (golden.name, Arc::new(golden.scene()), golden.cameras());
+    let (scene, loaded, cameras) = (golden.name, golden.scene(), golden.cameras());
     let mut least = f64::INFINITY;
     for graph in graphs {
         let images = draw_scene(loaded.clone(), &cameras, graph.0, [0.0; 3], graph.1);
@@ -46,22 +46,30 @@ fn fast_tiles_agree_with_the_published_rasteriser_to_75_decibels_on_captures() {
     }
 }
 
-fn demo(size: (u32, u32)) -> (Arc<Scene>, Vec<Camera>) {
-    let scene = Arc::new(synth::generate("demo", 20_000, 0).expect("a scene"));
+fn demo(splats: u32, size: (u32, u32)) -> (Arc<Scene>, Vec<Camera>) {
+    let scene = Arc::new(synth::generate("demo", splats, 0).expect("a scene"));
     let cameras = synth::demo_cameras().into_iter().take(2).map(|camera| camera.resized(size.0, size.1));
     (scene, cameras.collect())
 }
 
 fn drawn(graph: Graph, more: &[(&str, &str)]) -> Vec<Image> {
-    let (scene, cameras) = demo((400, 225));
+    let (scene, cameras) = demo(20_000, (400, 225));
     draw_scene(scene, &cameras, graph.0, [0.1, 0.2, 0.3], &with(graph, more))
 }
 
-fn assert_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
+fn drawn_bytes(graph: Graph, more: &[(&str, &str)]) -> Vec<Vec<u32>> {
+    drawn(graph, more).iter().map(bytes).collect()
+}
+
+fn assert_close(what: &str, found: &Image, expected: &Image, bound: f64) {
+    let db = psnr(found, expected);
+    println!("{what}: {db:.1} dB");
+    assert!(db >= bound, "{what}: {db:.1} dB, expected {bound} or more");
+}
+
+fn assert_all_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
-        let db = psnr(found, expected);
-        println!("{what}, camera {i}: {db:.1} dB");
-        assert!(db >= bound, "{what}, camera {i}: {db:.1} dB, expected {bound} or more");
+        assert_close(&format!("{what}, camera {i}"), found, expected, bound);
     }
 }
 
@@ -76,7 +84,7 @@ fn every_variant_of_tiles_draws_the_same_picture() {
         (GPU, &[("digit_bits", "5")]),
         (CPU, &[("sorter", "subgroup")]),
     ] {
-        assert_close(&format!("{} {set:?}", graph.0), &drawn(graph, set), &expected, 75.0);
+        assert_all_close(&format!("{} {set:?}", graph.0), &drawn(graph, set), &expected, 75.0);
     }
     // These differ more: in the records, in the order of near ties, or in the splat at which blending stops.
     for (graph, set) in [
@@ -86,19 +94,21 @@ fn every_variant_of_tiles_draws_the_same_picture() {
         (CPU, ("record", "packed")),
         (CPU, ("stop_after", "chunk")),
     ] {
-        assert_close(&format!("{} {set:?}", graph.0), &drawn(graph, &[set]), &expected, 65.0);
+        assert_all_close(&format!("{} {set:?}", graph.0), &drawn(graph, &[set]), &expected, 65.0);
     }
 }
 
 #[test]
 fn the_digit_width_changes_every_sort_of_tiles_and_no_byte_of_the_picture() {
-    let all =
-        |graph, more: &[(&str, &str)]| -> Vec<Vec<u32>> { drawn(graph, more).iter().map(bytes).collect() };
+    let (scene, cameras) = demo(5000, (200, 113));
+    let drawn = |graph: Graph, set: &[(&str, &str)]| {
+        bytes(&draw_one(scene.clone(), &cameras[0], graph.0, &with(graph, set)))
+    };
     for graph in [FAST_TILES[0], FAST_TILES[1], GPU] {
         for sorter in ["subgroup", "serial"] {
-            let expected = all(graph, &[("sorter", sorter)]);
+            let expected = drawn(graph, &[("sorter", sorter)]);
             for width in ["1", "4", "8", "11"] {
-                let found = all(graph, &[("sorter", sorter), ("digit_bits", width)]);
+                let found = drawn(graph, &[("sorter", sorter), ("digit_bits", width)]);
                 assert!(
                     found == expected,
                     "{graph:?}, {sorter}: digits of {width} bits draw another picture"
@@ -116,11 +126,11 @@ fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 3] {
 #[test]
 fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     let splats = [("sorter", "subgroup"), ("sorted", "splats")];
-    let expected: Vec<Vec<u32>> = drawn(GPU, &splats).iter().map(bytes).collect();
+    let expected = drawn_bytes(GPU, &splats);
     // 28-bit keys are scaled up to the full range, which must not merge depths.
     for (bits, key_bits) in [("32", "32"), ("24", "32"), ("20", "32"), ("24", "28")] {
         let set = [&by_pairs(bits)[..], &[("key_bits", key_bits)]].concat();
-        let found: Vec<Vec<u32>> = drawn(GPU, &set).iter().map(bytes).collect();
+        let found = drawn_bytes(GPU, &set);
         assert!(found == expected, "pairs sorted by {bits} of {key_bits} bits are blended in another order");
     }
 }
@@ -134,7 +144,7 @@ fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
 
 #[test]
 fn pairs_in_runs_too_long_to_be_ordered_are_counted() {
-    let (scene, cameras) = demo((400, 225));
+    let (scene, cameras) = demo(20_000, (400, 225));
     assert_eq!(unordered(&scene, &cameras[0], "20"), 0);
     let most = unordered(&scene, &cameras[0], "16");
     assert!(most > 1000, "9 bits of depth leave long runs, {most} pairs were counted");
@@ -157,11 +167,7 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
     };
     assert_eq!(unordered(&scene(128), &camera, "16"), 0);
     assert_eq!(unordered(&scene(129), &camera, "16"), 129);
-    let draw = |set: &[(&str, &str)]| {
-        let set = with(GPU, set);
-        let images = draw_scene(scene(128), std::slice::from_ref(&camera), GPU.0, [0.0; 3], &set);
-        bytes(&images[0])
-    };
+    let draw = |set: &[(&str, &str)]| bytes(&draw_one(scene(128), &camera, GPU.0, &with(GPU, set)));
     let sorted = [("sorter", "subgroup"), ("sorted", "splats")];
     assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
 }
@@ -191,13 +197,11 @@ fn scattered(count: u32, scales: &[[f32; 3]], colour: impl Fn(f32) -> f32 + Sync
 #[test]
 fn needles_far_narrower_than_a_pixel_are_no_brighter_than_their_colour_in_serial_tiles() {
     let (scene, camera) = scattered(1000, &[[0.3, 1e-6, 1e-6]], |_| 1.0);
-    let draw = |graph: Graph| {
-        let set = with(graph, &[("low_pass", "none")]);
-        draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], &set)
-    };
+    let draw =
+        |graph: Graph| draw_one(scene.clone(), &camera, graph.0, &with(graph, &[("low_pass", "none")]));
     let [cells, serial] = EXACT_TILES.map(draw);
     assert_close("needles", &serial, &cells, 60.0);
-    let least = serial[0].rgb.iter().flatten().copied().fold(f32::INFINITY, f32::min);
+    let least = serial.rgb.iter().flatten().copied().fold(f32::INFINITY, f32::min);
     assert!(least >= 0.0, "a colour of {least}");
 }
 
@@ -213,8 +217,7 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
         // graphs.
         let rules = [("low_pass", low_pass), ("alpha_floor", "0.001"), ("stop", "0"), ("key_bits", "32")];
         let draw = |name: &str, more: &[(&str, &str)]| {
-            let set = [&rules[..], more].concat();
-            draw_scene(scene.clone(), std::slice::from_ref(&camera), name, [0.0; 3], &set)
+            draw_one(scene.clone(), &camera, name, &[&rules[..], more].concat())
         };
         let (powers, products) = (draw("tiled", &[("sorted", "splats")]), draw("tiled_cpu", &[]));
         assert_close(low_pass, &products, &powers, 110.0);
@@ -230,16 +233,15 @@ fn pictures_wider_than_256_bins_have_larger_ones() {
     let camera = synth::demo_cameras().swap_remove(0).resized(8200, 40);
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
     for graph in EXACT_TILES {
-        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], graph.1);
-        assert_close(graph.0, &images, std::slice::from_ref(&truth), 95.0);
+        let image = draw_one(scene.clone(), &camera, graph.0, graph.1);
+        assert_close(graph.0, &image, &truth, 95.0);
     }
 }
 
 #[test]
 fn tiles_give_the_same_bytes_in_every_run() {
     for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
-        let all = || -> Vec<Vec<u32>> { drawn(graph, &[]).iter().map(bytes).collect() };
-        assert!(all() == all(), "{graph:?}: two runs differ");
+        assert!(drawn_bytes(graph, &[]) == drawn_bytes(graph, &[]), "{graph:?}: two runs differ");
     }
 }
 
@@ -247,11 +249,10 @@ fn tiles_give_the_same_bytes_in_every_run() {
 fn tiles_are_right_on_subgroups_of_4_8_and_16() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(160, 90);
-    let background = [0.1, 0.2, 0.3];
-    let truth = Truth::draw(&scene, &camera, background, &Rules::PUBLISHED).image();
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
     for graph in EXACT_TILES {
-        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, background, graph.1);
-        assert_close(graph.0, &images, std::slice::from_ref(&truth), 95.0);
+        let image = draw_one(scene.clone(), &camera, graph.0, graph.1);
+        assert_close(graph.0, &image, &truth, 95.0);
     }
     if common::lanes_are_usual() {
         for bits in [128, 512] {
@@ -282,8 +283,7 @@ fn a_long_list_is_left_to_the_deep_pass_once_where_workgroups_fill_several_rows(
 #[test]
 fn lists_without_room_grow_until_the_picture_is_whole() {
     for graph in EXACT_TILES {
-        let with =
-            |entries| -> Vec<Vec<u32>> { drawn(graph, &[("entries", entries)]).iter().map(bytes).collect() };
+        let with = |entries| drawn_bytes(graph, &[("entries", entries)]);
         assert!(with("1000000") == with("100"), "{graph:?}: the picture depends on the room at first");
     }
 }
@@ -300,7 +300,7 @@ fn long_lists_are_blended_to_their_end() {
         // Visits every pixel, in an order unrelated to depth.
         let at = (i * 7919) % (64 * 36);
         let [x, y] = [(at % 64) as f32 / 64.0 - 0.5, (at / 64) as f32 / 64.0 - 36.0 / 128.0];
-        splatgraph_assets::Splat {
+        Splat {
             position: [x * depth * 1.15, y * depth * 1.15, depth],
             scale: [0.01; 3],
             opacity: 0.02,
@@ -310,7 +310,7 @@ fn long_lists_are_blended_to_their_end() {
     }));
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
     for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
-        let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], graph.1);
-        assert_close(&format!("{graph:?}"), &images, std::slice::from_ref(&truth), 60.0);
+        let image = draw_one(scene.clone(), &camera, graph.0, graph.1);
+        assert_close(&format!("{graph:?}"), &image, &truth, 60.0);
     }
 }

@@ -106,19 +106,15 @@ fn a_timeline_that_cannot_be_written_is_an_error_before_anything_is_drawn() {
     for (path, why) in
         [("file/trace.json", "file/trace.json"), ("/proc/trace.json", "/proc/trace.json cannot be written")]
     {
-        let output = place.run(&format!("render scene.ply --size 32x32 -o out.png --timeline {path}"));
-        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1), "{errors}");
+        let errors = place.fails(&format!("render scene.ply --size 32x32 -o out.png --timeline {path}"), 1);
         assert!(errors.contains(why), "{errors}");
         assert!(!place.at("out.png").exists());
     }
     // A timeline that would overwrite an input is an invalid command line.
     let before = place.bytes("scene.ply");
-    let output = place.run("render scene.ply --size 32x32 -o out.png --timeline scene.ply");
-    assert_eq!(output.status.code(), Some(2));
+    place.fails("render scene.ply --size 32x32 -o out.png --timeline scene.ply", 2);
     assert!(before == place.bytes("scene.ply") && !place.at("out.png").exists());
     // All shards would write the same timeline.
-    let output = place.run("render scene.ply --shard 0/2 -o shared --timeline trace.json");
-    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(2) && errors.contains("--timeline"), "{errors}");
+    let errors = place.fails("render scene.ply --shard 0/2 -o shared --timeline trace.json", 2);
+    assert!(errors.contains("--timeline"), "{errors}");
 }

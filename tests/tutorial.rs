@@ -2,11 +2,11 @@
 //! effect. The tutorial's commands are run as well.
 
 use splatgraph::io::image::Image;
-use splatgraph::studies::metrics;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
+use crate::images::psnr;
 use crate::place::Place;
 
 fn tutorial() -> PathBuf {
@@ -20,10 +20,6 @@ fn drawn(place: &Place, graph: &str, more: &str) -> Image {
     let line = "render scene.ply -c cameras.json#0 --size 128x72 --validate -o out.npy";
     place.done(&format!("{line} -p {graph} {more}"));
     place.image("out.npy")
-}
-
-fn psnr(a: &Image, b: &Image) -> f64 {
-    metrics::compare(a, b).expect("pictures of one size").psnr()
 }
 
 fn pixels(image: &Image) -> impl Iterator<Item = [f32; 3]> + '_ {

@@ -68,14 +68,15 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
     let place = Place::demo(5000);
     drawn(&place, "frames");
     let at = |index: usize| place.at(format!("frames/{index:05}.png"));
-    let before: Vec<Vec<u8>> = (0..4).map(|index| fs::read(at(index)).expect("written")).collect();
+    let read = || -> Vec<Vec<u8>> { (0..4).map(|index| fs::read(at(index)).expect("written")).collect() };
+    let before = read();
     fs::remove_file(at(1)).expect("removed");
     // A file that is not a whole picture is redrawn. A whole picture is kept, whatever it shows.
     fs::write(at(2), "half a picture").expect("written");
     fs::copy(at(0), at(3)).expect("copied");
     let said = drawn(&place, "frames");
     assert!(said.contains("(2 already there)") && said.contains("; 2 drawn in"), "{said}");
-    let after: Vec<Vec<u8>> = (0..4).map(|index| fs::read(at(index)).expect("written")).collect();
+    let after = read();
     assert!(after[..3] == before[..3]);
     assert!(after[3] == before[0]);
 
@@ -126,8 +127,8 @@ fn a_film_on_standard_output_is_a_y4m_and_a_reader_that_leaves_is_no_error() {
 fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it() {
     let place = Place::demo(5000);
     let with = |lenses: [&str; 2]| {
-        let text = fs::read_to_string(place.at("cameras.json")).expect("cameras");
-        let mut cameras: Vec<serde_json::Value> = serde_json::from_str(&text).expect("a list");
+        let mut cameras = place.json("cameras.json");
+        let cameras = cameras.as_array_mut().expect("a list");
         cameras.truncate(2);
         for (camera, lens) in cameras.iter_mut().zip(lenses) {
             camera["projection"] = lens.into();
@@ -137,11 +138,11 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
                 camera[side] = (camera[side].as_f64().expect("a focal length") * scale).into();
             }
         }
-        serde_json::to_string(&cameras).expect("JSON")
+        serde_json::to_string(cameras).expect("JSON")
     };
     let film = "video scene.ply --cameras=lens.json --seconds=0.2 --fps=10 --size=48x27 -o";
     for lens in ["fisheye", "orthographic", "equirectangular"] {
-        fs::write(place.at("lens.json"), with([lens; 2])).expect("written");
+        place.write("lens.json", with([lens; 2]));
         place.done(&format!("{film} {lens} -p {lens}"));
         for index in 0..2 {
             let still = format!("{lens}-{index}.png");
@@ -155,12 +156,12 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
         place.refuses(film, &[("film.gif", 1, &error)]);
     }
     // Pinhole cameras are converted to the graph's projection.
-    fs::write(place.at("lens.json"), with(["fisheye", "pinhole"])).expect("written");
+    place.write("lens.json", with(["fisheye", "pinhole"]));
     place.done(&format!("{film} mixed -p fisheye"));
     place.done("render scene.ply -c lens.json#1 --size=48x27 -p fisheye -o pinhole.png");
     let far = difference(&frame(&place, "mixed", 1), &place.image("pinhole.png"));
     assert!(far < 2.5, "{far}");
-    fs::write(place.at("lens.json"), with(["fisheye", "orthographic"])).expect("written");
+    place.write("lens.json", with(["fisheye", "orthographic"]));
     place.refuses(film, &[("film.gif -p fisheye", 1, "expected a graph for orthographic cameras")]);
 }
 

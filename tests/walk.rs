@@ -45,7 +45,7 @@ fn walked_frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> (Vec<Enc
         let encoded = all.map(|pass| pass.pass).any(|pass| pass == *id);
         follow(&mut moves, encoded.then_some(*id));
     }
-    walk.end(walked, &mut moves);
+    walk.interrupt(walked, &mut moves);
     follow(&mut moves, None);
     walked.submitted(&walk);
     (found, handover)

@@ -3,42 +3,29 @@
 //! Nothing here needs a Mac. [`bound`] gives the minimum numbers of encoders, waits and barriers. The model of Metal's
 //! rules must accept each list of encoders, and object if a wait, an update, a barrier or a part of one is removed.
 
-use crate::common::settings;
+use crate::common::{self, say, settings};
 use splatgraph::draw::backend;
 use splatgraph::draw::builtin;
-use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::facts;
 use splatgraph::draw::planner::Planner;
 use splatgraph::view::paint;
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::{self, EncoderTotals};
-use splatgraph_framework::ir::Facts;
 use splatgraph_framework::plan::Plan;
 use splatgraph_metal::dump::add_encoders;
 use splatgraph_metal::sync::model::{Model, mutate};
 use splatgraph_metal::sync::{Division, Encoders, Encoding, encoders};
-use std::io::Write;
 
 mod bound;
-
-fn say(text: &str) {
-    // Not `eprintln!`, whose output is hidden in tests that pass.
-    let _ = writeln!(std::io::stderr(), "{text}");
-}
 
 /// Builds the plans of built-in graphs, benchmark graphs, the window's graph and an example, some with parameters that
 /// add or move passes.
 pub fn plans(share_memory: bool) -> Vec<Plan> {
     let mut planner = Planner::default();
-    let mut catalog = facts::nominal_catalog();
-    paint::offer(&mut catalog);
-    let plain: Facts = facts::facts(
-        &SceneFacts::NOMINAL,
-        &facts::portable_device(facts::USUAL_SUBGROUP_SIZE),
-        facts::DEFAULT_SIZE,
-    );
+    let catalog = common::catalog();
+    let plain = common::facts_of(&facts::portable_device(facts::USUAL_SUBGROUP_SIZE));
     let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron");
-    let graphs = builtin::names().into_iter().chain(splatgraph::studies::bench::GRAPHS);
-    let graphs = graphs.chain([paint::GRAPH, example]).map(|graph| (graph, vec![]));
+    let graphs = common::graphs().into_iter().chain([example]).map(|graph| (graph, vec![]));
     let varied = [
         ("splat", vec![("key_map", "equalised"), ("key_bits", "16")]),
         ("splat", vec![("sh_storage", "q8"), ("position_storage", "fixed16")]),

@@ -9,6 +9,7 @@
 mod cases;
 mod surveyed;
 
+use crate::common::{OPEN, OPEN_TILES};
 use crate::place::Place;
 use crate::{common, images};
 use cases::{Bounds, Case};
@@ -56,9 +57,6 @@ fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &st
     truth::image_of(&picture)
 }
 
-/// The rules of quads: no tiles, no early stop.
-const QUADS: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
-
 struct Way {
     preset: &'static str,
     set: Vec<(String, String)>,
@@ -84,9 +82,7 @@ impl Way {
             // `auto` chooses these tiles on GPUs only. Their packed records composite segments in half floats, which
             // costs dB.
             "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled - 9.0),
-            "tiled_exact" => {
-                Way::new(preset, &[("stop", "0.0"), ("extent", "alpha")], |bounds| bounds.tiled_exact)
-            }
+            "tiled_exact" => Way::new(preset, &OPEN_TILES, |bounds| bounds.tiled_exact),
             _ => Way::new(preset, &full, |bounds| bounds.exact),
         };
         // The cases and their bounds are for pinhole cameras.
@@ -97,7 +93,7 @@ impl Way {
             let set = [("target", "rgba32f"), ("covariance", "factored")];
             all.push(Way::new("splat", &set, |bounds| bounds.exact));
         }
-        let exact = common::with(common::EXACT_TILES[0], &[("stop", "0.0"), ("extent", "alpha")]);
+        let exact = common::with(common::EXACT_TILES[0], &OPEN_TILES);
         all.push(Way::new("tiled", &exact, |bounds| bounds.tiled_exact));
         all.push(Way::new("splat", &[("target", "rgba16f")], |bounds| bounds.half));
         all.push(Way::new("front_to_back", &[("target", "rgba16f")], |bounds| bounds.half));
@@ -145,7 +141,7 @@ fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
 fn hold(name: &str) {
     let Case { scene, factored, bounds, .. } = cases::find(name);
     let (scene, camera) = scene();
-    let quads = exact(&scene, &camera, &QUADS);
+    let quads = exact(&scene, &camera, &OPEN);
     let published = Error::of("the published rules", &exact(&scene, &camera, &[]), &quads);
     let splats = scene.count();
     let errors: Vec<(Way, Error)> = draw(scene, &camera, Way::all(*factored, bounds.bytes.is_some()))
@@ -245,7 +241,7 @@ fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
         splat.sh = std::array::from_fn(|k| end(1 + k % 4));
         splat
     });
-    exact(&scene, &camera, &QUADS);
+    exact(&scene, &camera, &OPEN);
     exact(&scene, &camera, &[]);
     let mut ways = Way::all(true, true);
     for set in [
@@ -298,15 +294,15 @@ fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
             ..layers.splat(index)
         };
         let scene = Scene::generate(400, 0, splat);
-        let truth = exact(&scene, &camera, &QUADS);
+        let truth = exact(&scene, &camera, &OPEN);
         let shows = truth.rgb.iter().any(|pixel| *pixel != BACKGROUND);
         assert_eq!(shows, steps > 0, "{steps} floats from the floor, exact");
-        let exact = common::with(common::EXACT_TILES[0], &[("stop", "0.0"), ("extent", "alpha")]);
+        let exact = common::with(common::EXACT_TILES[0], &OPEN_TILES);
         let ways = vec![
             Way::new("splat", &[("target", "rgba32f")], |_| 110.0),
             Way::new("auto", &[("stop", "0.0")], |_| 90.0),
             Way::new("tiled", &[("stop", "0.0")], |_| 88.0),
-            Way::new("tiled_exact", &[("stop", "0.0"), ("extent", "alpha")], |_| 110.0),
+            Way::new("tiled_exact", &OPEN_TILES, |_| 110.0),
             Way::new("tiled", &exact, |_| 110.0),
         ];
         for (way, image) in draw(scene, &camera, ways) {

@@ -1,6 +1,7 @@
 //! A scene ten million units from the origin: its file stores doubles, and the picture keeps their precision.
 
-use super::{Error, QUADS, exact};
+use super::{Error, exact};
+use crate::common::OPEN;
 use crate::place::Place;
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_reference::{Gaussian, Splats};
@@ -25,7 +26,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let (splats, camera, made) = world();
     assert!(made.offset().iter().all(|v| v.abs() > 9e6));
     // The truth needs f64 depths: depths computed in f32 from world coordinates have no correct digits.
-    let rules = [&QUADS[..], &[("depth", "f64")]].concat();
+    let rules = [&OPEN[..], &[("depth", "f64")]].concat();
     let truth = exact(splats.as_slice(), &camera, &rules);
     let place = Place::new();
     place.done("synth surveyed --count 1000 -o far.ply --cameras far.json");

@@ -1,18 +1,13 @@
 //! The disk is full at each file in turn: the old file stays, no other file is left, and the exit code reports it.
 
+use super::system::limit;
 use crate::place::{DRAW, Place};
-use rustix::process::{Resource, Rlimit, setrlimit};
+use rustix::process::Resource;
 use std::collections::BTreeMap;
-use std::os::unix::process::CommandExt;
 use std::process::{Command, Output};
 
 fn limited(mut command: Command, bytes: u64) -> Output {
-    let limit = move || {
-        let limit = Rlimit { current: Some(bytes), maximum: Some(bytes) };
-        Ok(setrlimit(Resource::Fsize, limit)?)
-    };
-    // SAFETY: the closure makes one system call, which is safe between fork and exec, and allocates nothing.
-    unsafe { command.pre_exec(limit) };
+    limit(&mut command, Resource::Fsize, bytes);
     command.env("MESA_SHADER_CACHE_DISABLE", "true").output().expect("the program runs")
 }
 

@@ -1,13 +1,12 @@
 //! The program is killed at random moments while it draws twelve cameras: every file that exists afterwards must be
 //! whole.
 
-use crate::common::long;
+use crate::common::{long, say};
 use crate::place::{DRAW, Place, SIZE};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use splatgraph::io::image::Image;
 use std::fs;
-use std::io::Write;
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -120,8 +119,7 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
             assert_eq!(drawn, 2 * CAMERAS, "{what}");
         }
     }
-    // Not `eprintln!`, whose output is hidden in tests that pass.
-    let _ = writeln!(std::io::stderr(), "kills: {kills}, {ended} of them before the end");
+    say(&format!("kills: {kills}, {ended} of them before the end"));
 }
 
 #[test]

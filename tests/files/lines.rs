@@ -1,12 +1,11 @@
 //! Random command lines for the real program: it must exit with code 0, 1 or 2, and destroy no file that it reads.
 
 use super::words::{self, Random};
-use crate::common::long;
+use crate::common::{long, say};
 use crate::place::{Place, scene};
 use splatgraph::io::image::{Image, save_words};
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
@@ -99,7 +98,6 @@ fn no_command_line_ends_the_program_otherwise_or_destroys_a_file_that_it_reads()
         let _ = fs::remove_dir_all(place.at("new"));
         prepared(&place);
     }
-    // Not `eprintln!`, whose output is hidden in tests that pass.
-    let _ = writeln!(std::io::stderr(), "command lines: {lines}, by exit code {codes:?}");
+    say(&format!("command lines: {lines}, by exit code {codes:?}"));
     assert!((0..=2).all(|code| codes.get(&code).is_some_and(|count| *count > 0)), "{codes:?}");
 }

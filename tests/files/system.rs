@@ -8,7 +8,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-fn limit(command: &mut Command, resource: Resource, most: u64) {
+pub fn limit(command: &mut Command, resource: Resource, most: u64) {
     let limit = move || Ok(setrlimit(resource, Rlimit { current: Some(most), maximum: Some(most) })?);
     // SAFETY: the closure makes one system call, which is safe between fork and exec, and allocates nothing.
     unsafe { command.pre_exec(limit) };

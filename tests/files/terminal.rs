@@ -4,17 +4,22 @@ use crate::place::{DRAW, Place};
 use std::fs::{self, File};
 use std::process::{Command, Stdio};
 
-fn into_closed_pipe(mut command: Command) -> (Option<i32>, String) {
-    let (reader, writer) = std::io::pipe().expect("a pipe");
-    drop(reader);
-    let output = command.stdout(writer).stderr(Stdio::piped()).output().expect("the program runs");
+fn printed(mut command: Command, to: impl Into<Stdio>) -> (Option<i32>, String) {
+    let output = command.stdout(to).stderr(Stdio::piped()).output().expect("the program runs");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-fn onto_full_device(mut command: Command) -> (Option<i32>, String) {
-    let full = File::options().write(true).open("/dev/full").expect("Linux has it");
-    let output = command.stdout(full).stderr(Stdio::piped()).output().expect("the program runs");
-    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+fn into_closed_pipe(command: Command) -> (Option<i32>, String) {
+    let (_, writer) = std::io::pipe().expect("a pipe");
+    printed(command, writer)
+}
+
+fn full_device() -> File {
+    File::options().write(true).open("/dev/full").expect("Linux has it")
+}
+
+fn onto_full_device(command: Command) -> (Option<i32>, String) {
+    printed(command, full_device())
 }
 
 #[test]
@@ -68,9 +73,8 @@ fn an_error_that_cannot_be_written_is_an_exit_code_and_no_panic() {
         ("nope", 2),
         ("synth demo -o scene.txt", 2),
     ] {
-        let full = File::options().write(true).open("/dev/full").expect("Linux has it");
-        let status =
-            place.program(args).stdout(Stdio::null()).stderr(full).status().expect("the program runs");
+        let mut command = place.program(args);
+        let status = command.stdout(Stdio::null()).stderr(full_device()).status().expect("the program runs");
         assert_eq!(status.code(), Some(expected), "{args:?}");
     }
 }

@@ -2,12 +2,11 @@
 //!
 //! The header declares what shaders use; the few additional calls for the window's images are declared here.
 
+use super::clang;
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Stdio};
 
-const SOURCE: &str = include_str!("../backends/metal/src/builtin.metal");
+const SOURCE: &str = include_str!("../../backends/metal/src/builtin.metal");
 
 const BACKEND: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/metal/src");
 
@@ -26,37 +25,16 @@ template<typename T, access A = access::sample> struct window_texture {
 #define texture2d window_texture
 ";
 
-fn compile(text: &str) -> Result<(), String> {
-    let include = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal/include");
-    let flags = [
-        "-std=c++17",
-        "-Xclang",
-        "-cl-single-precision-constant",
-        "-Wno-unknown-attributes",
-        "-fsyntax-only",
-    ];
-    let mut clang = Command::new("clang++")
-        .args(flags)
-        .args(["-Wall", "-Wextra", "-Werror", "-Wno-unused", "-I", include, "-x", "c++", "-"])
-        .stdin(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("this test needs clang++ (on Debian and Ubuntu the package clang)");
-    clang.stdin.take().expect("it is piped").write_all(text.as_bytes()).expect("it reads");
-    let output = clang.wait_with_output().expect("it ends");
-    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
-}
-
 #[test]
 fn the_backends_own_kernels_are_valid_cpp() {
     let text = format!("{WINDOW}{SOURCE}");
-    if let Err(messages) = compile(&text) {
+    if let Err(messages) = clang::check_text(&text) {
         panic!("{messages}");
     }
     // The compiler must reject a value of the wrong type.
     let wrong = text.replace("target.write(uint4(0), pixel)", "target.write(pixel, uint4(0))");
     assert_ne!(wrong, text);
-    assert!(compile(&wrong).is_err());
+    assert!(clang::check_text(&wrong).is_err());
 }
 
 fn named(folder: &Path) -> BTreeSet<String> {

@@ -153,6 +153,13 @@ pub fn check(shaders: &[&Shader]) -> usize {
     known.len()
 }
 
+/// Checks a text that is C++ with the header as it is.
+pub fn check_text(text: &str) -> Result<(), String> {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("text.cpp"), text).expect("written");
+    clang(folder.path(), &["-Wunused-parameter", "-fsyntax-only", "text.cpp"])
+}
+
 pub struct Call<'a> {
     pub buffers: &'a mut [*mut u8],
     pub images: &'a mut [Image],

@@ -156,14 +156,14 @@ impl<'a> Cpu<'a> {
             images: &mut images,
             groups,
             size: shader.reflection.local_size,
-            lanes: plan_lanes(plan),
+            lanes: lanes(plan),
             reversed,
         };
         self.library.run(shader, call).map(|()| true)
     }
 }
 
-fn plan_lanes(plan: &Plan) -> u32 {
+pub fn lanes(plan: &Plan) -> u32 {
     match plan.facts["device.subgroup_size"] {
         splatgraph_framework::ir::Value::Int(lanes) => lanes as u32,
         ref other => panic!("a width of {other}"),

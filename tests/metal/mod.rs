@@ -4,6 +4,7 @@
 //! compiles, [`cpu`] executes the passes of a plan, and [`parity`] compares them with lavapipe's. docs/metal.md
 //! explains what this proves.
 
+mod builtin;
 mod clang;
 mod cpu;
 mod parity;
@@ -16,7 +17,8 @@ use splatgraph_framework::ir::{Msl, Shader};
 use splatgraph_framework::msl::add_msl;
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::{Validation, Vulkan};
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Opens the device that draws the expected bytes. Other tests check these plans with the validation layers.
 fn lavapipe() -> Vulkan {
@@ -38,8 +40,21 @@ fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
     }
 }
 
+/// Translates the shaders of a plan. Plans share most of them, and translating takes most of these tests' time, so each
+/// shader is translated once.
 fn translated(mut plan: Plan) -> Plan {
+    type Known = HashMap<(Arc<Vec<u32>>, u32), Arc<Msl>>;
+    static KNOWN: Mutex<Option<Known>> = Mutex::new(None);
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = known.get_or_insert_default();
+    let lanes = cpu::lanes(&plan);
+    for shader in &mut plan.shaders {
+        shader.msl = known.get(&(shader.spirv.clone(), lanes)).cloned();
+    }
     add_msl(&mut plan).unwrap_or_else(|errors| panic!("{}: {errors:?}", plan.name));
+    for shader in &plan.shaders {
+        known.extend(shader.msl.clone().map(|msl| ((shader.spirv.clone(), lanes), msl)));
+    }
     plan
 }
 

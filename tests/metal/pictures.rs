@@ -4,29 +4,17 @@ use super::clang::Library;
 use super::cpu::Cpu;
 use super::parity::{Loose, compare};
 use super::{at_every_width_of_lavapipe, lavapipe, shaders, translated};
-use crate::common::{self, settings};
+use crate::common::{self, Upload, settings};
 use splatgraph::draw::camera;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
-use splatgraph_api::{Device, FrameInputs, SceneData};
+use splatgraph_api::{Device, FrameInputs};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::plan::Plan;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (160, 90);
-
-struct Planes<'a>(&'a Scene);
-
-impl SceneData for Planes<'_> {
-    fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
-        self.0.write_attribute(attribute, plane, offset, target)
-    }
-
-    fn identity(&self) -> u64 {
-        self.0.identity()
-    }
-}
 
 /// A small scene, its camera, and a planner whose plans do not alias resources.
 struct Stage {
@@ -50,6 +38,10 @@ impl Stage {
         translated(plan.unwrap_or_else(|error| panic!("{graph}, {set:?}: {error}")))
     }
 
+    fn planes(&self) -> Upload<'_> {
+        Upload(&self.scene, 1)
+    }
+
     fn inputs(&self, plan: &Plan) -> FrameInputs {
         FrameInputs {
             uniforms: camera::frame_uniforms(&self.camera, &self.scene.bounds(), [0.1, 0.2, 0.3], 0),
@@ -61,7 +53,7 @@ impl Stage {
     /// Executes a plan on the CPU, up to its draw if it has one. Returns the bytes of its output, or of the draw's
     /// inputs.
     fn run(&self, plan: &Plan, library: &Library, reversed: bool) -> Vec<u8> {
-        let mut cpu = Cpu::new(plan, library, &Planes(&self.scene), &self.inputs(plan));
+        let mut cpu = Cpu::new(plan, library, &self.planes(), &self.inputs(plan));
         for id in plan.order() {
             let pass = plan.pass(id);
             let ran = cpu.run(id, reversed).unwrap_or_else(|error| panic!("{}: {error}", pass.name));
@@ -140,7 +132,7 @@ fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]
         graphs.iter().map(|(graph, set)| stage.plan(&format!("{folder}{graph}"), set, &facts)).collect();
     let library = Library::new(&shaders(&plans));
     for (plan, (graph, set)) in std::iter::zip(&plans, graphs) {
-        let found = compare(&mut device, &library, plan, &Planes(&stage.scene), &stage.inputs(plan), loose);
+        let found = compare(&mut device, &library, plan, &stage.planes(), &stage.inputs(plan), loose);
         println!(
             "{graph}, {set:?}: {} kernels, {} words equal, {} near",
             found.kernels, found.equal, found.near
@@ -221,20 +213,22 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
     const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
     common::alone(NAME, || {
         let mut stage = Stage::new();
-        for (graph, set) in [GRAPHS[1], GRAPHS[3], GRAPHS[7]] {
-            let widths = [facts::portable_device(8), facts::apple_device(), facts::portable_device(64)];
-            let plans = widths.map(|device| stage.plan(graph, set, &device));
-            let library = Library::new(&shaders(&plans));
+        let widths = [facts::portable_device(8), facts::apple_device(), facts::portable_device(64)];
+        let graphs = [GRAPHS[1], GRAPHS[3], GRAPHS[7]];
+        let plans = graphs.map(|(graph, set)| widths.map(|device| stage.plan(graph, set, &device)));
+        // One library, since the graphs share kernels.
+        let library = Library::new(&shaders(plans.iter().flatten()));
+        for ((graph, set), plans) in std::iter::zip(graphs, &plans) {
             let expected = stage.run(&plans[0], &library, false);
-            for (plan, device) in std::iter::zip(&plans, widths) {
-                for reversed in [false, true] {
-                    let found = stage.run(plan, &library, reversed);
-                    let lanes = device.subgroup_size;
-                    assert!(
-                        found == expected,
-                        "{graph}, {set:?}, {lanes} lanes, reversed {reversed}: other bytes"
-                    );
-                }
+            let runs =
+                std::iter::zip(plans, widths).flat_map(|run| [false, true].map(|reversed| (run, reversed)));
+            for ((plan, device), reversed) in runs.skip(1) {
+                let found = stage.run(plan, &library, reversed);
+                let lanes = device.subgroup_size;
+                assert!(
+                    found == expected,
+                    "{graph}, {set:?}, {lanes} lanes, reversed {reversed}: other bytes"
+                );
             }
         }
     });
@@ -252,11 +246,13 @@ fn the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_m
         "metal::pictures::the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_macs";
     common::alone(NAME, || {
         let mut stage = Stage::new();
-        for (graph, bound) in MORE_LANES {
+        let plans = MORE_LANES.map(|(graph, _)| {
             let set = common::with(graph, &[SUBGROUP, ROOM]);
-            let plans = [facts::portable_device(8), facts::apple_device()]
-                .map(|device| stage.plan(graph.0, &set, &device));
-            let library = Library::new(&shaders(&plans));
+            [facts::portable_device(8), facts::apple_device()]
+                .map(|device| stage.plan(graph.0, &set, &device))
+        });
+        let library = Library::new(&shaders(plans.iter().flatten()));
+        for ((graph, bound), plans) in std::iter::zip(MORE_LANES, &plans) {
             let expected = stage.run(&plans[0], &library, false);
             for reversed in [false, true] {
                 let found = stage.run(&plans[1], &library, reversed);

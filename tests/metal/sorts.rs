@@ -4,14 +4,14 @@ use super::clang::Library;
 use super::cpu::Cpu;
 use super::parity::compare;
 use super::{at_every_width_of_lavapipe, change, lavapipe, shaders, translated};
+use crate::again::again;
 use crate::common::{self, settings};
-use splatgraph::{draw::builtin, draw::facts};
+use crate::sort;
+use splatgraph::draw::facts;
+use splatgraph::draw::planner::Planner;
 use splatgraph_api::{Device, FrameInputs, NoScene};
-use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Request, Value};
+use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::plan::Plan;
-use splatgraph_framework::shader::Glslang;
-use splatgraph_framework::source::render;
 
 /// Number of pairs: more than two blocks in each variant, the last one partly filled.
 const COUNT: u32 = 4500;
@@ -21,26 +21,16 @@ fn every() -> Vec<(&'static str, u32)> {
 }
 
 /// Builds these sorts from `tests/graphs/sort_only.ron`, without shared memory.
-fn plans(device: &DeviceFacts, sorts: &[(&str, u32)]) -> Vec<Plan> {
-    let host = [("scene.count".to_string(), Value::Int(COUNT.into()))].into();
-    let facts = Facts { device: *device, host };
-    let catalog = Catalog { uniforms: [("test.run".to_string(), 16)].into(), ..Catalog::default() };
-    let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/sort_only.ron");
-    let (mut files, mut compiler) = (builtin::source_map(), Glslang::default());
+fn plans(device: &DeviceFacts, sorts: &[(&str, u32)], key_bits: u32) -> Vec<Plan> {
+    let mut planner = Planner::default();
+    planner.share_memory = false;
     let plans = sorts.iter().map(|(sorter, digit_bits)| {
         let block = if *sorter == "serial" { "1000" } else { "512" };
+        let bits = [digit_bits, &key_bits].map(u32::to_string);
         let set =
-            settings(&[("sorter", sorter), ("digit_bits", &digit_bits.to_string()), ("block_keys", block)]);
-        let request = Request {
-            graph,
-            set: &set,
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: false,
-        };
-        let plan = build(&request, &mut files, &mut compiler);
-        let mut plan = translated(plan.unwrap_or_else(|e| panic!("{}", render(&files, &e, false))));
+            [("sorter", *sorter), ("digit_bits", &bits[0]), ("key_bits", &bits[1]), ("block_keys", block)];
+        let plan = sort::plan(&mut planner, device, COUNT, &settings(&set));
+        let mut plan = translated(plan.unwrap_or_else(|errors| panic!("{errors}")));
         plan.name = format!("{sorter} sort, digits of {digit_bits} bits, {} lanes", device.subgroup_size);
         plan
     });
@@ -59,7 +49,7 @@ fn sorts_with_digits_of_every_width_give_every_byte_of_lavapipe_after_every_pass
         "metal::sorts::sorts_with_digits_of_every_width_give_every_byte_of_lavapipe_after_every_pass";
     at_every_width_of_lavapipe(NAME, || {
         let mut device = lavapipe();
-        let plans = plans(&device.info().facts, &every());
+        let plans = plans(&device.info().facts, &every(), 32);
         let library = Library::new(&shaders(&plans));
         for plan in &plans {
             let found = compare(&mut device, &library, plan, &NoScene, &inputs(false), &[]);
@@ -102,14 +92,16 @@ fn sorts_at_every_width_of_simd_groups_and_in_every_order_of_threads_are_those_o
         // The serial sort uses no SIMD-groups, so its width does not matter.
         let alone: Vec<_> = every().into_iter().filter(|(sorter, _)| *sorter == "subgroup").collect();
         let (narrow, wide) = (facts::portable_device(4), facts::portable_device(64));
-        for (device, sorts) in [(facts::apple_device(), every()), (narrow, alone.clone()), (wide, alone)] {
-            let plans = plans(&device, &sorts);
-            let library = Library::new(&shaders(&plans));
-            for plan in &plans {
-                for reversed in [false, true] {
-                    sort(plan, &library, reversed)
-                        .unwrap_or_else(|error| panic!("{}, reversed {reversed}: {error}", plan.name));
-                }
+        let every = every();
+        // Keys of 16 bits take half of the passes.
+        let plans = [(facts::apple_device(), &every), (narrow, &alone), (wide, &alone)]
+            .map(|(device, sorts)| plans(&device, sorts, 16));
+        let plans = plans.concat();
+        let library = Library::new(&shaders(&plans));
+        for plan in &plans {
+            for reversed in [false, true] {
+                sort(plan, &library, reversed)
+                    .unwrap_or_else(|error| panic!("{}, reversed {reversed}: {error}", plan.name));
             }
         }
     });
@@ -145,7 +137,7 @@ fn kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_thei
     const CASE: &str = "SPLATGRAPH_METAL_CASE";
     if let Ok(case) = std::env::var(CASE) {
         let (from, to, _) = WRONG[case.parse::<usize>().expect("an index")];
-        let mut plan = plans(&facts::apple_device(), &[("subgroup", 5)]).remove(0);
+        let mut plan = plans(&facts::apple_device(), &[("subgroup", 5)], 32).remove(0);
         change(&mut plan, "sort/scatter.comp", from, to);
         let library = Library::new(&shaders([&plan]));
         for reversed in [false, true] {
@@ -154,7 +146,7 @@ fn kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_thei
         return;
     }
     for (case, (from, to, expected)) in WRONG.into_iter().enumerate() {
-        let (passed, text) = common::again(NAME, &[(CASE, case.to_string())]);
+        let (passed, text) = again(NAME, &[(CASE, &case.to_string())]);
         assert!(!passed && text.contains(expected), "{from} -> {to}: {text}");
     }
 }

@@ -3,9 +3,8 @@
 use super::{change, clang, shaders, translated};
 use crate::common;
 use crate::encoders::page;
-use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::facts;
 use splatgraph::draw::planner::Planner;
-use splatgraph::view::paint;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain, Msl, ParamBinding, Shader};
 use splatgraph_framework::plan::Plan;
 use std::fmt::Write;
@@ -17,13 +16,11 @@ struct Bench {
 
 impl Bench {
     fn new() -> Bench {
-        let mut catalog = facts::nominal_catalog();
-        paint::offer(&mut catalog);
-        Bench { planner: Planner::default(), catalog }
+        Bench { planner: Planner::default(), catalog: common::catalog() }
     }
 
     fn plan(&mut self, graph: &str, set: &[(&str, &str)], device: &DeviceFacts) -> Plan {
-        let facts = facts::facts(&SceneFacts::NOMINAL, device, facts::DEFAULT_SIZE);
+        let facts = common::facts_of(device);
         let plan = self.planner.plan(graph, &common::settings(set), &facts, &self.catalog);
         translated(plan.unwrap_or_else(|error| panic!("{graph}, {set:?}: {error}")))
     }
@@ -35,8 +32,7 @@ fn graphs() -> Vec<&'static str> {
         concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron"),
         concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/two_steps/graph.ron"),
     ];
-    let built_in = splatgraph::draw::builtin::names().into_iter().chain(splatgraph::studies::bench::GRAPHS);
-    built_in.chain([paint::GRAPH]).chain(OTHERS).collect()
+    common::graphs().into_iter().chain(OTHERS).collect()
 }
 
 #[test]

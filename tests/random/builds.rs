@@ -10,7 +10,6 @@ use splatgraph_framework::source::{Library, SourceMap, render as explain};
 use splatgraph_vulkan::sync::model::mutate::{mutations, needless};
 use splatgraph_vulkan::sync::model::{Replay, replay};
 use splatgraph_vulkan::sync::{Barrier, Barriers};
-use std::io::Write;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
@@ -19,7 +18,7 @@ use super::compiler::HeaderCompiler;
 use super::recipe::{Limits, Recipe, Settings, recipes};
 use super::render::{Files, Style, render};
 use super::sketch::Sketch;
-use crate::common::long;
+use crate::common::{self, long};
 
 fn facts() -> Facts {
     let ints = [("scene.count", 1000), ("viewport.width", 16), ("viewport.height", 8)];
@@ -193,9 +192,7 @@ pub fn for_all(
     let start = Instant::now();
     let say = |what: &str| {
         let number = |counter: &AtomicU64| counter.load(Relaxed);
-        // Not `eprintln!`, whose output is hidden in tests that pass.
-        let _ = writeln!(
-            std::io::stderr(),
+        common::say(&format!(
             "random graphs: {name}: {what}{} graphs, {} refused, {} plans, {} passes, {} barriers, {} mutants, {:.1} s",
             number(&counts.graphs),
             number(&counts.refused),
@@ -204,7 +201,7 @@ pub fn for_all(
             number(&counts.barriers),
             number(&counts.mutants),
             start.elapsed().as_secs_f32(),
-        );
+        ));
     };
     let work = || {
         while failure.lock().is_ok_and(|failure| failure.is_none()) {

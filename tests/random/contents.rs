@@ -4,14 +4,14 @@ use splatgraph_framework::ir::{
     Accesses, Layout, Load, Masks, Pass, PassId, ResourceId, Run, Stages, Use, Work as PlanWork,
 };
 use splatgraph_framework::plan::Plan;
-use splatgraph_vulkan::sync::model::{Replay, has_violation, replay};
+use splatgraph_vulkan::sync::model::{Replay, Rules, has_violation, replay};
 use splatgraph_vulkan::sync::{Barrier, Barriers};
-use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use super::builds::{barriers, for_all, shown};
 use super::recipe::{LARGE, Role};
 use super::sketch::{Half, Target};
+use crate::common::say;
 
 /// Returns true if the first pass of the frame that uses a resource fills it or clears it as a target.
 fn starts_anew(plan: &Plan, id: ResourceId) -> bool {
@@ -86,10 +86,9 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
         Ok(())
     });
     let [kept, dropped, shared] = [kept, dropped, shared].map(AtomicUsize::into_inner);
-    let _ = writeln!(
-        std::io::stderr(),
+    say(&format!(
         "random graphs: {kept} histories kept, {dropped} not, {shared} resources share their memory"
-    );
+    ));
     assert!(kept > 200 && dropped > 5, "too few histories");
 }
 
@@ -142,13 +141,10 @@ fn a_plan_with_statistics_can_be_presented() {
         held.fetch_add(1, Relaxed);
         // Only `COPY` waits for the blit here. The plan's own wait for copies may come before the blit.
         let (plan, barriers) = presented(&case.plan, own, Stages::COPY);
-        needed.fetch_add(usize::from(has_violation(&plan, &barriers)), Relaxed);
+        needed.fetch_add(usize::from(has_violation(&plan, &barriers, Rules::HAZARDS)), Relaxed);
         Ok(())
     });
     let [held, needed] = [held, needed].map(AtomicUsize::into_inner);
-    let _ = writeln!(
-        std::io::stderr(),
-        "random graphs: {held} presented, {needed} need more than a wait for copies"
-    );
+    say(&format!("random graphs: {held} presented, {needed} need more than a wait for copies"));
     assert!(needed > 10, "too few plans whose own wait comes before the blit");
 }

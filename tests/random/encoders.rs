@@ -2,11 +2,11 @@
 
 use splatgraph_metal::sync::model::{Model, mutate};
 use splatgraph_metal::sync::{Division, encoders};
-use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use super::builds::{for_all, shown};
 use super::recipe::LARGE;
+use crate::common::say;
 
 #[test]
 fn nothing_is_unordered_on_metal_and_nothing_is_needless() {
@@ -32,6 +32,6 @@ fn nothing_is_unordered_on_metal_and_nothing_is_needless() {
         Ok(())
     });
     let [mutants, fences] = [mutants, fences].map(AtomicUsize::into_inner);
-    let _ = writeln!(std::io::stderr(), "random graphs: metal: {fences} fences, {mutants} mutants");
+    say(&format!("random graphs: metal: {fences} fences, {mutants} mutants"));
     assert!(mutants > 10_000, "too few mutants");
 }

@@ -10,7 +10,6 @@ use splatgraph_framework::solve::reorder;
 use splatgraph_vulkan::sync::{Barrier, Barriers};
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::time::Instant;
 
 use super::builds::{accepted, barriers, plan_with, run_batch, shown};
@@ -18,7 +17,8 @@ use super::orders::orders;
 use super::recipe::{LARGE, Limits, SMALL, Settings};
 use super::render::{Files, Style, render};
 use super::sketch::Sketch;
-use crate::common::{self, long};
+use crate::again;
+use crate::common::{self, long, say};
 
 pub struct Bench {
     device: Backend,
@@ -187,26 +187,10 @@ fn same(one: &[Outcome], other: &[Outcome], plan: &Plan, what: &str) -> Result<(
     Err(format!("other bytes {what}, in frame {differs} (counted from 0), {names:?}\n{}", shown(plan)))
 }
 
-/// Environment variable that makes the validation layer compare each submission with earlier ones. The layer reads it
-/// when an instance is created.
-const COMPARES: (&str, &str) =
-    ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
-
 /// Returns true if this process compares submissions. Otherwise runs `test` in a process that does; it must pass there.
 pub fn compares_submissions(test: &str) -> bool {
-    if std::env::var(COMPARES.0).is_ok_and(|value| value == COMPARES.1) {
-        return true;
-    }
-    let output = std::process::Command::new(std::env::current_exe().expect("this program"))
-        .args([test, "--exact", "--nocapture"])
-        .env(COMPARES.0, COMPARES.1)
-        .stderr(std::process::Stdio::inherit())
-        .output()
-        .expect("the tests can run themselves");
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "where submissions are compared:\n{text}");
-    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
-    false
+    again::again_comparing_submissions(test);
+    again::compares_submissions()
 }
 
 /// Runs `property` on random graphs with full validation, on one device.
@@ -234,14 +218,13 @@ fn on_device(
             }
         }
     });
-    let _ = writeln!(
-        std::io::stderr(),
+    say(&format!(
         "random graphs on the device: {name}: {} graphs, {} refused, {} plans run, {:.1} s",
         graphs.get(),
         refused.get(),
         bench.borrow().loads,
         start.elapsed().as_secs_f32(),
-    );
+    ));
     found.unwrap_or_else(|text| panic!("{text}"));
     assert!(refused.get() * 10 <= graphs.get(), "too many random graphs are refused");
 }

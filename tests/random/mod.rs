@@ -27,10 +27,9 @@ use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::solve::reorder;
 use splatgraph_framework::source::{Kind, Library, SourceMap, render as explain};
 use splatgraph_vulkan::sync::model::{self, Rules, mutate};
-use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use crate::common::long;
+use crate::common::{long, say};
 
 #[test]
 fn no_barrier_is_missing_and_none_is_needless() {
@@ -117,8 +116,7 @@ fn includes_decide_nothing() {
         Ok(())
     });
     let [parts, pairs] = [parts, pairs].map(AtomicUsize::into_inner);
-    let _ =
-        writeln!(std::io::stderr(), "random graphs: {parts} graphs included, {pairs} with ping-pong ports");
+    say(&format!("random graphs: {parts} graphs included, {pairs} with ping-pong ports"));
     assert!(parts > 1000 && pairs > 100, "too few includes");
 }
 
@@ -238,7 +236,7 @@ fn a_mutant_is_judged_alike_from_its_mutation_on_and_from_the_start() {
         for rules in [Rules::HAZARDS, Rules::NECESSARY, Rules::AVAILABILITY] {
             let needless = mutate::needless_by(plan, &barriers, rules);
             for mutation in mutate::mutations(plan, &barriers) {
-                let found = model::has_violation_by(plan, &mutate::apply(&barriers, &mutation), rules);
+                let found = model::has_violation(plan, &mutate::apply(&barriers, &mutation), rules);
                 if found == needless.contains(&mutation) {
                     let text = mutation.describe(plan, &barriers);
                     return Err(format!("{text}: {found} from the start\n{}", shown(&case.plan)));
@@ -259,8 +257,7 @@ fn target_writes_of_random_graphs_that_could_go_by_availability_alone_are_counte
         Ok(())
     });
     let [all, spare] = [all, spare].map(AtomicUsize::into_inner);
-    let _ =
-        writeln!(std::io::stderr(), "random graphs: {all} target writes, {spare} could go by availability");
+    say(&format!("random graphs: {all} target writes, {spare} could go by availability"));
     assert!(spare > 0 && spare < all);
 }
 
@@ -310,7 +307,7 @@ fn headers_say_what_the_compiler_finds() {
     });
     found.unwrap_or_else(|text| panic!("{text}"));
     let compared = compared.into_inner();
-    let _ = writeln!(std::io::stderr(), "random graphs: headers of {compared} shaders compared");
+    say(&format!("random graphs: headers of {compared} shaders compared"));
 }
 
 fn compare_reflections(name: &str, text: &str) -> Result<(), String> {

@@ -2,13 +2,13 @@
 
 use splatgraph_framework::ir::{Accesses, Stages, Use, Work as PlanWork};
 use splatgraph_vulkan::sync::model::{Replay, replay};
-use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use super::builds::{barriers, for_all, plan, shown};
 use super::recipe::{LARGE, Role};
 use super::render::{Style, render};
 use super::sketch::{Target, Work};
+use crate::common::say;
 
 #[test]
 fn a_dispatch_that_writes_the_buffer_of_its_own_arguments_is_refused() {
@@ -39,7 +39,7 @@ fn a_dispatch_that_writes_the_buffer_of_its_own_arguments_is_refused() {
         Ok(())
     });
     let [refused, absent] = [refused, absent].map(AtomicUsize::into_inner);
-    let _ = writeln!(std::io::stderr(), "random graphs: {refused} races refused, {absent} passes left out");
+    say(&format!("random graphs: {refused} races refused, {absent} passes left out"));
     assert!(refused > 50, "too few races");
 }
 

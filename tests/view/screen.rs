@@ -1,7 +1,5 @@
 //! A screen for the real program: an X server without a display (Xvfb), and a user's input through the XTEST extension.
 
-use std::io::{BufRead, BufReader};
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use x11rb::connection::Connection;
 use x11rb::errors::ReplyError;
@@ -9,6 +7,10 @@ use x11rb::protocol::xproto::*;
 use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
 use x11rb::wrapper::ConnectionExt as _;
+
+mod xvfb;
+
+pub use xvfb::Screen;
 
 /// Time limit of every wait, generous for slow machines.
 pub const PATIENCE: Duration = Duration::from_secs(60);
@@ -26,46 +28,6 @@ pub fn comes(mut is_there: impl FnMut() -> bool) -> bool {
         std::thread::sleep(LOOK);
     }
     true
-}
-
-/// An X server for one test; dropping it stops the server.
-pub struct Screen {
-    process: Child,
-    display: String,
-}
-
-impl Screen {
-    pub fn start(width: u32, height: u32) -> Screen {
-        // Xvfb picks a free display number and writes it to its standard output.
-        let mut process = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-nolisten", "tcp", "-noreset"])
-            .args(["-screen", "0", &format!("{width}x{height}x24")])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap_or_else(|why| {
-                panic!("this test needs the X server Xvfb (Debian and Ubuntu: package `xvfb`): {why}")
-            });
-        let output = process.stdout.take().expect("the output is a pipe");
-        // From here on, the server is stopped even after a panic.
-        let mut screen = Screen { process, display: String::new() };
-        let mut number = String::new();
-        let read = BufReader::new(output).read_line(&mut number);
-        assert!(read.is_ok() && !number.trim().is_empty(), "Xvfb ended before it had a display");
-        screen.display = format!(":{}", number.trim());
-        screen
-    }
-
-    pub fn display(&self) -> &str {
-        &self.display
-    }
-}
-
-impl Drop for Screen {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
 }
 
 /// Pixels of a part of a window, row 0 at the top.
@@ -199,16 +161,8 @@ impl Window {
     /// Reads a rectangle of the window from the server: left, top, right, bottom.
     pub fn pixels(&self, [left, top, right, bottom]: [i32; 4]) -> Pixels {
         let (width, height) = ((right - left) as usize, (bottom - top) as usize);
-        let (x, y) = (left as i16, top as i16);
-        let format = ImageFormat::Z_PIXMAP;
-        let image = self.connection.get_image(format, self.id, x, y, width as u16, height as u16, u32::MAX);
-        let image = image.expect("asked").reply().expect("answered");
-        // Pixels of depth 24 take 32 bits, which the assertion below checks.
-        let rgb: Vec<[u8; 3]> = match self.connection.setup().image_byte_order {
-            ImageOrder::LSB_FIRST => image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
-            _ => image.data.chunks_exact(4).map(|p| [p[1], p[2], p[3]]).collect(),
-        };
-        assert_eq!(rgb.len(), width * height);
+        let rgb =
+            xvfb::pixels(&self.connection, self.id, (left as i16, top as i16), (width as u16, height as u16));
         Pixels { width, height, rgb }
     }
 

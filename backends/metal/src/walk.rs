@@ -133,19 +133,14 @@ impl Walk {
         self.current = Some((index, true));
     }
 
-    /// Closes the open encoder for work outside the plan.
+    /// Closes the open encoder, at the end of the frame or for work outside the plan.
     ///
-    /// The caller must order that work after everything before it, and before everything after it.
+    /// The caller must order such work after everything before it, and before everything after it.
     pub fn interrupt(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         self.close(walked, moves);
         if let Some((_, open)) = &mut self.current {
             *open = false;
         }
-    }
-
-    /// Ends the frame: closes the open encoder.
-    pub fn end(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
-        self.interrupt(walked, moves);
     }
 
     /// Closes the open encoder after updating its fences. If it is opened again, they are updated again.
@@ -258,7 +253,7 @@ mod tests {
         walk.begin();
         let moves = moves(|moves| {
             passes.iter().for_each(|pass| walk.pass(walked, *pass, timed, moves));
-            walk.end(walked, moves);
+            walk.interrupt(walked, moves);
         });
         walked.submitted(&walk);
         moves
@@ -347,7 +342,7 @@ mod tests {
         walk.begin();
         moves(|moves| walk.pass(&walked, EXPORT, false, moves));
         assert!(moves(|moves| walk.pass(&walked, HOST, false, moves)).is_empty());
-        assert_eq!(moves(|moves| walk.end(&walked, moves)), [Update(fence(3)), Close]);
+        assert_eq!(moves(|moves| walk.interrupt(&walked, moves)), [Update(fence(3)), Close]);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 use crate::error::api;
 use crate::features::OptionalFeatures;
-use crate::instance::{API_VERSION, Instance, NO_DRIVER, offers};
+use crate::instance::{API_VERSION, Instance, NO_DRIVER};
 use crate::robustness::RobustnessFeatures;
 use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
@@ -83,7 +83,7 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
         }
     }
     let facts = limits.facts();
-    let budget = has_extension(instance, handle, ext::memory_budget::NAME);
+    let budget = instance.has_extension(handle, ext::memory_budget::NAME);
     let heap = if unfit.is_none() { heap(instance, handle, budget) } else { Heap::default() };
     let kind_name = kind_name(kind).to_string();
     let info = DeviceInfo { index, name, kind: kind_name, driver, facts, robustness, heap, unfit };
@@ -99,7 +99,7 @@ fn queue_family(
     let flags: Vec<vk::QueueFlags> = families.iter().map(|family| family.queue_flags).collect();
     let index = match instance.surface() {
         None => fit_family(&flags, |_| true)?,
-        Some(_) if !has_extension(instance, handle, khr::swapchain::NAME) => return Err(NO_PRESENTING),
+        Some(_) if !instance.has_extension(handle, khr::swapchain::NAME) => return Err(NO_PRESENTING),
         Some(surface) => fit_family(&flags, |family| surface.can_show(handle, family))?,
     };
     Ok((index, families[index as usize]))
@@ -115,12 +115,6 @@ fn fit_family(families: &[vk::QueueFlags], presents: impl Fn(u32) -> bool) -> Re
         return Err("it has no queue that can both compute and draw");
     }
     able.map(|(index, _)| index).find(|&index| presents(index)).ok_or(NO_PRESENTING)
-}
-
-fn has_extension(instance: &Instance, handle: vk::PhysicalDevice, name: &CStr) -> bool {
-    // SAFETY: `handle` is one of the instance's.
-    let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
-    extensions.is_ok_and(|extensions| offers(&extensions, name))
 }
 
 /// Describes the largest device-local heap. Its available bytes are known only with `VK_EXT_memory_budget` (`budget`).

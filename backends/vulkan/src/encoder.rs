@@ -336,7 +336,7 @@ fn clear_value(format: Format, [r, g, b, a]: [f32; 4]) -> vk::ClearValue {
     vk::ClearValue { color }
 }
 
-fn memory_barrier(barrier: &MemoryBarrier) -> vk::MemoryBarrier2<'static> {
+pub(crate) fn memory_barrier(barrier: &MemoryBarrier) -> vk::MemoryBarrier2<'static> {
     vk::MemoryBarrier2::default()
         .src_stage_mask(barrier.source.stages)
         .src_access_mask(barrier.source.accesses)

@@ -1,6 +1,6 @@
 //! Selects the optional device features to enable, and lists the shader features that they provide.
 
-use crate::instance::{Instance, offers};
+use crate::instance::Instance;
 use ash::{ext, vk};
 use splatgraph_framework::ir::Features;
 
@@ -18,9 +18,7 @@ pub(crate) struct OptionalFeatures {
 impl OptionalFeatures {
     /// Queries a device of version 1.3 or later, and selects its features that shaders can use.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> OptionalFeatures {
-        // SAFETY: `handle` is one of the instance's.
-        let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
-        let has_atomic_float = extensions.is_ok_and(|e| offers(&e, ext::shader_atomic_float::NAME));
+        let has_atomic_float = instance.has_extension(handle, ext::shader_atomic_float::NAME);
         let mut float = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default();
         let mut has11 = vk::PhysicalDeviceVulkan11Features::default();
         let mut has12 = vk::PhysicalDeviceVulkan12Features::default();

@@ -38,6 +38,13 @@ impl Instance {
         Ok(instance)
     }
 
+    /// Returns true if a device has an extension.
+    pub fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
+        // SAFETY: the device is one of the instance's.
+        let extensions = unsafe { self.raw.enumerate_device_extension_properties(device) };
+        extensions.is_ok_and(|extensions| offers(&extensions, name))
+    }
+
     fn lock_surface(&self) -> MutexGuard<'_, Option<Arc<Surface>>> {
         self.surface.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -213,7 +220,7 @@ fn instance_extensions(
         })
 }
 
-pub(crate) fn offers(extensions: &[vk::ExtensionProperties], name: &CStr) -> bool {
+fn offers(extensions: &[vk::ExtensionProperties], name: &CStr) -> bool {
     extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
 }
 

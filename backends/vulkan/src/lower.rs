@@ -6,6 +6,7 @@ use ash::vk;
 use splatgraph_framework::ir::Reflection;
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_runtime::SubgroupLimits;
+use std::ops::BitOr;
 
 /// The layout of descriptor set 0, and the push constants. Passes with equal interfaces share a pipeline layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -208,6 +209,14 @@ pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
     }
 }
 
+/// Joins the flags of a table's entries that satisfy `has`.
+pub(crate) fn flags<A: Copy, B: Copy + Default + BitOr<Output = B>>(
+    table: &[(A, B)],
+    has: impl Fn(A) -> bool,
+) -> B {
+    table.iter().filter(|(bit, _)| has(*bit)).fold(B::default(), |all, (_, flag)| all | *flag)
+}
+
 pub(crate) fn buffer_usage(usage: Usage) -> vk::BufferUsageFlags {
     const TABLE: [(Usage, vk::BufferUsageFlags); 5] = [
         (Usage::STORAGE, vk::BufferUsageFlags::STORAGE_BUFFER),
@@ -216,10 +225,7 @@ pub(crate) fn buffer_usage(usage: Usage) -> vk::BufferUsageFlags {
         (Usage::COPY_SOURCE, vk::BufferUsageFlags::TRANSFER_SRC),
         (Usage::COPY_TARGET, vk::BufferUsageFlags::TRANSFER_DST),
     ];
-    TABLE
-        .iter()
-        .filter(|(bit, _)| usage.contains(*bit))
-        .fold(vk::BufferUsageFlags::empty(), |all, (_, flag)| all | *flag)
+    flags(&TABLE, |bit| usage.contains(bit))
 }
 
 pub(crate) fn image_usage(usage: Usage) -> vk::ImageUsageFlags {
@@ -230,10 +236,7 @@ pub(crate) fn image_usage(usage: Usage) -> vk::ImageUsageFlags {
         (Usage::COPY_SOURCE, vk::ImageUsageFlags::TRANSFER_SRC),
         (Usage::COPY_TARGET, vk::ImageUsageFlags::TRANSFER_DST),
     ];
-    TABLE
-        .iter()
-        .filter(|(bit, _)| usage.contains(*bit))
-        .fold(vk::ImageUsageFlags::empty(), |all, (_, flag)| all | *flag)
+    flags(&TABLE, |bit| usage.contains(bit))
 }
 
 #[cfg(test)]

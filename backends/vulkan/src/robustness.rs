@@ -1,6 +1,6 @@
 //! Queries robustness features, which limit what out-of-range shader accesses can reach.
 
-use crate::instance::{Instance, offers};
+use crate::instance::Instance;
 use ash::{ext, vk};
 use splatgraph_api::{Bounds, Robustness};
 
@@ -17,9 +17,7 @@ pub(crate) struct RobustnessFeatures {
 
 impl RobustnessFeatures {
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> RobustnessFeatures {
-        // SAFETY: `handle` is one of the instance's.
-        let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
-        let has_two = extensions.is_ok_and(|extensions| offers(&extensions, ext::robustness2::NAME));
+        let has_two = instance.has_extension(handle, ext::robustness2::NAME);
         let mut vulkan13 = vk::PhysicalDeviceVulkan13Features::default();
         let mut two = vk::PhysicalDeviceRobustness2FeaturesEXT::default();
         let mut all = vk::PhysicalDeviceFeatures2::default().push_next(&mut vulkan13);

@@ -7,13 +7,13 @@
 //! included, has completed. The semaphore for a completed blit belongs to the *image*: the window system waits for it,
 //! and has certainly finished with it only when it returns the image.
 
-use crate::encoder::{image_barrier, pipeline_barrier};
+use crate::encoder::{image_barrier, memory_barrier, pipeline_barrier};
 use crate::gpu::{Owned, VulkanGpu};
 use crate::lower;
 use crate::memory::LAYER;
 use crate::queue::{self, Blit};
 use crate::surface::{self, Surface};
-use crate::sync::commands::{self, ImageBarrier, Scope};
+use crate::sync::commands::{self, ImageBarrier, MemoryBarrier, Scope};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::ir::Stages;
@@ -207,11 +207,18 @@ fn filter(features: vk::FormatFeatureFlags, same_size: bool) -> vk::Filter {
     }
 }
 
+const fn scope(stages: vk::PipelineStageFlags2, accesses: vk::AccessFlags2) -> Scope {
+    Scope { stages, accesses }
+}
+
+const BLIT: Scope = scope(vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE);
+const BLIT_WRITES: Scope = scope(vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::TRANSFER_WRITE);
+
 /// The barriers on one side of the blit: on memory for the plan's output, and on the window's image.
-#[derive(Clone, Copy)]
 struct Around {
-    output: [(vk::PipelineStageFlags2, vk::AccessFlags2); 2],
-    window: [(vk::PipelineStageFlags2, vk::AccessFlags2, vk::ImageLayout); 2],
+    output: [Scope; 2],
+    window: [Scope; 2],
+    layouts: [vk::ImageLayout; 2],
 }
 
 /// Barriers before the blit, which chain with the plan's barriers before the export's copies.
@@ -219,50 +226,28 @@ struct Around {
 /// The window's old contents are discarded, and the wait for the acquired image is at the blit's stage.
 const BEFORE: Around = Around {
     output: [
-        (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
-        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::TRANSFER_READ),
+        scope(vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
+        scope(vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::TRANSFER_READ),
     ],
-    window: [
-        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE, vk::ImageLayout::UNDEFINED),
-        (
-            vk::PipelineStageFlags2::BLIT,
-            vk::AccessFlags2::TRANSFER_WRITE,
-            vk::ImageLayout::TRANSFER_DST_OPTIMAL,
-        ),
-    ],
+    window: [BLIT, BLIT_WRITES],
+    layouts: [vk::ImageLayout::UNDEFINED, vk::ImageLayout::TRANSFER_DST_OPTIMAL],
 };
 
 /// Returns the barriers after the blit, for stages that wait for the export's copies.
 ///
 /// A semaphore hands over the window's image, so no barrier is needed on the presentation side.
 fn after(waiting: Stages) -> Around {
-    Around { output: [AFTER.output[0], (commands::stages(waiting), vk::AccessFlags2::NONE)], ..AFTER }
+    Around {
+        output: [BLIT, scope(commands::stages(waiting), vk::AccessFlags2::NONE)],
+        window: [BLIT_WRITES, BLIT],
+        layouts: [vk::ImageLayout::TRANSFER_DST_OPTIMAL, vk::ImageLayout::PRESENT_SRC_KHR],
+    }
 }
 
-const AFTER: Around = Around {
-    output: [
-        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE),
-        (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
-    ],
-    window: [
-        (
-            vk::PipelineStageFlags2::BLIT,
-            vk::AccessFlags2::TRANSFER_WRITE,
-            vk::ImageLayout::TRANSFER_DST_OPTIMAL,
-        ),
-        (vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE, vk::ImageLayout::PRESENT_SRC_KHR),
-    ],
-};
-
 fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, around: Around, image: vk::Image) {
-    let [(from, before), (to, after)] = around.output;
-    let memory = [vk::MemoryBarrier2::default()
-        .src_stage_mask(from)
-        .src_access_mask(before)
-        .dst_stage_mask(to)
-        .dst_access_mask(after)];
-    let [(from, before, old), (to, after, new)] = around.window;
-    let (source, target) = (Scope { stages: from, accesses: before }, Scope { stages: to, accesses: after });
+    let [source, target] = around.output;
+    let memory = [memory_barrier(&MemoryBarrier { source, target })];
+    let ([source, target], [old, new]) = (around.window, around.layouts);
     let aspect = vk::ImageAspectFlags::COLOR;
     let images = [image_barrier(&ImageBarrier { image, aspect, source, target, old, new })];
     let info = vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images);
@@ -280,12 +265,12 @@ mod tests {
 
     #[test]
     fn the_blit_takes_its_place_between_the_exports_copies_and_whatever_waits_for_them() {
-        let [(copies, _), (blit, access)] = BEFORE.output;
-        assert_eq!((copies, blit), (vk::PipelineStageFlags2::COPY, vk::PipelineStageFlags2::BLIT));
-        assert_eq!(access, vk::AccessFlags2::TRANSFER_READ);
-        let [(blit, _), (before, _)] = after(Stages::COPY | Stages::COMPUTE).output;
+        let [copies, blit] = BEFORE.output;
+        assert_eq!((copies.stages, blit.stages), (vk::PipelineStageFlags2::COPY, BLIT.stages));
+        assert_eq!(blit.accesses, vk::AccessFlags2::TRANSFER_READ);
+        let [blit, before] = after(Stages::COPY | Stages::COMPUTE).output;
         let waiting = vk::PipelineStageFlags2::COPY | vk::PipelineStageFlags2::COMPUTE_SHADER;
-        assert_eq!((blit, before), (vk::PipelineStageFlags2::BLIT, waiting));
+        assert_eq!((blit, before.stages), (BLIT, waiting));
     }
 
     #[test]

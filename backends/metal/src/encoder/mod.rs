@@ -186,13 +186,8 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
             return;
         }
         self.label = name.to_string();
-        objc::pool(|| match &self.open {
-            Open::None => {}
-            Open::Compute(encoder) => encoder.push_debug_group(&self.label),
-            Open::Render(encoder) => encoder.push_debug_group(&self.label),
-            Open::Blit(encoder) => encoder.push_debug_group(&self.label),
-        });
-        if !matches!(self.open, Open::None) {
+        if let Some(encoder) = self.open.raw() {
+            objc::pool(|| encoder.push_debug_group(&self.label));
             self.groups += 1;
         }
     }

@@ -39,22 +39,16 @@ impl Encoder {
         for _ in 0..std::mem::take(&mut self.groups) {
             self.pop_group();
         }
-        match std::mem::replace(&mut self.open, Open::None) {
-            Open::None => {}
-            Open::Compute(encoder) => encoder.end_encoding(),
-            Open::Render(encoder) => encoder.end_encoding(),
-            Open::Blit(encoder) => encoder.end_encoding(),
+        if let Some(encoder) = std::mem::replace(&mut self.open, Open::None).raw() {
+            encoder.end_encoding();
         }
         self.next = None;
         self.waits.clear();
     }
 
     pub(super) fn pop_group(&self) {
-        match &self.open {
-            Open::None => {}
-            Open::Compute(encoder) => encoder.pop_debug_group(),
-            Open::Render(encoder) => encoder.pop_debug_group(),
-            Open::Blit(encoder) => encoder.pop_debug_group(),
+        if let Some(encoder) = self.open.raw() {
+            encoder.pop_debug_group();
         }
     }
 
@@ -84,15 +78,9 @@ impl Encoder {
         }
         self.waits = waits;
         self.waits.clear();
-        if !self.gpu.labels {
-            return;
+        if let Some(encoder) = self.open.raw().filter(|_| self.gpu.labels) {
+            objc::pool(|| encoder.set_label(&self.label));
         }
-        objc::pool(|| match &self.open {
-            Open::None => {}
-            Open::Compute(encoder) => encoder.set_label(&self.label),
-            Open::Render(encoder) => encoder.set_label(&self.label),
-            Open::Blit(encoder) => encoder.set_label(&self.label),
-        });
     }
 
     pub(super) fn compute(&mut self) -> Option<ComputeCommandEncoder> {

@@ -19,6 +19,18 @@ pub(super) enum Open {
     Blit(BlitCommandEncoder),
 }
 
+impl Open {
+    pub(super) fn raw(&self) -> Option<&CommandEncoderRef> {
+        let raw: &CommandEncoderRef = match self {
+            Open::None => return None,
+            Open::Compute(encoder) => encoder,
+            Open::Render(encoder) => encoder,
+            Open::Blit(encoder) => encoder,
+        };
+        Some(raw)
+    }
+}
+
 /// A command buffer being recorded or executed, and the events that order it.
 pub struct Encoder {
     pub(super) name: String,

@@ -26,7 +26,29 @@ pub(super) struct Wait {
 pub(super) type Uses = (Vec<(u32, RenderStages)>, Vec<(u32, RenderStages)>);
 
 /// A stage of an encoder. Encoders of the next frame have indices that continue those of this frame.
-type Moment = (usize, RenderStages);
+pub(super) type Moment = (usize, RenderStages);
+
+/// Returns true if the end of stage `first` is the end of stage `last`, or is ordered before it.
+///
+/// `is_new` returns true for a moment that it has not been asked about. `waits` adds the ends that a stage waits for: a
+/// stage ends after it began, and after the stages before it.
+pub(super) fn ends_before(
+    first: Moment,
+    last: Moment,
+    mut is_new: impl FnMut(Moment) -> bool,
+    waits: impl Fn(Moment, &mut Vec<Moment>),
+) -> bool {
+    let mut open = vec![last];
+    while let Some(moment) = open.pop() {
+        if moment.0 == first.0 && first.1 <= moment.1 {
+            return true;
+        }
+        if moment.0 > first.0 && is_new(moment) {
+            waits(moment, &mut open);
+        }
+    }
+    false
+}
 
 struct Span {
     update: Moment,
@@ -103,26 +125,20 @@ impl Order<'_> {
                 && next.is_none_or(|next| self.before(second.wait, next))
     }
 
-    /// Returns true if the end of stage `first` is the end of stage `last`, or is ordered before it.
     fn before(&self, first: Moment, last: Moment) -> bool {
-        let mut open = vec![last];
         let mut seen = Vec::new();
-        while let Some((encoder, stage)) = open.pop() {
-            if encoder == first.0 && first.1 <= stage {
-                return true;
-            }
-            if encoder <= first.0 || seen.contains(&(encoder, stage)) {
-                continue;
-            }
-            seen.push((encoder, stage));
-            // A stage ends after it began, and after the stages before it.
-            let turn = self.turn.unwrap_or(usize::MAX);
+        let is_new = |moment: Moment| {
+            let new = !seen.contains(&moment);
+            seen.extend(new.then_some(moment));
+            new
+        };
+        let turn = self.turn.unwrap_or(usize::MAX);
+        ends_before(first, last, is_new, |(encoder, stage), open| {
             let waits = self.waits[encoder % turn].iter().filter(|wait| wait.before <= stage);
             open.extend(waits.filter_map(|wait| {
                 let start = (encoder - encoder % turn).checked_sub(if wait.previous { turn } else { 0 })?;
                 Some((start + wait.source, wait.after))
             }));
-        }
-        false
+        })
     }
 }

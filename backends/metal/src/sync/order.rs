@@ -14,7 +14,7 @@
 
 use super::divide::{Group, ordering};
 use super::encoding::*;
-use super::fences::{self, Wait};
+use super::fences::{self, Moment, Wait};
 use splatgraph_framework::{ir::*, plan::*};
 
 /// A dependency of a pass on a pass that has run, in the same encoder or an earlier one.
@@ -212,24 +212,17 @@ impl<'a> Walk<'a> {
         edges
     }
 
-    /// Returns true if the end of stage `first` is the end of stage `last`, or is ordered before it.
-    fn reaches(&mut self, first: (usize, RenderStages), last: (usize, RenderStages)) -> bool {
+    fn reaches(&mut self, first: Moment, last: Moment) -> bool {
         self.searches += 1;
         self.seen.resize(2 * self.waits.len(), 0);
-        let mut open = vec![last];
-        while let Some((instance, stage)) = open.pop() {
-            if instance == first.0 && first.1 <= stage {
-                return true;
-            }
-            let seen = &mut self.seen[2 * instance + stage as usize];
-            if instance <= first.0 || std::mem::replace(seen, self.searches) == self.searches {
-                continue;
-            }
-            // A stage ends after it began, and after the stages before it.
-            let before = self.waits[instance].iter().filter(|edge| edge.before <= stage);
+        let Walk { waits, seen, searches, .. } = self;
+        let is_new = |(instance, stage): Moment| {
+            std::mem::replace(&mut seen[2 * instance + stage as usize], *searches) != *searches
+        };
+        fences::ends_before(first, last, is_new, |(instance, stage), open| {
+            let before = waits[instance].iter().filter(|edge| edge.before <= stage);
             open.extend(before.map(|edge| (edge.source, edge.after)));
-        }
-        false
+        })
     }
 }
 

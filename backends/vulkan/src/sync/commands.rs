@@ -3,6 +3,7 @@
 //! The barriers of one call become one `VkDependencyInfo`. Nothing here calls the API.
 
 use super::barrier::Barrier;
+use crate::lower::flags;
 use ash::vk;
 use splatgraph_framework::ir::*;
 use splatgraph_framework::plan::Transition;
@@ -121,10 +122,7 @@ pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
     const FILL: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::from_raw(
         vk::PipelineStageFlags2::CLEAR.as_raw() | vk::PipelineStageFlags2::COPY.as_raw(),
     );
-    TABLE
-        .iter()
-        .filter(|(stage, _)| stages.contains(*stage))
-        .fold(vk::PipelineStageFlags2::NONE, |all, (_, flag)| all | *flag)
+    flags(&TABLE, |stage| stages.contains(stage))
 }
 
 pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
@@ -141,10 +139,7 @@ pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
         (Accesses::TRANSFER_WRITE, vk::AccessFlags2::TRANSFER_WRITE),
         (Accesses::HOST_READ, vk::AccessFlags2::HOST_READ),
     ];
-    TABLE
-        .iter()
-        .filter(|(access, _)| accesses.contains(*access))
-        .fold(vk::AccessFlags2::NONE, |all, (_, flag)| all | *flag)
+    flags(&TABLE, |access| accesses.contains(access))
 }
 
 pub(crate) fn layout(layout: Layout) -> vk::ImageLayout {

@@ -42,8 +42,7 @@ fn accesses_beyond_the_ends_of_buffers_and_images_leave_their_neighbours_alone()
     let stray = build.dispatch(Run::Frame, "stray", shader, 16, &binds);
     let plan = show(build, after);
 
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     let inspect = [before, victim, after, seen].map(|resource| Inspect { resource, after: stray }).to_vec();
     let result = frame(&mut vulkan, &FrameInputs { inspect, ..FrameInputs::default() });
     let found: Vec<Vec<u32>> = result.inspected.iter().map(|bytes| words(bytes)).collect();

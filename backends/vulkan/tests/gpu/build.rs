@@ -4,7 +4,7 @@
 //! as possible. Before every pass that uses a written resource, it places a barrier on all memory, from the accesses of
 //! all passes, and likewise for layout changes. This may be more than necessary, but is always sufficient.
 
-use splatgraph_api::{BackendError, Device, FrameInputs, FrameResult, Loader, SceneData};
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, FrameResult, Loader, SceneData};
 use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::solve::add_dependencies;
@@ -14,6 +14,12 @@ use splatgraph_vulkan::sync::{Barrier, Barriers};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+
+#[allow(dead_code)]
+#[path = "../../../../tests/again.rs"]
+mod again;
+
+pub use again::{again_comparing_submissions, compares_submissions};
 
 pub fn open() -> Vulkan {
     let options = Options { device: None, validation: Validation::Synchronization, ..Options::default() };
@@ -46,30 +52,25 @@ pub fn frame(vulkan: &mut Vulkan, inputs: &FrameInputs) -> FrameResult {
     vulkan.wait(id).expect("the frame is done")
 }
 
-/// Environment variable that makes the validation layer compare submissions with earlier ones. The layer reads it when
-/// an instance is created.
-const COMPARE: (&str, &str) =
-    ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
-
-/// Returns true in a process started by [`again_comparing_submissions`].
-pub fn compares_submissions() -> bool {
-    std::env::var(COMPARE.0).is_ok_and(|value| value == COMPARE.1)
+pub fn open_with(plan: Plan) -> Vulkan {
+    let mut vulkan = open();
+    load(&mut vulkan, plan);
+    vulkan
 }
 
-/// Runs a test of this binary again in its own process, with the validation layer comparing submissions.
-pub fn again_comparing_submissions(test: &str) {
-    if compares_submissions() {
-        return;
-    }
-    let output = std::process::Command::new(std::env::current_exe().expect("this program"))
-        .args([test, "--exact", "--nocapture"])
-        .env(COMPARE.0, COMPARE.1)
-        .output()
-        .expect("the tests can run themselves");
-    let text =
-        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "where submissions are compared:\n{text}");
-    assert!(text.contains("1 passed"), "the test did not run:\n{text}");
+/// Returns the words of a frame's output.
+pub fn output(result: &FrameResult) -> Vec<u32> {
+    words(&result.output.as_ref().expect("it was asked for").bytes)
+}
+
+/// Waits for a frame; returns the words of its output.
+pub fn row(vulkan: &mut Vulkan, frame: FrameId) -> Vec<u32> {
+    output(&vulkan.wait(frame).expect("the frame is done"))
+}
+
+/// Draws a frame; returns the words of its output.
+pub fn shown(vulkan: &mut Vulkan) -> Vec<u32> {
+    output(&frame(vulkan, &with_output()))
 }
 
 pub fn with_output() -> FrameInputs {

@@ -13,8 +13,7 @@ fn a_fill_a_dispatch_and_an_export_give_the_expected_words() {
     build.dispatch(Run::Frame, "add", shader, 5, &[(words_, 0, BOTH)]);
     let plan = show(build, words_);
 
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     let result = frame(&mut vulkan, &with_output());
     let output = result.output.expect("the output was asked for");
     assert_eq!((output.width, output.height, output.format), (5, 1, Format::R32Uint));
@@ -29,8 +28,7 @@ fn every_pass_that_ran_is_timed_in_order() {
     let words_ = build.words("words", 5);
     let fill = build.fill(Run::Frame, "fill", words_, 7);
     let plan = show(build, words_);
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     let result = frame(&mut vulkan, &FrameInputs::default());
     let passes: Vec<PassId> = result.pass_ms.iter().map(|&(pass, _)| pass).collect();
     assert_eq!(passes, [fill, PassId(1), PassId(2)]);
@@ -59,10 +57,8 @@ void main() { args[4] = 3; args[5] = 1; args[6] = 1; }",
     build.dispatch_indirect("add", shader, (args, 16), &[(words_, 0, BOTH)]);
     let plan = show(build, words_);
 
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
-    let output = frame(&mut vulkan, &with_output()).output.unwrap();
-    assert_eq!(words(&output.bytes), [11, 12, 13, 1, 1, 1]);
+    let mut vulkan = open_with(plan);
+    assert_eq!(shown(&mut vulkan), [11, 12, 13, 1, 1, 1]);
     finish(vulkan);
 }
 
@@ -94,8 +90,7 @@ void main() { words[index] = value; }",
         .unwrap();
     // Two dispatches of one shader share a pipeline; the other pipeline copies the words to the output.
     assert_eq!(pipelines, [2, 2]);
-    let output = frame(&mut vulkan, &with_output()).output.unwrap();
-    assert_eq!(words(&output.bytes), [40, 50]);
+    assert_eq!(shown(&mut vulkan), [40, 50]);
     finish(vulkan);
 }
 
@@ -116,11 +111,9 @@ void main() {
     );
     build.dispatch(Run::Frame, "size", shader, 1, &[(words_, 0, WRITE)]);
     let plan = show(build, words_);
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     let size = vulkan.info().facts.subgroup_size;
-    let output = frame(&mut vulkan, &with_output()).output.unwrap();
-    assert_eq!(words(&output.bytes), [size; 2]);
+    assert_eq!(shown(&mut vulkan), [size; 2]);
     finish(vulkan);
 }
 
@@ -134,8 +127,7 @@ fn statistics_are_words_at_their_offsets_in_the_plans_order() {
     build.stat("last", words_, 12);
     build.stat("first", words_, 0);
     let plan = show(build, words_);
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     let stats = frame(&mut vulkan, &FrameInputs::default()).stats;
     assert_eq!(stats, [("last".to_string(), 23), ("first".to_string(), 20)]);
     finish(vulkan);
@@ -152,8 +144,7 @@ fn a_resource_is_inspected_as_it_is_right_after_the_pass() {
     let plan = show(build, words_);
     let (show_pass, row) = (PassId(3), plan.output);
 
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     let at = |resource, after| Inspect { resource, after };
     let inputs = FrameInputs {
         inspect: vec![at(words_, first), at(row, show_pass), at(words_, fill)],
@@ -162,7 +153,7 @@ fn a_resource_is_inspected_as_it_is_right_after_the_pass() {
     let result = frame(&mut vulkan, &inputs);
     let inspected: Vec<Vec<u32>> = result.inspected.iter().map(|bytes| words(bytes)).collect();
     assert_eq!(inspected, [vec![6, 7, 8], vec![7, 9, 11], vec![5, 5, 5]]);
-    assert_eq!(words(&result.output.unwrap().bytes), [7, 9, 11]);
+    assert_eq!(output(&result), [7, 9, 11]);
 
     let too_early = FrameInputs { inspect: vec![at(row, fill)], ..Default::default() };
     // In the first frame the image had no contents at that point; now it has the previous frame's.
@@ -180,8 +171,7 @@ fn an_image_that_nothing_has_written_cannot_be_inspected() {
     let fill = build.fill(Run::Once, "fill", words_, 5);
     let plan = show(build, words_);
     let row = plan.output;
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     let inputs = FrameInputs { inspect: vec![Inspect { resource: row, after: fill }], ..Default::default() };
     let error = error_of(vulkan.submit(&inputs));
     assert!(error.contains("`row` has no contents yet after pass `fill`"), "{error}");

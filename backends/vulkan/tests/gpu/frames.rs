@@ -27,8 +27,7 @@ fn counts(vulkan: &mut Vulkan) -> u32 {
 #[test]
 fn the_prologue_runs_in_the_first_frame_after_a_load_and_in_no_other() {
     let (plan, count) = counter();
-    let mut vulkan = open();
-    load(&mut vulkan, plan.clone());
+    let mut vulkan = open_with(plan.clone());
     let inspect = vec![Inspect { resource: count, after: PassId(1) }];
     let first = frame(&mut vulkan, &FrameInputs { inspect, ..Default::default() });
     assert_eq!(words(&first.inspected[0]), [100]);
@@ -44,14 +43,13 @@ fn the_prologue_runs_in_the_first_frame_after_a_load_and_in_no_other() {
 
 #[test]
 fn frames_in_flight_see_the_frame_before_and_results_may_be_taken_in_any_order() {
-    let mut vulkan = open();
-    load(&mut vulkan, counter().0);
+    let mut vulkan = open_with(counter().0);
     let frames: Vec<FrameId> =
         (0..7).map(|_| vulkan.submit(&with_output()).expect("the frame is submitted")).collect();
     for index in [6, 0, 5, 1, 2, 4, 3] {
         let result = vulkan.wait(frames[index]).expect("the frame is done");
         assert_eq!(result.stats[0].1, 101 + index as u32);
-        assert_eq!(words(&result.output.unwrap().bytes), [101 + index as u32]);
+        assert_eq!(output(&result), [101 + index as u32]);
     }
     let again = error_of(vulkan.wait(frames[3]));
     assert!(again.contains("frame 3 has no result"), "{again}");
@@ -61,8 +59,7 @@ fn frames_in_flight_see_the_frame_before_and_results_may_be_taken_in_any_order()
 
 #[test]
 fn results_that_are_not_taken_do_not_pile_up() {
-    let mut vulkan = open();
-    load(&mut vulkan, counter().0);
+    let mut vulkan = open_with(counter().0);
     let first = vulkan.submit(&FrameInputs::default()).unwrap();
     let last = (0..80).map(|_| vulkan.submit(&FrameInputs::default()).unwrap()).last().unwrap();
     assert!(error_of(vulkan.wait(first)).contains("newer results"));
@@ -100,8 +97,7 @@ fn uniform_inputs(camera: u32, second: u32) -> FrameInputs {
 
 #[test]
 fn each_frame_in_flight_reads_its_own_uniforms() {
-    let mut vulkan = open();
-    load(&mut vulkan, uniforms());
+    let mut vulkan = open_with(uniforms());
     let frames: Vec<FrameId> =
         (0..5).map(|i| vulkan.submit(&uniform_inputs(10 + i, 20 + i)).expect("submitted")).collect();
     for (index, &frame) in frames.iter().enumerate() {
@@ -111,20 +107,19 @@ fn each_frame_in_flight_reads_its_own_uniforms() {
     // Missing bytes of a block are 0, not an earlier frame's.
     let mut short = uniform_inputs(1, 2);
     short.live.clear();
-    assert_eq!(words(&frame(&mut vulkan, &short).output.unwrap().bytes), [1, 0]);
+    assert_eq!(output(&frame(&mut vulkan, &short)), [1, 0]);
     finish(vulkan);
 }
 
 #[test]
 fn inputs_that_do_not_fit_are_refused_and_the_next_frame_runs() {
-    let mut vulkan = open();
-    load(&mut vulkan, uniforms());
+    let mut vulkan = open_with(uniforms());
     let error = error_of(vulkan.submit(&FrameInputs::default()));
     assert!(error.contains("no contents for uniform block `frame.camera`"), "{error}");
     let mut long = uniform_inputs(1, 2);
     long.live = vec![0; 17];
     assert!(error_of(vulkan.submit(&long)).contains("found 17"));
-    assert_eq!(words(&frame(&mut vulkan, &uniform_inputs(3, 4)).output.unwrap().bytes), [3, 4]);
+    assert_eq!(output(&frame(&mut vulkan, &uniform_inputs(3, 4))), [3, 4]);
     finish(vulkan);
 }
 
@@ -150,9 +145,8 @@ fn the_handover_brings_an_image_that_frames_keep_to_where_the_frame_before_would
     let changed = |at| barriers.at(at).iter().find_map(|b: &Barrier| b.image).map(|t| (t.old, t.new));
     assert_eq!(changed(None), Some((Layout::General, Layout::TransferSource)));
     assert_eq!(changed(Some(plan.frame[0])), Some((Layout::TransferSource, Layout::General)));
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
-    let mut pixel = || words(&frame(&mut vulkan, &with_output()).output.unwrap().bytes)[0];
+    let mut vulkan = open_with(plan);
+    let mut pixel = || shown(&mut vulkan)[0];
     assert_eq!([pixel(), pixel(), pixel()], [101, 102, 103]);
     finish(vulkan);
 }
@@ -163,13 +157,12 @@ fn what_the_host_is_shown_by_the_plan_is_all_that_was_copied_before() {
     let (plan, count) = counter();
     let host = PassId(plan.passes.len() as u32 - 1);
     assert_eq!(plan.pass(host).work, Work::Host);
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     for (after, expected) in [(PassId(2), 101), (host, 102)] {
         let inspect = vec![Inspect { resource: count, after }];
         let result = frame(&mut vulkan, &FrameInputs { inspect, ..with_output() });
         assert_eq!(result.stats, [("count".to_string(), expected)]);
-        assert_eq!(words(&result.output.unwrap().bytes), [expected]);
+        assert_eq!(output(&result), [expected]);
         assert_eq!(words(&result.inspected[0]), [expected]);
         // The host pass does nothing on the device, so it has no time.
         assert!(result.pass_ms.iter().all(|(pass, _)| *pass != host));
@@ -182,8 +175,7 @@ fn devices_in_several_threads_do_not_disturb_one_another() {
     let threads: Vec<_> = (0..3)
         .map(|_| {
             std::thread::spawn(|| {
-                let mut vulkan = open();
-                load(&mut vulkan, counter().0);
+                let mut vulkan = open_with(counter().0);
                 let counted: Vec<u32> = (0..3).map(|_| counts(&mut vulkan)).collect();
                 assert_eq!(counted, [101, 102, 103]);
                 // A device can move to another thread.

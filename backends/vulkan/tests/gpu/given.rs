@@ -43,13 +43,8 @@ fn given(words: &[u32]) -> FrameInputs {
     giving(BufferContents::Bytes(bytes(words)))
 }
 
-fn row(vulkan: &mut Vulkan, frame: FrameId) -> Vec<u32> {
-    words(&vulkan.wait(frame).expect("the frame is done").output.expect("it was asked for").bytes)
-}
-
-fn shown(vulkan: &mut Vulkan, inputs: &FrameInputs) -> Vec<u32> {
-    let frame = vulkan.submit(inputs).expect("the frame is submitted");
-    row(vulkan, frame)
+fn shown_with(vulkan: &mut Vulkan, inputs: &FrameInputs) -> Vec<u32> {
+    output(&frame(vulkan, inputs))
 }
 
 fn given_bytes(vulkan: &Vulkan) -> Option<u64> {
@@ -58,8 +53,7 @@ fn given_bytes(vulkan: &Vulkan) -> Option<u64> {
 
 #[test]
 fn each_frame_in_flight_reads_its_own_buffer_however_long_it_is() {
-    let mut vulkan = open();
-    load(&mut vulkan, words_and_length(2));
+    let mut vulkan = open_with(words_and_length(2));
     // The length grows, stays and shrinks, always with two frames in flight.
     let lengths = [2, 3, 2, 5000, 4, 100_000, 2, 2, 1 << 20, 3];
     let frames: Vec<(FrameId, u32)> = (0..)
@@ -79,8 +73,7 @@ fn each_frame_in_flight_reads_its_own_buffer_however_long_it_is() {
 
 #[test]
 fn the_same_words_may_come_again_and_others_in_between() {
-    let mut vulkan = open();
-    load(&mut vulkan, words_and_length(2));
+    let mut vulkan = open_with(words_and_length(2));
     let (first, second, longer) = (bytes(&[1, 2]), bytes(&[3, 4]), bytes(&[5, 6, 7]));
     // Each slot gets some contents twice in a row, and some again after others.
     let order =
@@ -105,25 +98,23 @@ fn the_same_words_may_come_again_and_others_in_between() {
 
 #[test]
 fn equal_words_in_another_allocation_are_other_words() {
-    let mut vulkan = open();
-    load(&mut vulkan, words_and_length(1));
+    let mut vulkan = open_with(words_and_length(1));
     for index in 0..8 {
         // The slot releases the words when it gets the next ones, so their address may be reused.
-        assert_eq!(shown(&mut vulkan, &given(&[index])), [index, 1]);
+        assert_eq!(shown_with(&mut vulkan, &given(&[index])), [index, 1]);
     }
     finish(vulkan);
 }
 
 #[test]
 fn memory_for_words_grows_in_powers_of_two_and_is_not_there_before_they_come() {
-    let mut vulkan = open();
-    load(&mut vulkan, words_and_length(1));
+    let mut vulkan = open_with(words_and_length(1));
     assert_eq!(given_bytes(&vulkan), None);
     let mut listed = Vec::new();
     for length in [1025, 1026, 2048, 1, 2049] {
         // Draws one frame in each slot.
         for _ in 0..2 {
-            assert_eq!(shown(&mut vulkan, &given(&vec![7; length])), [7, length as u32]);
+            assert_eq!(shown_with(&mut vulkan, &given(&vec![7; length])), [7, length as u32]);
         }
         listed.push(given_bytes(&vulkan).expect("both slots have some"));
     }
@@ -133,8 +124,7 @@ fn memory_for_words_grows_in_powers_of_two_and_is_not_there_before_they_come() {
 
 #[test]
 fn a_frame_without_the_buffer_or_with_too_little_of_it_is_refused_and_the_next_runs() {
-    let mut vulkan = open();
-    load(&mut vulkan, words_and_length(2));
+    let mut vulkan = open_with(words_and_length(2));
     let refused = |vulkan: &mut Vulkan, inputs: &FrameInputs, expected: &str| {
         let error = vulkan.submit(inputs).expect_err("this should have been refused");
         assert!(matches!(error, BackendError::Invalid(_)), "{error:?}");
@@ -158,21 +148,20 @@ fn a_frame_without_the_buffer_or_with_too_little_of_it_is_refused_and_the_next_r
         &giving(BufferContents::Picture(unknown)),
         "host buffer `frame.words` was given the picture 77",
     );
-    assert_eq!(shown(&mut vulkan, &given(&[3, 4])), [3, 4, 2]);
+    assert_eq!(shown_with(&mut vulkan, &given(&[3, 4])), [3, 4, 2]);
     refused(&mut vulkan, &given(&[1]), "found 4 bytes");
-    assert_eq!(shown(&mut vulkan, &given(&[5, 6, 7])), [5, 6, 3]);
+    assert_eq!(shown_with(&mut vulkan, &given(&[5, 6, 7])), [5, 6, 3]);
     finish(vulkan);
 }
 
 #[test]
 fn a_buffer_that_is_longer_than_a_binding_may_be_is_a_limit() {
-    let mut vulkan = open();
-    load(&mut vulkan, words_and_length(1));
+    let mut vulkan = open_with(words_and_length(1));
     let most = vulkan.info().facts.max_storage_bytes;
     let long = vec![0; most as usize / 4 * 4 + 4];
     let error = vulkan.submit(&giving(BufferContents::Bytes(Arc::new(long))));
     assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");
-    assert_eq!(shown(&mut vulkan, &given(&[1])), [1, 1]);
+    assert_eq!(shown_with(&mut vulkan, &given(&[1])), [1, 1]);
     finish(vulkan);
 }
 
@@ -215,8 +204,7 @@ void main() { color = vec4(1); }",
     build.draw("pixels", [vertex, fragment], call, &targets, &[(args, 0, READ)]);
     build.stat("count", count, 0);
     build.stat("groups", args, 0);
-    let mut vulkan = open();
-    load(&mut vulkan, build.export(target));
+    let mut vulkan = open_with(build.export(target));
     let frames: Vec<_> = (1..=4u32)
         .map(|n| {
             let args = [n, 2, 1, 6, n, 0, 0];
@@ -226,7 +214,7 @@ void main() { color = vec4(1); }",
     for (n, frame) in (1..=4u32).zip(frames) {
         let result = vulkan.wait(frame).expect("the frame is done");
         assert_eq!(result.stats.iter().map(|(_, value)| *value).collect::<Vec<_>>(), [2 * n, n]);
-        let pixels = words(&result.output.expect("it was asked for").bytes);
+        let pixels = output(&result);
         let expected: Vec<u32> = (0..4).map(|i| if i < n { u32::MAX } else { 0 }).collect();
         assert_eq!(pixels, expected);
     }

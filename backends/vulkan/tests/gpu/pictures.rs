@@ -65,10 +65,6 @@ fn pictures(left: Picture, right: Picture) -> FrameInputs {
     FrameInputs { buffers: buffers.into(), ..with_output() }
 }
 
-fn row(vulkan: &mut Vulkan, frame: FrameId) -> Vec<u32> {
-    words(&vulkan.wait(frame).expect("the frame is done").output.expect("it was asked for").bytes)
-}
-
 fn total(vulkan: &Vulkan) -> u64 {
     vulkan.memory().iter().map(|(_, bytes)| bytes).sum()
 }
@@ -211,8 +207,7 @@ void main() {
 }",
     );
     build.dispatch(Run::Frame, "next", shader, 2, &[(last, 0, READ), (image, 1, WRITE)]);
-    let mut vulkan = open();
-    load(&mut vulkan, build.export(image));
+    let mut vulkan = open_with(build.export(image));
     let given = |last| FrameInputs {
         buffers: [("frame.last".to_string(), last)].into(),
         show: true,
@@ -248,7 +243,7 @@ fn executors_have_frames_and_results_of_their_own() {
     assert_eq!(second.info(), first.info());
     // The first executor may be dropped before the others on its device.
     drop(first);
-    assert_eq!(words(&frame(&mut second, &shown(4)).output.expect("it was asked for").bytes), [4, 4]);
+    assert_eq!(output(&frame(&mut second, &shown(4))), [4, 4]);
     finish(second);
 }
 

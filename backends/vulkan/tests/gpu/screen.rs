@@ -2,13 +2,26 @@
 //! compared with the frame.
 
 use crate::build::*;
-use crate::x11::{Server, Window};
+use crate::x11::{Screen, Window};
 use splatgraph_api::{BackendError, Device, FrameInputs, Windowed};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::sync::Arc;
 
 const SIZE: (u32, u32) = (48, 32);
+
+/// Starts a screen and opens a window of [`SIZE`] on it.
+fn window() -> (Screen, Arc<Window>) {
+    let screen = Screen::start(640, 480);
+    let window = screen.window(SIZE.0 as u16, SIZE.1 as u16);
+    (screen, window)
+}
+
+fn opened() -> (Screen, Arc<Window>, Vulkan) {
+    let (screen, window) = window();
+    let vulkan = open_in(&window, SIZE);
+    (screen, window, vulkan)
+}
 
 /// Opens lavapipe in a window. Other devices may be unable to present on a server without a display.
 fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
@@ -73,9 +86,7 @@ fn show(vulkan: &mut Vulkan, blue: u8) {
 
 #[test]
 fn frames_are_shown_to_the_pixel_one_after_another() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     for format in [Format::Rgba8Unorm, Format::Rgba16Float, Format::Rgba32Float] {
         load(&mut vulkan, gradients(format));
         for blue in [10, 200, 30] {
@@ -93,9 +104,7 @@ fn frames_are_shown_to_the_pixel_one_after_another() {
 
 #[test]
 fn frames_that_are_not_presented_leave_the_window_as_it_is() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 50);
     window.expect(&drawn(50, SIZE), 0);
@@ -111,9 +120,7 @@ fn frames_that_are_not_presented_leave_the_window_as_it_is() {
 
 #[test]
 fn what_is_shown_has_the_windows_size_also_after_that_changes() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     load(&mut vulkan, gradients(Format::Rgba16Float));
     show(&mut vulkan, 1);
     window.expect(&drawn(1, SIZE), 0);
@@ -134,9 +141,7 @@ fn what_is_shown_has_the_windows_size_also_after_that_changes() {
 
 #[test]
 fn a_window_that_changes_by_itself_is_followed_by_what_the_window_system_says() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 1);
     // The device is not told about the resize.
@@ -150,9 +155,7 @@ fn a_window_that_changes_by_itself_is_followed_by_what_the_window_system_says() 
 
 #[test]
 fn vsync_can_be_switched_off_and_on_while_frames_are_shown() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     for (index, vsync) in [false, false, true, false].into_iter().enumerate() {
         vulkan.set_vsync(vsync);
@@ -167,8 +170,7 @@ fn vsync_can_be_switched_off_and_on_while_frames_are_shown() {
 
 #[test]
 fn a_window_without_pixels_shows_nothing_and_frames_are_drawn_all_the_same() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
+    let (_screen, window) = window();
     // The window is hidden at first, and again later.
     let mut vulkan = open_in(&window, (0, 0));
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
@@ -191,9 +193,7 @@ fn a_window_without_pixels_shows_nothing_and_frames_are_drawn_all_the_same() {
 
 #[test]
 fn a_plan_may_be_replaced_while_its_frames_are_on_their_way_to_the_window() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     for index in 0..6 {
         let format = [Format::Rgba8Unorm, Format::Rgba16Float][index % 2];
         load(&mut vulkan, gradients(format));
@@ -207,16 +207,14 @@ fn a_plan_may_be_replaced_while_its_frames_are_on_their_way_to_the_window() {
 
 #[test]
 fn an_output_that_is_no_picture_cannot_be_shown_and_the_next_frames_can() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     let mut build = Build::new();
     let count = build.words("count", 1);
     build.fill(Run::Frame, "seven", count, 7);
     load(&mut vulkan, crate::build::show(build, count));
     let said = error_of(vulkan.submit(&inputs(0, true)));
     assert!(said.contains("r32ui") && said.contains("not colours"), "{said}");
-    assert_eq!(words(&frame(&mut vulkan, &inputs(0, false)).output.unwrap().bytes), [7]);
+    assert_eq!(output(&frame(&mut vulkan, &inputs(0, false))), [7]);
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 8);
     window.expect(&drawn(8, SIZE), 0);
@@ -225,9 +223,7 @@ fn an_output_that_is_no_picture_cannot_be_shown_and_the_next_frames_can() {
 
 #[test]
 fn the_window_is_kept_for_as_long_as_the_device_is_open() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     let kept = Arc::downgrade(&window);
     drop(window);
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
@@ -239,9 +235,7 @@ fn the_window_is_kept_for_as_long_as_the_device_is_open() {
 
 #[test]
 fn a_window_that_is_gone_is_an_error_in_words_and_frames_are_drawn_without_it() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 3);
     window.close();
@@ -253,8 +247,7 @@ fn a_window_that_is_gone_is_an_error_in_words_and_frames_are_drawn_without_it() 
 
 #[test]
 fn a_device_without_a_window_shows_nothing_and_draws() {
-    let mut vulkan = open();
-    load(&mut vulkan, gradients(Format::Rgba8Unorm));
+    let mut vulkan = open_with(gradients(Format::Rgba8Unorm));
     vulkan.resize_window(3, 4);
     vulkan.set_vsync(false);
     show(&mut vulkan, 77);
@@ -263,9 +256,7 @@ fn a_device_without_a_window_shows_nothing_and_draws() {
 
 #[test]
 fn the_window_is_the_executors_that_was_opened_in_it_and_others_draw_on_without() {
-    let server = Server::start();
-    let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    let mut vulkan = open_in(&window, SIZE);
+    let (_screen, window, mut vulkan) = opened();
     let mut other = vulkan.new_context().expect("another executor");
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     load(&mut other, gradients(Format::Rgba16Float));

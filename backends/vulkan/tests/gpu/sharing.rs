@@ -64,10 +64,9 @@ fn tenants_of_a_block_all_work_and_the_memory_shows_what_is_saved() {
         if shared {
             aliases.build.share(&aliases.aliases);
         }
-        let mut vulkan = open();
-        load(&mut vulkan, show(aliases.build, aliases.kept));
+        let mut vulkan = open_with(show(aliases.build, aliases.kept));
         for _ in 0..3 {
-            let shown = words(&frame(&mut vulkan, &with_output()).output.unwrap().bytes);
+            let shown = shown(&mut vulkan);
             assert_eq!(shown, vec![5 + 3 + 10; COUNT as usize]);
         }
         let memory = vulkan.memory();
@@ -92,15 +91,14 @@ fn tenants_of_a_block_all_work_and_the_memory_shows_what_is_saved() {
 fn tenants_of_a_block_stand_in_the_same_memory() {
     // Writing one alias changes the other. (A solved plan never reads the other then: its lifetime is over.)
     let mut build = Build::new();
-    let [one, other, shown] = ["one", "other", "shown"].map(|name| build.words(name, 4));
+    let [one, other, copied] = ["one", "other", "copied"].map(|name| build.words(name, 4));
     build.share(&[one, other]);
     build.fill(Run::Frame, "fill one", one, 7);
     build.fill(Run::Frame, "fill other", other, 40);
     let copy = build.shader("copy.comp", COPY);
-    build.dispatch(Run::Frame, "copy", copy, 4, &[(one, 0, READ), (shown, 1, WRITE)]);
-    let mut vulkan = open();
-    load(&mut vulkan, show(build, shown));
-    assert_eq!(words(&frame(&mut vulkan, &with_output()).output.unwrap().bytes), [41; 4]);
+    build.dispatch(Run::Frame, "copy", copy, 4, &[(one, 0, READ), (copied, 1, WRITE)]);
+    let mut vulkan = open_with(show(build, copied));
+    assert_eq!(shown(&mut vulkan), [41; 4]);
     finish(vulkan);
 }
 
@@ -117,8 +115,7 @@ fn a_tenant_is_inspected_only_while_the_memory_is_its_own() {
     let [fill, kept_to_second, kept_to_third] = ["fill", "kept to second", "kept to third"].map(after);
     let inputs =
         |resource, after| FrameInputs { inspect: vec![Inspect { resource, after }], ..Default::default() };
-    let mut vulkan = open();
-    load(&mut vulkan, plan);
+    let mut vulkan = open_with(plan);
     for _ in 0..2 {
         for (resource, after, expected) in
             [(first, fill, 5), (second, kept_to_second, 7), (third, kept_to_third, 18)]

@@ -51,8 +51,8 @@ pub fn submit(vulkan: &mut Vulkan) -> FrameId {
 /// Returns the name and value of the statistic, after checking that every pixel has this value.
 pub fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
     let result = vulkan.wait(frame).expect("the frame is done");
+    let pixels = output(&result);
     let [(name, value)] = result.stats.try_into().expect("one statistic");
-    let pixels = words(&result.output.expect("the output was asked for").bytes);
     assert!(pixels.iter().all(|&pixel| pixel == value), "{name} is {value}, and the image {pixels:?}");
     (name, value)
 }
@@ -64,8 +64,7 @@ pub fn grow(vulkan: &mut Vulkan) -> u32 {
 
 #[test]
 fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight() {
-    let mut vulkan = open();
-    load(&mut vulkan, growing("slow", 1));
+    let mut vulkan = open_with(growing("slow", 1));
     let slow = [submit(&mut vulkan), submit(&mut vulkan)];
     load(&mut vulkan, growing("fast", 10));
     let fast = [submit(&mut vulkan), submit(&mut vulkan), submit(&mut vulkan)];
@@ -104,8 +103,7 @@ fn a_plan_sees_its_history_however_the_one_before_wrote_it() {
     let fill = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
     barriers.handover.insert(0, barrier(fill, (Stages::COPY, Accesses::TRANSFER_READ)));
     barriers.at_mut(Some(shows.frame[0])).retain(|barrier| barrier.image.is_some());
-    let mut vulkan = open();
-    load(&mut vulkan, adds);
+    let mut vulkan = open_with(adds);
     vulkan.submit(&FrameInputs::default()).unwrap();
     load_with(&mut vulkan, shows, barriers);
     assert_eq!(frame(&mut vulkan, &FrameInputs::default()).stats, [("count".to_string(), 7)]);
@@ -186,22 +184,20 @@ fn a_start_leaves_zeros_whatever_was_there() {
     let keep = build.shader("keep.comp", &image_shader("imageLoad(image, ivec2(0))"));
     build.dispatch(Run::Frame, "keep", keep, 1, &[(trail, 0, BOTH)]);
     build.stat("count", count, 0);
-    let mut vulkan = open();
-    load(&mut vulkan, build.export(trail));
+    let mut vulkan = open_with(build.export(trail));
     assert_eq!(grow(&mut vulkan), 0);
     finish(vulkan);
 }
 
 #[test]
 fn a_history_of_another_shape_starts_from_zeros() {
-    let mut vulkan = open();
-    load(&mut vulkan, growing("count", 1));
+    let mut vulkan = open_with(growing("count", 1));
     assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
     // As after a resize: the image starts anew, and the buffer continues.
     load(&mut vulkan, growing_with("count", 1, 3, |_, _, _| {}));
     let result = frame(&mut vulkan, &with_output());
     assert_eq!(result.stats[0].1, 3);
-    assert_eq!(words(&result.output.unwrap().bytes), [1, 1, 1]);
+    assert_eq!(output(&result), [1, 1, 1]);
     finish(vulkan);
 }
 
@@ -232,8 +228,7 @@ fn a_history_starts_from_zeros_where_it_cannot_go_on() {
         finish(vulkan);
     }
     // A plan for another scene starts from zeros as well.
-    let mut vulkan = open();
-    load(&mut vulkan, growing("count", 1));
+    let mut vulkan = open_with(growing("count", 1));
     assert_eq!(grow(&mut vulkan), 1);
     let scene = Scene { identity: 2, ..Default::default() };
     vulkan.load(growing("count", 1), &scene, &mut |_| {}).unwrap();
@@ -243,8 +238,7 @@ fn a_history_starts_from_zeros_where_it_cannot_go_on() {
 
 #[test]
 fn a_plan_that_never_ran_has_no_history_but_hands_on_the_one_that_it_took_over() {
-    let mut vulkan = open();
-    load(&mut vulkan, growing("count", 100));
+    let mut vulkan = open_with(growing("count", 100));
     load(&mut vulkan, growing("count", 1));
     assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
     load(&mut vulkan, growing("count", 100));
@@ -255,8 +249,7 @@ fn a_plan_that_never_ran_has_no_history_but_hands_on_the_one_that_it_took_over()
 
 #[test]
 fn an_image_that_the_next_plan_uses_for_more_than_it_was_made_for_starts_from_zeros() {
-    let mut vulkan = open();
-    load(&mut vulkan, growing("count", 1));
+    let mut vulkan = open_with(growing("count", 1));
     assert_eq!(grow(&mut vulkan), 1);
     let more = growing_with("count", 1, 2, |build, _, trail| {
         build.plan.resources[trail.index()].usage |= Usage::COLOR_TARGET;
@@ -265,7 +258,7 @@ fn an_image_that_the_next_plan_uses_for_more_than_it_was_made_for_starts_from_ze
     let result = frame(&mut vulkan, &with_output());
     // Buffers with a history are created for every use.
     assert_eq!(result.stats[0].1, 2);
-    assert_eq!(words(&result.output.unwrap().bytes), [1, 1]);
+    assert_eq!(output(&result), [1, 1]);
     finish(vulkan);
 }
 
@@ -281,8 +274,7 @@ fn a_plan_is_kept_until_its_frames_in_flight_are_done() {
             build.fill(Run::Frame, "fill", large, 1);
         })
     };
-    let mut vulkan = open();
-    load(&mut vulkan, large("first"));
+    let mut vulkan = open_with(large("first"));
     let first = submit(&mut vulkan);
     assert_eq!(rest(&vulkan), None);
     load(&mut vulkan, large("second"));
@@ -331,8 +323,7 @@ fn many_swaps_do_not_grow_the_memory() {
 
 #[test]
 fn a_load_that_fails_leaves_the_former_plan_its_frames_and_its_histories() {
-    let mut vulkan = open();
-    load(&mut vulkan, growing("count", 1));
+    let mut vulkan = open_with(growing("count", 1));
     let pending = [submit(&mut vulkan), submit(&mut vulkan)];
     let lacking = growing_with("count", 10, 2, |build, count, _| {
         let scene = build.scene("absent", 0, 4, 4);

@@ -23,14 +23,9 @@ fn scene(values: &[u32]) -> Scene {
     Scene::new(1, "numbers", 0, values.iter().flat_map(|v| v.to_le_bytes()).collect())
 }
 
-fn shown(vulkan: &mut Vulkan) -> Vec<u32> {
-    words(&frame(vulkan, &with_output()).output.expect("it was asked for").bytes)
-}
-
 #[test]
 fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_drawn_meanwhile() {
-    let mut vulkan = open();
-    load(&mut vulkan, growing("slow", 1));
+    let mut vulkan = open_with(growing("slow", 1));
     let loader = vulkan.loader();
     let done = AtomicBool::new(false);
     let mut frames = Vec::new();
@@ -62,8 +57,7 @@ fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_draw
 #[test]
 fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
     let wide = |step| growing_with("wide", step, 3, |_, _, _| {});
-    let mut vulkan = open();
-    load(&mut vulkan, growing("narrow", 1));
+    let mut vulkan = open_with(growing("narrow", 1));
     assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
     // Both are prepared for swapping in after the narrow plan.
     let (first, second) = (prepare(vulkan.loader(), wide(10)), prepare(vulkan.loader(), wide(100)));
@@ -71,21 +65,18 @@ fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
     vulkan.swap(first).expect("it becomes the current plan");
     // The image has another shape and starts anew; the buffer continues.
     let result = frame(&mut vulkan, &with_output());
-    assert_eq!(
-        (result.stats[0].1, words(&result.output.expect("it was asked for").bytes)),
-        (12, vec![10; 3])
-    );
+    assert_eq!((result.stats[0].1, output(&result)), (12, vec![10; 3]));
     submit(&mut vulkan);
     vulkan.swap(second).expect("it becomes the current plan");
     // The buffer and the image continue from the plan in between.
     let result = frame(&mut vulkan, &with_output());
-    let pixels = words(&result.output.expect("it was asked for").bytes);
+    let pixels = output(&result);
     assert_eq!((result.stats[0].1, pixels), (122, vec![120; 3]));
     // Swaps back with an old loader: that plan's image is gone.
     submit(&mut vulkan);
     vulkan.swap(prepare(back, growing("narrow", 1))).expect("it becomes the current plan");
     let result = frame(&mut vulkan, &with_output());
-    let pixels = words(&result.output.expect("it was asked for").bytes);
+    let pixels = output(&result);
     assert_eq!((result.stats[0].1, pixels), (223, vec![1; 2]));
     finish(vulkan);
     again_comparing_submissions("threads::a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in");

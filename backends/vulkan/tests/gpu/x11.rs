@@ -1,47 +1,26 @@
-//! Windows for tests: an X server without a display (Xvfb), and plain windows on it.
+//! Plain windows for tests.
 
 use raw_window_handle::{
     DisplayHandle, HandleError, HasDisplayHandle, HasWindowHandle, RawWindowHandle, WindowHandle,
     XcbWindowHandle,
 };
 use std::ffi::CString;
-use std::io::{BufRead, BufReader};
 use std::num::NonZeroU32;
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use x11rb::connection::Connection;
 use x11rb::protocol::xproto::*;
 use x11rb::xcb_ffi::XCBConnection;
 
-pub struct Server {
-    process: Child,
-    display: CString,
-}
+#[path = "../../../../tests/view/screen/xvfb.rs"]
+mod xvfb;
 
-impl Server {
-    pub fn start() -> Server {
-        // Xvfb picks a free display number and writes it to its standard output.
-        let mut process = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "640x480x24", "-nolisten", "tcp", "-noreset"])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap_or_else(|why| {
-                panic!("these tests need the X server Xvfb (Debian and Ubuntu: package `xvfb`): {why}")
-            });
-        let mut number = String::new();
-        let output = process.stdout.take().expect("the output is a pipe");
-        let read = BufReader::new(output).read_line(&mut number);
-        let server = |number: &str| CString::new(format!(":{}", number.trim())).expect("digits");
-        // From here on, the server is stopped even after a panic.
-        let server = Server { process, display: server(&number) };
-        assert!(read.is_ok() && !number.trim().is_empty(), "Xvfb ended before it had a display");
-        server
-    }
+pub use xvfb::Screen;
 
+impl Screen {
     pub fn window(&self, width: u16, height: u16) -> Arc<Window> {
-        let (connection, screen) = XCBConnection::connect(Some(&self.display)).expect("the server answers");
+        let display = CString::new(self.display()).expect("no zeros");
+        let (connection, screen) = XCBConnection::connect(Some(&display)).expect("the server answers");
         let root = &connection.setup().roots[screen];
         let (parent, depth, visual) = (root.root, root.root_depth, root.root_visual);
         assert_eq!(depth, 24);
@@ -58,13 +37,6 @@ impl Server {
             attributes.reply().expect("answered").map_state == MapState::VIEWABLE
         });
         Arc::new(window)
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
     }
 }
 
@@ -90,16 +62,7 @@ impl Window {
     /// Reads red, green and blue of every pixel, row 0 at the top.
     pub fn pixels(&self) -> Vec<[u8; 3]> {
         let size = self.connection.get_geometry(self.id.get()).expect("asked").reply().expect("answered");
-        let (format, all) = (ImageFormat::Z_PIXMAP, u32::MAX);
-        let image = self.connection.get_image(format, self.id.get(), 0, 0, size.width, size.height, all);
-        let image = image.expect("asked").reply().expect("answered");
-        // Pixels of depth 24 take 32 bits, which the assertion below checks.
-        let pixels: Vec<[u8; 3]> = match self.connection.setup().image_byte_order {
-            ImageOrder::LSB_FIRST => image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
-            _ => image.data.chunks_exact(4).map(|p| [p[1], p[2], p[3]]).collect(),
-        };
-        assert_eq!(pixels.len(), size.width as usize * size.height as usize);
-        pixels
+        xvfb::pixels(&self.connection, self.id.get(), (0, 0), (size.width, size.height))
     }
 
     /// Waits until the window shows these pixels, each value within `off`: presented images arrive after a delay.

@@ -78,13 +78,8 @@ pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     violations
 }
 
-/// Returns true if a replay of four frames shows a violation of [`Rules::HAZARDS`].
-pub fn has_violation(plan: &Plan, barriers: &Barriers) -> bool {
-    has_violation_by(plan, barriers, Rules::HAZARDS)
-}
-
 /// Returns true if a replay of four frames shows a violation of `rules`.
-pub fn has_violation_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> bool {
+pub fn has_violation(plan: &Plan, barriers: &Barriers, rules: Rules) -> bool {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
     let mut memory = MemoryState::new(&trace, rules, true);

@@ -9,36 +9,26 @@ use splatgraph_framework::plan::Plan;
 
 /// The removal of a whole barrier, or of one bit of its masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mutation {
-    /// Removes a whole barrier, with the layout change of its image.
-    Remove {
-        /// The pass that the barrier is recorded before; `None` in the handover.
-        at: Option<PassId>,
-        /// Index of the barrier in the call, from 0.
-        barrier: usize,
-    },
-    /// Clears one mask bit; an empty mask is Vulkan's `NONE`.
-    Clear {
-        /// The pass that the barrier is recorded before; `None` in the handover.
-        at: Option<PassId>,
-        /// Index of the barrier in the call, from 0.
-        barrier: usize,
-        /// The mask bit to clear.
-        what: Masks,
-    },
+pub struct Mutation {
+    /// The pass that the barrier is recorded before; `None` in the handover.
+    pub at: Option<PassId>,
+    /// Index of the barrier in the call, from 0.
+    pub barrier: usize,
+    /// The mask bit to clear, where an empty mask is Vulkan's `NONE`. `None` removes the whole barrier, with the layout
+    /// change of its image.
+    pub clear: Option<Masks>,
 }
 
 impl Mutation {
-    fn at(&self) -> (Option<PassId>, usize) {
-        match *self {
-            Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. } => (at, barrier),
-        }
+    /// Returns true if the mutation clears a write access in a barrier's target.
+    pub fn clears_a_written_target(&self) -> bool {
+        self.clear.is_some_and(|bit| bit.target_accesses.writes())
     }
 
     /// Describes the mutation and its place, for instance "target stage COMPUTE of barrier 0 (all memory) before `sort`
     /// in the frame".
     pub fn describe(&self, plan: &Plan, barriers: &Barriers) -> String {
-        let (at, number) = self.at();
+        let Mutation { at, barrier: number, clear } = *self;
         let place = match at {
             None => "in the handover".to_string(),
             Some(pass) => {
@@ -54,24 +44,18 @@ impl Mutation {
             }
             None => format!("barrier {number} (all memory) {place}"),
         };
-        match self {
-            Mutation::Remove { .. } => subject,
-            Mutation::Clear { what, .. } => {
-                let Masks { source_stages, source_accesses, target_stages, target_accesses } = what;
-                let sides = [
-                    ("source stage", source_stages.to_string()),
-                    ("source access", source_accesses.to_string()),
-                    ("target stage", target_stages.to_string()),
-                    ("target access", target_accesses.to_string()),
-                ];
-                let bit = sides
-                    .iter()
-                    .filter(|(_, bit)| !bit.is_empty())
-                    .map(|(side, bit)| format!("{side} {bit}"));
-                let bit: String = bit.collect();
-                format!("{bit} of {subject}")
-            }
-        }
+        let Some(Masks { source_stages, source_accesses, target_stages, target_accesses }) = clear else {
+            return subject;
+        };
+        let sides = [
+            ("source stage", source_stages.to_string()),
+            ("source access", source_accesses.to_string()),
+            ("target stage", target_stages.to_string()),
+            ("target access", target_accesses.to_string()),
+        ];
+        let bit = sides.iter().filter(|(_, bit)| !bit.is_empty());
+        let bit: String = bit.map(|(side, bit)| format!("{side} {bit}")).collect();
+        format!("{bit} of {subject}")
     }
 }
 
@@ -80,8 +64,8 @@ pub fn mutations(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     let mut all = Vec::new();
     for (at, call) in barriers.calls(plan) {
         for (barrier, Barrier { masks, .. }) in call.iter().enumerate() {
-            all.push(Mutation::Remove { at, barrier });
-            all.extend(masks.bits().map(|what| Mutation::Clear { at, barrier, what }));
+            let clears = [None].into_iter().chain(masks.bits().map(Some));
+            all.extend(clears.map(|clear| Mutation { at, barrier, clear }));
         }
     }
     all
@@ -99,25 +83,19 @@ pub fn apply(barriers: &Barriers, mutation: &Mutation) -> Barriers {
 
 /// Applies a mutation, and returns the original barrier.
 fn take_away(barriers: &mut Barriers, mutation: &Mutation) -> Barrier {
-    let (at, number) = mutation.at();
-    let call = barriers.at_mut(at);
-    match *mutation {
-        Mutation::Remove { .. } => call.remove(number),
-        Mutation::Clear { what, .. } => {
-            let barrier = &mut call[number];
-            let before = barrier.clone();
-            barrier.masks = barrier.masks.without(what);
-            before
-        }
-    }
+    let call = barriers.at_mut(mutation.at);
+    let Some(bit) = mutation.clear else { return call.remove(mutation.barrier) };
+    let barrier = &mut call[mutation.barrier];
+    let before = barrier.clone();
+    barrier.masks = barrier.masks.without(bit);
+    before
 }
 
 fn put_back(barriers: &mut Barriers, mutation: &Mutation, before: Barrier) {
-    let (at, number) = mutation.at();
-    let call = barriers.at_mut(at);
-    match mutation {
-        Mutation::Remove { .. } => call.insert(number, before),
-        Mutation::Clear { .. } => call[number] = before,
+    let call = barriers.at_mut(mutation.at);
+    match mutation.clear {
+        None => call.insert(mutation.barrier, before),
+        Some(_) => call[mutation.barrier] = before,
     }
 }
 
@@ -146,7 +124,7 @@ pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutati
             At::Begin(_) => None,
             At::Frame(_, step) => Some(Some(plan.frame[step])),
         };
-        while let Some(mutation) = left.next_if(|mutation| Some(mutation.at().0) == place) {
+        while let Some(mutation) = left.next_if(|mutation| Some(mutation.at) == place) {
             let before = take_away(&mut mutant, mutation);
             if !memory.trial((plan, &mutant), &trace, &replay, at) {
                 needless.push(*mutation);
@@ -157,11 +135,4 @@ pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutati
         next = At::after(at, plan, &replay);
     }
     needless
-}
-
-impl Mutation {
-    /// Returns true if the mutation clears a write access in a barrier's target.
-    pub fn clears_a_written_target(&self) -> bool {
-        matches!(self, Mutation::Clear { what, .. } if what.target_accesses.writes())
-    }
 }

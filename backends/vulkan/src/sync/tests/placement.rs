@@ -2,18 +2,36 @@
 
 use super::*;
 
-#[test]
-fn a_reader_waits_for_the_writer_and_sees_its_writes() {
-    let plan = solved(&[
+#[track_caller]
+fn assert_before(plan: &Plan, pass: &str, expected: &[&str]) {
+    assert_eq!(before(plan, pass), expected, "{}", shown(plan));
+}
+
+#[track_caller]
+fn assert_first(plan: &Plan, pass: &str, expected: &str) {
+    assert_eq!(before(plan, pass)[0], expected, "{}", shown(plan));
+}
+
+#[track_caller]
+fn assert_handover(plan: &Plan, expected: &[&str]) {
+    assert_eq!(handover(plan), expected, "{}", shown(plan));
+}
+
+/// Solves a graph in which `make` writes the buffer `a`, and `show` reads it and writes the image.
+fn make_and_show() -> Plan {
+    solved(&[
         dispatch("make", "make.comp", r#""Out": "a""#),
         dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
-    let barriers = before(&plan, "show");
-    assert_eq!(
-        barriers[0],
+    ])
+}
+
+#[test]
+fn a_reader_waits_for_the_writer_and_sees_its_writes() {
+    let plan = make_and_show();
+    assert_first(
+        &plan,
+        "show",
         "COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make",
-        "{}",
-        shown(&plan)
     );
 }
 
@@ -32,20 +50,16 @@ fn two_readers_in_the_same_stage_share_one_barrier() {
 
 #[test]
 fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
-    let plan = solved(&[
-        dispatch("make", "make.comp", r#""Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
+    let plan = make_and_show();
     // The barrier for `make` joins the existing call at the end of the previous frame.
-    assert_eq!(before(&plan, "make"), [""; 0]);
-    assert_eq!(
-        before(&plan, "export"),
-        [
+    assert_before(&plan, "make", &[]);
+    assert_before(
+        &plan,
+        "export",
+        &[
             "COMPUTE -> COMPUTE: WriteAfterRead on a after show of the previous frame, for make",
-            "COMPUTE STORAGE_WRITE -> COPY TRANSFER_READ [image General -> TransferSource]: ReadAfterWrite on image after show"
+            "COMPUTE STORAGE_WRITE -> COPY TRANSFER_READ [image General -> TransferSource]: ReadAfterWrite on image after show",
         ],
-        "{}",
-        shown(&plan)
     );
 }
 
@@ -60,7 +74,7 @@ fn what_waits_for_something_older_than_the_last_call_joins_that_call() {
         dispatch("show", "join_show.comp", r#""In": "c", "In2": "a", "Image": "image""#),
     ]);
     assert_eq!(frame(&plan)[2..4], ["two", "clear"]);
-    assert_eq!(before(&plan, "clear"), [""; 0], "{}", shown(&plan));
+    assert_before(&plan, "clear", &[]);
     assert!(before(&plan, "two")[0].contains("COMPUTE|CLEAR"), "{}", shown(&plan));
     assert!(before(&plan, "two")[0].contains(", for clear"), "{}", shown(&plan));
 }
@@ -74,11 +88,12 @@ fn a_write_after_reads_that_another_barrier_orders_has_none_of_its_own() {
         dispatch("again", "copy.comp", r#""In": "b", "Out": "a""#),
         dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
     ]);
-    assert_eq!(
-        before(&plan, "again"),
-        [
-            "COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on b after back, WriteAfterRead on a after back"
-        ]
+    assert_before(
+        &plan,
+        "again",
+        &[
+            "COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on b after back, WriteAfterRead on a after back",
+        ],
     );
 }
 
@@ -109,11 +124,9 @@ fn a_pass_that_runs_once_is_in_the_prologue_and_the_first_frame_sees_what_it_wro
     ]);
     assert_eq!(plan.prologue.len(), 1);
     assert_eq!(plan.pass(plan.prologue[0]).run, Run::Once);
-    assert_eq!(
-        handover(&plan),
-        ["COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make"],
-        "{}",
-        shown(&plan)
+    assert_handover(
+        &plan,
+        &["COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make"],
     );
     assert!(
         !before(&plan, "show").iter().any(|b| b.contains(" on a ")),
@@ -129,23 +142,21 @@ fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_read
             bind: {"In": "a"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: PremultipliedOver)]),"#.into(),
         dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
     ]);
-    assert_eq!(
-        before(&plan, "draw"),
-        [
+    assert_before(
+        &plan,
+        "draw",
+        &[
             "COMPUTE STORAGE_WRITE -> VERTEX STORAGE_READ: ReadAfterWrite on a after make",
             "COMPUTE -> COLOR_OUTPUT COLOR_WRITE [color Undefined -> ColorTarget]: WriteAfterRead on color after filter of the previous frame",
         ],
-        "{}",
-        shown(&plan)
     );
-    assert_eq!(
-        before(&plan, "filter"),
-        [
+    assert_before(
+        &plan,
+        "filter",
+        &[
             "COLOR_OUTPUT COLOR_WRITE -> COMPUTE STORAGE_READ [color ColorTarget -> General]: ReadAfterWrite on color after draw",
             "COPY -> COMPUTE STORAGE_WRITE [image Undefined -> General]: WriteAfterRead on image after export of the previous frame",
         ],
-        "{}",
-        shown(&plan)
     );
 }
 
@@ -169,13 +180,12 @@ fn a_draw_that_tests_waits_at_both_tests_for_the_depths_that_another_wrote() {
         r#"resources: { "depth": Image(format: "depth32f", size: ("viewport.width", "viewport.height")),"#;
     let text = graph("", &passes.join("\n")).replace("resources: {", depth);
     let plan = apart(&text);
-    assert_eq!(
-        before(&plan, "splats"),
-        ["COLOR_OUTPUT|EARLY_TESTS|LATE_TESTS COLOR_WRITE|DEPTH_WRITE -> \
+    assert_before(
+        &plan,
+        "splats",
+        &["COLOR_OUTPUT|EARLY_TESTS|LATE_TESTS COLOR_WRITE|DEPTH_WRITE -> \
              COLOR_OUTPUT|EARLY_TESTS|LATE_TESTS COLOR_READ|COLOR_WRITE|DEPTH_READ: \
              ReadAfterWrite on color after mesh, ReadAfterWrite on depth after mesh"],
-        "{}",
-        shown(&plan)
     );
     // The next frame clears `depth` after this frame's depth tests.
     let mesh = before(&plan, "mesh").join("\n");
@@ -189,24 +199,21 @@ fn a_fill_and_an_atomic_use_of_it_are_apart_in_both_directions() {
         dispatch("count", "change.comp", r#""Out": "a""#),
         dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
     ]);
-    assert_eq!(
-        before(&plan, "export")[0],
+    assert_first(
+        &plan,
+        "export",
         "COMPUTE -> CLEAR: WriteAfterRead on a after show of the previous frame, for clear",
-        "{}",
-        shown(&plan)
     );
-    assert_eq!(
-        before(&plan, "count"),
-        ["CLEAR TRANSFER_WRITE -> COMPUTE STORAGE_READ|STORAGE_WRITE: ReadAfterWrite on a after clear"]
+    assert_before(
+        &plan,
+        "count",
+        &["CLEAR TRANSFER_WRITE -> COMPUTE STORAGE_READ|STORAGE_WRITE: ReadAfterWrite on a after clear"],
     );
 }
 
 #[test]
 fn no_barrier_is_there_without_a_hazard() {
-    let plan = solved(&[
-        dispatch("make", "make.comp", r#""Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
+    let plan = make_and_show();
     let hazards: Vec<Hazard> =
         placed(&plan).before.iter().flatten().flat_map(|b| &b.causes).map(|(d, _)| d.hazard).collect();
     // Expected: `make` after the previous frame's `show`; `show` after `make`, and its image after the last export; the
@@ -226,9 +233,7 @@ fn a_target_that_is_drawn_to_twice_keeps_its_layout_and_waits() {
         before(&plan, "second"),
         [
             "COLOR_OUTPUT COLOR_WRITE -> COLOR_OUTPUT COLOR_READ|COLOR_WRITE: ReadAfterWrite on color after first"
-        ],
-        "{}",
-        shown(&plan)
+        ]
     );
 }
 
@@ -241,15 +246,12 @@ fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_
     ]);
     assert_eq!(
         handover(&plan),
-        ["NONE -> COMPUTE STORAGE_WRITE [color Undefined -> General]: LayoutChange on color after "],
-        "{}",
-        shown(&plan)
+        ["NONE -> COMPUTE STORAGE_WRITE [color Undefined -> General]: LayoutChange on color after "]
     );
-    assert_eq!(
-        before(&plan, "export")[0],
+    assert_first(
+        &plan,
+        "export",
         "COMPUTE -> COMPUTE: WriteAfterRead on color after filter of the previous frame, for paint",
-        "{}",
-        shown(&plan)
     );
 }
 
@@ -258,15 +260,13 @@ fn an_image_that_is_written_once_is_seen_by_every_frame() {
     let plan = solved(&[
         r#"Dispatch(name: "paint", run: Once, shader: "paint.comp", size: Threads(64), bind: {"Color": "image"}),"#.into(),
     ]);
-    assert_eq!(
-        handover(&plan),
-        [
-            "COMPUTE STORAGE_WRITE -> COPY TRANSFER_READ [image General -> TransferSource]: ReadAfterWrite on image after paint"
+    assert_handover(
+        &plan,
+        &[
+            "COMPUTE STORAGE_WRITE -> COPY TRANSFER_READ [image General -> TransferSource]: ReadAfterWrite on image after paint",
         ],
-        "{}",
-        shown(&plan)
     );
-    assert_eq!(before(&plan, "export"), [""; 0], "it stays as it is");
+    assert_before(&plan, "export", &[]);
 }
 
 #[test]
@@ -278,11 +278,10 @@ fn a_draw_that_writes_in_both_of_its_stages_is_waited_for_in_both() {
             .into(),
         dispatch("show", "show.comp", r#""In": "b", "Image": "image""#),
     ]);
-    assert_eq!(
-        before(&plan, "show")[0],
+    assert_first(
+        &plan,
+        "show",
         "VERTEX|FRAGMENT STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on b after draw",
-        "{}",
-        shown(&plan)
     );
 }
 
@@ -298,22 +297,18 @@ fn the_statistics_are_copied_for_the_host_and_made_visible_to_it() {
     );
     let plan = plan(&text.replace("output:", r#"stats: {"n": ("a", 8)}, output:"#), &[]);
     assert_eq!(frame(&plan), ["make", "show", "export", "host"]);
-    assert_eq!(
-        before(&plan, "host"),
-        [
-            "COPY TRANSFER_WRITE -> COMPUTE|HOST HOST_READ: ReadAfterWrite on host(stats) after export, WriteAfterRead on a after show+export of the previous frame, for make"
+    assert_before(
+        &plan,
+        "host",
+        &[
+            "COPY TRANSFER_WRITE -> COMPUTE|HOST HOST_READ: ReadAfterWrite on host(stats) after export, WriteAfterRead on a after show+export of the previous frame, for make",
         ],
-        "{}",
-        shown(&plan)
     );
 }
 
 #[test]
 fn a_dump_without_barriers_says_why() {
-    let plan = solved(&[
-        dispatch("make", "make.comp", r#""Out": "a""#),
-        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-    ]);
+    let plan = make_and_show();
     let error = BackendError::Invalid("none was found".into());
     let dump = dump::add_barriers(splatgraph_framework::dump::dump(&plan), &plan, Err(&error));
     let told: Vec<&str> = dump.warnings.iter().map(|warning| warning.message.as_str()).collect();

@@ -48,7 +48,7 @@ fn a_frame_waits_for_the_readers_of_the_one_before() {
 #[test]
 fn four_frames_are_replayed_unless_told_otherwise_and_the_first_objection_suffices() {
     assert_eq!(Replay::default(), Replay { frames: 4, in_flight: 2, copies: 2 });
-    let violates = |sketch: Sketch| has_violation(&sketch.plan, &sketch.barriers);
+    let violates = |sketch: Sketch| has_violation(&sketch.plan, &sketch.barriers, Rules::HAZARDS);
     assert!(violates(every_frame(&[])));
     assert!(!violates(every_frame(&[order(VERTEX, COMPUTE)])));
 }
