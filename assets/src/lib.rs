@@ -45,6 +45,7 @@ mod rad;
 mod recognise;
 mod report;
 mod scene;
+mod scene_format;
 mod similarity;
 mod size_breakdown;
 mod sog;
@@ -66,12 +67,12 @@ pub use input::{Progress, QUIET, SceneHeader};
 pub use memory::SceneMemoryError;
 pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
 pub use projection::Projection;
-pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{
     ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, QuaternionNorms, Scene, ScenePart, SortKey, Splat,
     sh_floats,
 };
+pub use scene_format::SceneFormat;
 pub use similarity::Similarity;
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};
 pub use spz::SpzVersion;

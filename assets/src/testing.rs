@@ -3,8 +3,8 @@
 #[path = "../../tests/captures.rs"]
 mod captures;
 
-use crate::recognise::SceneFormat;
 use crate::scene::{Scene, Splat};
+use crate::scene_format::SceneFormat;
 pub(crate) use captures::captures;
 use std::path::PathBuf;
 

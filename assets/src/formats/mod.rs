@@ -5,8 +5,9 @@ use crate::error::{LoadError, SceneError};
 use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
 use crate::mesh::{self, Mesh};
-use crate::recognise::{self, SceneFormat};
-use crate::scene::Scene;
+use crate::recognise;
+use crate::scene::{FileNotes, Filter, Scene, SortKey};
+use crate::scene_format::SceneFormat;
 use crate::similarity::Similarity;
 use crate::spz::SpzVersion;
 use crate::words::word;
@@ -195,6 +196,25 @@ fn within(path: &Path, error: LoadError) -> LoadError {
 pub fn names_scenes(path: &Path) -> bool {
     let head = || OpenFile::open(path).and_then(|file| Source::File(&file).head(HEAD));
     head().is_ok_and(|head| composition::begins_as_scenes(&head))
+}
+
+impl SceneFormat {
+    /// Returns the tags that a scene with the tags of `notes` has after it is written in this format and read back.
+    pub fn kept_tags(self, notes: FileNotes) -> FileNotes {
+        let none = FileNotes::default();
+        match self {
+            Self::Ply | Self::CompressedPly => {
+                let up = notes.up.filter(|up| ply::axis(*up).is_some());
+                FileNotes { low_pass: notes.low_pass, up, ..none }
+            }
+            // These formats have one flag for all filters.
+            Self::Spz | Self::Sog if notes.is_antialiased() => {
+                FileNotes { low_pass: Filter::Compensated, ..none }
+            }
+            Self::Gltf => FileNotes { key_of: SortKey::Distance, ..none },
+            _ => none,
+        }
+    }
 }
 
 impl Scene {
