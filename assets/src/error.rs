@@ -1,6 +1,7 @@
 //! Defines the errors of scene files. Each message states what was expected, what was found, and where.
 
 use crate::memory::SceneMemoryError;
+use crate::scene_format::SceneFormat;
 use std::path::PathBuf;
 
 /// An error while loading a scene file.
@@ -29,7 +30,7 @@ pub enum SceneError {
     Empty,
 
     /// The bytes belong to no scene format.
-    #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb), found {found}")]
+    #[error("expected a scene ({}), found {found}", SceneFormat::list(&SceneFormat::ALL))]
     NotScene {
         /// The likely kind of the file.
         found: String,

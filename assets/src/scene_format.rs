@@ -64,6 +64,11 @@ impl SceneFormat {
         }
     }
 
+    /// Lists the usual extensions of `formats`, each with its dot: `.ply, .spz`.
+    pub fn list(formats: &[Self]) -> String {
+        formats.iter().map(|format| format!(".{}", format.extension())).collect::<Vec<_>>().join(", ")
+    }
+
     /// Describes the format in a few words.
     pub fn summary(self) -> &'static str {
         match self {

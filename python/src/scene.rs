@@ -18,8 +18,8 @@ pub struct Scene(pub Arc<assets::Scene>);
 
 #[pymethods]
 impl Scene {
-    /// Loads a scene file, in a format recognised by its bytes: .ply, .compressed.ply, .spz, .splat, .sog, .ksplat,
-    /// .rad, .usd, .glb or .gltf; a folder of SOG; or a list of scenes (.ron).
+    /// Loads a scene file of any format, recognised by its bytes; a folder of SOG; or a list of scenes (.ron).
+    /// docs/formats.md lists the formats.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
         let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;
@@ -84,11 +84,9 @@ impl Scene {
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let Some(format) = SceneFormat::of_name(&path).filter(|format| SceneFormat::WRITTEN.contains(format))
         else {
-            let known: Vec<String> =
-                SceneFormat::WRITTEN.iter().map(|f| format!(".{}", f.extension())).collect();
             return Err(PyValueError::new_err(format!(
                 "path: expected the extension {}, found {}",
-                known.join(", "),
+                SceneFormat::list(&SceneFormat::WRITTEN),
                 path.display()
             )));
         };

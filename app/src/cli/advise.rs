@@ -40,7 +40,7 @@ use std::path::{Path, PathBuf};
   splatgraph advise scene.ply --ms 2 --size 1920x1080        # the most accurate within 2 ms
   splatgraph advise --psnr 50 --json advice.json             # the demo scene")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf [default: the demo scene]
+    #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are measured unchanged
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]

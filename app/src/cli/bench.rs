@@ -43,8 +43,7 @@ use std::path::{Path, PathBuf};
   splatgraph bench scene.ply --splats 1000000,3000000  # enlarged
   splatgraph bench --suite sort --pairs 1048576,6000000 --set digit_bits=6")]
 pub struct Args {
-    /// Scene files: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf
-    #[arg(value_name = "SCENE")]
+    #[arg(value_name = "SCENE", help = options::optional_scene_help())]
     scenes: Vec<PathBuf>,
     /// Measure whole frames, or the sort alone
     #[arg(long, value_enum, default_value_t)]

@@ -38,7 +38,7 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf
+    #[arg(help = options::scene_help())]
     scene: PathBuf,
     /// The dataset: a COLMAP folder, a folder with transforms_test.json, or a file of cameras
     #[arg(short, long, value_name = "DATASET")]

@@ -50,7 +50,7 @@ enum Kind {
 /// The options of every experiment.
 #[derive(Debug, clap::Args)]
 struct Common {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf [default: the demo scene, which the first use generates]
+    #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
     /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]

@@ -15,7 +15,7 @@ use crate::io::progress::Progress;
 use crate::studies::bench;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{BackendError, Heap};
-use splatgraph_assets::{Camera, Content, LoadError, Scene, SceneError};
+use splatgraph_assets::{Camera, Content, LoadError, Scene, SceneError, SceneFormat};
 use splatgraph_framework::ir::{Catalog, DeviceFacts};
 use std::collections::HashMap;
 use std::io::IsTerminal;
@@ -28,6 +28,16 @@ use std::thread;
 use tracing::info_span;
 
 pub use crate::draw::builtin::DEFAULT_PIPELINE;
+
+/// Formats the help of an argument that names a scene.
+pub fn scene_help() -> String {
+    format!("A scene file: {}, or .ron, a list of scenes", SceneFormat::list(&SceneFormat::ALL))
+}
+
+/// Formats the help of an argument that names a scene, the demo scene by default.
+pub fn optional_scene_help() -> String {
+    format!("{} [default: the demo scene]", scene_help())
+}
 
 pub fn setting(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {

@@ -41,7 +41,7 @@ use std::path::{Path, PathBuf};
   splatgraph popping scene.ply -p splat -p unsorted --with key_bits=8 --with key_bits=8,key_map=linear
   splatgraph popping scene.ply --frames 60 --step 0.1 --json popping.json")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf
+    #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
     /// A graph: the name of a built-in one, or a path; may be repeated [default: all built-in ones]
     #[arg(short, long, value_name = "NAME")]

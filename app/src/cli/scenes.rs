@@ -15,8 +15,7 @@ use std::sync::atomic::AtomicBool;
 /// Arguments that name scenes.
 #[derive(Debug, clap::Args)]
 pub struct ScenesArgs {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb, .gltf, or .ron, a list of scenes
-    #[arg(value_name = "SCENE")]
+    #[arg(value_name = "SCENE", help = options::optional_scene_help())]
     pub scene: Option<PathBuf>,
     /// Further scenes in the same picture, sorted together, and meshes (.glb, .gltf). To rotate or scale them, write a scene file (.ron)
     #[arg(value_name = "SCENE")]

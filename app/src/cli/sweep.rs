@@ -41,7 +41,7 @@ use std::sync::Arc;
   splatgraph sweep scene.ply -c cameras.json --steps 8 -o garden/
   splatgraph sweep scene.ply --pipeline key16 --size 1920x1080")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf [default: the demo scene]
+    #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,

@@ -54,7 +54,7 @@ use std::sync::Arc;
   splatgraph trade scene.ply --set sh_degree=1            # what the others save with one band of harmonics
   splatgraph trade scene.ply -c cameras.json --truth photographs/ --size 980x545")]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf
+    #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
     /// The graph whose parameters are changed: the name of a built-in one, or a path
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]

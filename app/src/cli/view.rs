@@ -40,14 +40,11 @@ Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A
 ///
 /// The graph, its includes and its shaders are reloaded when a file changes. A graph in the working directory or its pipelines/
 /// folder takes precedence over a built-in one of the same name. The graph's parameters become controls. An error is shown over
-/// the last good picture until you correct it.
+/// the last good picture until you correct it. Without --cameras, all cameras of the file beside the scene are loaded.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb, .gltf, or .ron, a list of scenes
-    ///
-    /// The default is the demo scene, which the first use generates. Without --cameras, cameras are loaded from the file beside
-    /// the scene.
+    #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,

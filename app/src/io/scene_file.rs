@@ -14,7 +14,7 @@ use std::path::Path;
 pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
     let named = SceneFormat::of_name(path).filter(|format| SceneFormat::WRITTEN.contains(format));
     named.ok_or_else(|| {
-        let endings = SceneFormat::WRITTEN.map(|format| format!(".{}", format.extension())).join(", ");
+        let endings = SceneFormat::list(&SceneFormat::WRITTEN);
         format!("expected a file name that ends in {endings}, found {}", path.display())
     })
 }

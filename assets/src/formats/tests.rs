@@ -67,7 +67,7 @@ fn steps(format: SceneFormat) -> Steps {
         SceneFormat::Sog => {
             Steps { position: 4e-4, scale: 0.03, rotation: 0.015, opacity: byte, dc: 0.02, rest: Some(0.01) }
         }
-        SceneFormat::Ksplat | SceneFormat::Rad | SceneFormat::Usd => unreachable!("it is read alone"),
+        _ => unreachable!("it is read alone"),
     }
 }
 

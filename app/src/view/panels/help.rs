@@ -48,10 +48,7 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
         "Files",
         &[
             ("Ctrl + O", "open a scene, a graph or cameras"),
-            (
-                "drop a file",
-                "open a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb), a graph (.ron), cameras (.json)",
-            ),
+            ("drop a file", "open a scene, a graph (.ron) or cameras (.json)"),
         ],
     ),
 ];

@@ -312,9 +312,10 @@ impl<D: Device> Viewer<D> {
             _ if SceneFormat::of_name(path).is_some() => self.open_scene_in(id, path),
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
-                error:
-                    "expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb), a graph (.ron) or cameras (.json)"
-                        .into(),
+                error: format!(
+                    "expected a scene ({}), a graph (.ron) or cameras (.json)",
+                    SceneFormat::list(&SceneFormat::ALL)
+                ),
             }),
         }
     }
