@@ -237,7 +237,8 @@ impl Layer<'_> {
                     views.push(view(Stages::INDIRECT, Accesses::INDIRECT_READ));
                 }
             }
-            Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export => {
+            Work::Host => {}
+            _ => {
                 for touch in pass.uses.iter().filter(|touch| touch.resource == resource) {
                     views.extend(
                         touch
@@ -247,7 +248,6 @@ impl Layer<'_> {
                     );
                 }
             }
-            Work::Host => {}
         }
         views
     }

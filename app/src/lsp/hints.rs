@@ -11,7 +11,7 @@ use std::path::Path;
 /// may contain passes of the file. The first plan that contains a pass determines its hint.
 pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     // Passes that the framework adds, such as the export, have no line of their own in the file.
-    let is_written = |pass: &DumpPass| ["dispatch", "draw", "fill"].contains(&pass.kind.as_str());
+    let is_written = |pass: &DumpPass| !["start", "export", "host"].contains(&pass.kind.as_str());
     let is_here = |pass: &&DumpPass| is_written(pass) && canonical(Path::new(&pass.declared.file)) == path;
     // Passes by line and column of their declaration. A `Repeat` makes several passes of one declaration.
     let mut found: BTreeMap<(u32, u32), Vec<&DumpPass>> = BTreeMap::new();

@@ -73,11 +73,8 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
                 ("set", _) => graph(outer).into_iter().for_each(|g| add(whole.clone(), Role::ParameterOf(g))),
                 _ => {}
             },
-            (Some("name"), _) => match group.name.as_str() {
-                "Dispatch" | "Draw" | "Fill" => add(whole, Role::Declares(Kind::Pass)),
-                "Include" => add(whole, Role::Declares(Kind::Include)),
-                _ => {}
-            },
+            (Some("name"), _) if group.name == "Include" => add(whole, Role::Declares(Kind::Include)),
+            (Some("name"), _) => add(whole, Role::Declares(Kind::Pass)),
             (Some("var"), _) => add(whole, Role::Declares(Kind::Variable)),
             (Some("grows"), _) => add(whole, Role::Statistic),
             (None, _) if around.iter().any(|group| group.name == "Only") => {

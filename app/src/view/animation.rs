@@ -1,7 +1,7 @@
 //! Detects plans whose frames may differ for equal inputs: those with a history, or that read the frame number.
 
 use crate::draw::camera::{CAMERA, FRAME_NUMBER};
-use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source, Work};
+use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source};
 use splatgraph_framework::plan::Plan;
 
 /// Returns true if the frames of a plan may differ for equal inputs.
@@ -10,14 +10,10 @@ pub fn is_animated(plan: &Plan) -> bool {
 }
 
 fn reads_frame_number(plan: &Plan) -> bool {
-    plan.frame.iter().map(|pass| plan.pass(*pass)).any(|pass| {
-        let reads = |id| reads(plan, pass, plan.shader(id));
-        match pass.work {
-            Work::Dispatch { shader, .. } => reads(shader),
-            Work::Draw { vertex, fragment, .. } => reads(vertex) || reads(fragment),
-            Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => false,
-        }
-    })
+    plan.frame
+        .iter()
+        .map(|pass| plan.pass(*pass))
+        .any(|pass| pass.work.shaders().into_iter().any(|shader| reads(plan, pass, plan.shader(*shader))))
 }
 
 /// Returns true if a pass's shader may read the frame number from the block `Camera`.

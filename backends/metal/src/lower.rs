@@ -174,7 +174,7 @@ fn pipeline(plan: &Plan, pass: &Pass) -> Option<PipelineState> {
                 depth,
             })
         }
-        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => None,
+        _ => None,
     }
 }
 

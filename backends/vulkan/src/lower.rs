@@ -140,7 +140,7 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
                 depth: depth.map(|depth| depth.access),
             })
         }
-        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => None,
+        _ => None,
     }
 }
 

@@ -185,14 +185,10 @@ fn pass_of(plan: &Plan, id: PassId) -> DumpPass {
     let pass = plan.pass(id);
     let name = |id: &ResourceId| plan.resource(*id).name.clone();
     let (kind, size) = kind_and_size(plan, &pass.work);
-    let (shaders, topology, targets, depth) = match &pass.work {
-        Work::Dispatch { shader, .. } => (vec![*shader], None, &[][..], None),
-        Work::Draw { vertex, fragment, topology, targets, depth, .. } => {
-            (vec![*vertex, *fragment], Some(*topology), targets.as_slice(), *depth)
-        }
-        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => {
-            (vec![], None, &[][..], None)
-        }
+    let shaders: Vec<ShaderId> = pass.work.shaders().into_iter().copied().collect();
+    let (topology, targets, depth) = match &pass.work {
+        Work::Draw { topology, targets, depth, .. } => (Some(*topology), targets.as_slice(), *depth),
+        _ => (None, &[][..], None),
     };
     DumpPass {
         name: pass.name.clone(),

@@ -126,6 +126,17 @@ pub enum Work<S = ShaderId, G = Groups> {
     Host,
 }
 
+impl<S, G> Work<S, G> {
+    /// Lists the shaders that the command runs, in the order of their stages.
+    pub fn shaders(&self) -> Vec<&S> {
+        match self {
+            Work::Dispatch { shader, .. } => vec![shader],
+            Work::Draw { vertex, fragment, .. } => vec![vertex, fragment],
+            Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => vec![],
+        }
+    }
+}
+
 /// The number of workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Groups {

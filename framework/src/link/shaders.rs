@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::linker::{Linker, MAX_COMPILATIONS};
-use crate::ir::{DeviceFacts, Features, Groups, Reflection, Shader, ShaderId, ShaderStage, Span, Work};
+use crate::ir::{DeviceFacts, Features, Groups, Reflection, Shader, ShaderId, ShaderStage, Span};
 use crate::lower::{Extent, LoweredPass, LoweredSize, ShaderName};
 use crate::shader::{Compiled, ShaderRequest};
 use crate::source::{Diagnostic, Kind};
@@ -14,12 +14,7 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
     let mut different = HashSet::new();
     let mut passed = None;
     for pass in passes {
-        let shaders = match &pass.pass.work {
-            Work::Dispatch { shader, .. } => vec![shader],
-            Work::Draw { vertex, fragment, .. } => vec![vertex, fragment],
-            _ => Vec::new(),
-        };
-        for shader in shaders {
+        for shader in pass.pass.work.shaders() {
             different.insert((pass.file, &shader.name, &pass.defines));
             if different.len() > MAX_COMPILATIONS {
                 passed.get_or_insert(shader.span);

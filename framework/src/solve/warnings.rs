@@ -6,7 +6,7 @@
 //!   before the include.
 
 use super::order::Order;
-use crate::ir::{ResourceId, Shader, Span, Work};
+use crate::ir::{ResourceId, Shader, Span};
 use crate::link::LinkedPass;
 use crate::lower::Lowered;
 use crate::plan::Warning;
@@ -38,16 +38,11 @@ pub(super) fn warnings(
 
 /// Returns true if the pass's shaders store to the resource before they load from it.
 fn writes_first(pass: &LinkedPass, resource: ResourceId, shaders: &[Shader]) -> bool {
-    let used = match &pass.pass.work {
-        Work::Dispatch { shader, .. } => vec![*shader],
-        Work::Draw { vertex, fragment, .. } => vec![*vertex, *fragment],
-        _ => return false,
-    };
     let bound = |number: u32| {
         pass.pass.bindings.iter().any(|bound| bound.binding == number && bound.resource == resource)
     };
+    let used = pass.pass.work.shaders().into_iter();
     let mut blocks = used
-        .iter()
         .flat_map(|shader| &shaders[shader.index()].reflection.bindings)
         .filter(|block| bound(block.binding))
         .peekable();
