@@ -7,14 +7,15 @@ use crate::draw::keys::{self, Need, Seen};
 use crate::draw::session::Session;
 use crate::studies::measurement::plans::{self, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
-use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR};
+use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
-use crate::studies::trade::measure::{Row, measure};
+use crate::studies::trade::measure::{Row, Sessions};
 use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
+use std::thread;
 
 /// Properties of a scene that settings depend on.
 #[derive(Debug, Serialize)]
@@ -161,18 +162,17 @@ fn measured<D: Device>(
     views: &[View],
     effort: Effort,
 ) -> Result<Option<Vec<Row>>, StudyError> {
-    let mut rows = Vec::new();
-    for (view, exact_ms) in views.iter().zip(exact_ms) {
-        exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-        session.set_graph(&setting.pipeline, &setting.set);
-        let baseline = Baseline { session: &mut *exact, ms: *exact_ms };
-        let (row, _) = measure(session, baseline, (setting, None), view, effort)?;
-        if session.plan().is_some_and(plans::uses_last_frame) {
-            return Ok(None);
+    let mut sessions = Sessions { exact, session };
+    thread::scope(|scope| {
+        let (mut pending, mut loaded) = (Vec::new(), None);
+        for (view, exact_ms) in views.iter().zip(exact_ms) {
+            let row = sessions.measure(scope, (setting, None), (view, effort), *exact_ms, &mut loaded)?;
+            if sessions.session.plan().is_some_and(plans::uses_last_frame) {
+                return Ok(None);
+            }
+            *exact_ms = exact_ms.or(row.exact_ms());
+            pending.push(row);
         }
-        let found = row.found.as_ref().ok().and_then(|found| found.time.as_ref());
-        *exact_ms = exact_ms.or(found.map(|time| time.exact_ms));
-        rows.push(row);
-    }
-    Ok(Some(rows))
+        Ok(Some(pending.into_iter().map(|row| row.finish().0).collect()))
+    })
 }

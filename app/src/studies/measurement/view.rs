@@ -13,7 +13,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, depth_order};
 use std::panic::resume_unwind;
-use std::thread;
+use std::thread::{Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 /// A camera with the true picture and the true order of the splats.
@@ -62,48 +62,66 @@ pub struct Measured {
     pub gpu_bytes: u64,
 }
 
-/// Draws a view with a prepared session, compares its picture with the truth, and measures its time.
+/// A measurement whose picture may still be compared, on a thread of the scope.
+pub struct Measuring<'scope> {
+    /// The time of a frame; `None` if the device has no timestamps, or if the picture cannot be compared.
+    pub time: Option<Time>,
+    of_last_frame: bool,
+    gpu_bytes: u64,
+    comparison: Comparison<'scope>,
+}
+
+enum Comparison<'scope> {
+    Running(ScopedJoinHandle<'scope, Result<Drawn, String>>),
+    Done(Result<Drawn, String>),
+}
+
+impl Measuring<'_> {
+    /// Waits for the comparison. Also returns the picture with its counts.
+    ///
+    /// # Errors
+    /// The reason that the picture cannot be compared.
+    pub fn finish(self) -> Result<(Measured, Drawn), String> {
+        let drawn = match self.comparison {
+            Comparison::Running(thread) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            Comparison::Done(drawn) => drawn,
+        }?;
+        let Measuring { time, of_last_frame, gpu_bytes, .. } = self;
+        let (error, inversions) = (drawn.error.clone(), drawn.inversions);
+        Ok((Measured { time, error, inversions, of_last_frame, gpu_bytes }, drawn))
+    }
+}
+
+/// Draws a view with a prepared session, and measures its time, interleaved with a baseline.
 ///
-/// The time is measured interleaved with a baseline. Unless the device is a CPU, the picture is compared meanwhile.
-/// Also returns the picture with its counts.
+/// The picture is compared with the truth on another thread; on a device that is a CPU, before the time is measured.
 ///
 /// # Errors
-/// The device fails. The inner error is the reason that the picture cannot be compared.
-pub fn measure<D: Device>(
+/// The device fails.
+pub fn measure<'scope, D: Device>(
+    scope: &'scope Scope<'scope, '_>,
     session: &mut Session<D>,
     baseline: Baseline<D>,
-    view: &View,
+    view: &'scope View,
     effort: Effort,
     longest: Duration,
-) -> Result<Result<(Measured, Drawn), String>, SessionError> {
-    let capture = match capture(session, view)? {
-        Ok(capture) => capture,
-        Err(text) => return Ok(Err(text)),
-    };
-    let on_cpu = session.device().info().kind == "cpu";
-    let time = || time_in_turns(session, baseline, &view.camera, effort, longest);
-    let (drawn, time) = match on_cpu {
+) -> Result<Measuring<'scope>, SessionError> {
+    let comparison = match capture(session, view)? {
         // The frames run on the same cores, which a comparison would slow down.
-        true => (compare(capture, view), time()),
-        false => thread::scope(|scope| {
-            let comparison = scope.spawn(|| compare(capture, view));
-            let time = time();
-            (comparison.join().unwrap_or_else(|panic| resume_unwind(panic)), time)
-        }),
+        Ok(capture) if session.device().info().kind == "cpu" => Comparison::Done(compare(capture, view)),
+        Ok(capture) => Comparison::Running(scope.spawn(|| compare(capture, view))),
+        Err(text) => Comparison::Done(Err(text)),
     };
-    let time = time?;
-    let drawn = match drawn {
-        Ok(drawn) => drawn,
-        Err(text) => return Ok(Err(text)),
+    let time = match comparison {
+        Comparison::Done(Err(_)) => None,
+        _ => time_in_turns(session, baseline, &view.camera, effort, longest)?,
     };
-    let found = Measured {
+    Ok(Measuring {
         time,
-        error: drawn.error.clone(),
-        inversions: drawn.inversions,
         of_last_frame: session.plan().is_some_and(plans::uses_last_frame),
         gpu_bytes: session.device().memory().iter().map(|(_, bytes)| bytes).sum(),
-    };
-    Ok(Ok((found, drawn)))
+        comparison,
+    })
 }
 
 /// A picture, with its error and counts.

@@ -6,10 +6,11 @@ use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
 use crate::studies::measurement::error::Error;
 use crate::studies::measurement::time::{Baseline, MAX_DURATION, Time};
-use crate::studies::measurement::view::{self, View};
+use crate::studies::measurement::view::{self, Measuring, View};
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
+use std::thread;
 
 /// The measurements of one step of the sweep in one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -118,7 +119,10 @@ impl<D: Device> Sweep<'_, D> {
     ) -> Result<Result<(Step, Image), String>, SessionError> {
         session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
         let whole = Baseline { session: &mut *self.whole, ms: self.ms };
-        let (found, drawn) = match view::measure(session, whole, view, effort, MAX_DURATION)? {
+        let measured = thread::scope(|scope| {
+            view::measure(scope, session, whole, view, effort, MAX_DURATION).map(Measuring::finish)
+        });
+        let (found, drawn) = match measured? {
             Ok(found) => found,
             Err(text) => return Ok(Err(text)),
         };

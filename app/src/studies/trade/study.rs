@@ -1,21 +1,23 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
 use super::ledger::{Book, Ledger, Origin};
-use super::measure::measure;
+use super::measure::{Pending, Sessions};
 use super::pictures::Album;
-use crate::draw::interleaved::Frames;
+use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::session::Session;
 use crate::io::image::Image;
 use crate::io::program;
 use crate::studies::measurement::plans::to_measure;
 use crate::studies::measurement::settings;
-use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR};
+use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
+use std::collections::VecDeque;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
+use std::thread::{self, Scope};
 
 /// The parameters of a ledger.
 pub struct Wanted {
@@ -137,29 +139,13 @@ impl<D: Device> Study<D> {
             if together.len() < VIEWS_AT_ONCE && index + 1 < last {
                 continue;
             }
-            // All views of a setting are measured together, so that its plan and its shaders are built only once.
-            for (setting, plan) in settings.iter() {
-                let mut loaded = None;
-                for (view, effort) in &together {
-                    let name = &view.camera.img_name;
-                    if book.has(&setting.name, name) {
-                        continue;
-                    }
-                    steps.next(&format!("{name}, {}", setting.name))?;
-                    exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-                    // Reload after a list grew for the previous view, so that its memory does not count in this view.
-                    if loaded != Some(session.growths()) {
-                        session.set_graph(&setting.pipeline, &setting.set);
-                    }
-                    loaded = Some(session.growths());
-                    let baseline = Baseline { session: exact, ms: book.exact_ms(name) };
-                    let (row, picture) = measure(session, baseline, (setting, *plan), view, *effort)?;
-                    if let Some(picture) = picture {
-                        album.keep(&book.ledger, &row, &picture, &view.picture)?;
-                    }
-                    book.add(row)?;
-                }
-            }
+            let sessions = Sessions { exact, session };
+            thread::scope(|scope| {
+                let mut rows = Rows { book: &mut *book, album, pending: VecDeque::new() };
+                let measured = measure_views(scope, sessions, settings, &together, &mut rows, &mut steps);
+                // Also after an error, no finished row is lost.
+                rows.keep_until(0).and(measured)
+            })?;
             together.clear();
         }
         Ok(())
@@ -170,6 +156,60 @@ impl<D: Device> Study<D> {
         ledger.rows.retain(|row| self.settings.iter().any(|(setting, _)| setting.name == row.setting));
         ledger
     }
+}
+
+/// The rows of a ledger, and those whose pictures are still compared, in the order of measurement.
+struct Rows<'a, 'scope> {
+    book: &'a mut Book,
+    album: &'a Album,
+    pending: VecDeque<(&'scope View, Pending<'scope>)>,
+}
+
+impl Rows<'_, '_> {
+    /// Adds the oldest pending rows and their pictures, until only `left` rows are pending.
+    fn keep_until(&mut self, left: usize) -> Result<(), StudyError> {
+        while self.pending.len() > left
+            && let Some((view, pending)) = self.pending.pop_front()
+        {
+            let (row, picture) = pending.finish();
+            if let Some(picture) = picture {
+                self.album.keep(&self.book.ledger, &row, &picture, &view.picture)?;
+            }
+            self.book.add(row)?;
+        }
+        Ok(())
+    }
+}
+
+/// Measures every setting in the views whose rows are missing. Pictures are compared while others are drawn.
+fn measure_views<'scope, D: Device>(
+    scope: &'scope Scope<'scope, '_>,
+    mut sessions: Sessions<D>,
+    settings: &[(Setting, Option<u64>)],
+    views: &'scope [(View, Effort)],
+    rows: &mut Rows<'_, 'scope>,
+    steps: &mut Steps,
+) -> Result<(), StudyError> {
+    // All views of a setting are measured together, so that its plan and its shaders are built only once.
+    for (setting, plan) in settings {
+        let mut loaded = None;
+        for (view, effort) in views {
+            let name = &view.camera.img_name;
+            if rows.book.has(&setting.name, name) {
+                continue;
+            }
+            steps.next(&format!("{name}, {}", setting.name))?;
+            let exact_ms = rows.book.exact_ms(name);
+            let row = sessions.measure(scope, (setting, *plan), (view, *effort), exact_ms, &mut loaded)?;
+            rows.pending.push_back((view, row));
+            rows.keep_until(views.len() - 1)?;
+        }
+        if setting.name == settings::EXACT {
+            // The other settings need the exact settings' times.
+            rows.keep_until(0)?;
+        }
+    }
+    Ok(())
 }
 
 fn only(wanted: &Wanted, setting: &str) -> bool {
