@@ -2,7 +2,7 @@
 
 use super::Renderer;
 use super::events::{Cause, Failure};
-use super::state::{BuildState, DeviceState, Fault};
+use super::state::{BuildState, DeviceState, Fault, Pause};
 use splatgraph_api::{BackendError, Device, DeviceInfo};
 use splatgraph_framework::reload::LastGood;
 use std::time::Instant;
@@ -46,7 +46,7 @@ impl<D: Device> Renderer<D> {
         self.in_flight.clear();
         self.stalled = None;
         self.pending_swap = None;
-        self.build = BuildState::Idle;
+        self.build = BuildState::default();
         self.size = (0, 0);
         self.whole = None;
         self.state = LastGood::new();
@@ -67,7 +67,7 @@ impl<D: Device> Renderer<D> {
 
     /// Suspends builds until files, parameters, graph or scene change; `loss` is shown as the reason.
     pub fn hold(&mut self, loss: &str) {
-        self.build = BuildState::Held;
+        self.build = BuildState { pause: Some(Pause::Held), ..BuildState::default() };
         let attempt = self.state.asked(self.now);
         self.state.failed(attempt, Failure::Held(loss.to_owned()));
     }

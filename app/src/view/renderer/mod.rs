@@ -35,7 +35,7 @@ use splatgraph_framework::ir::{ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, WatchError, WatchKind, Watcher};
-use state::{BuildState, Crowded, DeviceState, Fault, PendingBuild, ends_device};
+use state::{BuildState, Crowded, DeviceState, Fault, Pause, PendingBuild, ends_device};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -164,7 +164,7 @@ impl<D: Device> Renderer<D> {
             strict: true,
             builder,
             watcher,
-            build: BuildState::Asked(build),
+            build: BuildState { requested: Some(build), ..BuildState::default() },
             asked: None,
             state,
             now,
@@ -279,8 +279,8 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the time by which [`Renderer::poll`] must be called even if nothing wakes the owner.
     pub(super) fn next(&self) -> Option<Instant> {
-        let rebuild = match self.build {
-            BuildState::Retry(time) => Some(time),
+        let rebuild = match self.build.pause {
+            Some(Pause::Retry(time)) => Some(time),
             _ => None,
         };
         [rebuild, self.room_again(), self.state.due(self.now)].into_iter().flatten().min()
@@ -385,14 +385,14 @@ impl<D: Device> Renderer<D> {
             self.capacities = Capacities::default();
         }
         // After repeated losses of the device, a new size alone must not build the graph again.
-        if causes.iter().next().is_some() && (!matches!(self.build, BuildState::Held) || other_scene) {
+        if causes.iter().next().is_some() && (self.build.pause != Some(Pause::Held) || other_scene) {
             self.want(causes, now);
         }
         self.try_room_again();
-        if matches!(self.build, BuildState::Retry(time) if time <= now) {
+        if matches!(self.build.pause, Some(Pause::Retry(time)) if time <= now) {
             self.want(Cause::Retry, now);
         }
-        self.builder.set_outdated(matches!(self.build, BuildState::Running(_, Some(_))));
+        self.builder.set_outdated(self.build.running.is_some() && self.build.requested.is_some());
         // A picture without pixels cannot be drawn; the previous plan stays.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
@@ -449,11 +449,11 @@ impl<D: Device> Renderer<D> {
             self.device.fail(error.clone(), self.now);
         }
         let may_pass = failure.may_pass();
-        if let Some(attempt) = self.build.end() {
+        if let Some(attempt) = self.build.running.take() {
             self.state.failed(attempt, failure);
         }
-        if may_pass && matches!(self.build, BuildState::Idle) {
-            self.build = BuildState::Retry(self.now + RETRY);
+        if may_pass && !self.build.is_busy() && self.build.pause.is_none() {
+            self.build.pause = Some(Pause::Retry(self.now + RETRY));
         }
     }
 
@@ -468,13 +468,14 @@ impl<D: Device> Renderer<D> {
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
             Err(Failure::Cancelled) => {
-                self.build.end();
                 // Build again, for the causes of the cancelled build and the newer request.
-                let former = |attempt| PendingBuild { causes: built.causes, asked: built.asked, attempt };
-                self.build = BuildState::Asked(match std::mem::take(&mut self.build) {
-                    BuildState::Asked(newer) => former(newer.attempt).with(newer),
-                    _ => former(self.state.asked(Instant::now())),
-                });
+                let newer = std::mem::take(&mut self.build).requested;
+                let attempt = newer.as_ref().map(|newer| newer.attempt);
+                let attempt = attempt.unwrap_or_else(|| self.state.asked(Instant::now()));
+                self.build.ask(PendingBuild { causes: built.causes, asked: built.asked, attempt });
+                if let Some(newer) = newer {
+                    self.build.ask(newer);
+                }
                 return;
             }
             Err(failure) => return self.refuse(&built.causes, failure),
@@ -502,7 +503,7 @@ impl<D: Device> Renderer<D> {
             latency_ms: 0.0,
         };
         self.pending_swap = Some(PendingSwap { swap, asked: built.asked });
-        if let Some(attempt) = self.build.end() {
+        if let Some(attempt) = self.build.running.take() {
             self.state.succeeded(attempt, Arc::new(plan));
         }
         self.apply_set();

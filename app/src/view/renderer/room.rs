@@ -84,7 +84,7 @@ impl<D: Device> Renderer<D> {
         if causes.is_room_alone() {
             let retry = failure.may_pass().then(|| self.now + RETRY);
             self.crowded = Some(Crowded { reason: failure.text(false), retry });
-            self.build.end();
+            self.build.running = None;
         } else {
             self.fail(failure);
         }

@@ -78,67 +78,43 @@ pub(super) fn ends_device(error: &BackendError) -> bool {
     error.recovery() == Recovery::DeviceEnded || window
 }
 
+/// The requested and the running build. Without either, the newest plan is built, or has errors.
 #[derive(Default)]
-pub(super) enum BuildState {
-    /// No build is needed: the newest plan is built, or has errors.
-    #[default]
-    Idle,
+pub(super) struct BuildState {
+    /// The next build, for the changes since the running one began.
+    pub requested: Option<PendingBuild>,
+    pub running: Option<Attempt>,
+    /// `None` while a build is requested or running.
+    pub pause: Option<Pause>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Pause {
     /// The device was lost repeatedly; nothing is built until a change.
     Held,
     /// The last build lacked something, such as memory. The next begins at this time.
     Retry(Instant),
-    Asked(PendingBuild),
-    /// A build is running; the second field holds changes since its start.
-    Running(Attempt, Option<PendingBuild>),
 }
 
 impl BuildState {
     /// Requests a build, and keeps the causes of earlier requests.
     pub fn ask(&mut self, later: PendingBuild) {
-        *self = match std::mem::take(self) {
-            BuildState::Running(attempt, former) => {
-                let next = match former {
-                    Some(former) => former.with(later),
-                    None => later,
-                };
-                BuildState::Running(attempt, Some(next))
-            }
-            BuildState::Asked(former) => BuildState::Asked(former.with(later)),
-            BuildState::Idle | BuildState::Held | BuildState::Retry(_) => BuildState::Asked(later),
-        };
+        self.pause = None;
+        self.requested = Some(match self.requested.take() {
+            Some(former) => former.with(later),
+            None => later,
+        });
     }
 
     /// Begins the requested build; `None` if none is requested, or while one is running.
     pub fn begin(&mut self) -> Option<PendingBuild> {
-        match std::mem::take(self) {
-            BuildState::Asked(build) => {
-                *self = BuildState::Running(build.attempt, None);
-                Some(build)
-            }
-            other => {
-                *self = other;
-                None
-            }
-        }
-    }
-
-    /// Ends the running build, and returns its attempt; `None` if there is none. Changes since its start become the
-    /// next request.
-    pub fn end(&mut self) -> Option<Attempt> {
-        match std::mem::take(self) {
-            BuildState::Running(attempt, next) => {
-                *self = next.map_or(BuildState::Idle, BuildState::Asked);
-                Some(attempt)
-            }
-            other => {
-                *self = other;
-                None
-            }
-        }
+        let build = self.requested.take_if(|_| self.running.is_none())?;
+        self.running = Some(build.attempt);
+        Some(build)
     }
 
     pub fn is_busy(&self) -> bool {
-        matches!(self, BuildState::Asked(_) | BuildState::Running(..))
+        self.requested.is_some() || self.running.is_some()
     }
 }
 
