@@ -2,7 +2,6 @@
 //!
 //! The copies are made by a separate graph, whose frames alternate with the frames of the pictures.
 
-use super::parts::CopyLimit;
 use super::{Viewer, Viewport};
 use crate::view::events::Event;
 use crate::view::renderer::{PlanInputs, Renderer};
@@ -21,15 +20,12 @@ const SIZE: (u32, u32) = (16, 16);
 impl<D: Device> Viewer<D> {
     /// Returns the copy limit in 10^9 bytes per second, reads plus writes; `None` before it is measured.
     pub fn copy_limit(&self) -> Option<f64> {
-        match &self.copy {
-            CopyLimit::Known(rate) => Some(*rate),
-            CopyLimit::Unknown | CopyLimit::Measuring(_) => None,
-        }
+        self.copy_limit
     }
 
     /// Returns true while the copy limit is being measured.
     pub fn is_measuring_copy(&self) -> bool {
-        self.copy.viewport().is_some()
+        self.copying.is_some()
     }
 
     /// Starts measuring the copy limit with the next frames; reports a failure as an event.
@@ -45,13 +41,13 @@ impl<D: Device> Viewer<D> {
             None => Err("the device is lost".to_owned()),
         };
         match renderer {
-            Ok(renderer) => self.copy = CopyLimit::Measuring(Box::new(Viewport::new(renderer))),
+            Ok(renderer) => (self.copy_limit, self.copying) = (None, Some(Viewport::new(renderer))),
             Err(error) => self.end_copy(Err(error)),
         }
     }
 
     pub(super) fn step_copy(&mut self, now: Instant) {
-        let Some(viewport) = self.copy.viewport_mut() else { return };
+        let Some(viewport) = &mut self.copying else { return };
         let inputs = PlanInputs {
             scene: Some(self.subject.scene.clone()),
             catalog: self.subject.catalog.clone(),
@@ -80,13 +76,13 @@ impl<D: Device> Viewer<D> {
     }
 
     fn end_copy(&mut self, rate: Result<f64, String>) {
-        self.copy = match rate {
-            Ok(rate) => CopyLimit::Known(rate),
+        self.copying = None;
+        match rate {
+            Ok(rate) => self.copy_limit = Some(rate),
             Err(error) => {
                 self.report(Event::Problem { text: format!("the copy limit cannot be measured: {error}") });
-                CopyLimit::Unknown
             }
-        };
+        }
     }
 }
 

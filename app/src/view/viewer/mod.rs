@@ -34,7 +34,7 @@ mod splats;
 mod subject;
 
 pub use parts::Comparison;
-use parts::{Comparing, CopyLimit, at_start};
+use parts::{Comparing, at_start};
 use placed::PlacedFiles;
 use subject::Subject;
 pub use subject::{Combine, Marks, Part};
@@ -111,7 +111,10 @@ pub struct Viewer<D: Device> {
     /// Number of the last request that opened selectable cameras separately from a scene; 0 before the first.
     cameras_number: u64,
     comparing: Comparing,
-    copy: CopyLimit<D>,
+    /// Bandwidth for copies, in 10^9 bytes per second; `None` before it is measured.
+    copy_limit: Option<f64>,
+    /// Viewport that measures the copy limit.
+    copying: Option<Viewport<D>>,
     events: Vec<Event>,
     wake: Wake,
 }
@@ -166,7 +169,8 @@ impl<D: Device> Viewer<D> {
             placed,
             cameras_number: 0,
             comparing: Comparing::new(wake.clone()),
-            copy: CopyLimit::Unknown,
+            copy_limit: None,
+            copying: None,
             events: Vec::new(),
             wake,
         })
@@ -213,12 +217,16 @@ impl<D: Device> Viewer<D> {
 
     /// Iterates over A, B, and the viewport of the copy measurement while it runs.
     fn all(&self) -> impl Iterator<Item = &Viewport<D>> {
-        self.viewports().chain(self.copy.viewport())
+        self.viewports().chain(&self.copying)
+    }
+
+    fn all_mut(&mut self) -> impl Iterator<Item = &mut Viewport<D>> {
+        [Some(&mut self.a), self.b.as_mut(), self.copying.as_mut()].into_iter().flatten()
     }
 
     /// Iterates over the shown viewports, and the viewport of the copy measurement while it runs.
     fn drawing(&self) -> impl Iterator<Item = &Viewport<D>> {
-        self.shown().chain(self.copy.viewport())
+        self.shown().chain(&self.copying)
     }
 
     /// Returns true if frames are drawn continuously: on request, for a measurement, or because they may differ for
@@ -248,15 +256,10 @@ impl<D: Device> Viewer<D> {
 
     /// Takes the results of finished frames; see [`renderer::frames::collect`].
     pub(super) fn collect(&mut self, patience: Duration) -> bool {
-        let all = [Some(&mut self.a), self.b.as_mut(), self.copy.viewport_mut()];
-        let mut renderers: Vec<_> =
-            all.into_iter().flatten().map(|viewport| &mut viewport.renderer).collect();
-        let ready = renderer::frames::collect(&mut renderers, patience);
         let to_host = self.to_host;
-        self.viewports_mut().for_each(|viewport| viewport.collect(to_host));
-        if let Some(viewport) = self.copy.viewport_mut() {
-            viewport.collect(false);
-        }
+        let mut renderers: Vec<_> = self.all_mut().map(|viewport| &mut viewport.renderer).collect();
+        let ready = renderer::frames::collect(&mut renderers, patience);
+        self.all_mut().for_each(|viewport| viewport.collect(to_host));
         ready
     }
 
@@ -447,8 +450,7 @@ impl<D: Device> Viewer<D> {
 
     /// Drops the lost device and everything on it. The scene stays in host memory.
     pub fn release(&mut self) {
-        self.viewports_mut().for_each(Viewport::release);
-        self.copy.viewport_mut().into_iter().for_each(Viewport::release);
+        self.all_mut().for_each(Viewport::release);
     }
 
     /// Suspends builds until something changes; see [`Renderer::hold`].
@@ -458,8 +460,7 @@ impl<D: Device> Viewer<D> {
 
     /// Returns true once no build holds the released device.
     pub fn is_released(&mut self) -> bool {
-        let all = [Some(&mut self.a), self.b.as_mut(), self.copy.viewport_mut()];
-        all.into_iter().flatten().all(|viewport| viewport.renderer.is_released())
+        self.all_mut().all(|viewport| viewport.renderer.is_released())
     }
 
     /// Continues on another device after [`Viewer::release`].
@@ -468,7 +469,7 @@ impl<D: Device> Viewer<D> {
     /// A context for B cannot be created; B is then dropped.
     pub fn give(&mut self, device: D) -> Result<(), BackendError> {
         // The copy limit must be measured again on the new device.
-        self.copy = CopyLimit::Unknown;
+        (self.copy_limit, self.copying) = (None, None);
         let b = self.b.as_ref().map(|_| device.new_context()).transpose();
         self.a.renderer.give(device);
         match (&mut self.b, b) {
@@ -506,8 +507,8 @@ impl<D: Device> Viewer<D> {
 
     /// Closes the viewer, and returns A's device; `None` if it was released.
     pub fn into_device(self) -> Option<D> {
-        let Viewer { a, b, copy, .. } = self;
-        drop((b, copy));
+        let Viewer { a, b, copying, .. } = self;
+        drop((b, copying));
         a.renderer.into_device()
     }
 
@@ -520,10 +521,8 @@ impl<D: Device> Viewer<D> {
             let place = self.stalled().map_or_else(String::new, |running| running.place.clone());
             return Err(BackendError::Stuck { place, seconds: within.as_secs() });
         }
-        let copy = self.copy.viewport_mut().map(|copy| (copy, false));
-        let pictures =
-            [Some(&mut self.a), self.b.as_mut()].map(|shown| shown.map(|shown| (shown, self.to_host)));
-        for (viewport, to_host) in pictures.into_iter().chain([copy]).flatten() {
+        let to_host = self.to_host;
+        for viewport in self.all_mut() {
             viewport.renderer.finish(within)?;
             viewport.collect(to_host);
         }

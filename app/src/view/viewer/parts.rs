@@ -1,12 +1,10 @@
-//! Defines the state of a comparison, and of the measurement of the copy limit.
+//! Defines the state of a comparison.
 
 use crate::draw::facts;
 use crate::view::latest::Latest;
 use crate::view::navigation::Navigation;
 use crate::view::renderer::Wake;
-use crate::view::viewport::Viewport;
 use indexmap::IndexMap;
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 
 /// Creates the navigation for a scene without cameras, with the whole scene in view.
@@ -66,28 +64,5 @@ pub(super) struct Comparing {
 impl Comparing {
     pub fn new(wake: Wake) -> Comparing {
         Comparing { step: Step::No, worker: Latest::new("compare", wake), newest: None, of: None }
-    }
-}
-
-pub(super) enum CopyLimit<D: Device> {
-    Unknown,
-    Measuring(Box<Viewport<D>>),
-    /// Bandwidth in 10^9 bytes per second, reads plus writes.
-    Known(f64),
-}
-
-impl<D: Device> CopyLimit<D> {
-    pub fn viewport(&self) -> Option<&Viewport<D>> {
-        match self {
-            CopyLimit::Measuring(viewport) => Some(viewport),
-            CopyLimit::Unknown | CopyLimit::Known(_) => None,
-        }
-    }
-
-    pub fn viewport_mut(&mut self) -> Option<&mut Viewport<D>> {
-        match self {
-            CopyLimit::Measuring(viewport) => Some(viewport),
-            CopyLimit::Unknown | CopyLimit::Known(_) => None,
-        }
     }
 }
