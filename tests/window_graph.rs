@@ -222,7 +222,8 @@ fn a_picture_of_another_size_is_scaled_to_the_views_height_about_its_middle() {
     let halves = |x, width| if 2 * x < width { [0.0; 3] } else { [1.0; 3] };
     let same_shape = picture(Format::Rgba8Unorm, [4, 2], |x, _| halves(x, 4));
     let row = window.compose(&composition([8, 4], view, Mode::A, same_shape, None)).row(2);
-    assert_eq!(row.map_first(), [0, 0, 0, 64, 191, 255, 255, 255]);
+    let reds: Vec<u8> = row.into_iter().map(|[red, ..]| red).collect();
+    assert_eq!(reds, [0, 0, 0, 64, 191, 255, 255, 255]);
     // A square picture leaves background at both sides.
     let narrow = picture(Format::Rgba32Float, [20, 20], |x, _| halves(x, 20));
     let row = window.compose(&composition([8, 4], view, Mode::A, narrow, None)).row(1);
@@ -234,16 +235,6 @@ fn a_picture_of_another_size_is_scaled_to_the_views_height_about_its_middle() {
     let row = window.compose(&composition([8, 4], view, Mode::A, wide, None)).row(1);
     assert!(row.iter().all(|pixel| *pixel == [255; 3]), "{row:?}");
     window.close();
-}
-
-trait Reds {
-    fn map_first(self) -> Vec<u8>;
-}
-
-impl Reds for Vec<[u8; 3]> {
-    fn map_first(self) -> Vec<u8> {
-        self.into_iter().map(|[red, ..]| red).collect()
-    }
 }
 
 /// Runs a pass of egui over the window of `under`; returns what the painter draws.

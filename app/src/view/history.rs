@@ -36,9 +36,10 @@ pub struct Quantiles {
 }
 
 impl Quantiles {
-    fn of(values: &mut [f64]) -> Option<Quantiles> {
+    fn of(values: impl Iterator<Item = f64>) -> Option<Quantiles> {
+        let mut values: Vec<f64> = values.collect();
         values.sort_by(f64::total_cmp);
-        Some(Quantiles { median: quantile(values, 0.5)?, p99: quantile(values, 0.99)? })
+        Some(Quantiles { median: quantile(&values, 0.5)?, p99: quantile(&values, 0.99)? })
     }
 }
 
@@ -123,7 +124,7 @@ impl History {
     /// Computes the quantiles of GPU time from a frame's first command to its last. `None` without timestamps, and
     /// before the first frame that the table covers.
     pub fn total(&self) -> Option<Quantiles> {
-        Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
+        Quantiles::of(self.steady().filter_map(|s| s.total_ms))
     }
 
     /// Lists the GPU times of the newest `count` frames that have one, in milliseconds, oldest first, across all plans.
@@ -139,9 +140,7 @@ impl History {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
             Some((sample.total_ms? - passes?).max(0.0))
         };
-        let mut rests: Vec<f64> = self.steady().filter_map(rest).collect();
-        rests.sort_by(f64::total_cmp);
-        quantile(&rests, 0.5)
+        Quantiles::of(self.steady().filter_map(rest)).map(|rests| rests.median)
     }
 
     /// Returns true if passes account for less than half of the frame time, so that their times are unreliable.
@@ -154,7 +153,7 @@ impl History {
 
     /// Computes the quantiles of host time to record and submit a frame; `None` before the first frame of the table.
     pub fn record(&self) -> Option<Quantiles> {
-        Quantiles::of(&mut self.steady().map(|s| s.record_ms).collect::<Vec<_>>())
+        Quantiles::of(self.steady().map(|s| s.record_ms))
     }
 
     /// Lists the phases, each followed by its passes, in the order of their first run.
@@ -164,7 +163,7 @@ impl History {
         for (phase, _) in &last.phases {
             let of_phase =
                 |s: &Sample| s.phases.iter().find(|(name, _)| name == phase).and_then(|(_, ms)| *ms);
-            let ms = Quantiles::of(&mut self.steady().filter_map(of_phase).collect::<Vec<_>>());
+            let ms = Quantiles::of(self.steady().filter_map(of_phase));
             rows.push(Row { name: phase.clone(), phase: None, ms });
             for (index, &(id, _)) in last.passes.iter().enumerate() {
                 let pass = last.plan.pass(id);
@@ -174,7 +173,7 @@ impl History {
                 // All frames of a plan run the same passes.
                 let of_pass =
                     |s: &Sample| s.passes.get(index).filter(|(i, _)| *i == id).and_then(|(_, ms)| *ms);
-                let ms = Quantiles::of(&mut self.steady().filter_map(of_pass).collect::<Vec<_>>());
+                let ms = Quantiles::of(self.steady().filter_map(of_pass));
                 rows.push(Row { name: pass.name.clone(), phase: Some(phase.clone()), ms });
             }
         }
