@@ -3,7 +3,6 @@
 //! Each test copies the small graph of `tests/graphs/two_steps`, breaks it, runs the program on it and compares the
 //! whole output.
 
-use crate::common;
 use crate::place::Place;
 use std::fs;
 
@@ -239,7 +238,7 @@ fn the_job_of_another_process_may_use_the_folders_that_its_line_allows() {
     let root = other.named("");
     let line = ["render", &scene, "-c", &cameras, "-p", &graph, "-o", &out, "--include-root", &root];
     let line: Vec<_> =
-        line.map(Into::into).into_iter().chain(common::device_option().map(Into::into)).collect();
+        line.map(Into::into).into_iter().chain(crate::common::device_option().map(Into::into)).collect();
     let ran = splatgraph::cli::job(&line).expect("a job").run(&[0]).expect("it runs");
     assert_eq!((ran.done.as_slice(), ran.failed.as_slice()), (&[0][..], &[][..]));
 }

@@ -347,7 +347,7 @@ mod tests {
         });
         let report = Report::new(&scene, &[]);
         assert_eq!(report.color.largest_sh, 2e5);
-        // The root of 3 / (4 pi), times the absolute value of the coefficient, plus 0.5.
+        // The square root of 3 / (4 pi), times the absolute value of the coefficient, plus 0.5.
         assert!((report.color.brightest - 97_721.0).abs() < 0.1, "{:?}", report.color);
         let text = report.to_string();
         let told = text

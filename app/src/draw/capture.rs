@@ -30,7 +30,7 @@ pub enum CaptureError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The graph's output has this format, which has no colours.
+    /// The graph's output, which has this name, has a format without colours.
     #[error("the graph's output `{0}` has no colours")]
     NoColours(String),
 }

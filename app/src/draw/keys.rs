@@ -181,7 +181,7 @@ pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
 
 fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
-    // Wide keys have few ties, and the first insufficient width ends the search.
+    // The widest keys come first: they have few ties, so they are checked quickly.
     WIDTHS.rev().take_while(enough).last()
 }
 

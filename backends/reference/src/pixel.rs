@@ -13,7 +13,7 @@ use splatgraph_assets::Camera;
 pub struct Fragment {
     /// Index among the splats.
     pub index: u32,
-    /// View depth for sorting, or the distance: see [`Rules::key_of`].
+    /// The value to sort by, view depth or distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Alpha at the pixel, after the cap.
     pub alpha: f64,
@@ -93,7 +93,7 @@ pub fn fragments(
 /// A splat's Gaussian on the image. Lengths are pixels; pixel (0, 0) is sampled at (0, 0).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected {
-    /// View depth for sorting, or the distance: see [`Rules::key_of`].
+    /// The value to sort by, view depth or distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Centre, in pixels from the left and the top.
     pub center: [f64; 2],

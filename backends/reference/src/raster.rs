@@ -51,7 +51,7 @@ impl Picture {
 pub struct Visible {
     /// Index among the splats.
     pub index: u32,
-    /// View depth for sorting, or the distance: see [`Rules::key_of`].
+    /// The value to sort by, view depth or distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Tiles of 16 x 16 pixels that the splat touches: first column and row, then end column and row (exclusive).
     pub tiles: [u32; 4],

@@ -129,7 +129,7 @@ impl Plot {
     /// Draws the plot as SVG.
     ///
     /// # Errors
-    /// The library fails.
+    /// The plotting library fails.
     pub fn svg(&self) -> Result<String, PlotError> {
         let mut text = String::new();
         self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
@@ -145,7 +145,7 @@ impl Plot {
     /// Draws the plot as a picture.
     ///
     /// # Errors
-    /// The library fails.
+    /// The plotting library fails.
     pub fn image(&self) -> Result<Image, PlotError> {
         let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
         let mut bytes = vec![0u8; width * height * 3];

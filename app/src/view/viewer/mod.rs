@@ -92,7 +92,8 @@ pub struct Viewer<D: Device> {
     pub continuous: bool,
     /// Folder for files that are named automatically.
     pub folder: PathBuf,
-    /// Splats found by the last [`Viewer::pick`]; `None` if nothing was picked.
+    /// Result of the last completed [`Viewer::pick`], without splats for a pixel of the background. `None` before the
+    /// first result, after a pick outside the picture, and after [`Viewer::forget_picked`].
     pub picked: Option<Picked>,
     picked_in: RendererId,
     picker: Latest<Picked>,
