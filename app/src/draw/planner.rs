@@ -32,7 +32,7 @@ static SETTINGS: RwLock<Settings> =
 /// Sets the settings of later planners from [`Planner::default`].
 ///
 /// The first compiler and the first store stay, because planners share compiled shaders. Folders of several calls add
-/// up: a process may run several jobs.
+/// up, and stay allowed for the process.
 pub fn configure(settings: Settings) {
     let mut all = SETTINGS.write().unwrap_or_else(PoisonError::into_inner);
     all.worker = all.worker.take().or(settings.worker);

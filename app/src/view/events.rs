@@ -146,7 +146,7 @@ pub enum Event {
         ssim: Option<f64>,
         /// Largest difference in a colour channel, from 0 to 1.
         worst: f64,
-        /// True if the pictures are identical.
+        /// True if the pictures are identical as shown, clamped to 0..1.
         identical: bool,
     },
     /// The window's content has a new size or scale.

@@ -10,7 +10,7 @@ use crate::studies::measurement::settings::{self, EXACT};
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
-use crate::studies::trade::measure::{Row, Sessions};
+use crate::studies::trade::measure::{MAX_PENDING, Row, Sessions};
 use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Report, Scene};
@@ -162,17 +162,23 @@ fn measured<D: Device>(
     views: &[View],
     effort: Effort,
 ) -> Result<Option<Vec<Row>>, StudyError> {
-    let mut sessions = Sessions { exact, session };
-    thread::scope(|scope| {
-        let (mut pending, mut loaded) = (Vec::new(), None);
-        for (view, exact_ms) in views.iter().zip(exact_ms) {
-            let row = sessions.measure(scope, (setting, None), (view, effort), *exact_ms, &mut loaded)?;
-            if sessions.session.plan().is_some_and(plans::uses_last_frame) {
-                return Ok(None);
+    let mut sessions = Sessions::new(exact, session, setting, None);
+    let mut rows = Vec::new();
+    for (views, exact_ms) in views.chunks(MAX_PENDING).zip(exact_ms.chunks_mut(MAX_PENDING)) {
+        let of_chunk = thread::scope(|scope| {
+            let mut pending = Vec::new();
+            for (view, exact_ms) in views.iter().zip(exact_ms) {
+                let row = sessions.measure(scope, view, effort, *exact_ms)?;
+                if sessions.plan().is_some_and(plans::uses_last_frame) {
+                    return Ok(None);
+                }
+                *exact_ms = exact_ms.or(row.exact_ms());
+                pending.push(row);
             }
-            *exact_ms = exact_ms.or(row.exact_ms());
-            pending.push(row);
-        }
-        Ok(Some(pending.into_iter().map(|row| row.finish().0).collect()))
-    })
+            Ok::<_, StudyError>(Some(pending.into_iter().map(|row| row.finish().0).collect::<Vec<_>>()))
+        })?;
+        let Some(of_chunk) = of_chunk else { return Ok(None) };
+        rows.extend(of_chunk);
+    }
+    Ok(Some(rows))
 }

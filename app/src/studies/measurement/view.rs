@@ -64,7 +64,7 @@ pub struct Measured {
 
 /// A measurement whose picture may still be compared, on a thread of the scope.
 pub struct Measuring<'scope> {
-    /// The time of a frame; `None` if the device has no timestamps, or if the picture cannot be compared.
+    /// The time of a frame; `None` without timestamps, or if the comparison had failed before the time was measured.
     pub time: Option<Time>,
     of_last_frame: bool,
     gpu_bytes: u64,
@@ -77,6 +77,14 @@ enum Comparison<'scope> {
 }
 
 impl Measuring<'_> {
+    /// Returns true if [`Measuring::finish`] need not wait.
+    pub fn is_compared(&self) -> bool {
+        match &self.comparison {
+            Comparison::Running(thread) => thread.is_finished(),
+            Comparison::Done(_) => true,
+        }
+    }
+
     /// Waits for the comparison. Also returns the picture with its counts.
     ///
     /// # Errors

@@ -9,6 +9,7 @@ use crate::studies::measurement::view::{self, Drawn, Measured, Measuring, View};
 use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
+use splatgraph_framework::plan::Plan;
 use std::thread::Scope;
 
 /// A row of the ledger: the measurements of a setting in a view.
@@ -41,6 +42,11 @@ impl Pending<'_> {
         Some(self.found.as_ref().ok()?.time.as_ref()?.exact_ms)
     }
 
+    /// Returns true if [`Pending::finish`] need not wait.
+    pub fn is_complete(&self) -> bool {
+        self.found.as_ref().map_or(true, Measuring::is_compared)
+    }
+
     /// Waits for the comparison. Returns the row and its picture; a setting that cannot be drawn has none.
     pub fn finish(self) -> (Row, Option<Image>) {
         let Pending { setting, plan, camera, found } = self;
@@ -52,33 +58,44 @@ impl Pending<'_> {
     }
 }
 
-/// The sessions that measure settings.
+/// Maximum number of views with pending rows: each holds its picture, and may run a thread.
+pub const MAX_PENDING: usize = 8;
+
+/// Measures a setting in several views.
 pub struct Sessions<'a, D> {
-    /// Draws the exact settings.
-    pub exact: &'a mut Session<D>,
-    /// Draws the settings that are measured.
-    pub session: &'a mut Session<D>,
+    exact: &'a mut Session<D>,
+    session: &'a mut Session<D>,
+    setting: &'a Setting,
+    plan: Option<u64>,
+    /// Growths of `session` when the setting was loaded; `None` before the first view.
+    loaded: Option<u32>,
 }
 
-impl<D: Device> Sessions<'_, D> {
-    /// Measures a setting, interleaved with the exact settings.
-    ///
-    /// `loaded` holds the growths of `session` at which the setting was loaded; `None` for the setting's first view. A
-    /// list that grew for the previous view is reloaded, so that its memory does not count in this view. `exact_ms` is
-    /// [`Baseline::ms`].
+impl<'a, D: Device> Sessions<'a, D> {
+    /// Loads the setting with the first view. `plan` is the hash of its plans.
+    pub fn new(
+        exact: &'a mut Session<D>,
+        session: &'a mut Session<D>,
+        setting: &'a Setting,
+        plan: Option<u64>,
+    ) -> Sessions<'a, D> {
+        Sessions { exact, session, setting, plan, loaded: None }
+    }
+
+    /// Measures the setting in a view, interleaved with the exact settings. `exact_ms` is [`Baseline::ms`].
     ///
     /// # Errors
     /// The device fails. A setting that cannot be drawn gives a row with the reason.
     pub fn measure<'scope>(
         &mut self,
         scope: &'scope Scope<'scope, '_>,
-        (setting, plan): (&Setting, Option<u64>),
-        (view, effort): (&'scope View, Effort),
+        view: &'scope View,
+        effort: Effort,
         exact_ms: Option<f64>,
-        loaded: &mut Option<u32>,
     ) -> Result<Pending<'scope>, SessionError> {
-        let Sessions { exact, session } = self;
+        let Sessions { exact, session, setting, plan, loaded } = self;
         exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
+        // Reload after a list grew for the previous view, so that its memory does not count in this view.
         if *loaded != Some(session.growths()) {
             session.set_graph(&setting.pipeline, &setting.set);
         }
@@ -90,7 +107,13 @@ impl<D: Device> Sessions<'_, D> {
             Err(error @ (SessionError::Full { .. } | SessionError::NoRoom { .. })) => Err(error.to_string()),
             Err(error) => return Err(error),
         };
-        Ok(Pending { setting: setting.name.clone(), plan, camera: view.camera.img_name.clone(), found })
+        let (setting, camera) = (setting.name.clone(), view.camera.img_name.clone());
+        Ok(Pending { setting, plan: *plan, camera, found })
+    }
+
+    /// Returns the plan that was measured last; `None` if it could not be built.
+    pub fn plan(&self) -> Option<&Plan> {
+        self.session.plan()
     }
 }
 

@@ -1,7 +1,7 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
 use super::ledger::{Book, Ledger, Origin};
-use super::measure::{Pending, Sessions};
+use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::session::Session;
@@ -40,7 +40,7 @@ pub struct Wanted {
 }
 
 /// Maximum number of views with their true pictures in memory at once.
-const VIEWS_AT_ONCE: usize = 8;
+const VIEWS_AT_ONCE: usize = MAX_PENDING;
 
 /// Measures the wanted settings, and returns the ledger with their rows.
 ///
@@ -139,10 +139,10 @@ impl<D: Device> Study<D> {
             if together.len() < VIEWS_AT_ONCE && index + 1 < last {
                 continue;
             }
-            let sessions = Sessions { exact, session };
             thread::scope(|scope| {
                 let mut rows = Rows { book: &mut *book, album, pending: VecDeque::new() };
-                let measured = measure_views(scope, sessions, settings, &together, &mut rows, &mut steps);
+                let measured =
+                    measure_views(scope, (exact, session), settings, &together, &mut rows, &mut steps);
                 // Also after an error, no finished row is lost.
                 rows.keep_until(0).and(measured)
             })?;
@@ -158,7 +158,7 @@ impl<D: Device> Study<D> {
     }
 }
 
-/// The rows of a ledger, and those whose pictures are still compared, in the order of measurement.
+/// A ledger's rows, and the pending rows in the order of measurement.
 struct Rows<'a, 'scope> {
     book: &'a mut Book,
     album: &'a Album,
@@ -166,9 +166,9 @@ struct Rows<'a, 'scope> {
 }
 
 impl Rows<'_, '_> {
-    /// Adds the oldest pending rows and their pictures, until only `left` rows are pending.
+    /// Adds the oldest pending rows and their pictures while they are complete, and until only `left` rows are pending.
     fn keep_until(&mut self, left: usize) -> Result<(), StudyError> {
-        while self.pending.len() > left
+        while self.pending.front().is_some_and(|(_, row)| self.pending.len() > left || row.is_complete())
             && let Some((view, pending)) = self.pending.pop_front()
         {
             let (row, picture) = pending.finish();
@@ -184,7 +184,7 @@ impl Rows<'_, '_> {
 /// Measures every setting in the views whose rows are missing. Pictures are compared while others are drawn.
 fn measure_views<'scope, D: Device>(
     scope: &'scope Scope<'scope, '_>,
-    mut sessions: Sessions<D>,
+    (exact, session): (&mut Session<D>, &mut Session<D>),
     settings: &[(Setting, Option<u64>)],
     views: &'scope [(View, Effort)],
     rows: &mut Rows<'_, 'scope>,
@@ -192,7 +192,7 @@ fn measure_views<'scope, D: Device>(
 ) -> Result<(), StudyError> {
     // All views of a setting are measured together, so that its plan and its shaders are built only once.
     for (setting, plan) in settings {
-        let mut loaded = None;
+        let mut sessions = Sessions::new(exact, session, setting, *plan);
         for (view, effort) in views {
             let name = &view.camera.img_name;
             if rows.book.has(&setting.name, name) {
@@ -200,7 +200,7 @@ fn measure_views<'scope, D: Device>(
             }
             steps.next(&format!("{name}, {}", setting.name))?;
             let exact_ms = rows.book.exact_ms(name);
-            let row = sessions.measure(scope, (setting, *plan), (view, *effort), exact_ms, &mut loaded)?;
+            let row = sessions.measure(scope, view, *effort, exact_ms)?;
             rows.pending.push_back((view, row));
             rows.keep_until(views.len() - 1)?;
         }
@@ -280,4 +280,56 @@ fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
         view.picture = picture.clone();
     }
     view
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+    use splatgraph_null::{Config, open};
+    use std::fs;
+    use std::ops::ControlFlow;
+    use std::sync::Arc;
+
+    /// Cancels the study before a step.
+    struct CancelBefore(u64);
+
+    impl Listener for CancelBefore {
+        fn progress(&mut self, task: &str, done: u64, _: u64, _: &str) -> ControlFlow<()> {
+            if task == "measuring" && done == self.0 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        }
+
+        fn say(&mut self, _: &str) {}
+    }
+
+    #[test]
+    fn a_cancelled_ledger_keeps_every_measured_row() {
+        let (device, _) = open(&Config::default());
+        let device = device.expect("no fault is set");
+        let scene = synth::generate("demo", 50, 0).expect("a small scene");
+        let camera = Camera::framing(&scene, 32, 24);
+        let cameras = ["a", "b"].map(|name| Camera { img_name: name.into(), ..camera.clone() }).to_vec();
+        let subject = Subject { device: &device, name: "demo".into(), scene: Arc::new(scene), cameras };
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("ledger.json");
+        let wanted = Wanted {
+            pipeline: "splat".into(),
+            set: Vec::new(),
+            only: vec!["key_bits".into()],
+            frames: Frames { rounds: 1, frames: Some(1) },
+            truths: None,
+            opened: String::new(),
+            file: Some(file.clone()),
+        };
+        // Both views of the exact settings, and one of the next setting.
+        let cancelled = study(&subject, &wanted, &mut CancelBefore(3));
+        assert!(matches!(cancelled, Err(StudyError::Cancelled)), "{:?}", cancelled.err());
+        let text = fs::read_to_string(&file).expect("the ledger");
+        let ledger: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        assert_eq!(ledger["rows"].as_array().map(Vec::len), Some(3), "{text}");
+    }
 }

@@ -104,7 +104,9 @@ impl<D: Device> Viewer<D> {
         let Some(b) = &mut self.b else { return };
         std::mem::swap(&mut self.a, b);
         if self.other.is_none() && self.loading(RendererId::B).is_some() {
-            self.other = Some(self.subject.copied(self.wake.clone()));
+            let (copy, applied) = self.subject.copied(self.wake.clone());
+            self.other = Some(copy);
+            self.events.extend(applied.err().map(|text| Event::Problem { text }));
         }
         if let Some(other) = self.other.take() {
             let former = self.replace_subject(other);

@@ -148,16 +148,17 @@ impl Subject {
     }
 
     /// Makes a subject of the same scene with the same marks, but without its searches.
-    pub fn copied(&self, wake: Wake) -> Subject {
+    ///
+    /// Also returns an error if marks are being applied, and no thread can be started to apply them to the copy.
+    pub fn copied(&self, wake: Wake) -> (Subject, Result<(), String>) {
         let mut copy = Subject::new(self.whole.clone(), self.path.clone(), wake);
+        copy.show(MarkedScene { scene: self.scene.clone(), catalog: self.catalog.clone() });
         if self.maker.busy() {
-            // Without a thread that applies them, the copy has no marks.
-            let _ = copy.set_marks(self.marks.clone());
-        } else {
-            copy.marks = self.marks.clone();
-            copy.show(MarkedScene { scene: self.scene.clone(), catalog: self.catalog.clone() });
+            let applied = copy.set_marks(self.marks.clone());
+            return (copy, applied);
         }
-        copy
+        copy.marks = self.marks.clone();
+        (copy, Ok(()))
     }
 
     pub fn marks(&self) -> &Marks {
