@@ -1,7 +1,7 @@
 //! Finds photographs, and reads their sizes.
 
 use crate::file;
-use crate::words::word;
+use crate::words::bytes_at;
 use std::fs::File;
 use std::io::{BufReader, Error, ErrorKind, Read, Result};
 use std::path::{Path, PathBuf};
@@ -26,7 +26,8 @@ pub(super) fn size(path: &Path) -> Result<(u32, u32)> {
     let mut file: File = file::open(path)?;
     file.read_exact(&mut head)?;
     if head.starts_with(PNG) {
-        return Ok((word(&head, 16).swap_bytes(), word(&head, 20).swap_bytes()));
+        let [width, height] = [16, 20].map(|at| u32::from_be_bytes(bytes_at(&head, at)));
+        return Ok((width, height));
     }
     let mut decoder = JpegDecoder::new(BufReader::new(file::open(path)?));
     let wrong = |found: String| {

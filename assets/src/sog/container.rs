@@ -167,6 +167,19 @@ impl<'a> Container<'a> {
         Ok(Texture { width, height, texels })
     }
 
+    /// Returns the length of the archive, or the total length of the files with these names.
+    ///
+    /// A file that cannot be read counts as 0; a later read reports the problem.
+    pub(super) fn bytes_of<'n>(&self, names: impl Iterator<Item = &'n str>) -> u64 {
+        match &self.place {
+            Place::Archive(_, length) => *length,
+            Place::Folder(_, folder) => names
+                .filter_map(|name| beside(folder.as_deref(), name).ok())
+                .filter_map(|path| std::fs::metadata(path).ok())
+                .fold(0, |sum, file| sum.saturating_add(file.len())),
+        }
+    }
+
     /// Returns the packed bytes of the files that were read, and the bytes of the archive or of all files.
     ///
     /// Fails if the files claim more bytes than the archive has.

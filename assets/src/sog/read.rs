@@ -16,6 +16,13 @@ const TEXEL: usize = 4;
 
 const ENTRIES_PER_ROW: u32 = 64;
 
+/// Memory that a file of equal splats may need on a system that does not tell the available memory: a few kB can hold
+/// hundreds of millions of such splats.
+const UNKNOWN_MEMORY: u64 = 4 << 30;
+
+/// Maximum number of splats per byte of a file of other splats: 20 bytes of texels per splat, compressed 1032 to 1.
+const MAX_PER_BYTE: u64 = 1032 / 20;
+
 /// Maximum number of splats: the texels of the largest WebP image.
 const MAX_COUNT: u32 = 16_384 * 16_384;
 
@@ -112,7 +119,10 @@ pub(super) fn parse(
     // While a texture is unpacked, up to two whole copies of it exist beside the texels kept.
     let beside = bytes + 2 * all * TEXEL as u64;
     let needed = Scene::host_bytes(count, degree).saturating_add(beside);
-    SceneMemoryError::check_against(count, degree, needed, input.memory)?;
+    let file_bytes = files.bytes_of(names.iter().flatten().copied());
+    let are_equal = count > file_bytes.saturating_mul(MAX_PER_BYTE);
+    let available = input.memory.or(are_equal.then_some(UNKNOWN_MEMORY));
+    SceneMemoryError::check_against(count, degree, needed, available)?;
     let done = Done::new(2 * bytes, input.progress)?;
     let entries = palette.map(|palette| Entries::read(&mut files, palette)).transpose()?;
     let mut data = Vec::new();

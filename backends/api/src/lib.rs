@@ -167,7 +167,7 @@ impl SceneData for NoScene {
 pub struct FrameInputs {
     /// Bytes of each uniform block with source `Frame`, by name (`frame.camera`).
     pub uniforms: BTreeMap<String, Vec<u8>>,
-    /// Bytes of the uniform block of live parameters.
+    /// Bytes of the uniform block of live parameters, at least to the end of the last one: `Plan::live_bytes`.
     pub live: Vec<u8>,
     /// Contents of each host buffer, by name.
     pub buffers: BTreeMap<String, BufferContents>,

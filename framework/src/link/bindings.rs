@@ -315,15 +315,20 @@ impl Linker<'_> {
         };
         let blocks: Vec<(String, PushBlock)> = stages.iter().filter_map(with_push).collect();
         let mut bytes = Vec::new();
-        let mut known = Vec::new();
+        let members = || {
+            blocks.iter().flat_map(|(shader, block)| block.members.iter().map(move |member| (shader, member)))
+        };
+        let known: Vec<&str> = members().map(|(_, member)| member.name.as_str()).collect();
         // The stages of a draw share the push constants, so their blocks must be equal.
         if blocks.iter().any(|(_, block)| !block.has_layout_of(&blocks[0].1)) {
             let message = "the two shaders declare different push constants";
             self.error(message, pass.span, "in this draw");
-        } else if let Some((shader, block)) = blocks.first() {
+        } else if let Some((first, block)) = blocks.first() {
             bytes.resize(block.bytes as usize, 0);
             for member in &block.members {
-                known.push(member.name.clone());
+                // The shader that reads the member, if any does.
+                let reader = members().find(|(_, own)| own.name == member.name && own.used);
+                let shader = reader.map_or(first, |(shader, _)| shader);
                 let Some(push) = pass.push.iter().find(|p| p.name == member.name) else {
                     self.errors.push(
                         Diagnostic::new(
@@ -355,13 +360,13 @@ impl Linker<'_> {
             }
         }
         for push in &pass.push {
-            if !known.contains(&push.name) {
+            if !known.contains(&push.name.as_str()) {
                 let diagnostic = Diagnostic::new(
                     format!("no shader of this pass has a push constant `{}`", push.name),
                     push.name_span,
                     "given here",
                 );
-                self.errors.push(diagnostic.with_nearest(&push.name, known.iter().map(String::as_str), ""));
+                self.errors.push(diagnostic.with_nearest(&push.name, known.iter().copied(), ""));
             }
         }
         bytes

@@ -129,7 +129,9 @@ impl Order<'_> {
         let mut seen = Vec::new();
         let is_new = |moment: Moment| {
             let new = !seen.contains(&moment);
-            seen.extend(new.then_some(moment));
+            if new {
+                seen.push(moment);
+            }
             new
         };
         let turn = self.turn.unwrap_or(usize::MAX);

@@ -189,8 +189,8 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Compares the memory that the plan needs in every frame with the device's. A plane of the scene counts once, and
-    /// not at all if only the prologue uses it: it can be placed in host memory (see [`crate::once`]).
+    /// Compares the memory that the plan must have on the device with the device's. A plane of the scene counts once,
+    /// and not at all if only the prologue uses it: it can be placed in host memory (see [`crate::once`]).
     fn memory(&self) -> Result<(), BackendError> {
         let (used_once, mut planes) = (self.plan.used_once(), HashSet::new());
         let mut counts = |(id, resource): &(ResourceId, &Resource)| match attributes::key(resource, 0) {
@@ -205,7 +205,7 @@ impl<'a> Checker<'a> {
             let largest = counted.iter().max_by_key(|r| r.bytes());
             let largest =
                 largest.map(|r| format!(" (the largest is `{}` with {})", r.name, display_bytes(r.bytes())));
-            format!("the size of all resources{}", largest.unwrap_or_default())
+            format!("the size of the resources that must be on the device{}", largest.unwrap_or_default())
         };
         within_bytes(what, total, self.limits.heap_bytes)
     }

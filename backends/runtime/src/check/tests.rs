@@ -65,8 +65,8 @@ fn sizes_are_compared_in_mebibytes_and_name_the_resource() {
             buffer(plan, SPLATS, 5000);
             limits.heap_bytes = 40_000
         }),
-        "the size of all resources (the largest is `splats` with 20000 bytes) exceeds the device's limit: expected at most \
-         40000 bytes, found 40772 bytes"
+        "the size of the resources that must be on the device (the largest is `splats` with 20000 bytes) exceeds the \
+         device's limit: expected at most 40000 bytes, found 40772 bytes"
     );
 }
 
