@@ -265,7 +265,7 @@ fn macros_that_grow_without_end_are_an_error_at_the_shader() {
     place.write("hash.glsl", bomb);
     let errors = place.fails("check graph.ron", 1);
     let told = ["the compiler took over ", "the compiler ran out of its "];
-    // Without a limit on memory, only time ends the compiler.
-    let told = if cfg!(target_os = "linux") { &told[1..] } else { &told[..] };
+    // Elsewhere than on Linux, only time is limited.
+    let told = if cfg!(target_os = "linux") { &told[..1] } else { &told[..] };
     assert!(told.iter().any(|limit| errors.contains(limit)), "{errors}");
 }
