@@ -64,6 +64,12 @@ impl SceneFormat {
         }
     }
 
+    /// Lists the extensions of all formats, each with its dot.
+    pub fn endings() -> String {
+        let all = Self::ALL.iter().flat_map(|format| format.extensions());
+        all.map(|extension| format!(".{extension}")).collect::<Vec<_>>().join(", ")
+    }
+
     /// Lists the usual extensions of `formats`, each with its dot: `.ply, .spz`.
     pub fn list(formats: &[Self]) -> String {
         formats.iter().map(|format| format!(".{}", format.extension())).collect::<Vec<_>>().join(", ")

@@ -31,7 +31,7 @@ pub use crate::draw::builtin::DEFAULT_PIPELINE;
 
 /// Formats the help of an argument that names a scene.
 pub fn scene_help() -> String {
-    format!("A scene file: {}, or .ron, a list of scenes", SceneFormat::list(&SceneFormat::ALL))
+    format!("A scene file: {}, or .ron, a list of scenes", SceneFormat::endings())
 }
 
 /// Formats the help of an argument that names a scene, the demo scene by default.

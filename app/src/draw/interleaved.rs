@@ -6,6 +6,7 @@
 
 use crate::draw::session::{FrameOptions, Session, SessionError};
 use crate::draw::stats::median;
+use indexmap::IndexSet;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::{Device, FrameResult};
 use splatgraph_assets::Camera;
@@ -77,14 +78,8 @@ pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
 
 /// Lists the phases of the passes without duplicates, in the order of the passes.
 pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
-    let mut names: Vec<&str> = Vec::new();
-    for id in passes {
-        let phase = plan.pass(*id).phase.as_str();
-        if !names.contains(&phase) {
-            names.push(phase);
-        }
-    }
-    names
+    let names: IndexSet<&str> = passes.iter().map(|id| plan.pass(*id).phase.as_str()).collect();
+    names.into_iter().collect()
 }
 
 /// Computes the median of a value over frames; `None` if a frame lacks the value.

@@ -37,9 +37,11 @@ pub fn configure(settings: Settings) {
     let mut all = SETTINGS.write().unwrap_or_else(PoisonError::into_inner);
     all.worker = all.worker.take().or(settings.worker);
     all.store = all.store.take().or(settings.store);
-    let new = settings.include_roots.into_iter().filter(|root| !all.include_roots.contains(root));
-    let new: Vec<PathBuf> = new.collect();
-    all.include_roots.extend(new);
+    for root in settings.include_roots {
+        if !all.include_roots.contains(&root) {
+            all.include_roots.push(root);
+        }
+    }
 }
 
 /// Returns the settings of [`configure`].

@@ -67,9 +67,9 @@ pub struct Opening {
     /// Options of loading scenes.
     pub load: LoadOptions,
     next: u64,
-    /// Of A and B.
+    /// Requests for the scenes of A and B.
     scenes: [Option<Request>; 2],
-    /// By [`CameraRole`].
+    /// Requests for cameras, by [`CameraRole`].
     cameras: [Option<Request>; 3],
     finished: (Sender<Opened>, Receiver<Opened>),
     wake: Wake,

@@ -84,7 +84,7 @@ impl Names {
         }
     }
 
-    /// Refuses a name that is in use (`taken` tells by what), or not an identifier. `what` is what it would name.
+    /// Refuses a name that is in use or not an identifier. `what` describes the named thing, `taken` the present use.
     pub fn check_new(&self, name: &str, what: &str, taken: &str, span: Span) -> Result<(), Diagnostic> {
         if self.values.contains_key(name) || self.live.contains(name) {
             return Err(Diagnostic::new(format!("`{name}` is declared twice"), span, taken));
@@ -236,7 +236,7 @@ pub(super) fn is_identifier(name: &str) -> bool {
         && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// Refuses a name that is not an identifier. `what` is what it would name.
+/// Refuses a name that is not an identifier. `what` describes the named thing.
 pub(super) fn check_identifier(name: &str, what: &str, span: Span) -> Result<(), Diagnostic> {
     if is_identifier(name) {
         return Ok(());

@@ -379,10 +379,12 @@ impl<D: Device> Session<D> {
         let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
         let plan = info_span!("build the plan")
             .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog))?;
-        let warnings = self.planner.warnings(&plan, false);
-        if !self.told_warnings.contains(&warnings) {
-            let _ = std::io::stderr().write_all(warnings.as_bytes());
-            self.told_warnings.insert(warnings);
+        if !plan.warnings.is_empty() {
+            let warnings = self.planner.warnings(&plan, false);
+            if !self.told_warnings.contains(&warnings) {
+                let _ = std::io::stderr().write_all(warnings.as_bytes());
+                self.told_warnings.insert(warnings);
+            }
         }
         if plan.fallbacks != self.told {
             self.told.clone_from(&plan.fallbacks);

@@ -15,6 +15,7 @@ use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
+use std::collections::VecDeque;
 use std::thread;
 
 /// Properties of a scene that settings depend on.
@@ -163,22 +164,20 @@ fn measured<D: Device>(
     effort: Effort,
 ) -> Result<Option<Vec<Row>>, StudyError> {
     let mut sessions = Sessions::new(exact, session, setting, None);
-    let mut rows = Vec::new();
-    for (views, exact_ms) in views.chunks(MAX_PENDING).zip(exact_ms.chunks_mut(MAX_PENDING)) {
-        let of_chunk = thread::scope(|scope| {
-            let mut pending = Vec::new();
-            for (view, exact_ms) in views.iter().zip(exact_ms) {
-                let row = sessions.measure(scope, view, effort, *exact_ms)?;
-                if sessions.plan().is_some_and(plans::uses_last_frame) {
-                    return Ok(None);
-                }
-                *exact_ms = exact_ms.or(row.exact_ms());
-                pending.push(row);
+    thread::scope(|scope| {
+        let (mut rows, mut pending) = (Vec::new(), VecDeque::new());
+        for (view, exact_ms) in views.iter().zip(exact_ms) {
+            let row = sessions.measure(scope, view, effort, *exact_ms)?;
+            if sessions.plan().is_some_and(plans::uses_last_frame) {
+                return Ok(None);
             }
-            Ok::<_, StudyError>(Some(pending.into_iter().map(|row| row.finish().0).collect::<Vec<_>>()))
-        })?;
-        let Some(of_chunk) = of_chunk else { return Ok(None) };
-        rows.extend(of_chunk);
-    }
-    Ok(Some(rows))
+            *exact_ms = exact_ms.or(row.exact_ms());
+            pending.push_back(row);
+            if pending.len() == MAX_PENDING {
+                rows.extend(pending.pop_front().map(|row| row.finish().0));
+            }
+        }
+        rows.extend(pending.into_iter().map(|row| row.finish().0));
+        Ok(Some(rows))
+    })
 }

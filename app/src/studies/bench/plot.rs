@@ -3,6 +3,7 @@
 use super::report::{Report, Row, size_text};
 use super::table::scene_name;
 use crate::io::report::plot::{Axis, Plot, Series};
+use indexmap::IndexSet;
 use splatgraph_assets::grouped;
 
 /// Picture sizes of a run; `None` for the size of each camera.
@@ -32,7 +33,7 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
 /// Plots the times of a scene. `splats` are the requested numbers of splats; empty if the scene keeps its own.
 pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
-    let counts = unique(rows.iter().map(|row| row.splats));
+    let counts: IndexSet<u32> = rows.iter().map(|row| row.splats).collect();
     let mut plots = Vec::new();
     let title = |of: String| format!("{}, {of}, {}", scene_name(scene), report.origin.device);
     if splats.len() > 1 {
@@ -55,16 +56,6 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     plots
 }
 
-fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
-    let mut found = Vec::new();
-    for item in items {
-        if !found.contains(&item) {
-            found.push(item);
-        }
-    }
-    found
-}
-
 /// Plots one line per graph: the frame time on the GPU, or on the host if a candidate has no GPU times.
 fn plot(
     report: &Report,
@@ -74,7 +65,7 @@ fn plot(
     position: impl Fn(&Row) -> Option<f64>,
 ) -> Plot {
     let on_gpu = report.drawn().all(|found| found.mean.gpu_ms.is_some());
-    let names = unique(rows.iter().map(|row| row.pipeline.as_str()));
+    let names: IndexSet<&str> = rows.iter().map(|row| row.pipeline.as_str()).collect();
     let point = |row: &&Row| {
         let mean = &row.found.as_ref().ok()?.mean;
         let figure = if on_gpu { mean.gpu_ms } else { mean.wall_ms };

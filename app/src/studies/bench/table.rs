@@ -5,6 +5,7 @@ use super::report::{Origin, Report, Row, first_line, size_text};
 use crate::draw::interleaved::Figure;
 use crate::draw::stats::BUSY;
 use crate::io::report::text::table;
+use indexmap::IndexSet;
 use splatgraph_assets::grouped;
 use std::path::Path;
 
@@ -92,12 +93,8 @@ fn spread(figure: Option<Figure>) -> String {
 
 /// Formats the candidates of one scene, number of splats and size, one per line.
 fn candidates(rows: &[Row]) -> String {
-    let mut phases: Vec<&str> = Vec::new();
-    for part in drawn(rows).flat_map(|(_, found)| &found.mean.phases) {
-        if !phases.contains(&part.name.as_str()) {
-            phases.push(&part.name);
-        }
-    }
+    let all = drawn(rows).flat_map(|(_, found)| &found.mean.phases);
+    let phases: IndexSet<&str> = all.map(|part| part.name.as_str()).collect();
     let mut header = cells(["", "GPU ms", "spread"]);
     header.extend(phases.iter().map(|phase| (*phase).to_owned()));
     header.extend(cells(["between", "frame ms", "submit ms", "MiB"]));

@@ -58,7 +58,7 @@ impl Pending<'_> {
     }
 }
 
-/// Maximum number of views with pending rows: each holds its picture, and may run a thread.
+/// Maximum number of pending rows: each holds its picture, and may run a thread.
 pub const MAX_PENDING: usize = 8;
 
 /// Measures a setting in several views.

@@ -40,7 +40,7 @@ pub struct Wanted {
 }
 
 /// Maximum number of views with their true pictures in memory at once.
-const VIEWS_AT_ONCE: usize = MAX_PENDING;
+const VIEWS_AT_ONCE: usize = 8;
 
 /// Measures the wanted settings, and returns the ledger with their rows.
 ///
@@ -202,7 +202,7 @@ fn measure_views<'scope, D: Device>(
             let exact_ms = rows.book.exact_ms(name);
             let row = sessions.measure(scope, view, *effort, exact_ms)?;
             rows.pending.push_back((view, row));
-            rows.keep_until(views.len() - 1)?;
+            rows.keep_until(MAX_PENDING - 1)?;
         }
         if setting.name == settings::EXACT {
             // The other settings need the exact settings' times.

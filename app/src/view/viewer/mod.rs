@@ -318,7 +318,7 @@ impl<D: Device> Viewer<D> {
                 path: path.to_owned(),
                 error: format!(
                     "expected a scene ({}), a graph (.ron) or cameras (.json)",
-                    SceneFormat::list(&SceneFormat::ALL)
+                    SceneFormat::endings()
                 ),
             }),
         }
