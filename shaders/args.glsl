@@ -15,3 +15,9 @@ const uint ARGS_VISIBLE = 3u;
 const uint ARGS_DRAW = 4u;
 const uint ARGS_DRAWN = 8u;
 const uint ARGS_SEEN = 9u;
+
+// The buffer `written` of tile_splats.ron: the pairs that the projection wrote, their number in units of 4,096, which does not
+// overflow, and visible splats.
+const uint WRITTEN_PAIRS = 0u;
+const uint WRITTEN_COARSE = 1u;
+const uint WRITTEN_VISIBLE = 2u;

@@ -1,7 +1,6 @@
 // Projects a splat per invocation, and counts the visible ones of each workgroup, so that compact.comp can close the gaps in index order.
 // The including file defines `float project(uint i)`, which returns the view depth of splat `i` or -1 if it is invisible, and
-// `void leave_out(uint i)` for invisible splats. With COUNTS_PAIRS, `project` leaves its pairs in `splat_pairs`, and the pairs of each
-// workgroup are counted as well.
+// `void leave_out(uint i)` for invisible splats.
 
 layout(local_size_x = 256) in;
 
@@ -11,19 +10,12 @@ layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_co
 // The number of visible splats in the workgroup, counted without ballots: invocations return from `project` at different
 // places, and reconvergence is not guaranteed.
 shared uint visible_count;
-#ifdef COUNTS_PAIRS
-layout(set = 0, binding = 7, std430) writeonly buffer Blocks { uint block_pairs[]; };
-shared uint pair_count;
-#endif
 
 void project_all() {
     uint group = group_index();
     uint i = group * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
     if (gl_LocalInvocationIndex == 0u) {
         visible_count = 0u;
-#ifdef COUNTS_PAIRS
-        pair_count = 0u;
-#endif
     }
     barrier();
 
@@ -37,15 +29,9 @@ void project_all() {
     }
     if (z > 0.0) {
         atomicAdd(visible_count, 1u);
-#ifdef COUNTS_PAIRS
-        atomicAdd(pair_count, splat_pairs);
-#endif
     }
     barrier();
     if (gl_LocalInvocationIndex == 0u && group * gl_WorkGroupSize.x < uint(SCENE_COUNT)) {
         block_count[group] = visible_count;
-#ifdef COUNTS_PAIRS
-        block_pairs[group] = pair_count;
-#endif
     }
 }

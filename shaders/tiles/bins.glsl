@@ -31,18 +31,12 @@ uint bin_column(uint column) {
     return column < ROW_BINS ? column : column - ROW_BINS;
 }
 #define BIN_COLUMN(column) bin_column(column)
-
-// The empty rectangle: no rows.
-const uint NO_BINS = 1u << 8;
 #else
 BinRect unpack_bins(uint packed) {
     return BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
 }
 
 #define BIN_COLUMN(column) column
-
-// The empty rectangle.
-const uint NO_BINS = 1u;
 #endif
 
 // Returns the number of bins in a rectangle.

@@ -4,7 +4,7 @@
 // Last pass of the sort of pairs, where they are sorted once: the radix sort leaves out the lowest bits of the keys, and those bits of
 // the depth that do not fit in a key stand above the splat's index. Pairs that agree in all sorted bits stand side by side, in a *run*;
 // each counts the pairs of its run that come before it, which is its place there. A run is a few pairs long; one of more than RUN stays as
-// it is, and its pairs are counted. The pass also finds each bin's list.
+// it is, in no particular order, and its pairs are counted. The pass also finds each bin's list.
 
 #include "../args.glsl"
 #include "../groups.glsl"
@@ -16,24 +16,16 @@ layout(set = 0, binding = 1, std430) readonly buffer PairKeys { uint pair_keys[]
 layout(set = 0, binding = 2, std430) writeonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 3, std430) readonly buffer SplatsIn { uint splats_in[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer SplatsOut { uint splats_out[]; };
-layout(set = 0, binding = 5, std430) buffer Unordered { uint unordered; };
+layout(set = 0, binding = 5, std430) buffer Tied { uint tied; };
 
 #include "ranges.glsl"
 
 const uint RUN = 128u;
-// Without bits to compare there are no runs.
-#define HAS_RUNS (TIE_BITS > 0 || REST_BITS > 0)
-#if HAS_RUNS
 // The pairs of the workgroup, plus the length of a run on either side.
 const uint MARGIN = RUN;
-#else
-const uint MARGIN = 1u;
-#endif
 const uint WINDOW = 256u + 2u * MARGIN;
 shared uint near_keys[WINDOW];
-#if HAS_RUNS
 shared uint near_splats[WINDOW];
-#endif
 
 // Returns the bits ordered by the radix sort.
 uint sorted_part(uint key) {
@@ -59,9 +51,7 @@ void main() {
     for (uint w = thread; w < WINDOW; w += gl_WorkGroupSize.x) {
         uint pair = first + w - MARGIN;
         near_keys[w] = pair < count ? pair_keys[pair] : 0u;
-#if HAS_RUNS
         near_splats[w] = pair < count ? splats_in[pair] : 0u;
-#endif
     }
     barrier();
     uint i = first + thread;
@@ -74,7 +64,6 @@ void main() {
     if (i == count) {
         return;
     }
-#if HAS_RUNS
     uint part = sorted_part(own);
     uint before = 0u;
     uint most = min(i, RUN);
@@ -88,19 +77,16 @@ void main() {
     }
     uint place = i;
     if (before + after >= RUN) {
-        atomicAdd(unordered, 1u);
+        atomicAdd(tied, 1u);
     } else if (before + after > 0u) {
-        uint own_rest = near_splats[at] >> INDEX_BITS;
+        // The last bits of the depth, then the index.
+        uint own_rest = near_splats[at];
         place = i - before;
         for (uint j = 0u; j <= before + after; j++) {
             uint key = near_keys[at - before + j];
-            uint rest = near_splats[at - before + j] >> INDEX_BITS;
-            bool comes_first = key < own || (key == own && (rest < own_rest || (rest == own_rest && j < before)));
+            bool comes_first = key < own || (key == own && near_splats[at - before + j] < own_rest);
             place += comes_first ? 1u : 0u;
         }
     }
     splats_out[place] = splat_of(near_splats[at]);
-#else
-    splats_out[i] = splats_in[i];
-#endif
 }

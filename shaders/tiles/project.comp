@@ -4,9 +4,15 @@
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #define LONG_SH
 #endif
+#if EMITS
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_EXT_control_flow_attributes : require
+#endif
 
 // Projects Gaussians for the tiled rasterisers: cull, project, colour. Each invocation takes one splat. A visible splat gets
-// a record, the bins that it may touch, and its depth at its own index, an invisible one the depth -1.
+// a record, the bins that it may touch, and its depth at its own index, an invisible one the depth -1. With EMITS, the pairs of visible
+// splats and bins are written instead of the bins.
 
 #include "../camera.glsl"
 #include "../groups.glsl"
@@ -17,7 +23,6 @@
 #include "../projection.glsl"
 
 layout(set = 0, binding = 3, std430) writeonly buffer Records { StoredRecord records[]; };
-layout(set = 0, binding = 6, std430) writeonly buffer Bins { uint bins_of[]; };
 
 #if RECORD == RECORD_F32
 const float BRIGHTEST = BRIGHTEST_FLOAT;
@@ -65,19 +70,14 @@ bool bins_around(vec2 low, vec2 high, out BinRect rect) {
 }
 #endif
 
-#if SORTED == SORTED_PAIRS
-uint splat_pairs = 0u;
-#endif
-
-// Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
-float project(uint i) {
-    Projection p;
+// Projects splat `i`; finds its published radius and the bins that it may touch. Returns false if it is not visible.
+bool find_bins(uint i, out Projection p, out float radius, out BinRect rect) {
     if (!project_splat(i, p)) {
-        return -1.0;
+        return false;
     }
     vec2 low = p.centre - p.bounds - MARGIN;
     vec2 high = p.centre + p.bounds + MARGIN;
-    float radius = 0.0;
+    radius = 0.0;
 #if EXTENT == EXTENT_TILES
     radius = published_radius(p);
     vec2 columns = tile_range(p.centre.x, radius);
@@ -91,23 +91,16 @@ float project(uint i) {
 #endif
 #endif
 #if WRAPS
-    BinRect rect;
-    if (!bins_around(low, high, rect)) {
-        return -1.0;
-    }
+    return bins_around(low, high, rect);
 #else
     vec2 first = max(ceil(low), vec2(0.0));
     vec2 last = min(floor(high), camera.viewport.xy - 1.0);
-    if (!(first.x <= last.x && first.y <= last.y)) {
-        return -1.0;
-    }
-    BinRect rect = BinRect(uvec2(first) / BIN, uvec2(last) / BIN);
+    rect = BinRect(uvec2(first) / BIN, uvec2(last) / BIN);
+    return first.x <= last.x && first.y <= last.y;
 #endif
-    bins_of[i] = pack_bins(rect);
-#if SORTED == SORTED_PAIRS
-    splat_pairs = bins_in(rect);
-#endif
+}
 
+void write_record(uint i, Projection p, float radius) {
     Record r;
     r.centre = p.centre;
     float width = sqrt(p.yy / p.determinant);
@@ -116,6 +109,78 @@ float project(uint i) {
     r.radius = radius;
     r.colour = finite_colour(i, p.from_camera, BRIGHTEST);
     records[i] = pack_record(r);
+}
+
+#if EMITS
+#include "../args.glsl"
+#define KEYS_FILL_THEIR_BITS
+#include "../depth_key.glsl"
+
+const uint THREADS = 256u;
+const uint BLOCK = 256u;
+layout(local_size_x = 256) in;
+#include "scan.glsl"
+#include "emit.glsl"
+
+layout(set = 0, binding = 7, std430) buffer Written { uint written[]; };
+#if WITH_OUTPUTS
+layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
+#endif
+
+shared uint visible_count;
+shared uint start;
+
+void main() {
+    uint first = group_index() * BLOCK;
+    uint thread = thread_index();
+    uint i = first + thread;
+    if (first >= uint(SCENE_COUNT)) {
+        return;
+    }
+    if (thread == 0u) {
+        visible_count = 0u;
+    }
+    barrier();
+    Projection p;
+    float radius;
+    BinRect rect;
+    uint pairs = 0u;
+    if (i < uint(SCENE_COUNT) && find_bins(i, p, radius, rect)) {
+        pairs = bins_in(rect);
+        splat_bins[thread] = pack_bins(rect);
+        splat_word[thread] = depth_key(p.depth);
+        atomicAdd(visible_count, 1u);
+    }
+    uint total = 0u;
+    splat_ends[thread] = exclusive_sum(pairs, 0u, total) + pairs;
+    if (thread == 0u) {
+        // Blocks take their places in any order: order_ties.comp orders pairs of equal depth.
+        start = atomicAdd(written[WRITTEN_PAIRS], total);
+        atomicAdd(written[WRITTEN_COARSE], total >> 12);
+        atomicAdd(written[WRITTEN_VISIBLE], visible_count);
+    }
+    if (pairs > 0u) {
+        write_record(i, p, radius);
+#if WITH_OUTPUTS
+        depth_of[i] = p.depth;
+#endif
+    }
+    barrier();
+    write_pairs(start, total);
+}
+#else
+layout(set = 0, binding = 6, std430) writeonly buffer Bins { uint bins_of[]; };
+
+// Projects splat `i`, writes its bins and its record if it is visible, and returns its depth, or -1 if it is not.
+float project(uint i) {
+    Projection p;
+    float radius;
+    BinRect rect;
+    if (!find_bins(i, p, radius, rect)) {
+        return -1.0;
+    }
+    bins_of[i] = pack_bins(rect);
+    write_record(i, p, radius);
     return p.depth;
 }
 
@@ -133,20 +198,12 @@ void main() {
     }
 }
 #else
-#if SORTED == SORTED_PAIRS
-#define COUNTS_PAIRS
-#endif
-
-// Leaves an empty rectangle if all splats are binned.
-void leave_out(uint i) {
-#if SORTED == SORTED_PAIRS
-    bins_of[i] = NO_BINS;
-#endif
-}
+void leave_out(uint i) {}
 
 #include "../project_all.glsl"
 
 void main() {
     project_all();
 }
+#endif
 #endif

@@ -4,59 +4,59 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Turns the blocks' counts of pairs into places, by an exclusive scan in one workgroup. The sum is the
-// number of pairs that the frame needs; as many as the lists hold are sorted. Where pairs are sorted once, blocks are those of
-// the projection, whose visible splats are summed as well.
+// Finds the number of pairs that the frame needs, in one workgroup; as many as the lists hold are sorted. If splats are sorted, turns
+// the blocks' counts of pairs into places, by an exclusive scan.
 
 #include "../args.glsl"
 #include "../fold_groups.glsl"
 
 const uint THREADS = uint(SCAN_THREADS);
 layout(local_size_x = SCAN_THREADS) in;
-#include "scan.glsl"
 
-#if SORTED == SORTED_SPLATS
-layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
+#if EMITS
+#include "../thread_index.glsl"
+layout(set = 0, binding = 0, std430) buffer Amounts { uint amounts[]; };
 #else
-layout(set = 0, binding = 3, std430) readonly buffer BlockCount { uint block_visible[]; };
-#endif
-// Pairs that order_ties.comp has to leave in file order.
-layout(set = 0, binding = 4, std430) writeonly buffer Unordered { uint unordered; };
+#include "scan.glsl"
+layout(set = 0, binding = 0, std430) readonly buffer Amounts { uint amounts[]; };
 layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
+#endif
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
-// Cleared for the pass that finds the lists.
-layout(set = 0, binding = 5, std430) writeonly buffer Ranges { uvec2 ranges[]; };
+// Cleared for the pass that finds the lists; the second is for its count of tied pairs.
+layout(set = 0, binding = 3, std430) writeonly buffer Ranges { uvec2 ranges[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer Tied { uint tied; };
 
 const uint PER_THREAD = 8u;
 
 void main() {
-#if SORTED == SORTED_SPLATS
-    uint blocks = (args[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
-#else
-    uint blocks = (uint(SCENE_COUNT) + 255u) / 256u;
-#endif
     uint thread = thread_index();
     for (uint bin = thread; bin < uint(BIN_COUNT); bin += THREADS) {
         ranges[bin] = uvec2(0u);
     }
+    // The pairs, and their number in units of 4,096, which does not overflow.
     uint needed = 0u;
-    // This invocation's part of the sum in units of 4,096, which does not overflow, and of the visible splats.
+    uint coarse = 0u;
+#if EMITS
+    if (thread == 0u) {
+        needed = amounts[WRITTEN_PAIRS];
+        coarse = amounts[WRITTEN_COARSE];
+        pair_args[ARGS_SEEN] = amounts[WRITTEN_VISIBLE];
+        // For the next frame.
+        [[unroll]] for (uint word = 0u; word < 3u; word++) {
+            amounts[word] = 0u;
+        }
+    }
+#else
+    uint blocks = (amounts[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
     uint coarse_part = 0u;
-#if SORTED == SORTED_PAIRS
-    uint visible_part = 0u;
-#endif
     uint round = 0u;
     for (uint first = 0u; first < blocks; first += THREADS * PER_THREAD) {
         uint at = first + thread * PER_THREAD;
         uint count[PER_THREAD];
         uint sum = 0u;
         [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
-            bool is_block = at + j < blocks;
-            count[j] = is_block ? block_pairs[at + j] : 0u;
+            count[j] = at + j < blocks ? block_pairs[at + j] : 0u;
             sum += count[j];
-#if SORTED == SORTED_PAIRS
-            visible_part += is_block ? block_visible[at + j] : 0u;
-#endif
         }
         coarse_part += sum >> 12;
         uint next = exclusive_sum(sum, round++, needed);
@@ -67,11 +67,7 @@ void main() {
             next += count[j];
         }
     }
-    uint coarse = 0u;
     exclusive_sum(coarse_part, round++, coarse);
-#if SORTED == SORTED_PAIRS
-    uint visible = 0u;
-    exclusive_sum(visible_part, round++, visible);
 #endif
     if (thread == 0u) {
         // More than any list holds: the frame overflows, whatever the 32-bit sum is.
@@ -89,9 +85,6 @@ void main() {
         pair_args[ARGS_DRAW + 1u] = folded.y;
         pair_args[ARGS_DRAW + 2u] = folded.z;
         pair_args[ARGS_DRAWN] = needed;
-        unordered = 0u;
-#if SORTED == SORTED_PAIRS
-        pair_args[ARGS_SEEN] = visible;
-#endif
+        tied = 0u;
     }
 }

@@ -1,0 +1,48 @@
+// Writes the pairs of a block's splats and their bins. The including file defines THREADS and BLOCK, the splats of a block.
+
+layout(set = 0, binding = 10, std430) writeonly buffer PairKeys { uint pair_keys[]; };
+layout(set = 0, binding = 11, std430) writeonly buffer PairSplats { uint pair_splats[]; };
+
+// For each splat of the block: the number of pairs up to and including its own; its bins; and the key of its depth, or its index if
+// splats are sorted.
+shared uint splat_ends[BLOCK];
+shared uint splat_bins[BLOCK];
+shared uint splat_word[BLOCK];
+
+#if EMITS
+// Writes a pair at `place`: the bin, with as many bits of the depth's key as fit below it, and the splat, with some more above its index. A
+// sort of the pairs then makes a list for each bin, near to far.
+void write_pair(uint place, uint bin, uint key, uint splat) {
+    pair_keys[place] = (bin << HELD_BITS) | (key >> (KEY_BITS - HELD_BITS));
+#if REST_BITS > 0
+    uint rest = (key >> (KEY_BITS - HELD_BITS - REST_BITS)) & ((1u << REST_BITS) - 1u);
+    splat |= rest << INDEX_BITS;
+#endif
+    pair_splats[place] = splat;
+}
+#endif
+
+// Writes the block's `total` pairs, from place `start`. Invocations take equal shares of them, whatever a splat's bins.
+void write_pairs(uint start, uint total) {
+    for (uint pair = thread_index(); pair < total; pair += THREADS) {
+        // The splat of the pair: the first whose end exceeds the pair's number.
+        uint at = 0u;
+        [[unroll]] for (uint half_width = BLOCK / 2u; half_width > 0u; half_width /= 2u) {
+            at += splat_ends[at + half_width - 1u] <= pair ? half_width : 0u;
+        }
+        uint within = pair - (at == 0u ? 0u : splat_ends[at - 1u]);
+        BinRect r = unpack_bins(splat_bins[at]);
+        uint width = r.last.x - r.first.x + 1u;
+        uint row = within / width;
+        uint bin = (r.first.y + row) * uint(BINS_X) + BIN_COLUMN(r.first.x + within - row * width);
+        uint place = start + pair;
+        if (place < uint(ENTRIES)) {
+#if EMITS
+            write_pair(place, bin, splat_word[at], group_index() * BLOCK + at);
+#else
+            pair_keys[place] = bin;
+            pair_splats[place] = splat_word[at];
+#endif
+        }
+    }
+}
