@@ -199,8 +199,9 @@ fn tiles_on_a_gpu_name_the_parameters_that_the_sort_of_splats_alone_has() {
     };
     let none = |name: &str| {
         format!(
-            "`{name}` has no effect: nothing in this plan depends on it; it is used where `sorted == 'splats'` \
-             (pipelines/parts/tile_bins), and here sorted = pairs"
+            "`{name}` has no effect: nothing in this plan depends on it; it is used where `!emits` \
+             (pipelines/parts/tile_bins), and here sorted = pairs, tied_pairs = 0, key_of = depth, key_bits = 32, \
+             key_map = float_bits"
         )
     };
     assert_eq!(said("auto", 32), [none("block_keys"), none("budget")]);

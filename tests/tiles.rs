@@ -4,7 +4,6 @@
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
 use crate::images::{self, bytes, draw_one, draw_scene, inspected, psnr};
-use splatgraph::draw::session::FrameOptions;
 use splatgraph::draw::truth::Truth;
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, Splat, synth};
@@ -79,6 +78,7 @@ fn every_variant_of_tiles_draws_the_same_picture() {
     // Segments, sorters and digit widths change only the rounding of sums.
     for (graph, set) in [
         (GPU, &[][..]),
+        (GPU, &[("sorted", "splats")]),
         (GPU, &[("segment", "64"), ("entries", "100000")]),
         (GPU, &[("sorter", "subgroup")]),
         (GPU, &[("digit_bits", "5")]),
@@ -86,9 +86,8 @@ fn every_variant_of_tiles_draws_the_same_picture() {
     ] {
         assert_all_close(&format!("{} {set:?}", graph.0), &drawn(graph, set), &expected, 75.0);
     }
-    // These differ more: in the records, in the order of near ties, or in the splat at which blending stops.
+    // These differ more: in the records, or in the splat at which blending stops.
     for (graph, set) in [
-        (GPU, ("sorted", "pairs")),
         (GPU, ("record", "packed")),
         (GPU, ("stop_after", "chunk")),
         (CPU, ("record", "packed")),
@@ -135,23 +134,31 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     }
 }
 
-/// Counts the pairs that remain in file order when the radix sort covers `bits` bits.
-fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
-    let mut session = images::session(scene.clone(), GPU.0, &with(GPU, &by_pairs(bits)));
-    let stats = images::frame(&mut session, camera, &FrameOptions::default()).stats;
-    stats.iter().find(|(name, _)| name == "unordered").expect("the graph counts them").1
+/// Draws a frame; returns its bytes, and true if the plan's passes sort the splats themselves.
+fn drawn_by_splats(scene: &Arc<Scene>, camera: &Camera, set: &[(&str, &str)]) -> (Vec<u32>, bool) {
+    let mut session = images::session(scene.clone(), GPU.0, &with(GPU, set));
+    let picture = images::picture(&mut session, camera, [0.0; 3]);
+    let plan = session.plan().expect("a plan");
+    (bytes(&picture), plan.passes.iter().any(|pass| pass.name == "bins.count_pairs"))
 }
 
 #[test]
-fn pairs_in_runs_too_long_to_be_ordered_are_counted() {
+fn splats_are_sorted_where_pairs_need_an_order_that_a_sort_of_pairs_does_not_give() {
     let (scene, cameras) = demo(20_000, (400, 225));
-    assert_eq!(unordered(&scene, &cameras[0], "20"), 0);
-    let most = unordered(&scene, &cameras[0], "16");
-    assert!(most > 1000, "9 bits of depth leave long runs, {most} pairs were counted");
+    let sorts_splats = |set: &[(&str, &str)]| {
+        let (found, sorts_splats) = drawn_by_splats(&scene, &cameras[0], set);
+        let (expected, _) = drawn_by_splats(&scene, &cameras[0], &[set, &[("sorted", "splats")]].concat());
+        assert!(found == expected, "{set:?}: pairs are blended in another order than splats");
+        sorts_splats
+    };
+    assert!(!sorts_splats(&by_pairs("20")));
+    assert!(sorts_splats(&by_pairs("16")), "9 bits of depth leave long runs of tied pairs");
+    assert!(sorts_splats(&[("key_bits", "10")]), "keys too narrow for the scene");
+    assert!(sorts_splats(&[("key_map", "equalised")]), "keys that depend on all depths");
 }
 
 #[test]
-fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
+fn a_run_of_128_pairs_is_ordered_and_for_one_of_129_splats_are_sorted() {
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
     // Ordered from far to near in the file. Splat 0 is far behind and stretches the depth range, so that all others
     // share one class of 14 depth bits.
@@ -165,11 +172,34 @@ fn a_run_of_128_pairs_is_ordered_and_one_of_129_is_not() {
         };
         Arc::new(Scene::generate(run as u32 + 1, 0, splat))
     };
-    assert_eq!(unordered(&scene(128), &camera, "16"), 0);
-    assert_eq!(unordered(&scene(129), &camera, "16"), 129);
-    let draw = |set: &[(&str, &str)]| bytes(&draw_one(scene(128), &camera, GPU.0, &with(GPU, set)));
     let sorted = [("sorter", "subgroup"), ("sorted", "splats")];
-    assert!(draw(&by_pairs("16")) == draw(&sorted), "128 pairs are blended in another order");
+    for (run, sorts_splats) in [(128, false), (129, true)] {
+        let (found, by_splats) = drawn_by_splats(&scene(run), &camera, &by_pairs("16"));
+        let (expected, _) = drawn_by_splats(&scene(run), &camera, &sorted);
+        assert!(found == expected, "{run} pairs are blended in another order");
+        assert_eq!(by_splats, sorts_splats, "{run} pairs");
+    }
+}
+
+#[test]
+fn splats_of_equal_depth_keep_the_order_of_the_file_wherever_the_projection_writes_their_pairs() {
+    // Splats at the same place, in three colours: their order decides the colour.
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
+    let splat = |at: usize| Splat {
+        position: [0.0, 0.0, 2.0],
+        scale: [2.0, 2.0, 0.01],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity: 0.1,
+        sh: std::array::from_fn(|i| if i == at % 3 { 1.0 } else { 0.0 }),
+    };
+    // More than a workgroup of 256, with invisible splats between those that are seen.
+    let hidden = |at: usize| Splat { position: [0.0, 0.0, -2.0], ..splat(at) };
+    let scene = Arc::new(Scene::generate(3000, 0, |at| if at % 50 == 0 { splat(at) } else { hidden(at) }));
+    let (expected, _) = drawn_by_splats(&scene, &camera, &[("sorted", "splats")]);
+    for frame in 0..3 {
+        let (found, by_splats) = drawn_by_splats(&scene, &camera, &[]);
+        assert!(!by_splats && found == expected, "frame {frame}: equal depths are blended in another order");
+    }
 }
 
 /// Returns splats spread over a picture in many orientations, and the picture's camera.

@@ -13,12 +13,11 @@
 const uint THREADS = uint(SCAN_THREADS);
 layout(local_size_x = SCAN_THREADS) in;
 
+layout(set = 0, binding = 0, std430) readonly buffer Amounts { uint amounts[]; };
 #if EMITS
 #include "../thread_index.glsl"
-layout(set = 0, binding = 0, std430) buffer Amounts { uint amounts[]; };
 #else
 #include "scan.glsl"
-layout(set = 0, binding = 0, std430) readonly buffer Amounts { uint amounts[]; };
 layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
 #endif
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
@@ -41,10 +40,6 @@ void main() {
         needed = amounts[WRITTEN_PAIRS];
         coarse = amounts[WRITTEN_COARSE];
         pair_args[ARGS_SEEN] = amounts[WRITTEN_VISIBLE];
-        // For the next frame.
-        [[unroll]] for (uint word = 0u; word < 3u; word++) {
-            amounts[word] = 0u;
-        }
     }
 #else
     uint blocks = (amounts[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);

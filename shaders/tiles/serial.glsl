@@ -14,9 +14,7 @@
 //      3    12   pairs of a block
 //      4    16   blocks of pairs
 //      5    20   pairs
-//      6    24   0: every pair has its place in the order
 const uint WORK_GROUPS = 0u;
 const uint WORK_BLOCK_PAIRS = 3u;
 const uint WORK_BLOCKS = 4u;
 const uint WORK_PAIRS = 5u;
-const uint WORK_UNORDERED = 6u;

@@ -33,7 +33,6 @@ void main() {
     work[WORK_BLOCK_PAIRS] = block_pairs;
     work[WORK_BLOCKS] = blocks;
     work[WORK_PAIRS] = pairs;
-    work[WORK_UNORDERED] = 0u;
     deep[0] = 0u;
     deep[1] = 0u;
     deep[2] = 0u;

@@ -133,9 +133,6 @@ impl CameraStats {
         if let Some(visible) = self.count("visible") {
             line = format!("{} of {line} visible", grouped(visible));
         }
-        if let Some(text) = self.count("unordered").and_then(unordered) {
-            line += &format!(", {text}");
-        }
         if let Some(ms) = self.gpu_ms {
             line += &format!(", {ms:.3} ms");
         }
@@ -156,13 +153,6 @@ impl CameraStats {
         }
         line
     }
-}
-
-/// Formats the statistic `unordered`: `12 pairs left unsorted`. `None` if it is 0.
-///
-/// Tiles leave pairs unsorted if too many pairs of a bin have nearly the same depth.
-pub(crate) fn unordered(pairs: u64) -> Option<String> {
-    (pairs > 0).then(|| format!("{} pairs left unsorted", grouped(pairs)))
 }
 
 /// Collects the reasons for a plan's parameter values, by name.
@@ -252,11 +242,5 @@ mod tests {
             [pass("sort", Some(1.0)), pass("draw", None), pass("sort", Some(2.5)), pass("draw", Some(1.0))];
         let phases = phase_times(&passes);
         assert_eq!(Json::Object(phases), serde_json::json!({ "sort": 3.5, "draw": null }));
-    }
-
-    #[test]
-    fn unordered_pairs_are_told_where_there_are_any() {
-        assert_eq!(unordered(0), None);
-        assert_eq!(unordered(1234).as_deref(), Some("1,234 pairs left unsorted"));
     }
 }

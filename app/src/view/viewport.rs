@@ -15,7 +15,6 @@ use crate::draw::camera;
 use crate::draw::capacity::Overflow;
 use crate::draw::inspect::{self, Finding};
 use crate::draw::projection;
-use crate::draw::stats;
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Fallback;
@@ -181,13 +180,6 @@ impl<D: Device> Viewport<D> {
             None => return None,
         };
         Some(format!("the picture is {}{reason}", self.part()?))
-    }
-
-    /// Reports how many pairs the newest finished frame left unsorted; see `stats::unordered`. `None` if all were
-    /// sorted, or if the graph does not count them.
-    pub fn unordered(&self) -> Option<String> {
-        let (_, pairs) = self.stats.iter().find(|(name, _)| name == "unordered")?;
-        stats::unordered((*pairs).into())
     }
 
     /// Requests a read-back of the next frame's picture; see [`Viewport::take_picture`].

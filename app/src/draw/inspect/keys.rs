@@ -155,7 +155,7 @@ mod tests {
     fn every_graph_that_sorts_has_keys_to_look_at_by_button_and_by_name() {
         for (graph, lanes, keys, pass) in [
             ("splat", 32, "order.keys#", "order.sort.scatter["),
-            ("tiled", 32, "bins.pair_keys#", "bins.sort.scatter["),
+            ("tiled", 32, "splats.pair_keys#", "bins.sort.scatter["),
             ("tiled_cpu", 8, "order.keys#", "order.sort.scatter["),
         ] {
             let plan = plan(graph, lanes);

@@ -58,11 +58,6 @@ impl Panels {
             let reason = viewport.renderer.crowded().unwrap_or("A plan with more room is built.").to_owned();
             state("in_part", text, palette.caution, reason);
         }
-        if let Some(text) = viewport.unordered() {
-            let reason =
-                "Too many splats of a bin have nearly the same depth; `sorted=splats` orders them all.";
-            state("unordered", text, palette.caution, reason.to_owned());
-        }
         if let Some(text) = viewport.decisions() {
             let base = viewport.renderer.plan().and_then(|plan| plan.based_on.last().cloned());
             let short = match base {
