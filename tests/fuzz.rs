@@ -136,6 +136,7 @@ fn builds() -> Vec<Build> {
         with("splat", &[("storage", "b64")]),
         with("tiled", &[("show", "lists")]),
         with("tiled", &[("sorter", "sweep")]),
+        with("tiled", &[("sorted", "splats")]),
         with("filters/edges", &[]),
         Build { output: Some("normal"), ..with("tiled", &[]) },
     ];

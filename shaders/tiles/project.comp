@@ -146,8 +146,8 @@ void main() {
     BinRect rect;
     uint pairs = 0u;
     if (i < uint(SCENE_COUNT) && find_bins(i, p, radius, rect)) {
-        pairs = bins_in(rect);
         splat_bins[thread] = pack_bins(rect);
+        pairs = bins_in(unpack_bins(splat_bins[thread]));
         splat_word[thread] = depth_key(p.depth);
         atomicAdd(visible_count, 1u);
     }
