@@ -6,7 +6,7 @@
 //      4    16   an indirect draw: vertices, instances, first vertex, first instance
 //      8    32   splats drawn: the nearest `ceil(budget * visible)`
 //
-// The buffer `pair_args` of tiled.ron has the same for pairs of a splat and a bin: in word 3 the pairs to sort, in words 4 to 6 the workgroups of the pass
+// The buffer `pair_args` of tile_bins.ron has the same for pairs of a splat and a bin: in word 3 the pairs to sort, in words 4 to 6 the workgroups of the pass
 // over them, in word 8 the pairs that the frame needs, and
 //
 //      9    36   where pairs are sorted once: visible splats
@@ -16,8 +16,7 @@ const uint ARGS_DRAW = 4u;
 const uint ARGS_DRAWN = 8u;
 const uint ARGS_SEEN = 9u;
 
-// The buffer `written` of tile_splats.ron: the pairs that the projection wrote, their number in units of 4,096, which does not
-// overflow, and visible splats.
-const uint WRITTEN_PAIRS = 0u;
-const uint WRITTEN_COARSE = 1u;
-const uint WRITTEN_VISIBLE = 2u;
+// The buffer `pair_counts` of tile_splats.ron: the pairs that the projection wrote, modulo 2^32; 1 if they were more; the visible splats.
+const uint COUNTED_PAIRS = 0u;
+const uint COUNTED_WRAPPED = 1u;
+const uint COUNTED_VISIBLE = 2u;

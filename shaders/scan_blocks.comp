@@ -30,7 +30,10 @@ void write_args(uint visible) {
     args[ARGS_SORT_GROUPS + 2u] = folded.z;
     args[ARGS_VISIBLE] = visible;
 
-    uint drawn = budget >= 1.0 ? visible : min(visible, uint(ceil(max(budget, 0.0) * float(visible))));
+    uint drawn = visible;
+#if HAS_BUDGET
+    drawn = budget >= 1.0 ? visible : min(visible, uint(ceil(max(budget, 0.0) * float(visible))));
+#endif
     args[ARGS_DRAW] = 4u;
     args[ARGS_DRAW + 1u] = drawn;
     args[ARGS_DRAW + 2u] = 0u;

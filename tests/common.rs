@@ -134,13 +134,17 @@ pub const ALONE: &str = "SPLATGRAPH_ALONE";
 /// belongs to the test. The process is this binary, running only `test`, the caller.
 #[cfg(target_os = "linux")]
 pub fn alone(test: &str, body: impl FnOnce()) {
+    alone_with(test, &[], body);
+}
+
+/// Like [`alone`], with more environment variables.
+#[cfg(target_os = "linux")]
+pub fn alone_with(test: &str, set: &[(&str, &str)], body: impl FnOnce()) {
     if std::env::var_os(ALONE).is_some_and(|name| name == test) {
         return body();
     }
     // Its output is hidden here unless requested, like any test's.
-    // With one thread, lavapipe runs workgroups in their order.
-    let set = [(ALONE, test), ("LP_NUM_THREADS", "1")];
-    print!("{}", passes_again("alone in a process", test, &set));
+    print!("{}", passes_again("alone in a process", test, &[&[(ALONE, test)], set].concat()));
 }
 
 /// A graph's name, and its parameters as pairs of name and value.

@@ -199,7 +199,7 @@ fn tiles_on_a_gpu_name_the_parameters_that_the_sort_of_splats_alone_has() {
     };
     let none = |name: &str| {
         format!(
-            "`{name}` has no effect: nothing in this plan depends on it; it is used where `!emits` \
+            "`{name}` has no effect: nothing in this plan depends on it; it is used where `sorts_splats` \
              (pipelines/parts/tile_bins), and here sorted = pairs, tied_pairs = 0, key_of = depth, key_bits = 32, \
              key_map = float_bits"
         )

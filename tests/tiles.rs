@@ -122,24 +122,30 @@ fn by_pairs(bits: &'static str) -> [(&'static str, &'static str); 3] {
     [("sorter", "subgroup"), ("sorted", "pairs"), ("pair_bits", bits)]
 }
 
-#[test]
-fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
-    let splats = [("sorter", "subgroup"), ("sorted", "splats")];
-    let expected = drawn_bytes(GPU, &splats);
-    // 28-bit keys are scaled up to the full range, which must not merge depths.
-    for (bits, key_bits) in [("32", "32"), ("24", "32"), ("20", "32"), ("24", "28")] {
-        let set = [&by_pairs(bits)[..], &[("key_bits", key_bits)]].concat();
-        let found = drawn_bytes(GPU, &set);
-        assert!(found == expected, "pairs sorted by {bits} of {key_bits} bits are blended in another order");
-    }
-}
-
 /// Draws a frame; returns its bytes, and true if the plan's passes sort the splats themselves.
 fn drawn_by_splats(scene: &Arc<Scene>, camera: &Camera, set: &[(&str, &str)]) -> (Vec<u32>, bool) {
     let mut session = images::session(scene.clone(), GPU.0, &with(GPU, set));
     let picture = images::picture(&mut session, camera, [0.0; 3]);
     let plan = session.plan().expect("a plan");
     (bytes(&picture), plan.passes.iter().any(|pass| pass.name == "bins.count_pairs"))
+}
+
+#[test]
+fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
+    let (scene, cameras) = demo(20_000, (400, 225));
+    for camera in &cameras {
+        let (expected, _) = drawn_by_splats(&scene, camera, &[("sorter", "subgroup"), ("sorted", "splats")]);
+        // 28-bit keys are scaled up to the full range, which must not merge depths.
+        for (bits, key_bits) in [("32", "32"), ("24", "32"), ("20", "32"), ("24", "28")] {
+            let set = [&by_pairs(bits)[..], &[("key_bits", key_bits)]].concat();
+            let (found, by_splats) = drawn_by_splats(&scene, camera, &set);
+            assert!(!by_splats, "{bits} of {key_bits} bits: splats were sorted");
+            assert!(
+                found == expected,
+                "pairs sorted by {bits} of {key_bits} bits are blended in another order"
+            );
+        }
+    }
 }
 
 #[test]
@@ -153,8 +159,13 @@ fn splats_are_sorted_where_pairs_need_an_order_that_a_sort_of_pairs_does_not_giv
     };
     assert!(!sorts_splats(&by_pairs("20")));
     assert!(sorts_splats(&by_pairs("16")), "9 bits of depth leave long runs of tied pairs");
+    assert!(sorts_splats(&[&by_pairs("16")[..], &[("entries", "100")]].concat()), "and too few entries");
     assert!(sorts_splats(&[("key_bits", "10")]), "keys too narrow for the scene");
     assert!(sorts_splats(&[("key_map", "equalised")]), "keys that depend on all depths");
+    // The budget has no effect on pairs, and must have none after a frame with tied pairs.
+    let drawn =
+        |more: &[(&str, &str)]| drawn_by_splats(&scene, &cameras[0], &[&by_pairs("16")[..], more].concat());
+    assert!(drawn(&[("budget", "0.5")]) == drawn(&[]), "tied pairs let the budget take effect");
 }
 
 #[test]
@@ -196,9 +207,9 @@ fn splats_of_equal_depth_keep_the_order_of_the_file_wherever_the_projection_writ
     let hidden = |at: usize| Splat { position: [0.0, 0.0, -2.0], ..splat(at) };
     let scene = Arc::new(Scene::generate(3000, 0, |at| if at % 50 == 0 { splat(at) } else { hidden(at) }));
     let (expected, _) = drawn_by_splats(&scene, &camera, &[("sorted", "splats")]);
-    for frame in 0..3 {
+    for run in 0..3 {
         let (found, by_splats) = drawn_by_splats(&scene, &camera, &[]);
-        assert!(!by_splats && found == expected, "frame {frame}: equal depths are blended in another order");
+        assert!(!by_splats && found == expected, "run {run}: equal depths are blended in another order");
     }
 }
 

@@ -9,7 +9,7 @@ shared uint splat_ends[BLOCK];
 shared uint splat_bins[BLOCK];
 shared uint splat_word[BLOCK];
 
-#if EMITS
+#if !SORTS_SPLATS
 // Writes a pair at `place`: the bin, with as many bits of the depth's key as fit below it, and the splat, with some more above its index. A
 // sort of the pairs then makes a list for each bin, near to far.
 void write_pair(uint place, uint bin, uint key, uint splat) {
@@ -37,11 +37,11 @@ void write_pairs(uint start, uint total) {
         uint bin = (r.first.y + row) * uint(BINS_X) + BIN_COLUMN(r.first.x + within - row * width);
         uint place = start + pair;
         if (place < uint(ENTRIES)) {
-#if EMITS
-            write_pair(place, bin, splat_word[at], group_index() * BLOCK + at);
-#else
+#if SORTS_SPLATS
             pair_keys[place] = bin;
             pair_splats[place] = splat_word[at];
+#else
+            write_pair(place, bin, splat_word[at], group_index() * BLOCK + at);
 #endif
         }
     }

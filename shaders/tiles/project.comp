@@ -4,15 +4,15 @@
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #define LONG_SH
 #endif
-#if EMITS
+#if !SORTS_SPLATS
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 #endif
 
 // Projects Gaussians for the tiled rasterisers: cull, project, colour. Each invocation takes one splat. A visible splat gets
-// a record, the bins that it may touch, and its depth at its own index, an invisible one the depth -1. With EMITS, the pairs of visible
-// splats and bins are written instead of the bins.
+// a record. If splats are sorted, it also gets the bins that it may touch, and its depth at its own index, an invisible one the depth -1.
+// Otherwise workgroups write the pairs of their splats and bins, and depths only for outputs.
 
 #include "../camera.glsl"
 #include "../groups.glsl"
@@ -71,7 +71,7 @@ bool bins_around(vec2 low, vec2 high, out BinRect rect) {
 #endif
 
 // Projects splat `i`; finds its published radius and the bins that it may touch. Returns false if it is not visible.
-bool find_bins(uint i, out Projection p, out float radius, out BinRect rect) {
+bool project_to_bins(uint i, out Projection p, out float radius, out BinRect rect) {
     if (!project_splat(i, p)) {
         return false;
     }
@@ -111,7 +111,7 @@ void write_record(uint i, Projection p, float radius) {
     records[i] = pack_record(r);
 }
 
-#if EMITS
+#if !SORTS_SPLATS
 #include "../args.glsl"
 #define KEYS_FILL_THEIR_BITS
 #include "../depth_key.glsl"
@@ -122,7 +122,7 @@ layout(local_size_x = 256) in;
 #include "scan.glsl"
 #include "emit.glsl"
 
-layout(set = 0, binding = 7, std430) buffer Written { uint written[]; };
+layout(set = 0, binding = 7, std430) buffer PairCounts { uint pair_counts[]; };
 #if WITH_OUTPUTS
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
 #endif
@@ -140,24 +140,30 @@ void main() {
     if (thread == 0u) {
         visible_count = 0u;
     }
-    barrier();
     Projection p;
     float radius;
     BinRect rect;
     uint pairs = 0u;
-    if (i < uint(SCENE_COUNT) && find_bins(i, p, radius, rect)) {
+    if (i < uint(SCENE_COUNT) && project_to_bins(i, p, radius, rect)) {
         splat_bins[thread] = pack_bins(rect);
-        pairs = bins_in(unpack_bins(splat_bins[thread]));
         splat_word[thread] = depth_key(p.depth);
+        // Unpacked, because a panorama's rectangle may wrap around the edge.
+        pairs = bins_in(unpack_bins(splat_bins[thread]));
+    }
+    // Invocations return from project_to_bins at different places; the barrier makes their subgroups whole again.
+    barrier();
+    if (pairs > 0u) {
         atomicAdd(visible_count, 1u);
     }
     uint total = 0u;
     splat_ends[thread] = exclusive_sum(pairs, 0u, total) + pairs;
     if (thread == 0u) {
         // Blocks take their places in any order: order_ties.comp orders pairs of equal depth.
-        start = atomicAdd(written[WRITTEN_PAIRS], total);
-        atomicAdd(written[WRITTEN_COARSE], total >> 12);
-        atomicAdd(written[WRITTEN_VISIBLE], visible_count);
+        start = atomicAdd(pair_counts[COUNTED_PAIRS], total);
+        if (start + total < start) {
+            pair_counts[COUNTED_WRAPPED] = 1u;
+        }
+        atomicAdd(pair_counts[COUNTED_VISIBLE], visible_count);
     }
     if (pairs > 0u) {
         write_record(i, p, radius);
@@ -176,7 +182,7 @@ float project(uint i) {
     Projection p;
     float radius;
     BinRect rect;
-    if (!find_bins(i, p, radius, rect)) {
+    if (!project_to_bins(i, p, radius, rect)) {
         return -1.0;
     }
     bins_of[i] = pack_bins(rect);

@@ -4,8 +4,8 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Finds the number of pairs that the frame needs, in one workgroup; as many as the lists hold are sorted. If splats are sorted, turns
-// the blocks' counts of pairs into places, by an exclusive scan.
+// Counts the pairs that the frame needs, in one workgroup. If there are more than the lists hold, only that many are sorted. If splats are
+// sorted, also turns the blocks' counts of pairs into places, by an exclusive scan.
 
 #include "../args.glsl"
 #include "../fold_groups.glsl"
@@ -14,14 +14,14 @@ const uint THREADS = uint(SCAN_THREADS);
 layout(local_size_x = SCAN_THREADS) in;
 
 layout(set = 0, binding = 0, std430) readonly buffer Amounts { uint amounts[]; };
-#if EMITS
-#include "../thread_index.glsl"
-#else
+#if SORTS_SPLATS
 #include "scan.glsl"
 layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
+#else
+#include "../thread_index.glsl"
 #endif
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
-// Cleared for the pass that finds the lists; the second is for its count of tied pairs.
+// Both are cleared here. order_ties.comp or find_bins.comp writes the ranges, and order_ties.comp counts tied pairs.
 layout(set = 0, binding = 3, std430) writeonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Tied { uint tied; };
 
@@ -32,17 +32,11 @@ void main() {
     for (uint bin = thread; bin < uint(BIN_COUNT); bin += THREADS) {
         ranges[bin] = uvec2(0u);
     }
-    // The pairs, and their number in units of 4,096, which does not overflow.
     uint needed = 0u;
-    uint coarse = 0u;
-#if EMITS
-    if (thread == 0u) {
-        needed = amounts[WRITTEN_PAIRS];
-        coarse = amounts[WRITTEN_COARSE];
-        pair_args[ARGS_SEEN] = amounts[WRITTEN_VISIBLE];
-    }
-#else
+    bool is_wrapped = false;
+#if SORTS_SPLATS
     uint blocks = (amounts[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
+    // This invocation's part of the sum in units of 4,096, which does not overflow.
     uint coarse_part = 0u;
     uint round = 0u;
     for (uint first = 0u; first < blocks; first += THREADS * PER_THREAD) {
@@ -62,11 +56,19 @@ void main() {
             next += count[j];
         }
     }
+    uint coarse = 0u;
     exclusive_sum(coarse_part, round++, coarse);
+    is_wrapped = coarse >= (1u << 18);
+#else
+    if (thread == 0u) {
+        needed = amounts[COUNTED_PAIRS];
+        is_wrapped = amounts[COUNTED_WRAPPED] != 0u;
+        pair_args[ARGS_SEEN] = amounts[COUNTED_VISIBLE];
+    }
 #endif
     if (thread == 0u) {
         // More than any list holds: the frame overflows, whatever the 32-bit sum is.
-        needed = coarse >= (1u << 18) ? 0x7fffffffu : needed;
+        needed = is_wrapped ? 0x7fffffffu : needed;
         uint held = min(needed, uint(ENTRIES));
         uint groups = (held + uint(GROUP_PAIRS) - 1u) / uint(GROUP_PAIRS);
         uvec3 folded = fold_groups(groups);

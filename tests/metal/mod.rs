@@ -30,9 +30,17 @@ fn lavapipe() -> Vulkan {
 
 /// Runs `body` in a separate process, because kernels can crash it.
 ///
+/// lavapipe has one thread there. It then runs workgroups in order, as the emulator does, so both write pairs of splats
+/// and bins to the same places.
+fn alone(test: &str, body: impl FnOnce()) {
+    common::alone_with(test, &[("LP_NUM_THREADS", "1")], body);
+}
+
+/// Runs `body` like [`alone`].
+///
 /// `./x test --long` also runs it at lavapipe's other subgroup widths.
 fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
-    common::alone(test, body);
+    alone(test, body);
     if common::long() && common::lanes_are_usual() && std::env::var_os(common::ALONE).is_none() {
         for bits in [128, 512] {
             common::again_with_vectors_of(bits, test);

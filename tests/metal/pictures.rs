@@ -3,13 +3,13 @@
 use super::clang::Library;
 use super::cpu::Cpu;
 use super::parity::{Loose, compare};
-use super::{at_every_width_of_lavapipe, lavapipe, shaders, translated};
+use super::{alone, at_every_width_of_lavapipe, lavapipe, shaders, translated};
 use crate::common::{self, Upload, settings};
 use splatgraph::draw::camera;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
 use splatgraph_api::{Device, FrameInputs};
-use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_assets::{Camera, Scene, Splat, synth};
 use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::plan::Plan;
 use std::path::Path;
@@ -25,7 +25,16 @@ struct Stage {
 
 impl Stage {
     fn new() -> Stage {
-        let scene = synth::generate("demo", 2_000, 0).expect("a scene");
+        let demo = synth::generate("demo", 2_000, 0).expect("a scene");
+        // Every 32nd splat is at the same place, in one of three colours: their order in the file decides the colour.
+        let scene = Scene::generate(2_000, demo.stored_degree(), |at| match at % 32 {
+            0 => Splat {
+                opacity: 0.3,
+                sh: std::array::from_fn(|i| if i == at / 32 % 3 { 1.0 } else { 0.0 }),
+                ..demo.splat(0)
+            },
+            _ => demo.splat(at),
+        });
         let camera = synth::demo_cameras().swap_remove(0).resized(SIZE.0, SIZE.1);
         let mut planner = Planner::default();
         planner.share_memory = false;
@@ -144,7 +153,7 @@ fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]
 
 #[test]
 fn shipped_kernels_give_the_words_of_lavapipe_but_for_powers_and_logarithms() {
-    common::alone(
+    alone(
         "metal::pictures::shipped_kernels_give_the_words_of_lavapipe_but_for_powers_and_logarithms",
         || {
             compare_all("", &[GRAPHS[0], GRAPHS[3], GRAPHS[8]], &POWERS);
@@ -211,7 +220,7 @@ fn kernels_with_their_powers_and_logarithms_written_out_give_every_byte_of_lavap
 #[test]
 fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads() {
     const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
-    common::alone(NAME, || {
+    alone(NAME, || {
         let mut stage = Stage::new();
         let widths = [facts::portable_device(8), facts::apple_device(), facts::portable_device(64)];
         let graphs = [GRAPHS[1], GRAPHS[3], GRAPHS[7]];
@@ -244,7 +253,7 @@ const MORE_LANES: [(common::Graph, f32); 2] = [(common::FAST_TILES[1], 2e-4), (c
 fn the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_macs() {
     const NAME: &str =
         "metal::pictures::the_serial_rasteriser_draws_the_same_picture_at_the_width_of_simd_groups_of_macs";
-    common::alone(NAME, || {
+    alone(NAME, || {
         let mut stage = Stage::new();
         let plans = MORE_LANES.map(|(graph, _)| {
             let set = common::with(graph, &[SUBGROUP, ROOM]);

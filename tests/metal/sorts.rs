@@ -3,9 +3,9 @@
 use super::clang::Library;
 use super::cpu::Cpu;
 use super::parity::compare;
-use super::{at_every_width_of_lavapipe, change, lavapipe, shaders, translated};
+use super::{alone, at_every_width_of_lavapipe, change, lavapipe, shaders, translated};
 use crate::again::again;
-use crate::common::{self, settings};
+use crate::common::settings;
 use crate::sort;
 use splatgraph::draw::facts;
 use splatgraph::draw::planner::Planner;
@@ -88,7 +88,7 @@ fn sort(plan: &Plan, library: &Library, reversed: bool) -> Result<(), String> {
 #[test]
 fn sorts_at_every_width_of_simd_groups_and_in_every_order_of_threads_are_those_of_the_standard_library() {
     const NAME: &str = "metal::sorts::sorts_at_every_width_of_simd_groups_and_in_every_order_of_threads_are_those_of_the_standard_library";
-    common::alone(NAME, || {
+    alone(NAME, || {
         // The serial sort uses no SIMD-groups, so its width does not matter.
         let alone: Vec<_> = every().into_iter().filter(|(sorter, _)| *sorter == "subgroup").collect();
         let (narrow, wide) = (facts::portable_device(4), facts::portable_device(64));

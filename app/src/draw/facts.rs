@@ -101,8 +101,8 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
     }
 }
 
-/// Maximum number of storage buffers in a shader of the built-in graphs, for harmonics of degree 3.
-pub const MAX_STORAGE_BUFFERS: usize = 19;
+/// Maximum number of storage buffers in a shader of the built-in graphs, for harmonics of degree 3 and an output of depths.
+pub const MAX_STORAGE_BUFFERS: usize = 20;
 
 /// Subgroup sizes for which the built-in graphs are checked, ascending.
 pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];

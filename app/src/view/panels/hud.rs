@@ -125,6 +125,11 @@ impl Toasts {
     }
 }
 
+/// Returns the rectangle in which cards are placed: the picture's, or the window's if the picture is hidden behind a tool.
+pub fn space_for_cards(ctx: &Context, view: Rect) -> Rect {
+    if view.is_positive() { view } else { ctx.content_rect() }
+}
+
 /// Returns the background frame of a card over the picture; `edge` is its border's colour.
 pub fn card(ui: &Ui, edge: Color32) -> Frame {
     let palette = Palette::of(ui);
@@ -298,4 +303,24 @@ pub fn comparison<D: Device>(
     let painter = painter.with_clip_rect(view);
     painter.circle_stroke(at, 12.0, Stroke::new(4.0, Color32::BLACK));
     painter.circle_stroke(at, 12.0, Stroke::new(2.0, theme::DARK.caution));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_toast_has_a_place_while_a_tool_hides_the_picture() {
+        let (ctx, mut controls) = (Context::default(), Controls::default());
+        let mut toasts = Toasts::default();
+        toasts.add("missing.ply: no such file".into(), Kind::Failed, STAY_LONG);
+        // The first frame measures the toast, and the second one places it.
+        for _ in 0..2 {
+            ctx.run_ui(Default::default(), |ui| {
+                let view = space_for_cards(ui.ctx(), Rect::NOTHING);
+                toasts.show(ui.ctx(), view, &mut controls);
+            });
+        }
+        assert_eq!(toasts.shown.len(), 1);
+    }
 }

@@ -311,6 +311,7 @@ impl Panels {
         window_failure: Option<&str>,
         view: Rect,
     ) {
+        let view = hud::space_for_cards(ctx, view);
         if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
             hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
         }
