@@ -341,8 +341,7 @@ mod tests {
     #[test]
     fn the_built_in_graphs_bind_as_many_storage_buffers_as_the_portable_device_promises() {
         let catalog = facts::nominal_catalog();
-        let mut planner = Planner::default();
-        planner.outputs = vec!["depth".into()];
+        let mut planner = Planner { outputs: vec!["depth".into()], ..Planner::default() };
         let mut most = 0;
         for lanes in [4, facts::USUAL_SUBGROUP_SIZE] {
             let device = facts::portable_device(lanes);

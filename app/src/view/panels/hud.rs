@@ -316,10 +316,11 @@ mod tests {
         toasts.add("missing.ply: no such file".into(), Kind::Failed, STAY_LONG);
         // The first frame measures the toast, and the second one places it.
         for _ in 0..2 {
-            ctx.run_ui(Default::default(), |ui| {
+            let output = ctx.run_ui(Default::default(), |ui| {
                 let view = space_for_cards(ui.ctx(), Rect::NOTHING);
                 toasts.show(ui.ctx(), view, &mut controls);
             });
+            assert!(!output.shapes.is_empty());
         }
         assert_eq!(toasts.shown.len(), 1);
     }
