@@ -6,17 +6,21 @@
 //      4    16   an indirect draw: vertices, instances, first vertex, first instance
 //      8    32   splats drawn: the nearest `ceil(budget * visible)`
 //
-// The buffer `pair_args` of tile_bins.ron has the same for pairs of a splat and a bin: in word 3 the pairs to sort, in words 4 to 6 the workgroups of the pass
-// over them, in word 8 the pairs that the frame needs, and
-//
-//      9    36   where pairs are sorted once: visible splats
+// The buffer `pair_args` of tile_bins.ron has words 0 to 6 for pairs of a splat and a bin: in word 3 the pairs to sort, in words 4 to 6 the
+// workgroups of the pass over them.
 const uint ARGS_SORT_GROUPS = 0u;
 const uint ARGS_VISIBLE = 3u;
 const uint ARGS_DRAW = 4u;
 const uint ARGS_DRAWN = 8u;
-const uint ARGS_SEEN = 9u;
 
 // The buffer `pair_counts` of tile_splats.ron: the pairs that the projection wrote, modulo 2^32; 1 if they were more; the visible splats.
 const uint COUNTED_PAIRS = 0u;
 const uint COUNTED_WRAPPED = 1u;
 const uint COUNTED_VISIBLE = 2u;
+
+// The buffer `counts` of tile_bins.ron, the frame's statistics: the tied pairs that order_ties.comp could not order; the pairs that the frame
+// needs; the visible splats; the splats drawn.
+const uint COUNTS_TIED = 0u;
+const uint COUNTS_NEEDED = 1u;
+const uint COUNTS_VISIBLE = 2u;
+const uint COUNTS_DRAWN = 3u;

@@ -16,7 +16,7 @@ layout(set = 0, binding = 1, std430) readonly buffer PairKeys { uint pair_keys[]
 layout(set = 0, binding = 2, std430) writeonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 3, std430) readonly buffer SplatsIn { uint splats_in[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer SplatsOut { uint splats_out[]; };
-layout(set = 0, binding = 5, std430) buffer Tied { uint tied; };
+layout(set = 0, binding = 5, std430) buffer Counts { uint counts[]; };
 
 #include "ranges.glsl"
 
@@ -77,7 +77,7 @@ void main() {
     }
     uint place = i;
     if (before + after >= RUN) {
-        atomicAdd(tied, 1u);
+        atomicAdd(counts[COUNTS_TIED], 1u);
     } else if (before + after > 0u) {
         // The last bits of the depth, then the index.
         uint own_rest = near_splats[at];

@@ -21,9 +21,9 @@ layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
 #include "../thread_index.glsl"
 #endif
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
-// Both are cleared here. order_ties.comp or find_bins.comp writes the ranges, and order_ties.comp counts tied pairs.
+// Cleared for the pass that finds the lists.
 layout(set = 0, binding = 3, std430) writeonly buffer Ranges { uvec2 ranges[]; };
-layout(set = 0, binding = 4, std430) writeonly buffer Tied { uint tied; };
+layout(set = 0, binding = 4, std430) writeonly buffer Counts { uint counts[]; };
 
 const uint PER_THREAD = 8u;
 
@@ -63,7 +63,6 @@ void main() {
     if (thread == 0u) {
         needed = amounts[COUNTED_PAIRS];
         is_wrapped = amounts[COUNTED_WRAPPED] != 0u;
-        pair_args[ARGS_SEEN] = amounts[COUNTED_VISIBLE];
     }
 #endif
     if (thread == 0u) {
@@ -81,7 +80,15 @@ void main() {
         pair_args[ARGS_DRAW] = folded.x;
         pair_args[ARGS_DRAW + 1u] = folded.y;
         pair_args[ARGS_DRAW + 2u] = folded.z;
-        pair_args[ARGS_DRAWN] = needed;
-        tied = 0u;
+        // order_ties.comp adds to the first.
+        counts[COUNTS_TIED] = 0u;
+        counts[COUNTS_NEEDED] = needed;
+#if SORTS_SPLATS
+        counts[COUNTS_VISIBLE] = amounts[ARGS_VISIBLE];
+        counts[COUNTS_DRAWN] = amounts[ARGS_DRAWN];
+#else
+        counts[COUNTS_VISIBLE] = amounts[COUNTED_VISIBLE];
+        counts[COUNTS_DRAWN] = amounts[COUNTED_VISIBLE];
+#endif
     }
 }

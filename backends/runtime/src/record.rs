@@ -161,9 +161,12 @@ impl<G: Gpu> Recorder<'_, G> {
     fn export(&mut self) {
         let (compiled, slot) = (self.compiled, self.slot);
         if let Some(target) = compiled.readback(slot) {
-            for (index, stat) in compiled.plan.stats.iter().enumerate() {
-                let source = compiled.resources.buffer(stat.buffer, slot);
-                self.encoder.copy_buffer((source, stat.offset), (target, 4 * index as u64), 4);
+            // Adjacent words are copied at once: on a GPU, each copy takes microseconds.
+            let mut at = 0;
+            for run in compiled.plan.stats.chunk_by(|a, b| a.buffer == b.buffer && a.offset + 4 == b.offset) {
+                let (source, bytes) = (compiled.resources.buffer(run[0].buffer, slot), 4 * run.len() as u64);
+                self.encoder.copy_buffer((source, run[0].offset), (target, at), bytes);
+                at += bytes;
             }
         }
         if let Some(target) = self.readback {

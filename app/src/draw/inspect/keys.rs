@@ -10,7 +10,6 @@ use std::fmt;
 
 /// Byte offset of the number of keys to sort (in `args`) and of needed pairs (in `pair_args`); see shaders/args.glsl.
 const KEYS_BYTE: u64 = 12;
-const PAIRS_BYTE: u64 = 32;
 
 /// Returns true if a resource of this name holds sort keys: `order.keys#1` or `pair_keys`, but not `last(keys)`.
 pub fn holds_keys(name: &str) -> bool {
@@ -89,9 +88,8 @@ fn is_zero(bits: &u32) -> bool {
 
 /// Returns the number of keys that a frame sorted, from its statistics; `None` if no statistic contains it.
 ///
-/// The number is word 3 of the buffer that the pass binds as `Args`. If only the number of needed pairs is read back,
-/// that number is used: a frame without capacity for all pairs is drawn again. In other graphs, there is a key for each
-/// visible splat.
+/// The number is word 3 of the buffer that the pass binds as `Args`. For pairs, it is the number of needed pairs: a frame
+/// without capacity for all pairs is drawn again. In other graphs, there is a key for each visible splat.
 pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
     let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
     let Some(args) = pass.bindings.iter().find(|binding| binding.name == "Args") else {
@@ -102,7 +100,7 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
         value(&stat.name)
     };
     let pairs = plan.resource(args.resource).name.ends_with("pair_args");
-    at(KEYS_BYTE).or_else(|| if pairs { at(PAIRS_BYTE) } else { value("visible") })
+    at(KEYS_BYTE).or_else(|| value(if pairs { "entries_needed" } else { "visible" }))
 }
 
 /// Returns the lowest key bit that a sort reads: the smallest push constant `shift` of its iterations, or 0.
