@@ -48,6 +48,31 @@ fn a_frame_is_the_plans_passes_and_nothing_else() {
 }
 
 #[test]
+fn statistics_that_are_adjacent_in_their_order_are_copied_at_once() {
+    let (mut null, journal) = device();
+    let mut counted = plan();
+    let first = counted.stats[0].clone();
+    let stat = |offset| Stat { name: format!("at {offset}"), offset, ..first.clone() };
+    counted.stats = [12, 16, 20, 4, 0].map(stat).into();
+    let readback = counted.resources.iter_mut().find(|resource| resource.name == "readback");
+    readback.expect("statistics are read back").shape = Shape::Buffer { stride: 4, count: 5 };
+    load(&mut null, counted);
+    frame(&mut null, &inputs());
+    let copies: Vec<_> = journal
+        .take()
+        .into_iter()
+        .filter_map(|call| match call {
+            Call::CopyBuffer { source, target, bytes } if target.0 == "readback" => {
+                Some((source.1, target.1, bytes))
+            }
+            _ => None,
+        })
+        .collect();
+    assert_eq!(copies, [(12, 0, 12), (4, 12, 4), (0, 16, 4)]);
+    finish(null, &journal);
+}
+
+#[test]
 fn a_third_frame_waits_for_the_first_and_results_are_taken_in_any_order() {
     let (mut null, journal) = device();
     load(&mut null, plan());
