@@ -18,9 +18,9 @@ const uint COUNTED_PAIRS = 0u;
 const uint COUNTED_WRAPPED = 1u;
 const uint COUNTED_VISIBLE = 2u;
 
-// The buffer `counts` of tile_bins.ron, the frame's statistics: the tied pairs that order_ties.comp could not order; the pairs that the frame
-// needs; the visible splats; the splats drawn.
-const uint COUNTS_TIED = 0u;
-const uint COUNTS_NEEDED = 1u;
-const uint COUNTS_VISIBLE = 2u;
-const uint COUNTS_DRAWN = 3u;
+// The buffer `counts` of tile_bins.ron, the frame's statistics: the visible splats; the splats drawn; the pairs that the frame needs; the tied
+// pairs that order_ties.comp could not order.
+const uint COUNTS_VISIBLE = 0u;
+const uint COUNTS_DRAWN = 1u;
+const uint COUNTS_NEEDED = 2u;
+const uint COUNTS_TIED = 3u;

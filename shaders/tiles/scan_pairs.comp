@@ -80,7 +80,7 @@ void main() {
         pair_args[ARGS_DRAW] = folded.x;
         pair_args[ARGS_DRAW + 1u] = folded.y;
         pair_args[ARGS_DRAW + 2u] = folded.z;
-        // order_ties.comp adds to the first.
+        // order_ties.comp adds to it.
         counts[COUNTS_TIED] = 0u;
         counts[COUNTS_NEEDED] = needed;
 #if SORTS_SPLATS
