@@ -80,11 +80,11 @@ void main() {
         atomicAdd(counts[COUNTS_TIED], 1u);
     } else if (before + after > 0u) {
         // The last bits of the depth, then the index.
-        uint own_rest = near_splats[at];
+        uint own_word = near_splats[at];
         place = i - before;
         for (uint j = 0u; j <= before + after; j++) {
             uint key = near_keys[at - before + j];
-            bool comes_first = key < own || (key == own && near_splats[at - before + j] < own_rest);
+            bool comes_first = key < own || (key == own && near_splats[at - before + j] < own_word);
             place += comes_first ? 1u : 0u;
         }
     }

@@ -101,7 +101,9 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
     }
 }
 
-/// Maximum number of storage buffers in a shader of the built-in graphs, for harmonics of degree 3 and an output of depths.
+/// Maximum number of storage buffers in a shader of the built-in graphs.
+///
+/// `project` for tiles binds them, with harmonics of degree 3 and an output of depths.
 pub const MAX_STORAGE_BUFFERS: usize = 20;
 
 /// Subgroup sizes for which the built-in graphs are checked, ascending.

@@ -8,7 +8,7 @@ use splatgraph_framework::ir::{Pass, Work};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
-/// Byte offset of the number of keys to sort (in `args`) and of needed pairs (in `pair_args`); see shaders/args.glsl.
+/// Byte offset of the number of keys to sort in `args`; see shaders/args.glsl.
 const KEYS_BYTE: u64 = 12;
 
 /// Returns true if a resource of this name holds sort keys: `order.keys#1` or `pair_keys`, but not `last(keys)`.

@@ -311,10 +311,10 @@ impl Panels {
         window_failure: Option<&str>,
         view: Rect,
     ) {
-        let view = hud::space_for_cards(ctx, view);
         if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
             hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
         }
+        let view = hud::space_for_cards(ctx, view);
         if !self.hidden {
             self.select.card(ctx, viewer, self.selected, view, &mut self.controls);
         }
