@@ -77,23 +77,23 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
 /// Cancel flag that is never set.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 
-/// Opens a device on another thread while `load` loads its scene. Returns both.
+/// Opens a device while `load` loads its scene on another thread. Returns both.
 ///
-/// If `open` fails, the load is cancelled, and its error is not reported.
-pub fn open_and_load<D: Send, L>(
-    open: impl FnOnce() -> Result<D> + Send,
-    load: impl FnOnce(&AtomicBool) -> Result<L>,
+/// If `open` fails, the load is cancelled, and its error is not reported. Drivers free memory when a thread that called
+/// them ends, so the device is not opened on a thread that ends here.
+pub fn open_and_load<D, L: Send>(
+    open: impl FnOnce() -> Result<D>,
+    load: impl FnOnce(&AtomicBool) -> Result<L> + Send,
 ) -> Result<(D, L)> {
     let cancel = AtomicBool::new(false);
     thread::scope(|scope| {
-        let opening = thread::Builder::new()
-            .name("device".into())
-            .spawn_scoped(scope, || open().inspect_err(|_| cancel.store(true, Ordering::Relaxed)))
-            .context("no thread can be started to open the device")?;
-        let loaded = load(&cancel);
-        let opened = info_span!("wait for the device").in_scope(|| opening.join());
-        let device = opened.unwrap_or_else(|panic| resume_unwind(panic))?;
-        Ok((device, loaded?))
+        let loading = thread::Builder::new()
+            .name("scene".into())
+            .spawn_scoped(scope, || load(&cancel))
+            .context("no thread can be started to load the scene")?;
+        let opened = open().inspect_err(|_| cancel.store(true, Ordering::Relaxed));
+        let loaded = info_span!("wait for the scene").in_scope(|| loading.join());
+        Ok((opened?, loaded.unwrap_or_else(|panic| resume_unwind(panic))?))
     })
 }
 

@@ -18,7 +18,9 @@ use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
+use std::convert::Infallible;
 use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use tracing::info_span;
 
 /// Cameras whose frames are in flight, and whose pictures are being written.
@@ -30,6 +32,8 @@ pub struct Batch {
     stdout: Stdout,
     flying: VecDeque<Flying>,
     pictures: Pictures<Told>,
+    /// Each picture whose pixels are in the device's memory has a clone of the sender.
+    pixels: (Sender<Infallible>, Receiver<Infallible>),
     done: Vec<CameraStats>,
 }
 
@@ -73,6 +77,7 @@ impl Batch {
             stdout,
             flying: VecDeque::new(),
             pictures: Pictures::new(jobs),
+            pixels: channel(),
             done: Vec::new(),
         }
     }
@@ -145,6 +150,7 @@ impl Batch {
         let other_bytes: usize = others.iter().map(|(_, output)| 4 * output.words.len()).sum();
         let bytes = other_bytes as u64 + output.as_ref().map_or(0, pictures::encoding_bytes);
         let destination = self.destination.clone();
+        let pixels_held = self.pixels.0.clone();
         let work = move || {
             others.iter().try_for_each(|(path, output)| output.save(path))?;
             let line = match (destination, output) {
@@ -152,7 +158,7 @@ impl Batch {
                     let image = info_span!("convert the pixels").in_scope(|| image_of(&pixels));
                     let image = image.context(no_colours)?;
                     // Return the readback memory to the device before encoding.
-                    drop(pixels);
+                    drop((pixels, pixels_held));
                     let path = destination.path(&stem);
                     image.save_as(destination.format(), &path)?;
                     format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line())
@@ -165,6 +171,14 @@ impl Batch {
             self.tell(told, progress)?;
         }
         Ok(())
+    }
+
+    /// Waits until no picture needs the device's memory any more.
+    pub fn wait_for_pixels(&mut self) {
+        let _span = info_span!("wait for pixels").entered();
+        let (sender, receiver) = std::mem::replace(&mut self.pixels, channel());
+        drop(sender);
+        _ = receiver.recv();
     }
 
     /// Waits until all pictures are written. Returns the statistics of all cameras so far, in order.

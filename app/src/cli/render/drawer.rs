@@ -19,6 +19,7 @@ use serde_json::Value as Json;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_reference::Rules;
+use std::panic::resume_unwind;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -142,7 +143,7 @@ impl Drawer {
         Ok(Some(session))
     }
 
-    /// Draws the views with these camera indices and writes their files.
+    /// Draws the views with these camera indices. Their files may still be being written afterwards.
     pub fn draw(&mut self, args: &Args, views: &[usize]) -> Result<()> {
         let Drawer { loaded: Loaded { scene, cameras }, stems, with } = self;
         let mut progress = Progress::new("drawing");
@@ -163,28 +164,35 @@ impl Drawer {
         }
         if let With::Device { session, batch, .. } = with {
             batch.land_all(session, &progress)?;
-            batch.finish(&progress)?;
         }
         Ok(())
     }
 
-    /// Waits until all pictures are written. Returns the statistics of all views so far, in order.
-    pub fn stats(&mut self) -> Result<Json> {
-        Ok(match &mut self.with {
-            With::Device { batch, .. } => serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?,
-            With::Exact { done } => serde_json::to_value(done)?,
-        })
+    /// Waits until all files are written.
+    pub fn finish(&mut self) -> Result<()> {
+        if let With::Device { batch, .. } = &mut self.with {
+            batch.finish(&Progress::new("drawing"))?;
+        }
+        Ok(())
     }
 
-    /// Closes the device while another thread frees the scene. Returns the device's validation messages.
-    pub fn close(self) -> Vec<String> {
+    /// Closes the device while other threads write the last files and free the scene. Returns the statistics of all
+    /// views, in order, and the device's validation messages.
+    pub fn close(self) -> Result<(Json, Vec<String>)> {
         let Drawer { loaded, with, .. } = self;
-        let With::Device { session, .. } = with else { return Vec::new() };
+        let (session, mut batch) = match with {
+            With::Device { session, batch, .. } => (session, batch),
+            With::Exact { done } => return Ok((serde_json::to_value(done)?, Vec::new())),
+        };
+        batch.wait_for_pixels();
         // Drop the session's reference to the scene, so that the drop below frees it.
         let device = session.into_device();
         thread::scope(|scope| {
             scope.spawn(|| info_span!("free the scene").in_scope(|| drop(loaded)));
-            info_span!("close the device").in_scope(|| device.close())
+            let finishing = scope.spawn(|| Ok(serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?));
+            let messages = info_span!("close the device").in_scope(|| device.close());
+            let stats: Result<Json> = finishing.join().unwrap_or_else(|panic| resume_unwind(panic));
+            Ok((stats?, messages))
         })
     }
 }

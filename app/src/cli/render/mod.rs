@@ -31,8 +31,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let mut drawer = Drawer::open(args, &work, None)?;
     drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>())?;
+    let (stats, messages) = drawer.close()?;
     if let Some(path) = &args.json {
-        options::write_json(path, &drawer.stats()?)?;
+        options::write_json(path, &stats)?;
     }
-    Ok(super::outcome::validated(args.device.validate, &drawer.close()))
+    Ok(super::outcome::validated(args.device.validate, &messages))
 }

@@ -72,10 +72,14 @@ impl job::Work for Views {
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
-        self.drawer.as_mut().context("no device")?.draw(&self.args, views)
+        let drawer = self.drawer.as_mut().context("no device")?;
+        drawer.draw(&self.args, views)?;
+        drawer.finish()
     }
 
     fn close(&mut self) -> Vec<String> {
-        self.drawer.take().map(Drawer::close).unwrap_or_default()
+        let closed = self.drawer.take().map(Drawer::close);
+        // All files are written, so nothing can fail.
+        closed.and_then(Result::ok).map(|(_, messages)| messages).unwrap_or_default()
     }
 }

@@ -22,6 +22,7 @@ use crate::io::image::Image;
 use crate::io::output::say;
 use crate::io::timeline;
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Pixels, Progress, SceneData,
 };
@@ -585,8 +586,16 @@ pub fn image_of(pixels: &Pixels) -> Option<Image> {
             pixels.bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect()
         }
         Format::Rgba16Float => {
-            let half = |b: &[u8]| f16::from_le_bytes([b[0], b[1]]).to_f32();
-            pixels.bytes.chunks_exact(8).map(|p| [half(&p[..2]), half(&p[2..4]), half(&p[4..6])]).collect()
+            // Whole rows are converted at once: several times as fast as single numbers.
+            let mut rgb = Vec::with_capacity(width * height);
+            let (mut halves, mut singles) = (vec![f16::ZERO; 4 * width], vec![0.0; 4 * width]);
+            for row in pixels.bytes.chunks_exact(8 * width.max(1)) {
+                let bytes = row.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]));
+                halves.iter_mut().zip(bytes).for_each(|(half, read)| *half = read);
+                halves.convert_to_f32_slice(&mut singles);
+                rgb.extend(singles.chunks_exact(4).map(|p| [p[0], p[1], p[2]]));
+            }
+            rgb
         }
         Format::Rgba32Float => {
             let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
