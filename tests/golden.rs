@@ -5,8 +5,8 @@
 
 use crate::common;
 use splatgraph::io::image::Image;
-use splatgraph::studies::metrics::{self, Comparison};
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::metrics::{self, Comparison};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
@@ -62,7 +62,7 @@ impl Golden {
     pub fn compare(&self, found: &Image, image: &str) -> Comparison {
         let golden = self.image(image);
         let found = if self.sampled { &sampled(found) } else { found };
-        metrics::compare(found, &golden).expect("images of one size")
+        metrics::compare(found.into(), (&golden).into()).expect("images of one size")
     }
 
     fn image(&self, image: &str) -> Image {

@@ -5,9 +5,9 @@ use splatgraph::draw::backend::Backend;
 use splatgraph::draw::inspect;
 use splatgraph::draw::session::{FrameOptions, Session, image_of};
 use splatgraph::io::image::Image;
-use splatgraph::studies::metrics;
 use splatgraph_api::FrameResult;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::metrics;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -90,7 +90,7 @@ pub fn inspected(
 }
 
 pub fn psnr(a: &Image, b: &Image) -> f64 {
-    metrics::compare(a, b).expect("of one size").psnr()
+    metrics::compare(a.into(), b.into()).expect("of one size").psnr()
 }
 
 pub fn bytes(image: &Image) -> Vec<u32> {

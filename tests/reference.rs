@@ -7,8 +7,8 @@ use crate::images;
 use splatgraph::draw::pick::pick;
 use splatgraph::draw::splat_set::Masked;
 use splatgraph::draw::truth::image_of;
-use splatgraph::studies::metrics::Comparison;
 use splatgraph_assets::{Camera, Scene, Splat};
+use splatgraph_reference::metrics::Comparison;
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
 
 /// Minimum PSNR of every image, in dB over values clamped to 0..1.

@@ -14,9 +14,10 @@ use crate::place::Place;
 use crate::{common, images};
 use cases::{Bounds, Case};
 use splatgraph::io::image::Image;
-use splatgraph::{draw::builtin, draw::truth, studies::metrics};
+use splatgraph::{draw::builtin, draw::truth};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, Splat};
+use splatgraph_reference::metrics;
 use splatgraph_reference::{Rules, Splats, render};
 
 /// A background, so that the transmittance is visible.
@@ -33,7 +34,9 @@ struct Error {
 impl Error {
     /// Compares a picture with the truth; fails on NaN and infinite values.
     fn of(what: &str, image: &Image, truth: &Image) -> Error {
-        let db = metrics::compare(image, truth).unwrap_or_else(|error| panic!("{what}: {error}")).psnr();
+        let db = metrics::compare(image.into(), truth.into())
+            .unwrap_or_else(|error| panic!("{what}: {error}"))
+            .psnr();
         let channels = image.rgb.as_flattened().iter().zip(truth.rgb.as_flattened());
         let share =
             |(found, exact): (&f32, &f32)| f64::from((found - exact).abs()) / f64::from(exact.abs().max(1.0));

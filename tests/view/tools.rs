@@ -67,7 +67,11 @@ fn the_picture_keeps_its_place_while_plans_are_built() {
     let place = |viewer: &TestShell| viewer.shell.panels.controls.find("view").expect("there is a picture");
     let before = place(&viewer);
     let mut building = 0;
-    for bits in [4, 8, 11] {
+    for (changes, bits) in (1..=11).rev().enumerate() {
+        // A busy machine may build a plan within one frame, which shows nothing.
+        if changes >= 3 && building > 0 {
+            break;
+        }
         viewer.shell.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(bits)));
         let former = viewer.shell.viewer.a.renderer.plan().cloned();
         // Draws without pauses, as while the pointer moves.

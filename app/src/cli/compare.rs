@@ -5,9 +5,9 @@ use super::outcome::{Outcome, Usage};
 use crate::io::image::{Depth, Format, Image, npz_names, split_member};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
-use crate::studies::metrics::{self, Comparison, MetricError, flip};
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
+use splatgraph_reference::metrics::{self, Comparison, MetricError, flip};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -154,11 +154,12 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     let mut found = Vec::with_capacity(pairs.len());
     for (index, pair) in pairs.iter().enumerate() {
         let (a, b) = load(pair)?;
-        let comparison = metrics::compare(&a, &b).with_context(|| cannot(pair))?;
+        let comparison = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
         if let Some(out) = diffs.get(index) {
-            metrics::difference(&a, &b, args.gain).save(out)?;
+            Image::difference(&a, &b, args.gain).save(out)?;
         }
-        let (flip, flip_8_bits) = (flip::of_floats(&b, &a), flip::of_8_bits(&b, &a));
+        let (flip, flip_8_bits) =
+            (flip::of_floats((&b).into(), (&a).into()), flip::of_8_bits((&b).into(), (&a).into()));
         found.push(Found { all: comparison, flip, flip_8_bits });
     }
 

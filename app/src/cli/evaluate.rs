@@ -15,7 +15,6 @@ use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, one_line, say};
 use crate::io::progress::Progress;
 use crate::studies::evaluation::{Evaluation, Score, score};
-use crate::studies::metrics;
 use anyhow::{Context, Result, bail};
 use serde_json::{Value as Json, json};
 use splatgraph_api::Device;
@@ -222,7 +221,7 @@ impl Drawer {
         let found = score(&view.name, &drawn, &photograph);
         let found = found.with_context(|| format!("{} cannot be scored", one_line(&view.name)))?;
         if let Some(output) = &args.output {
-            let difference = metrics::difference(&drawn, &photograph, 10.0);
+            let difference = Image::difference(&drawn, &photograph, 10.0);
             for (folder, image) in FOLDERS.into_iter().zip([&drawn, &photograph, &difference]) {
                 image.save(&picture(output, folder, stem))?;
             }

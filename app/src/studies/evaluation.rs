@@ -2,8 +2,8 @@
 
 use crate::io::image::Image;
 use crate::io::output::one_line;
-use crate::studies::metrics::{self, MetricError, flip};
 use serde::{Deserialize, Serialize};
+use splatgraph_reference::metrics::{self, MetricError, flip};
 
 /// The scores of a view's picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,14 +47,14 @@ pub struct Evaluation {
 /// # Errors
 /// The sizes differ, or a value is not finite.
 pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, MetricError> {
-    let found = metrics::compare(picture, photograph)?;
+    let found = metrics::compare(picture.into(), photograph.into())?;
     Ok(Score {
         view: view.to_owned(),
         width: picture.width,
         height: picture.height,
         psnr_db: found.psnr_db,
         ssim: found.ssim,
-        flip: flip::of_8_bits(photograph, picture),
+        flip: flip::of_8_bits(photograph.into(), picture.into()),
     })
 }
 

@@ -5,7 +5,6 @@ pub mod bench;
 pub mod evaluation;
 pub mod experiment;
 pub mod measurement;
-pub mod metrics;
 pub mod popping;
 pub mod price;
 pub mod study;

@@ -8,11 +8,11 @@ use crate::draw::session::{Session, SessionError};
 use crate::io::image::ImageError;
 use crate::io::output::OutputError;
 use crate::io::report::plot::PlotError;
-use crate::studies::metrics::MetricError;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::{BackendError, Device};
 use splatgraph_assets::{Camera, Scene, synth::SynthError};
 use splatgraph_framework::reload::Wanted;
+use splatgraph_reference::metrics::MetricError;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 

@@ -8,7 +8,7 @@
 //! Data flows one way through the modules. [`Splats`] returns each [`Gaussian`] in f64. `project` converts it to an
 //! ellipse on the image, through the camera's `lens`, with its colour from `harmonics`. `order` sorts ellipses by
 //! depth. `raster` blends them, a row of tiles at a time, down to the surface that `mesh` finds. `pixel` lists the
-//! splats of a single pixel.
+//! splats of a single pixel. [`metrics`] measures how far another picture is from the exact one.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -29,6 +29,7 @@ mod gaussian;
 mod harmonics;
 mod lens;
 mod mesh;
+pub mod metrics;
 mod order;
 mod pixel;
 mod project;

@@ -189,7 +189,8 @@ impl Drawer {
         let device = session.into_device();
         thread::scope(|scope| {
             scope.spawn(|| info_span!("free the scene").in_scope(|| drop(loaded)));
-            let finishing = scope.spawn(|| Ok(serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?));
+            let finishing =
+                scope.spawn(|| Ok(serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?));
             let messages = info_span!("close the device").in_scope(|| device.close());
             let stats: Result<Json> = finishing.join().unwrap_or_else(|panic| resume_unwind(panic));
             Ok((stats?, messages))

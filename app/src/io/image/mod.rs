@@ -187,6 +187,12 @@ mod tests {
     }
 
     #[test]
+    fn the_difference_of_two_pictures_is_amplified() {
+        let grey = |value| Image::from_fn(2, 2, |_, _| [value; 3]);
+        assert_eq!(Image::difference(&grey(0.5), &grey(0.25), 8.0).rgb, [[2.0; 3]; 4]);
+    }
+
+    #[test]
     fn a_reduced_picture_is_the_mean_of_squares_also_at_its_edges() {
         let image = Image::from_fn(5, 3, |x, y| [x as f32, y as f32, 1.0]);
         let small = image.reduced(3);

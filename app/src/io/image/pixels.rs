@@ -2,6 +2,7 @@
 
 use crate::io::output::OutputError;
 use splatgraph_assets::memory;
+use splatgraph_reference::metrics::{ImageRef, Rgb};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -48,7 +49,28 @@ impl Image<f64> {
     }
 }
 
+impl<'a> From<&'a Image> for ImageRef<'a> {
+    fn from(Image { width, height, rgb }: &'a Image) -> Self {
+        ImageRef { width: *width, height: *height, rgb: Rgb::F32(rgb) }
+    }
+}
+
+impl<'a> From<&'a Image<f64>> for ImageRef<'a> {
+    fn from(Image { width, height, rgb }: &'a Image<f64>) -> Self {
+        ImageRef { width: *width, height: *height, rgb: Rgb::F64(rgb) }
+    }
+}
+
 impl Image {
+    /// Makes a picture of the absolute differences, multiplied by `gain`. Panics if the sizes differ.
+    pub fn difference<C: Copy + Into<f64>>(a: &Image<C>, b: &Image<C>, gain: f32) -> Image {
+        assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
+        let amplified = |a: C, b: C| ((a.into() - b.into()).abs() * f64::from(gain)) as f32;
+        let pixels = a.rgb.iter().zip(&b.rgb);
+        let rgb = pixels.map(|(a, b)| std::array::from_fn(|c| amplified(a[c], b[c]))).collect();
+        Image { width: a.width, height: a.height, rgb }
+    }
+
     /// Makes a picture from a function of the column and the row.
     pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> [f32; 3]) -> Image {
         let mut rgb = Vec::with_capacity(width * height);

@@ -13,10 +13,10 @@ use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
-use crate::studies::metrics::{self, Comparison};
 use crate::studies::study::{Listener, Steps, StudyError};
 use splatgraph_api::Device;
 use splatgraph_assets::Camera;
+use splatgraph_reference::metrics::{self, Comparison};
 use splatgraph_reference::{Rules, depth_order};
 
 const KEY_BITS: [u32; 9] = [8, 10, 12, 14, 16, 20, 24, 28, 32];
@@ -71,7 +71,7 @@ pub fn measure<D: Device>(
 
     let mut drawn = |name: &str, set: &[(&str, &str)], reversed: bool| -> Result<Drawn, StudyError> {
         let capture = draw(session, &exact, set, camera)?;
-        let error = metrics::compare(&capture.image, &truth)?;
+        let error = metrics::compare((&capture.image).into(), (&truth).into())?;
         let count = capture.order.as_ref().map_or(0, |order| order.len() as u64);
         let pairs = count * count.saturating_sub(1) / 2;
         let inversions = capture.order.and_then(|given| capture::wrong_pairs(&order, &given));
@@ -166,7 +166,7 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), StudyError> {
     ));
     page.text(&format!("Differences from the exact picture, {GAIN} times as large:"));
     let differences: Vec<Image> =
-        found.ways.iter().map(|way| metrics::difference(&way.image, &found.truth, GAIN)).collect();
+        found.ways.iter().map(|way| Image::difference(&way.image, &found.truth, GAIN)).collect();
     let pictures: Vec<Figure> = found
         .ways
         .iter()

@@ -13,10 +13,10 @@ use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::studies::advise::harmonics::{Energy, energy};
-use crate::studies::metrics::{self, squared_error};
 use crate::studies::study::{Listener, Steps, StudyError};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::metrics::{self, squared_error};
 use splatgraph_reference::{Rules, Splats};
 use std::f64::consts::PI;
 
@@ -111,8 +111,8 @@ pub fn measure<D: Device>(
     for (direction, pictures) in directions.iter_mut().zip(pictures) {
         let Some(with_all) = pictures.last().cloned() else { continue };
         for image in pictures {
-            let to_all = metrics::compare(&image, &with_all)?.psnr_db;
-            let to_exact = metrics::compare(&image, &direction.exact)?.psnr_db;
+            let to_all = metrics::compare((&image).into(), (&with_all).into())?.psnr_db;
+            let to_exact = metrics::compare((&image).into(), (&direction.exact).into())?.psnr_db;
             direction.degrees.push(Drawn { image, to_all, to_exact });
         }
     }
@@ -221,7 +221,7 @@ fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), StudyE
             .collect();
         let Some(all) = degrees.last() else { continue };
         let differences: Vec<Image> =
-            degrees.iter().map(|drawn| metrics::difference(&drawn.image, &all.image, GAIN)).collect();
+            degrees.iter().map(|drawn| Image::difference(&drawn.image, &all.image, GAIN)).collect();
         figures.extend(differences.iter().take(columns - 1).zip(1..).map(|(image, first)| Figure {
             caption: format!("what is missing without {}", bands(first, highest)),
             image,

@@ -1,8 +1,8 @@
 //! Measures the error of a picture against the truth.
 
 use crate::io::image::Image;
-use crate::studies::metrics::{self, MetricError, flip};
 use serde::{Deserialize, Serialize};
+use splatgraph_reference::metrics::{self, MetricError, flip};
 
 const STEP: f32 = 1.0 / 255.0;
 
@@ -30,15 +30,20 @@ pub struct Error {
 /// # Errors
 /// The sizes differ, or a value is not finite.
 pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error, MetricError> {
-    metrics::comparable(picture, truth)?;
+    metrics::comparable(picture.into(), truth.into())?;
     let of_pixels = |wanted: &(dyn Fn(usize) -> bool + Sync)| {
-        (metrics::psnr_over(picture, truth, wanted), off(picture, truth, wanted))
+        (metrics::psnr_over(picture.into(), truth.into(), &wanted), off(picture, truth, wanted))
     };
     let (((psnr_db, off), (covered_psnr_db, covered_off)), (flip, (ssim, worst))) = rayon::join(
         || rayon::join(|| of_pixels(&|_| true), || of_pixels(&|pixel| covered[pixel])),
         || {
-            let flip = || flip::of_8_bits(truth, picture);
-            rayon::join(flip, || (metrics::ssim(picture, truth), metrics::worst_pixel(picture, truth)))
+            let flip = || flip::of_8_bits(truth.into(), picture.into());
+            rayon::join(flip, || {
+                (
+                    metrics::ssim(picture.into(), truth.into()),
+                    metrics::worst_pixel(picture.into(), truth.into()),
+                )
+            })
         },
     );
     Ok(Error { psnr_db, ssim, flip, worst: worst.difference, off, covered_psnr_db, covered_off })

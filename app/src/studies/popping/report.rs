@@ -3,8 +3,8 @@
 use super::measure::Track;
 use crate::io::report::plot::{Axis, Plot, Series};
 use crate::io::report::text;
-use crate::studies::metrics::WorstPixel;
 use serde::Serialize;
+use splatgraph_reference::metrics::WorstPixel;
 
 /// The summary of a variant over the whole path.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -14,8 +14,8 @@
 //! that swap places change a pixel by an amount that finer steps do not reduce.
 
 use crate::io::image::Image;
-use crate::studies::metrics::{MetricError, WorstPixel, comparable};
 use serde::Serialize;
+use splatgraph_reference::metrics::{MetricError, WorstPixel, comparable};
 
 /// The scores of a step. Pops and changes are means over all pixels, from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -40,9 +40,9 @@ pub type Frame<'a> = (&'a Image, &'a Image);
 /// # Errors
 /// The sizes differ, or a value is not finite.
 pub fn score((p0, r0): Frame, (p1, r1): Frame) -> Result<Score, MetricError> {
-    comparable(p0, p1)?;
-    comparable(r0, r1)?;
-    comparable(p0, r0)?;
+    comparable(p0.into(), p1.into())?;
+    comparable(r0.into(), r1.into())?;
+    comparable(p0.into(), r0.into())?;
     let (width, count) = (p0.width, p0.rgb.len());
     let mut worst = WorstPixel { difference: 0.0, x: 0, y: 0 };
     let mut sums = [0.0; 4];

@@ -9,10 +9,10 @@ use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::io::report::text;
 use crate::studies::measurement::error::Error;
 use crate::studies::measurement::time::Time;
-use crate::studies::metrics::squared_error;
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::grouped;
+use splatgraph_reference::metrics::squared_error;
 use std::collections::BTreeSet;
 
 /// File names of the plots, without extension.

@@ -9,9 +9,9 @@ use crate::io::image::{Image, ImageError};
 use crate::io::output::names::{MAX_NAME_BYTES, unique};
 use crate::io::output::{self, OutputError};
 use crate::io::report::page::Linked;
-use crate::studies::metrics::{self, squared_error};
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use rayon::prelude::*;
+use splatgraph_reference::metrics::squared_error;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -45,7 +45,7 @@ impl Album {
             return Ok(());
         }
         let reduced = |image: &Image| if image.width > WIDTH { image.reduced(WIDTH) } else { image.clone() };
-        let difference = metrics::difference(picture, truth, gain(found.error.psnr_db) as f32);
+        let difference = Image::difference(picture, truth, gain(found.error.psnr_db) as f32);
         let [of_picture, of_difference] = files(&row.setting);
         let all = [(truth_file(&row.camera), truth), (of_picture, picture), (of_difference, &difference)];
         all.into_par_iter().try_for_each(|(file, image)| reduced(image).save(&folder.join(file)))

@@ -6,10 +6,10 @@
 use super::parts::{Compared, Comparison, Side, Step};
 use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
-use crate::studies::metrics;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use splatgraph_api::{Device, Pixels};
+use splatgraph_reference::metrics;
 
 impl<D: Device> Viewer<D> {
     /// Compares the next pictures of A and B. The result is reported as an event and by [`Viewer::comparison`].
@@ -128,7 +128,7 @@ impl<D: Device> Viewer<D> {
 fn differences(a: &Pixels, b: &Pixels) -> Result<Comparison, String> {
     let image = |pixels| image_of(pixels).ok_or("the output has no colours");
     let (a, b) = (image(a)?.clamped(), image(b)?.clamped());
-    let found = metrics::compare(&a, &b).map_err(|error| error.to_string())?;
+    let found = metrics::compare((&a).into(), (&b).into()).map_err(|error| error.to_string())?;
     Ok(Comparison {
         psnr: found.psnr(),
         ssim: found.ssim,

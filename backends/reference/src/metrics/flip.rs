@@ -9,8 +9,7 @@
 //! does, and calls NVIDIA's own implementation. Where pictures differ by less than a step, rounding hides the
 //! difference or amplifies it to a whole step.
 
-use super::Channel;
-use crate::io::image::Image;
+use super::ImageRef;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -21,7 +20,7 @@ const PIXELS_PER_DEGREE: f64 = nv_flip::DEFAULT_PIXELS_PER_DEGREE as f64;
 /// Computes the mean FLIP over the pixels: 0 for equal pictures, at most 1. Values are clamped to 0..1.
 ///
 /// Panics if the sizes differ.
-pub fn of_floats<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
+pub fn of_floats(a: ImageRef, b: ImageRef) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (a, b) = (Seen::of(a), Seen::of(b));
     // No two colours are farther apart than green and blue.
@@ -34,7 +33,7 @@ pub fn of_floats<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
 /// Computes the mean FLIP of the pictures in 8 bits, with NVIDIA's implementation.
 ///
 /// Panics if the sizes differ.
-pub fn of_8_bits<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
+pub fn of_8_bits(a: ImageRef, b: ImageRef) -> f64 {
     in_bands(a, b, BAND)
 }
 
@@ -44,13 +43,13 @@ const BAND: usize = 64;
 /// Computes FLIP in 8 bits by bands of rows in parallel, because NVIDIA's implementation has a single thread.
 ///
 /// A band is extended by the radius of the filters, so that its pixels have the same values as in the whole picture.
-fn in_bands<C: Channel>(a: &Image<C>, b: &Image<C>, band: usize) -> f64 {
+fn in_bands(a: ImageRef, b: ImageRef, band: usize) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (width, height) = (a.width, a.height);
-    let bytes = |image: &Image<C>, rows: &Range<usize>| {
-        let level = |value: &C| (super::shown(*value) * 255.0).round() as u8;
-        let pixels = &image.rgb[rows.start * width..rows.end * width];
-        let bytes: Vec<u8> = pixels.as_flattened().iter().map(level).collect();
+    let bytes = |image: ImageRef, rows: &Range<usize>| {
+        let level = |value: f64| (super::shown(value) * 255.0).round() as u8;
+        let pixels = image.rgb.range(rows.start * width..rows.end * width);
+        let bytes: Vec<u8> = pixels.flatten().map(level).collect();
         nv_flip::FlipImageRgb8::with_data(width as u32, rows.len() as u32, &bytes)
     };
     let of_band = |top: usize| {
@@ -73,11 +72,10 @@ struct Seen {
 }
 
 impl Seen {
-    fn of<C: Channel>(image: &Image<C>) -> Seen {
-        let opponent: Vec<[f64; 3]> = image
-            .rgb
-            .par_iter()
-            .map(|pixel| to_opponent(pixel.map(|value| linear(super::shown(value)))))
+    fn of(image: ImageRef) -> Seen {
+        let opponent: Vec<[f64; 3]> = (0..image.rgb.len())
+            .into_par_iter()
+            .map(|at| to_opponent(image.rgb.at(at).map(|value| linear(super::shown(value)))))
             .collect();
         let plane = |channel: usize| Plane {
             width: image.width,
@@ -264,6 +262,7 @@ fn features(lightness: &Plane) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metrics::tests::Image;
 
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
         Image::from_fn(width, height, |x, y| {
@@ -279,7 +278,7 @@ mod tests {
     fn in_8_bits_it_is_what_nvidias_program_computes() {
         for (width, height) in [(48, 36), (70, 20), (3, 2), (1, 1)] {
             let (a, b) = (pattern(width, height, 0), pattern(width, height, 3));
-            let (own, nvidia) = (of_floats(&a, &b), of_8_bits(&a, &b));
+            let (own, nvidia) = (of_floats((&a).into(), (&b).into()), of_8_bits((&a).into(), (&b).into()));
             assert!(
                 own > 0.05 && (own - nvidia).abs() < 1e-4 * nvidia,
                 "{width} x {height}: {own} and {nvidia}"
@@ -287,17 +286,21 @@ mod tests {
         }
         let a = pattern(48, 36, 0);
         let dark = Image::from_fn(48, 36, |x, y| a.at(x, y).map(|v| (v * 250.0).round() / 255.0));
-        let (own, nvidia) = (of_floats(&a, &dark), of_8_bits(&a, &dark));
+        let (own, nvidia) = (of_floats((&a).into(), (&dark).into()), of_8_bits((&a).into(), (&dark).into()));
         assert!(own > 0.001 && (own - nvidia).abs() < 1e-3 * nvidia, "{own} and {nvidia}");
     }
 
     #[test]
     fn bands_of_rows_have_the_values_of_the_whole_picture() {
         let (a, b) = (pattern(40, 70, 0), pattern(40, 70, 3));
-        let whole = in_bands(&a, &b, 70);
+        let whole = in_bands((&a).into(), (&b).into(), 70);
         assert!(whole > 0.05);
         for band in [1, 9, 32, 64, 100] {
-            assert_eq!(in_bands(&a, &b, band).to_bits(), whole.to_bits(), "bands of {band} rows");
+            assert_eq!(
+                in_bands((&a).into(), (&b).into(), band).to_bits(),
+                whole.to_bits(),
+                "bands of {band} rows"
+            );
         }
     }
 
@@ -305,11 +308,11 @@ mod tests {
     fn a_difference_below_a_step_of_8_bits_is_seen_in_floats_alone() {
         let a = Image::from_fn(20, 20, |_, _| [100.0 / 255.0; 3]);
         let b = Image::from_fn(20, 20, |_, _| [100.3 / 255.0; 3]);
-        assert_eq!((of_floats(&a, &a), of_8_bits(&a, &b)), (0.0, 0.0));
-        assert!(of_floats(&a, &b) > 1e-4);
+        assert_eq!((of_floats((&a).into(), (&a).into()), of_8_bits((&a).into(), (&b).into())), (0.0, 0.0));
+        assert!(of_floats((&a).into(), (&b).into()) > 1e-4);
         // Values above white are clamped.
         let grey = |value: f32| Image::from_fn(20, 20, |_, _| [value; 3]);
-        assert_eq!(of_floats(&grey(1.0), &grey(1.5)), 0.0);
-        assert!(of_floats(&grey(0.0), &grey(1.0)) > 0.9);
+        assert_eq!(of_floats((&grey(1.0)).into(), (&grey(1.5)).into()), 0.0);
+        assert!(of_floats((&grey(0.0)).into(), (&grey(1.0)).into()) > 0.9);
     }
 }

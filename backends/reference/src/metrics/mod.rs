@@ -6,15 +6,58 @@
 
 pub mod flip;
 
-use crate::io::image::Image;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::ops::Range;
 
-/// Type of a picture's channels: f32 or f64.
-pub trait Channel: Copy + Into<f64> + PartialEq + Send + Sync {}
+/// A borrowed picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageRef<'a> {
+    /// Width, in pixels.
+    pub width: usize,
+    /// Height, in pixels.
+    pub height: usize,
+    /// `width * height` pixels, row by row.
+    pub rgb: Rgb<'a>,
+}
 
-impl Channel for f32 {}
-impl Channel for f64 {}
+/// The pixels of a picture. 0 is black and 1 is white.
+///
+/// An enum instead of a generic type, so that the metrics are compiled, and optimised, in this crate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rgb<'a> {
+    /// Pixels in single precision.
+    F32(&'a [[f32; 3]]),
+    /// Pixels in double precision.
+    F64(&'a [[f64; 3]]),
+}
+
+impl Rgb<'_> {
+    /// Returns the number of pixels.
+    fn len(self) -> usize {
+        match self {
+            Rgb::F32(pixels) => pixels.len(),
+            Rgb::F64(pixels) => pixels.len(),
+        }
+    }
+
+    fn at(self, index: usize) -> [f64; 3] {
+        match self {
+            Rgb::F32(pixels) => pixels[index].map(f64::from),
+            Rgb::F64(pixels) => pixels[index],
+        }
+    }
+
+    fn range(self, range: Range<usize>) -> impl Iterator<Item = [f64; 3]> {
+        range.map(move |index| self.at(index))
+    }
+}
+
+impl ImageRef<'_> {
+    fn pixels(self) -> impl Iterator<Item = [f64; 3]> {
+        self.rgb.range(0..self.rgb.len())
+    }
+}
 
 /// Radius of SSIM's window: 11 x 11.
 const RADIUS: usize = 5;
@@ -87,10 +130,10 @@ pub enum MetricError {
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
-pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, MetricError> {
+pub fn compare(a: ImageRef, b: ImageRef) -> Result<Comparison, MetricError> {
     comparable(a, b)?;
     Ok(Comparison {
-        psnr_db: psnr_over(a, b, |_| true),
+        psnr_db: psnr_over(a, b, &|_| true),
         ssim: ssim(a, b),
         worst: worst_pixel(a, b),
         identical: a == b,
@@ -101,7 +144,7 @@ pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, Met
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
-pub fn comparable<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<(), MetricError> {
+pub fn comparable(a: ImageRef, b: ImageRef) -> Result<(), MetricError> {
     if (a.width, a.height) != (b.width, b.height) {
         return Err(MetricError::Sizes {
             a_width: a.width,
@@ -110,11 +153,10 @@ pub fn comparable<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<(), MetricEr
             b_height: b.height,
         });
     }
-    let finite = |value: &C| (*value).into().is_finite();
     for (which, image) in [("the first picture", a), ("the second picture", b)] {
-        let mut bad = image.rgb.iter().enumerate().filter(|(_, p)| p.iter().any(|v| !finite(v)));
-        if let Some((first, _)) = bad.next() {
-            let count = image.rgb.as_flattened().iter().filter(|v| !finite(v)).count();
+        let is_bad = |pixel: [f64; 3]| pixel.iter().any(|value| !value.is_finite());
+        if let Some(first) = image.pixels().position(is_bad) {
+            let count = image.pixels().flatten().filter(|value| !value.is_finite()).count();
             return Err(MetricError::NotFinite {
                 which,
                 count,
@@ -131,18 +173,18 @@ pub fn squared_error(psnr_db: Option<f64>) -> f64 {
     psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
 }
 
-fn shown<C: Channel>(value: C) -> f64 {
-    value.into().clamp(0.0, 1.0)
+fn shown(value: f64) -> f64 {
+    value.clamp(0.0, 1.0)
 }
 
 /// Computes PSNR in decibels over the pixels that `wanted` accepts by index, for pictures of one size.
 ///
 /// `None` if these pixels are equal after clamping to 0..1, or if there are none.
-pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) -> bool) -> Option<f64> {
+pub fn psnr_over(a: ImageRef, b: ImageRef, wanted: &dyn Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut channels) = (0.0, 0usize);
-    for (_, (a, b)) in a.rgb.iter().zip(&b.rgb).enumerate().filter(|(index, _)| wanted(*index)) {
-        for (a, b) in a.iter().zip(b) {
-            sum += (shown(*a) - shown(*b)).powi(2);
+    for (_, (a, b)) in a.pixels().zip(b.pixels()).enumerate().filter(|(index, _)| wanted(*index)) {
+        for (a, b) in a.into_iter().zip(b) {
+            sum += (shown(a) - shown(b)).powi(2);
         }
         channels += 3;
     }
@@ -150,11 +192,11 @@ pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) 
 }
 
 /// Finds the pixel with the largest difference of a channel, for pictures of one size; of equal ones, the first.
-pub fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
+pub fn worst_pixel(a: ImageRef, b: ImageRef) -> WorstPixel {
     let mut worst = WorstPixel { difference: 0.0, x: 0, y: 0 };
-    for (i, (a_pixel, b_pixel)) in a.rgb.iter().zip(&b.rgb).enumerate() {
+    for (i, (a_pixel, b_pixel)) in a.pixels().zip(b.pixels()).enumerate() {
         for c in 0..3 {
-            let difference = (a_pixel[c].into() - b_pixel[c].into()).abs();
+            let difference = (a_pixel[c] - b_pixel[c]).abs();
             if difference > worst.difference {
                 worst = WorstPixel { difference, x: i % a.width, y: i / a.width };
             }
@@ -175,7 +217,7 @@ pub fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
 /// use_sample_covariance=False, data_range=1, channel_axis=2)`.
 ///
 /// Returns `None` for pictures with fewer than 11 columns or rows. Panics if the sizes differ.
-pub fn ssim<C: Channel>(a: &Image<C>, b: &Image<C>) -> Option<f64> {
+pub fn ssim(a: ImageRef, b: ImageRef) -> Option<f64> {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (columns, rows) = (a.width.checked_sub(2 * RADIUS)?, a.height.checked_sub(2 * RADIUS)?);
     if columns == 0 || rows == 0 {
@@ -198,7 +240,7 @@ fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
 /// Sums one row of the SSIM map over the channels; the windows begin at row `top`.
 ///
 /// The window is separable: the five moments are summed by columns, then by rows.
-fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
+fn ssim_row(a: ImageRef, b: ImageRef, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
     let mut sum = 0.0;
@@ -207,8 +249,8 @@ fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2
         let mut vertical = vec![[0.0f64; 5]; a.width];
         for (dy, weight) in window.iter().enumerate() {
             let start = (top + dy) * a.width;
-            let (a_row, b_row) = (&a.rgb[start..start + a.width], &b.rgb[start..start + a.width]);
-            for ((m, a), b) in vertical.iter_mut().zip(a_row).zip(b_row) {
+            let row = start..start + a.width;
+            for ((m, a), b) in vertical.iter_mut().zip(a.rgb.range(row.clone())).zip(b.rgb.range(row)) {
                 let (a, b) = (shown(a[c]), shown(b[c]));
                 for (m, v) in m.iter_mut().zip([a, b, a * a, b * b, a * b]) {
                     *m += weight * v;
@@ -231,19 +273,32 @@ fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2
     sum
 }
 
-/// Makes a picture of the absolute differences, multiplied by `gain`. Panics if the sizes differ.
-pub fn difference<C: Channel>(a: &Image<C>, b: &Image<C>, gain: f32) -> Image {
-    assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
-    let rgb =
-        a.rgb.iter().zip(&b.rgb).map(|(a, b)| {
-            std::array::from_fn(|c| ((a[c].into() - b[c].into()).abs() * f64::from(gain)) as f32)
-        });
-    Image { width: a.width, height: a.height, rgb: rgb.collect() }
-}
-
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    pub struct Image {
+        pub width: usize,
+        pub height: usize,
+        pub rgb: Vec<[f32; 3]>,
+    }
+
+    impl Image {
+        pub fn from_fn(width: usize, height: usize, pixel: impl Fn(usize, usize) -> [f32; 3]) -> Image {
+            let rgb = (0..width * height).map(|at| pixel(at % width, at / width)).collect();
+            Image { width, height, rgb }
+        }
+
+        pub fn at(&self, x: usize, y: usize) -> [f32; 3] {
+            self.rgb[y * self.width + x]
+        }
+    }
+
+    impl<'a> From<&'a Image> for ImageRef<'a> {
+        fn from(Image { width, height, rgb }: &'a Image) -> Self {
+            ImageRef { width: *width, height: *height, rgb: Rgb::F32(rgb) }
+        }
+    }
 
     /// Makes a picture by integer arithmetic, so that another program can reproduce it exactly.
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
@@ -258,11 +313,11 @@ mod tests {
 
     #[test]
     fn a_tenth_everywhere_is_20_db_and_one_channel_of_two_pixels_is_less() {
-        let found = compare(&grey(4, 3, 0.25), &grey(4, 3, 0.35)).unwrap();
+        let found = compare((&grey(4, 3, 0.25)).into(), (&grey(4, 3, 0.35)).into()).unwrap();
         assert!((found.psnr() - 20.0).abs() < 1e-5, "{found:?}");
 
         let a = Image { width: 2, height: 1, rgb: vec![[0.0; 3], [0.0, 0.5, 0.0]] };
-        let found = compare(&a, &grey(2, 1, 0.0)).unwrap();
+        let found = compare((&a).into(), (&grey(2, 1, 0.0)).into()).unwrap();
         assert!((found.psnr() - 10.0 * 24f64.log10()).abs() < 1e-12, "{found:?}");
         assert_eq!(found.worst, WorstPixel { difference: 0.5, x: 1, y: 0 });
         assert!(!found.identical);
@@ -271,7 +326,7 @@ mod tests {
     #[test]
     fn identical_pictures_have_an_infinite_ratio() {
         let a = pattern(20, 20, 3);
-        let found = compare(&a, &a).unwrap();
+        let found = compare((&a).into(), (&a).into()).unwrap();
         assert_eq!(found.psnr(), f64::INFINITY);
         assert_eq!(found.worst.difference, 0.0);
         assert!(found.identical);
@@ -280,7 +335,7 @@ mod tests {
 
     #[test]
     fn the_ratio_is_of_what_is_shown_and_the_worst_pixel_of_what_is_stored() {
-        let found = compare(&grey(12, 12, 1.0), &grey(12, 12, 1.5)).unwrap();
+        let found = compare((&grey(12, 12, 1.0)).into(), (&grey(12, 12, 1.5)).into()).unwrap();
         assert_eq!(found.psnr(), f64::INFINITY);
         assert_eq!(found.worst.difference, 0.5);
         assert!(!found.identical);
@@ -291,14 +346,14 @@ mod tests {
         // Variances are zero, so the value is (2 a b + C1) / (a^2 + b^2 + C1).
         let (a, b) = (0.25f64, 0.75f64);
         let expected = (2.0 * a * b + 1e-4) / (a * a + b * b + 1e-4);
-        let found = ssim(&grey(15, 11, a as f32), &grey(15, 11, b as f32)).unwrap();
+        let found = ssim((&grey(15, 11, a as f32)).into(), (&grey(15, 11, b as f32)).into()).unwrap();
         assert!((found - expected).abs() < 1e-12, "{found} and {expected}");
     }
 
     #[test]
     fn pictures_smaller_than_the_window_have_no_similarity() {
-        assert_eq!(ssim(&grey(10, 40, 0.5), &grey(10, 40, 0.5)), None);
-        assert!(ssim(&grey(11, 11, 0.5), &grey(11, 11, 0.5)).is_some());
+        assert_eq!(ssim((&grey(10, 40, 0.5)).into(), (&grey(10, 40, 0.5)).into()), None);
+        assert!(ssim((&grey(11, 11, 0.5)).into(), (&grey(11, 11, 0.5)).into()).is_some());
     }
 
     // Computed by scikit-image in float64, with the call in [`ssim`]'s documentation.
@@ -311,7 +366,7 @@ mod tests {
             let b = Image::from_fn(width, height, |x, y| {
                 std::array::from_fn(|c| 0.75 * a.at(x, y)[c] + 0.25 * noise.at(x, y)[c])
             });
-            let found = ssim(&a, &b).unwrap();
+            let found = ssim((&a).into(), (&b).into()).unwrap();
             assert!((found - expected).abs() < 1e-9, "{width} x {height}: {found} and {expected}");
         }
     }
@@ -321,21 +376,15 @@ mod tests {
 
     #[test]
     fn pictures_of_other_sizes_or_with_nan_cannot_be_compared() {
-        let message = compare(&grey(2, 3, 0.0), &grey(3, 2, 0.0)).unwrap_err().to_string();
+        let message = compare((&grey(2, 3, 0.0)).into(), (&grey(3, 2, 0.0)).into()).unwrap_err().to_string();
         assert_eq!(message, "expected pictures of the same size, found 2 x 3 and 3 x 2");
         let mut bad = grey(3, 2, 0.0);
         bad.rgb[4][1] = f32::NAN;
         bad.rgb[5][2] = f32::INFINITY;
-        let message = compare(&grey(3, 2, 0.0), &bad).unwrap_err().to_string();
+        let message = compare((&grey(3, 2, 0.0)).into(), (&bad).into()).unwrap_err().to_string();
         assert_eq!(
             message,
             "expected finite values, found 2 others in the second picture, the first at (1, 1)"
         );
-    }
-
-    #[test]
-    fn the_difference_picture_is_amplified() {
-        let found = difference(&grey(2, 2, 0.5), &grey(2, 2, 0.25), 8.0);
-        assert_eq!(found.rgb, [[2.0; 3]; 4]);
     }
 }
