@@ -64,6 +64,9 @@ impl Scene {
 
     /// Transforms the scene in world coordinates: splats with their harmonics, mesh, light and up direction.
     ///
+    /// Splats whose transformed position or scale is beyond the range of f32 are dropped and counted, in addition to
+    /// the scene's own [`Scene::dropped`].
+    ///
     /// # Errors
     /// The copy does not fit in memory.
     pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
@@ -85,12 +88,14 @@ impl Scene {
         let up = self.notes().up.map(|up| (by.rotation * DVec3::from(up)).into());
         let mesh = self.mesh().map(|mesh| mesh.transformed(by, self.offset(), offset.into()).into());
         let notes = FileNotes { up, ..self.notes() };
-        Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh))
+        let dropped = self.dropped().plus(moved.dropped());
+        Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh).with_dropped(dropped))
     }
 
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is that of the first mesh.
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is that of the first mesh. Counts of
+    /// dropped splats are summed.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are 2^32 splats or more.
@@ -126,17 +131,16 @@ impl Scene {
             scene.mesh().map(here).iter().for_each(|own| mesh.append(own));
         }
         let mesh = (!mesh.triangles.is_empty()).then(|| mesh.into());
-        Ok(joined.with_offset(offset).with_notes(notes).with_mesh(mesh))
+        let dropped = scenes.iter().map(Self::dropped).fold(*joined.dropped(), Dropped::plus);
+        Ok(joined.with_offset(offset).with_notes(notes).with_mesh(mesh).with_dropped(dropped))
     }
 
-    /// Joins the scenes of one file, and sums the counts of the splats that their reader dropped.
+    /// Joins the scenes of one file. A single scene is returned as it is, without a copy.
     pub(crate) fn of_one_file(mut scenes: Vec<Self>) -> Result<Self, SceneMemoryError> {
-        if scenes.len() == 1 {
-            return Ok(scenes.remove(0));
+        match scenes.len() {
+            1 => Ok(scenes.remove(0)),
+            _ => Self::joined(&scenes),
         }
-        let mut dropped = Dropped::default();
-        scenes.iter().for_each(|scene| dropped.join(scene.dropped()));
-        Ok(Self::joined(&scenes)?.with_dropped(dropped))
     }
 
     /// Adds a mesh, transformed by `by` in the world, to the scene's own.

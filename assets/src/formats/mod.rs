@@ -296,11 +296,19 @@ impl Scene {
                 }
                 Found::Several(_) => return Err(nested(&part.file)),
             };
-            files.push((part.file.clone(), scene.count()));
-            scenes.push(match part.by == Similarity::IDENTITY {
+            let scene = match part.by == Similarity::IDENTITY {
                 true => scene,
                 false => scene.transformed(&part.by).map_err(no_room)?,
-            });
+            };
+            if scene.count() == 0 {
+                let (count, reasons) = (scene.dropped().total(), scene.dropped().to_string());
+                return Err(LoadError {
+                    path: part.file.clone(),
+                    problem: SceneError::AllDropped { count, reasons },
+                });
+            }
+            files.push((part.file.clone(), scene.count()));
+            scenes.push(scene);
             before += length;
         }
         let path = parts.last().map_or_else(Default::default, |part| part.file.clone());

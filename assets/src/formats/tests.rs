@@ -293,6 +293,38 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     assert!(names_scenes(&at("both.ron")) && !names_scenes(&at("a.ply")) && !names_scenes(&at("none")));
 }
 
+#[test]
+fn splats_that_parts_of_a_list_lose_are_counted_in_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let mut bytes = written(&Scene::generate(3, 0, crate::testing::splat), SceneFormat::Ply);
+    let row = 68;
+    let rows = bytes.len() - 3 * row;
+    for index in [0, 2] {
+        bytes[rows + index * row..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    }
+    std::fs::write(at("nan.ply"), bytes).unwrap();
+    let huge = |index: usize| Splat {
+        scale: [if index == 1 { 1e30 } else { 1.0 }; 3],
+        ..crate::testing::splat(index)
+    };
+    Scene::generate(4, 0, huge).write_ply(at("huge.ply")).unwrap();
+    let load = |text: &str| {
+        std::fs::write(at("all.ron"), text).unwrap();
+        Scene::load(at("all.ron"), crate::QUIET)
+    };
+    let scene = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply", scale: 1e9)])"#).unwrap();
+    assert_eq!(scene.dropped().to_string(), "2 position not finite in f32, 1 scale not finite in f32");
+    assert_eq!((scene.count(), scene.parts()[1].splats.clone()), (4, 1..4));
+    Scene::generate(2, 0, |_| huge(1)).write_ply(at("huge.ply")).unwrap();
+    let said = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply", scale: 1e9)])"#);
+    let said = said.unwrap_err().to_string();
+    assert!(
+        said.ends_with("huge.ply: none of the 2 splats can be drawn: 2 scale not finite in f32"),
+        "{said}"
+    );
+}
+
 #[cfg(unix)]
 #[test]
 fn a_mesh_that_is_too_long_or_beyond_the_memory_is_refused_before_it_is_read() {

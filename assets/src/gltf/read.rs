@@ -146,9 +146,7 @@ fn packed(
     // `place` is in the axes of glTF, half a turn about z from those of a scene.
     let half = Similarity { rotation: DQuat::from_rotation_z(PI), ..Similarity::IDENTITY };
     let by = half.then(place).then(half);
-    let dropped = *scene.dropped();
-    let moved = scene.transformed(&by)?.with_dropped(dropped);
-    Ok((moved, fields))
+    Ok((scene.transformed(&by)?, fields))
 }
 
 /// Parses the splats of a glTF file. `path` locates the buffers beside it.

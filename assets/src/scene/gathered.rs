@@ -49,13 +49,15 @@ impl Dropped {
         ]
     }
 
-    pub(crate) fn join(&mut self, other: &Self) {
-        self.position += other.position;
-        self.scale += other.scale;
-        self.rotation += other.rotation;
-        self.zero_rotation += other.zero_rotation;
-        self.opacity += other.opacity;
-        self.color += other.color;
+    pub(crate) fn plus(self, other: &Self) -> Self {
+        Self {
+            position: self.position + other.position,
+            scale: self.scale + other.scale,
+            rotation: self.rotation + other.rotation,
+            zero_rotation: self.zero_rotation + other.zero_rotation,
+            opacity: self.opacity + other.opacity,
+            color: self.color + other.color,
+        }
     }
 
     pub(super) fn count(&mut self, reason: Reason) {
@@ -138,7 +140,7 @@ impl Gathered {
     }
 
     pub(super) fn join(&mut self, other: &Self) {
-        self.dropped.join(&other.dropped);
+        self.dropped = self.dropped.plus(&other.dropped);
         self.norms.join(&other.norms);
         self.effective_degree = self.effective_degree.max(other.effective_degree);
         self.bounds.join(&other.bounds);
