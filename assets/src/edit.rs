@@ -14,6 +14,13 @@ fn spread(value: u32) -> u64 {
     (0..21).fold(0u64, |code, bit| code | (u64::from(value) >> bit & 1) << (3 * bit))
 }
 
+/// Replaces a unit vector by the axis that it differs from only by rounding: a tag of a file can name only an axis.
+fn on_axis(direction: DVec3) -> DVec3 {
+    const ROUNDING: f64 = 1e-12;
+    let axis = DVec3::from(direction.to_array().map(|v| v.round() + 0.0));
+    if axis.distance(direction) < ROUNDING { axis } else { direction }
+}
+
 impl Scene {
     /// Copies the splats with these indices, in this order.
     ///
@@ -75,7 +82,8 @@ impl Scene {
         // The offset moves with the scene, so that positions relative to it keep their precision in f32.
         let offset = by.point(DVec3::from(self.offset()));
         let offset = if self.offset() == [0.0; 3] { DVec3::ZERO } else { offset };
-        let moved = Self::try_generate_wide(self.count(), degree, |index| {
+        let wide = self.is_wide() || self.is_far_after(by, offset);
+        let moved = Self::try_generate_at(self.count(), degree, wide, |index| {
             let mut splat = self.splat(index);
             let [w, x, y, z] = splat.rotation.map(f64::from);
             let turned = (by.rotation * DQuat::from_xyzw(x, y, z, w)).normalize();
@@ -85,11 +93,22 @@ impl Scene {
             let position = by.point(DVec3::from(self.world_position(index))) - offset;
             (splat, position.into())
         })?;
-        let up = self.notes().up.map(|up| (by.rotation * DVec3::from(up)).into());
+        let up = self.notes().up.map(|up| on_axis(by.rotation * DVec3::from(up)).into());
         let mesh = self.mesh().map(|mesh| mesh.transformed(by, self.offset(), offset.into()).into());
         let notes = FileNotes { up, ..self.notes() };
         let dropped = self.dropped().plus(moved.dropped());
         Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh).with_dropped(dropped))
+    }
+
+    /// Returns true if f32 would store the transformed positions, relative to `offset`, more than 4 bits more coarsely
+    /// than it stores this scene's: the transformation moves the scene farther than 16 times its distance from the
+    /// origin.
+    fn is_far_after(&self, by: &Similarity, offset: DVec3) -> bool {
+        let farthest = |point: &dyn Fn(DVec3) -> DVec3| {
+            self.robust_bounds().corners().into_iter().map(|v| point(v.into()).length()).fold(0.0, f64::max)
+        };
+        let before = by.scale * farthest(&|position| position);
+        farthest(&|position| by.point(position + DVec3::from(self.offset())) - offset) > 16.0 * before
     }
 
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's.
@@ -196,6 +215,38 @@ mod tests {
         let c = Similarity { rotation: DQuat::from_rotation_z(TAU / 4.0), ..Similarity::IDENTITY };
         let all = a.then(b).then(c);
         assert!(all.point(DVec3::X).distance(DVec3::new(0.0, 3.0, 0.0)) < 1e-12);
+    }
+
+    #[test]
+    fn a_quarter_turn_turns_one_axis_up_into_another() {
+        let y_up = FileNotes { up: Some([0.0, -1.0, 0.0]), ..FileNotes::default() };
+        let scene = Scene::generate(3, 0, splat).with_notes(y_up);
+        let up = |axis: DVec3, degrees: f64| {
+            let rotation = DQuat::from_axis_angle(axis, degrees.to_radians());
+            let by = Similarity { rotation, ..Similarity::IDENTITY };
+            scene.transformed(&by).unwrap().notes().up.unwrap()
+        };
+        assert_eq!(up(DVec3::Z, 90.0), [1.0, 0.0, 0.0]);
+        assert_eq!(up(DVec3::X, 90.0), [0.0, 0.0, -1.0]);
+        assert_eq!(up(DVec3::X, 450.0), [0.0, 0.0, -1.0]);
+        assert!((up(DVec3::X, 60.0)[1] + 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_narrow_scene_stays_narrow_unless_it_is_moved_far() {
+        let small = |index| Splat { scale: [1e-6; 3], ..splat(index) };
+        let scene = Scene::generate(300, 0, small);
+        let is_wide = |scene: &Scene, by: Similarity| scene.transformed(&by).unwrap().is_wide();
+        let rotation = DQuat::from_axis_angle(DVec3::new(0.6, -0.48, 0.64), 50f64.to_radians());
+        assert!(!is_wide(&scene, Similarity { rotation, ..Similarity::IDENTITY }));
+        assert!(!is_wide(&scene, Similarity { scale: 3.0, ..Similarity::IDENTITY }));
+        assert!(!is_wide(&scene, Similarity { translation: DVec3::X, ..Similarity::IDENTITY }));
+        let far = Similarity { translation: DVec3::X * 1000.0, ..Similarity::IDENTITY };
+        assert!(is_wide(&scene, far));
+        assert!(is_wide(&scene, Similarity { scale: 0.001, translation: DVec3::X, ..far }));
+        let surveyed = scene.with_offset([2e6, 0.0, 0.0]);
+        let moved = surveyed.transformed(&far).unwrap();
+        assert!(!moved.is_wide() && moved.offset() == [2_001_000.0, 0.0, 0.0]);
     }
 
     #[test]

@@ -156,15 +156,27 @@ impl Scene {
         degree: u32,
         splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
     ) -> Result<Self, SceneMemoryError> {
+        Self::try_generate_at(count, degree, true, splat)
+    }
+
+    /// Generates a scene like [`Scene::try_generate_wide`]. Unless it is `wide`, positions are rounded to f32.
+    pub(crate) fn try_generate_at(
+        count: u32,
+        degree: u32,
+        wide: bool,
+        splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
+    ) -> Result<Self, SceneMemoryError> {
         let degree = degree.min(3);
-        let low = u64::from(count) * Columns::LOW_BYTES;
+        let low = if wide { u64::from(count) * Columns::LOW_BYTES } else { 0 };
         SceneMemoryError::check(
             count.into(),
             degree,
             Self::host_bytes(count.into(), degree).saturating_add(low),
         )?;
         let mut columns = Columns::zeroed(count as usize, degree)?;
-        columns.widen()?;
+        if wide {
+            columns.widen()?;
+        }
         Ok(Self::filled(columns, |rows| {
             for index in 0..rows.len() {
                 let (mut splat, position) = splat(rows.first() + index);
@@ -358,7 +370,7 @@ impl Scene {
         }
     }
 
-    /// Returns the counts of the splats dropped on load.
+    /// Returns the counts of the splats dropped on load or by a transformation.
     pub fn dropped(&self) -> &Dropped {
         &self.dropped
     }
