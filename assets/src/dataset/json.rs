@@ -22,7 +22,11 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
     let parsed = if text.trim_start().starts_with('{') {
         transforms(text, path, &reached)
     } else {
-        let view = |camera: Camera| Ok(View { photograph: camera.img_name.clone(), camera, test: None });
+        let view = |camera: Camera| {
+            let (img_name, photograph) =
+                (photograph::stem(&camera.img_name).to_owned(), camera.img_name.clone());
+            Ok(View { camera: Camera { img_name, ..camera }, photograph, test: None })
+        };
         let views = whole(text, List { reached: &reached, view, entry: PhantomData });
         views.map(|views| Dataset { views, photographs: None, off_center: 0.0 })
     };
@@ -164,7 +168,7 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
         [None, None] => {
             let path = photograph::find(folder, photograph).ok_or_else(|| {
                 format!(
-                    "missing field `w`, and no photograph {} has the size",
+                    "missing fields `w` and `h`, the size in pixels, and no photograph {} has it; add for instance \"w\": 800, \"h\": 800",
                     folder.join(photograph).display()
                 )
             })?;

@@ -177,7 +177,8 @@ impl Camera {
         std::fs::write(path, text).map_err(io)
     }
 
-    /// Selects the camera of `path`, `path#2` (index from 0) or `path#name` (`img_name`); without `#`, the first.
+    /// Selects the camera of `path`, `path#2` (index from 0) or `path#name` (`img_name`, or its photograph's name);
+    /// without `#`, the first.
     ///
     /// # Errors
     /// The errors of [`Camera::load`], or there is no such camera.
@@ -194,7 +195,10 @@ impl Camera {
         let Some(wanted) = wanted else { return Ok(cameras.swap_remove(0)) };
         let index = match wanted.parse::<usize>() {
             Ok(index) => Some(index).filter(|i| *i < cameras.len()),
-            Err(_) => cameras.iter().position(|c| c.img_name == wanted),
+            Err(_) => {
+                let wanted = photograph::stem(wanted);
+                cameras.iter().position(|c| c.img_name == wanted)
+            }
         };
         match index {
             Some(index) => Ok(cameras.swap_remove(index)),

@@ -10,6 +10,14 @@ use zune_jpeg::JpegDecoder;
 /// Extensions to try for a photograph's name: first appended to it, then in place of its own.
 const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
+/// Returns a photograph's name without one of the [`EXTENSIONS`].
+pub(super) fn stem(name: &str) -> &str {
+    match name.rsplit_once('.') {
+        Some((stem, extension)) if !stem.is_empty() && EXTENSIONS.contains(&extension) => stem,
+        _ => name,
+    }
+}
+
 pub(super) fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let named = folder.join(name);
     let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
