@@ -61,6 +61,17 @@ fn a_camera_is_selected_by_number_or_name() {
     assert_eq!(select("").unwrap(), cameras[0]);
     assert_eq!(select("#2").unwrap(), cameras[2]);
     assert_eq!(select("#view-1").unwrap(), cameras[1]);
+    for (camera, ending) in cameras.iter_mut().zip([".png", ".JPG", ".v2"]) {
+        camera.img_name += ending;
+    }
+    Camera::save(&cameras, &path).unwrap();
+    let names: Vec<String> = Camera::load(&path).unwrap().into_iter().map(|camera| camera.img_name).collect();
+    assert_eq!(
+        names,
+        ["view-0", "view-1", "view-2.v2"],
+        "pictures are named like this, with their own ending"
+    );
+    assert_eq!(select("#view-1.JPG").unwrap().id, 1);
     let missing = select("#3").unwrap_err().to_string();
     assert!(
         missing.contains("no camera `3`: it has 3, numbered from 0 and named view-0, view-1"),
@@ -263,7 +274,7 @@ fn a_fisheye_without_distortion_is_equidistant_and_a_panorama_needs_no_focal_len
 fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
     let said = |image: &str| Dataset::load(colmap_text(LENS, image).path()).unwrap_err().to_string();
     for (from, to, what) in [
-        (" 7 left", " 8 left", "`CAMERA_ID`: expected one of the 1 cameras, found 8"),
+        (" 7 left", " 8 left", "`CAMERA_ID`: expected 7, the only ID of cameras, found 8"),
         ("left/a photo.JPG", "", "`NAME`: expected a value, found the end of the line"),
         ("3 0.5 0.5 0.5 -0.5", "3 0 0 0 0", "`QW`: expected a quaternion other than zero, found 0 0 0 0"),
         ("-2 3 1", "-2 3 x", "`TZ`: expected a number, found `x`"),
@@ -272,6 +283,14 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
         let said = said(&image().replace(from, to));
         assert!(said.contains("images.txt:4: ") && said.contains(what), "{said}");
     }
+    // Without the lines of points, each second image would be taken for points.
+    let found = said(&format!("{}\n{}", image(), image()));
+    assert!(
+        found.contains("images.txt:5: `POINTS2D`: expected the points of the image above as triples")
+            && found.ends_with("or an empty line, found `left/a`"),
+        "{found}"
+    );
+    assert!(said(&format!("{}\n1 2", image())).ends_with("found 2 numbers"));
     let folder = tempfile::tempdir().unwrap();
     let said = |files: [Vec<u8>; 2]| {
         write_binary(folder.path(), files);
@@ -296,7 +315,7 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
     );
     assert!(
         said(damaged(1, 68, &[9]))
-            .contains("images.bin: byte 68, `CAMERA_ID`: expected one of the 1 cameras, found 9")
+            .contains("images.bin: byte 68, `CAMERA_ID`: expected 7, the only ID of cameras, found 9")
     );
     assert!(
         said(damaged(1, 78, &[255; 7])).contains("images.bin: byte 78, `num_points2D`: expected at most ")
@@ -384,7 +403,8 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     write("test", &["r_0"]);
     let said = Dataset::load(folder.path()).unwrap_err().to_string();
     assert!(
-        said.contains("transforms_test.json:1:") && said.contains("missing field `w`, and no photograph"),
+        said.contains("transforms_test.json:1:")
+            && said.contains("missing fields `w` and `h`, the size in pixels, and no photograph"),
         "{said}"
     );
     ["r_0.png", "r_1.png", "r_2.png", "r_3.png"].into_iter().for_each(png);

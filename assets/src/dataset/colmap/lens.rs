@@ -127,6 +127,20 @@ impl Model {
     }
 }
 
+/// Lists the first IDs of the lenses, in order.
+fn ids(lenses: &Lenses) -> String {
+    const SHOWN: usize = 8;
+    let mut ids: Vec<u32> = lenses.keys().copied().collect();
+    ids.sort_unstable();
+    let shown: Vec<String> = ids.iter().take(SHOWN).map(u32::to_string).collect();
+    match (ids.len(), shown.join(", ")) {
+        (0, _) => "an ID of cameras, which lists none".into(),
+        (1, only) => format!("{only}, the only ID of cameras"),
+        (count, shown) if count > SHOWN => format!("one of the {count} IDs of cameras ({shown}, ...)"),
+        (_, shown) => format!("an ID of cameras ({shown})"),
+    }
+}
+
 /// Adds the view of an image to a dataset. The rotation is a quaternion w, x, y, z.
 pub(super) fn push(
     dataset: &mut Dataset,
@@ -136,7 +150,7 @@ pub(super) fn push(
     name: String,
 ) -> Result<(), Fault> {
     let Some(lens) = lenses.get(&lens) else {
-        return Err(("CAMERA_ID", format!("expected one of the {} cameras, found {lens}", lenses.len())));
+        return Err(("CAMERA_ID", format!("expected {}, found {lens}", ids(lenses))));
     };
     if dataset.views.len() == MAX_CAMERAS {
         return Err(("IMAGE_ID", format!("expected at most {MAX_CAMERAS} images, found more")));

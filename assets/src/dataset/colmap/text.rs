@@ -56,9 +56,32 @@ impl<'a> Lines<'a> {
         }
     }
 
-    fn skip(&mut self) -> Result<(), CameraError> {
+    /// Skips the line of an image's points: triples of numbers, or nothing. Only its first bytes are checked.
+    fn skip_points(&mut self) -> Result<(), CameraError> {
+        self.line.clear();
         self.number += 1;
-        self.file.skip_until(b'\n').map(drop).map_err(|error| self.io(error))
+        let mut line = (&mut self.file).take(MAX_LINE);
+        line.read_until(b'\n', &mut self.line).map_err(|error| self.io(error))?;
+        let is_cut = self.line.len() as u64 == MAX_LINE && !self.line.ends_with(b"\n");
+        let text = String::from_utf8_lossy(&self.line);
+        let mut words: Vec<&str> = text.split_ascii_whitespace().collect();
+        if is_cut {
+            // The last word may be cut, too.
+            words.pop();
+        }
+        let other = words.iter().find(|word| word.parse::<f64>().is_err());
+        let found = match other {
+            Some(word) => format!("found `{}`", word.chars().take(60).collect::<String>()),
+            None if !is_cut && words.len() % 3 != 0 => format!("found {} numbers", words.len()),
+            None => {
+                return match is_cut {
+                    true => self.file.skip_until(b'\n').map(drop).map_err(|error| self.io(error)),
+                    false => Ok(()),
+                };
+            }
+        };
+        let expected = "expected the points of the image above as triples X, Y, POINT3D_ID, or an empty line";
+        Err(self.fault(("POINTS2D", format!("{expected}, {found}"))))
     }
 
     fn text(&self) -> Result<&str, CameraError> {
@@ -136,7 +159,7 @@ pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Res
             push(dataset, lenses, (id, lens), ([w, x, y, z], translation), name.to_owned())
         };
         entry().map_err(|fault| lines.fault(fault))?;
-        lines.skip()?;
+        lines.skip_points()?;
     }
     Ok(())
 }
