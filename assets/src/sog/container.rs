@@ -144,6 +144,14 @@ impl<'a> Container<'a> {
         };
         let bytes = self.read(name, most)?;
         let unreadable = |error| damaged(name, format!("expected a WebP texture, found: {error}"));
+        let other = [(&b"\x89PNG"[..], "PNG"), (b"\xFF\xD8\xFF", "JPEG"), (b"RIFF", "WebP")];
+        match other.iter().find(|(magic, _)| bytes.starts_with(magic)) {
+            Some((_, "WebP")) => {}
+            found => {
+                let found = found.map_or("another format", |(_, name)| name);
+                return Err(damaged(name, format!("expected a WebP texture, found {found}")));
+            }
+        }
         let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(unreadable)?;
         if decoder.is_lossy() {
             return Err(damaged(

@@ -111,6 +111,10 @@ fn equal_splats_are_read_although_they_take_almost_no_bytes() {
 
 #[test]
 fn damage_names_the_file_and_the_field() {
+    let (meta, mut files) = two();
+    files[2].1 = b"\x89PNG\r\n\x1A\n".to_vec();
+    let said = parse(&archive(&meta, &files)).unwrap_err().to_string();
+    assert!(said.contains("`s.webp`: expected a WebP texture, found PNG"), "{said}");
     let with = |pointer: &str, value: Value| {
         let (mut meta, files) = two();
         *meta.pointer_mut(pointer).unwrap() = value;
