@@ -153,8 +153,8 @@ mod tests {
     fn rows_with_lists_are_measured_across_the_pieces_that_are_read() {
         let list = PropertyType::List { count: Scalar::U16, item: Scalar::F64 };
         let properties = vec![
-            Property { name: "l".into(), kind: list },
-            Property { name: "s".into(), kind: PropertyType::Scalar(Scalar::U8) },
+            Property { name: "l".into(), line: 2, kind: list },
+            Property { name: "s".into(), line: 3, kind: PropertyType::Scalar(Scalar::U8) },
         ];
         let element = Element { name: "e".into(), count: 30, line: 1, properties };
         let mut bytes = vec![0xAA; 5];

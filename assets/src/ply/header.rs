@@ -96,6 +96,8 @@ impl PropertyType {
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub name: String,
+    /// Line of the property's declaration.
+    pub line: u32,
     pub kind: PropertyType,
 }
 
@@ -227,7 +229,7 @@ impl Header {
                     });
                 }
                 ["property", rest @ ..] => {
-                    let property = property(rest).map_err(fail)?;
+                    let property = property(rest, number).map_err(fail)?;
                     let element = elements
                         .last_mut()
                         .ok_or_else(|| fail("a `property` before the first `element`".into()))?;
@@ -252,7 +254,7 @@ impl Header {
     }
 }
 
-fn property(words: &[&str]) -> Result<Property, String> {
+fn property(words: &[&str], line: u32) -> Result<Property, String> {
     let scalar = |name: &str| {
         Scalar::parse(name).ok_or_else(|| {
             format!(
@@ -269,9 +271,13 @@ fn property(words: &[&str]) -> Result<Property, String> {
                     count.name()
                 ));
             }
-            Ok(Property { name: (*name).into(), kind: PropertyType::List { count, item: scalar(item)? } })
+            let kind = PropertyType::List { count, item: scalar(item)? };
+            Ok(Property { name: (*name).into(), line, kind })
         }
-        [kind, name] => Ok(Property { name: (*name).into(), kind: PropertyType::Scalar(scalar(kind)?) }),
+        [kind, name] => {
+            let kind = PropertyType::Scalar(scalar(kind)?);
+            Ok(Property { name: (*name).into(), line, kind })
+        }
         _ => Err("expected `property TYPE NAME` or `property list TYPE TYPE NAME`".into()),
     }
 }

@@ -51,7 +51,7 @@ impl Layout {
         for (column, property) in vertex.properties.iter().enumerate() {
             let PropertyType::Scalar(scalar) = property.kind else {
                 return Err(SceneError::Header {
-                    line,
+                    line: property.line,
                     message: format!("`{}` is a list: splats have only single values", property.name),
                 });
             };
