@@ -53,6 +53,12 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     fs::remove_file(place.at("out/three.png")).expect("it is there");
     let told = run(&place, line, &["out", "--shard", "0/1"], 0);
     assert!(told.contains("3 of 3 views: 2 done, 1 already there"), "{told}");
+    // An output besides the picture is missing.
+    fs::remove_file(place.at("out/d-one.npy")).expect("it is there");
+    let told = run(&place, "merge out", &[], 1);
+    assert!(told.contains("2 of 3 views are present\nmissing: one\n"), "{told}");
+    let told = run(&place, line, &["out", "--shard", "0/1"], 0);
+    assert!(told.contains("3 of 3 views: 1 done, 2 already there"), "{told}");
     let mut many = files(&place, "out");
     assert!(many.remove("job.json").is_some() && many == one);
     assert_eq!(run(&place, "merge out", &[], 0), "3 of 3 views are present\n");
@@ -67,6 +73,8 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
         let told = run(&place, line, more, code);
         assert!(told.contains(why), "{more:?}: {told}");
     }
+    let told = run(&place, &line.replace("d.npy", "e.npy"), &["out", "--shard", "0/1"], 1);
+    assert!(told.contains("differ in the names of files: name another folder"), "{told}");
     let told = run(&place, "merge nowhere", &[], 1);
     assert!(told.contains("expected a folder of --shard, found no nowhere/job.json"), "{told}");
     fs::create_dir(place.at("full")).expect("a folder");

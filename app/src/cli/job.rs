@@ -1,9 +1,9 @@
 //! Shares the views of a command among processes, through a folder.
 //!
-//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each leaves a result file, which is either
+//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each leaves files, which are either
 //! complete or absent. Therefore, any number of processes may share the views, in any order: `--shard 2/8` does every
-//! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with a result is
-//! not done again.
+//! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with all its
+//! files is not done again.
 //!
 //! `job.json` in the folder names the views and all inputs that determine their results. A job with another description
 //! is rejected. `merge` reads the description, joins the results, and names the missing ones.
@@ -66,14 +66,15 @@ pub struct Outputs {
     pub folder: PathBuf,
     /// File names of the views, unique and without extension.
     pub views: Vec<String>,
-    /// Result file of each view, relative to the folder: the last file that is written for the view.
-    pub files: Vec<PathBuf>,
+    /// Files of each view, relative to the folder, or absolute if they lie outside. The first is the result, which
+    /// `merge` reads.
+    pub files: Vec<Vec<PathBuf>>,
 }
 
 impl Outputs {
     /// Names the results of a command that writes a JSON file for each view with [`write_part`].
     pub fn parts(command: &'static str, folder: &Path, views: &[String]) -> Outputs {
-        let files = views.iter().map(|view| part(view)).collect();
+        let files = views.iter().map(|view| vec![part(view)]).collect();
         Outputs { command, folder: folder.into(), views: views.to_vec(), files }
     }
 }
@@ -106,8 +107,8 @@ pub struct Manifest {
     pub command: String,
     pub origin: Origin,
     pub views: Vec<String>,
-    /// Result file of each view, relative to the folder.
-    pub files: Vec<PathBuf>,
+    /// Files of each view: see [`Outputs::files`].
+    pub files: Vec<Vec<PathBuf>>,
 }
 
 impl Manifest {
@@ -143,7 +144,9 @@ impl Manifest {
             }
             Err(_) => {}
         }
-        if let Some(file) = self.files.iter().map(|file| folder.join(file)).find(|file| file.exists()) {
+        if let Some(file) =
+            self.files.iter().flatten().map(|file| folder.join(file)).find(|file| file.exists())
+        {
             // Another process may have written the description in the meantime.
             if !path.exists() {
                 bail!(
@@ -175,8 +178,10 @@ impl Manifest {
             self.origin.keys().chain(other.origin.keys().filter(|key| !self.origin.contains_key(*key)));
         let differs = names.filter(|name| self.origin.get(*name) != other.origin.get(*name));
         let mut changes: Vec<String> = differs.cloned().collect();
-        if self.views != other.views || self.files != other.files {
+        if self.views != other.views {
             changes.push("the list of views".into());
+        } else if self.files != other.files {
+            changes.push("the names of files".into());
         }
         changes
     }
@@ -254,7 +259,7 @@ impl Job {
     }
 
     fn has(&self, view: usize) -> bool {
-        self.outputs.folder.join(&self.outputs.files[view]).exists()
+        is_present(&self.outputs.folder, &self.outputs.files[view])
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
@@ -300,6 +305,11 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     }
     let outcome = super::outcome::validated(validate, &job.close());
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
+}
+
+/// True if all files of a view exist; `folder` is that of the job.
+pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
+    files.iter().all(|file| folder.join(file).exists())
 }
 
 fn reason(error: &anyhow::Error) -> String {

@@ -1,6 +1,6 @@
 //! Runs `splatgraph merge`: joins the results of a command that several processes shared.
 
-use super::job::{Manifest, Origin};
+use super::job::{Manifest, Origin, is_present};
 use super::outcome::{Outcome, Usage};
 use super::{evaluate, render, sweep, trade};
 use crate::io::output::{one_line, say};
@@ -12,7 +12,8 @@ use std::path::PathBuf;
 /// Join the results of a command that several processes shared (--shard), and name missing views
 ///
 /// For `trade` and `sweep`, the folder gets the files of the command; for `evaluate`, scores.json, as --json prints it. They
-/// equal the files of a single process, except for times, which each process measured. For `render`, the pictures are counted.
+/// equal the files of a single process, except for times, which each process measured. For `render`, the views with all their
+/// files are counted.
 ///
 /// Processes that do not share a disk have a folder each: name all of them. The exit code is 1 if views are missing.
 #[derive(Debug, clap::Args)]
@@ -52,10 +53,10 @@ pub(super) fn prepare(args: &Args) -> Result<Manifest> {
 pub fn run(args: &Args) -> Result<Outcome> {
     let first = prepare(args)?;
     let (mut found, mut missing) = (Vec::new(), Vec::new());
-    for (view, file) in first.views.iter().zip(&first.files) {
-        match args.folders.iter().map(|folder| folder.join(file)).find(|path| path.exists()) {
-            Some(path) => found.push(path),
-            None => missing.push(view.as_str()),
+    for (view, files) in first.views.iter().zip(&first.files) {
+        match (files.first(), args.folders.iter().find(|folder| is_present(folder, files))) {
+            (Some(result), Some(folder)) => found.push(folder.join(result)),
+            _ => missing.push(view.as_str()),
         }
     }
     say(format!("{} of {} views are present", found.len(), first.views.len()));

@@ -1,13 +1,13 @@
 //! Shares the views of a rendering among several processes.
 
 use super::args::{Args, Work, prepare};
-use super::destination::Destination;
+use super::destination::{Destination, per_camera};
 use super::drawer::{Drawer, Loaded};
 use crate::cli::job::{self, Origin};
 use crate::cli::outcome::Usage;
 use anyhow::{Context, Result};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::{Path, PathBuf, absolute};
 
 /// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "render";
@@ -38,19 +38,22 @@ impl Views {
     }
 }
 
+/// Returns a file's path relative to `folder`, or its absolute path if it lies outside.
+fn relative(file: &Path, folder: &Path) -> PathBuf {
+    let (Ok(file), Ok(folder)) = (absolute(file), absolute(folder)) else { return file.to_owned() };
+    file.strip_prefix(folder).map_or(file.clone(), Path::to_owned)
+}
+
 impl job::Work for Views {
     fn outputs(&self) -> job::Outputs {
-        let file = |stem: &String| {
-            let path = self.work.destination.as_ref().map(|destination| destination.path(stem));
-            path.as_deref().and_then(Path::file_name).unwrap_or_default().into()
-        };
         let views = self.work.stems.clone();
-        job::Outputs {
-            command: COMMAND,
-            folder: self.folder.clone(),
-            files: views.iter().map(file).collect(),
-            views,
-        }
+        let files = |stem: &String| {
+            let picture = self.work.destination.as_ref().map(|destination| destination.path(stem));
+            let named = self.args.named().map(|(_, file)| per_camera(file, stem, views.len()));
+            picture.into_iter().chain(named).map(|file| relative(&file, &self.folder)).collect()
+        };
+        let files = views.iter().map(files).collect();
+        job::Outputs { command: COMMAND, folder: self.folder.clone(), files, views }
     }
 
     fn open(&mut self) -> Result<Origin> {
