@@ -22,7 +22,7 @@ struct Pixel {
     float median;        // depth of the last splat with a transmittance above one half before it
     float most;          // the largest weight
     uint index;          // the splat with that weight
-    uint contributors;   // splats that were blended
+    uint contributors;   // splats in front of the early stop
 #endif
 };
 
@@ -55,8 +55,9 @@ Pixel empty_pixel() {
     return p;
 }
 
-// Adds a splat with this weight (0 if it is not blended) and the transmittance before it.
-void add_splat(inout Pixel p, Seen s, float weight, float before) {
+// Adds a splat with this weight (0 if it is not blended) and the transmittance before it. A splat that brings the transmittance below
+// `stop` is not counted, nor any behind it, whether or not they are blended: so the count does not depend on where the loop ends.
+void add_splat(inout Pixel p, Seen s, float weight, float before, float stop) {
     p.depth += weight * s.depth;
 #if WITH_NORMALS
     p.normal_x += weight * s.normal.x;
@@ -68,7 +69,7 @@ void add_splat(inout Pixel p, Seen s, float weight, float before) {
     p.median = is_blended && before > 0.5 ? s.depth : p.median;
     p.index = weight > p.most ? s.index : p.index;
     p.most = max(p.most, weight);
-    p.contributors += is_blended ? 1u : 0u;
+    p.contributors += is_blended && before - weight >= stop ? 1u : 0u;
 #endif
 }
 #endif

@@ -121,6 +121,23 @@ fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
 
 #[test]
 fn a_plan_without_outputs_has_nothing_for_them_and_one_with_some_has_their_passes_alone() {
+        // Wherever the loop over the splats ends, the splats in front of the early stop are counted.
+        let chunks: [(Graph, &[(&str, &str)]); 3] = [
+            (EXACT_TILES[0], &[("stop_after", "chunk")]),
+            (EXACT_TILES[0], &[("stop_after", "chunk"), ("segment", "32"), ("entries", "20000")]),
+            (EXACT_TILES[1], &[("stop_after", "chunk")]),
+        ];
+        for (graph, set) in chunks {
+            let found = drawn(&mut session, &camera, graph, set);
+            let counts = found.iter().find(|output| output.name == "contributors").expect("it was requested");
+            let exact = truth.output("contributors").expect("an output");
+            let off = differing(counts, &exact, &vec![true; truth.picture.color.len()]);
+            assert!(
+                100 * off <= truth.picture.color.len(),
+                "{name}, {}: {off} pixels have other counts",
+                graph.0
+            );
+        }
     let facts = common::facts_of(&facts::portable_device(32));
     let catalog = facts::nominal_catalog();
     let mut planner = Planner::default();

@@ -27,16 +27,21 @@ layout(set = 0, binding = 7, std430) readonly buffer Records { StoredRecord reco
 layout(set = 0, binding = 13, std430) readonly buffer SegmentPixels { Pixel segment_pixels[]; };
 
 #if WITH_RANKS
-// Returns the depth of a segment's last splat with a transmittance above one half before it; `light` is the transmittance before the
-// segment. The segment alone knows only its own transmittance, so its splats are blended once more.
-float median_within(uint bin, uint segment, vec2 pixel, float light) {
+struct Ranks {
+    float median;       // depth of the last splat with a transmittance above one half before it
+    uint contributors;  // splats in front of the early stop
+};
+
+// Finds the ranks of a segment behind the transmittance `light`, until that falls below `least`. The segment alone knows only its own
+// transmittance, so its splats are blended once more.
+Ranks ranks_behind(uint bin, uint segment, vec2 pixel, float light, float least) {
     uint begin = ranges[bin].x + segment * uint(SEGMENT_ENTRIES);
     uint end = min(begin + uint(SEGMENT_ENTRIES), ranges[bin].y);
-    float median = 0.0;
+    Ranks ranks = Ranks(0.0, 0u);
 #if WRAPS
     float middle = (float(bin % uint(BINS_X)) + 0.5) * float(BIN);
 #endif
-    for (uint entry = begin; entry < end && light > 0.5; entry++) {
+    for (uint entry = begin; entry < end && light >= least; entry++) {
         uint index = lists[entry];
 #if WITH_MESH
         if (depth_of[index] >= surface_depth(uvec2(pixel))) {
@@ -54,15 +59,16 @@ float median_within(uint bin, uint segment, vec2 pixel, float light) {
         vec2 rows = tile_range(r.centre.y, r.radius);
         is_blended = is_blended && pixel.x >= columns.x && pixel.x <= columns.y && pixel.y >= rows.x && pixel.y <= rows.y;
 #endif
-        median = is_blended ? depth_of[index] : median;
+        ranks.median = is_blended && light > 0.5 ? depth_of[index] : ranks.median;
         light -= is_blended ? alpha * light : 0.0;
+        ranks.contributors += is_blended && light >= stop ? 1u : 0u;
     }
-    return median;
+    return ranks;
 }
 #endif
 
 // Adds the sums of a segment behind the transmittance `front.light`, which scales them. A segment's splat with the largest weight also has
-// its largest scaled weight; this does not hold for the median depth.
+// its largest scaled weight; this does not hold for the median depth, nor for the number of splats in front of the early stop.
 void add_segment(inout Pixel front, Pixel back, uint bin, uint segment, vec2 pixel) {
     front.depth += front.light * back.depth;
 #if WITH_NORMALS
@@ -71,15 +77,20 @@ void add_segment(inout Pixel front, Pixel back, uint bin, uint segment, vec2 pix
     front.normal_z += front.light * back.normal_z;
 #endif
 #if WITH_RANKS
-    if (front.light > 0.5 && back.contributors > 0u) {
-        bool stays_above = front.light == 1.0 || front.light * back.light > 0.5;
-        front.median = stays_above ? back.median : median_within(bin, segment, pixel, front.light);
+    float behind = front.light * back.light;
+    bool has_median = front.light > 0.5 && back.most > 0.0;
+    bool halves = has_median && behind <= 0.5;
+    bool stops = behind < stop;
+    Ranks ranks = Ranks(back.median, back.contributors);
+    if (front.light < 1.0 && (halves || stops)) {
+        ranks = ranks_behind(bin, segment, pixel, front.light, stops ? stop : 0.5);
     }
+    front.median = has_median ? ranks.median : front.median;
+    front.contributors += stops ? ranks.contributors : back.contributors;
     if (front.light * back.most > front.most) {
         front.most = front.light * back.most;
         front.index = back.index;
     }
-    front.contributors += back.contributors;
 #endif
     front.light *= back.light;
 }

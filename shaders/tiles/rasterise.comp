@@ -306,7 +306,7 @@ void main() {
                             light = stops ? 0.0 : light;
 #endif
 #if WITH_OUTPUTS
-                            add_splat(pixels_of[o][p], seen, light, lights[o][p]);
+                            add_splat(pixels_of[o][p], seen, light, lights[o][p], stop);
 #endif
                             colours[o][p] += light * colour;
                             lights[o][p] -= light;

@@ -128,12 +128,12 @@ void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits AND(inout Pix
     bool is_open = behind >= limits.stop;
     light = is_open ? light : 0.0;
 #if WITH_OUTPUTS
-    add_splat(pixel, seen, light, sum.a);
+    add_splat(pixel, seen, light, sum.a, limits.stop);
 #endif
     sum = vec4(sum.rgb + light * colour, is_open ? behind : -abs(sum.a));
 #else
 #if WITH_OUTPUTS
-    add_splat(pixel, seen, light, sum.a);
+    add_splat(pixel, seen, light, sum.a, limits.stop);
 #endif
     sum = vec4(sum.rgb + light * colour, behind);
 #endif
