@@ -9,8 +9,13 @@
 layout(local_size_x = 256) in;
 
 struct Vector3 { float x, y, z; };
+#if SCENE_WIDE
+struct Position3 { float x, y, z, low_x, low_y, low_z; };
+#else
+struct Position3 { float x, y, z; };
+#endif
 
-layout(set = 0, binding = 0, std430) readonly buffer Position { Vector3 position[]; };
+layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Scale { Vector3 scale[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Rotation { vec4 rotation[]; };  // w, x, y, z
 layout(set = 0, binding = 3, std430) writeonly buffer Normals { vec4 normals[]; };
@@ -33,7 +38,12 @@ void main() {
     if (s.z < shortest) {
         normal = vec3(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
     }
-    Vector3 p = position[i];
-    vec3 from_camera = (vec3(p.x, p.y, p.z) - camera.position.xyz) - camera.position_low.xyz;
+    Position3 p = position[i];
+#if SCENE_WIDE
+    vec3 low = vec3(p.low_x, p.low_y, p.low_z);
+#else
+    const vec3 low = vec3(0.0);
+#endif
+    vec3 from_camera = (vec3(p.x, p.y, p.z) - camera.position.xyz) + (low - camera.position_low.xyz);
     normals[i] = vec4(dot(normal, from_camera) > 0.0 ? -normal : normal, 0.0);
 }
