@@ -32,6 +32,23 @@ fn number(cell: &str) -> f64 {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn folders_that_cannot_be_made_are_refused_before_the_work() {
+    let place = Place::new();
+    let lines = [
+        "experiment sh -o /proc/no/a.html",
+        "popping -o /proc/no",
+        "bench -o /proc/no",
+        "bench --json=/proc/no/a",
+    ];
+    for line in lines {
+        // Without a device, there is no work.
+        let told = place.fails(&format!("{line} --device no-such-card"), 1);
+        assert!(told.starts_with("error: /proc/no/") && told.contains("cannot be written"), "{line}: {told}");
+    }
+}
+
+#[test]
 fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theory_demands() {
     let place = Place::new();
     place.cameras(&["one", "two"]);

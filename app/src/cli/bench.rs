@@ -94,6 +94,8 @@ const SORT_PLOT: &str = "sort";
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let work = prepare(args)?;
+    let csv = args.output.iter().map(|folder| folder.join(CSV));
+    csv.chain(args.json.clone()).try_for_each(|file| output::file::check(&file))?;
     let device = args.device.open()?;
     if args.suite == Suite::Frames {
         check_graphs(args, device.info())?;
@@ -315,7 +317,7 @@ fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
         _ => OutputGuard::default(),
     };
     for scene in &args.scenes {
-        guard.input("the scene", scene)?;
+        guard.scene("the scene", scene)?;
         if args.cameras.is_empty() {
             cameras::claim(&mut guard, None, Some(scene))?;
         }

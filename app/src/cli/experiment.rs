@@ -8,7 +8,7 @@ use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{OutputGuard, one_line, say};
+use crate::io::output::{self, OutputGuard, one_line, say};
 use crate::studies::experiment;
 use crate::studies::experiment::exact::GRAPH;
 use crate::studies::study::{Setting, Subject};
@@ -98,6 +98,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let names = options::camera_names(common.scene.as_deref(), given.as_deref());
     let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut guard = guard(args)?;
+    output::file::check(&output)?;
     let device = common.device.open()?;
     if let Some(path) = &common.scene {
         fit::check_header(path, &common.load, device.info(), GRAPH, &[])?;
@@ -118,7 +119,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let page = experiment::study(&subject, kind, view(&subject), &mut Console::default())?;
     options::write_text(Some(&output), &page.html())?;
-    if !crate::io::output::is_standard_output(&output) {
+    if !output::is_standard_output(&output) {
         say(format!("{}: open it in a browser", output.display()));
     }
     Ok(super::outcome::validated(common.device.validate, &device.close()))

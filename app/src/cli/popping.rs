@@ -98,6 +98,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let names = options::camera_names(args.scene.as_deref(), given.as_deref());
     let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut guard = guard(args)?;
+    let csv = args.output.iter().map(|folder| folder.join(CSV));
+    csv.chain(args.json.clone()).try_for_each(|file| output::file::check(&file))?;
     let variants = variants(args);
     let device = args.device.open()?;
     if let Some(path) = &args.scene {
