@@ -4,6 +4,7 @@ use super::files::{LANES, nominal};
 use super::index::{Form, Index, Place, capital};
 use super::names::continues_name;
 use crate::draw::planner::Planner;
+use splatgraph_framework::plan::Plan;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
@@ -65,43 +66,94 @@ pub fn rename(
     planner.read_unsaved(open.clone());
     for ((user, before), after) in users.iter().zip(before).zip(after) {
         match (before, after) {
-            (Ok(before), Err(error)) => {
-                return Err(format!("renaming `{old}` to `{new}` would break {user} ({before}): {error}"));
+            (Ok(_), Err(error)) => {
+                return Err(format!("renaming `{old}` to `{new}` would break {user}: {error}"));
             }
-            (Ok(before), Ok(after)) if before != after => {
-                return Err(format!(
-                    "renaming `{old}` to `{new}` would change the plan of {user}: expected {before}, found {after}"
-                ));
+            (Ok(before), Ok(after)) => {
+                if let Some(changed) =
+                    before.iter().zip(&after).find_map(|(before, after)| before.change(after))
+                {
+                    return Err(format!("renaming `{old}` to `{new}` would change {user}: {changed}"));
+                }
             }
             // A graph that failed to build before, such as a part or one with an error, is not compared.
-            _ => {}
+            (Err(_), _) => {}
         }
     }
     Ok(edits)
 }
 
-/// Builds each graph for a GPU and for a CPU. Returns, for each graph, a summary of its plans without names, or the
-/// first error.
-fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<String, String>> {
+/// The parts of a plan that a rename must not change. It contains no names, except those of shader files.
+struct Meaning {
+    passes: usize,
+    dependencies: usize,
+    bytes: u64,
+    values: Vec<String>,
+    /// Each shader's file and its code without names.
+    shaders: Vec<(String, Vec<u32>)>,
+}
+
+impl Meaning {
+    fn of(plan: &Plan) -> Meaning {
+        Meaning {
+            passes: plan.passes.len(),
+            dependencies: plan.dependencies.len(),
+            bytes: plan.resources.iter().map(|resource| resource.bytes()).sum(),
+            values: plan.params.iter().map(|param| param.value.to_string()).collect(),
+            shaders: plan.shaders.iter().map(|s| (s.name.clone(), nameless(&s.spirv))).collect(),
+        }
+    }
+
+    /// Describes the first difference; `None` if the plans do the same.
+    fn change(&self, after: &Meaning) -> Option<String> {
+        let shader = self.shaders.iter().zip(&after.shaders).find(|(before, after)| before != after);
+        if let Some(((shader, _), _)) = shader {
+            // The usual cause: the new name is already that of a variable, a function or a constant.
+            return Some(format!(
+                "expected {shader} to compile to the same code, found other code; choose a name that the shader \
+                 does not use"
+            ));
+        }
+        let changes = |what: &str, before: String, after: String| {
+            (before != after).then(|| format!("expected {what} {before}, found {after}"))
+        };
+        changes("passes:", self.passes.to_string(), after.passes.to_string())
+            .or_else(|| {
+                changes("dependencies:", self.dependencies.to_string(), after.dependencies.to_string())
+            })
+            .or_else(|| changes("bytes of resources:", self.bytes.to_string(), after.bytes.to_string()))
+            .or_else(|| changes("parameter values:", self.values.join(", "), after.values.join(", ")))
+    }
+}
+
+/// Returns SPIR-V without its debug instructions, which hold names, texts and lines.
+fn nameless(spirv: &[u32]) -> Vec<u32> {
+    // OpSourceContinued, OpSource, OpSourceExtension, OpName, OpMemberName, OpString, OpLine; OpNoLine; OpModuleProcessed.
+    let is_debug = |opcode: u32| matches!(opcode, 2..=8 | 317 | 330);
+    let (header, mut rest) = spirv.split_at(spirv.len().min(5));
+    let mut code = header.to_vec();
+    while let Some(first) = rest.first() {
+        let (instruction, others) = rest.split_at(((first >> 16) as usize).clamp(1, rest.len()));
+        if !is_debug(first & 0xffff) {
+            code.extend(instruction);
+        }
+        rest = others;
+    }
+    code
+}
+
+/// Builds each graph for a GPU and for a CPU. Returns the plans' meanings for each graph, or the first error.
+fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Meaning>, String>> {
     let build = |graph: &String| {
-        let mut summaries = Vec::new();
-        for lanes in LANES {
-            let (facts, catalog) = nominal(lanes);
+        let of_lanes = |lanes: &u32| {
+            let (facts, catalog) = nominal(*lanes);
             let plan = planner.plan(graph, &[], &facts, &catalog).map_err(|errors| {
                 let first = errors.found.first();
                 first.map_or_else(String::new, |e| format!("{}:{}: {}", e.file, e.line, e.message))
             })?;
-            let dependencies = plan.dependencies.len();
-            let bytes: u64 = plan.resources.iter().map(|resource| resource.bytes()).sum();
-            let values: Vec<String> = plan.params.iter().map(|param| param.value.to_string()).collect();
-            summaries.push(format!(
-                "{} passes, {dependencies} dependencies, {bytes} bytes, parameters {}",
-                plan.passes.len(),
-                values.join(" ")
-            ));
-        }
-        summaries.dedup();
-        Ok(summaries.join("; "))
+            Ok(Meaning::of(&plan))
+        };
+        LANES.iter().map(of_lanes).collect()
     };
     graphs.iter().map(build).collect()
 }
