@@ -16,7 +16,10 @@ pub enum Meaning {
     Resource,
     /// An expression over parameters, facts and `let`s.
     Expression,
-    Shader,
+    Shader {
+        /// Extension of the shaders of this stage.
+        extension: &'static str,
+    },
     Graph,
     Format,
     /// An attribute of the scene, or a block of the frame.
@@ -181,7 +184,9 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
         (None, _) if group.is_map => Meaning::Free,
         (Some(_), "bind" | "with" | "outputs") if group.is_map => Meaning::Resource,
         (Some("image" | "buffer" | "output"), _) => Meaning::Resource,
-        (Some("shader" | "vertex" | "fragment"), _) => Meaning::Shader,
+        (Some("shader"), _) => Meaning::Shader { extension: "comp" },
+        (Some("vertex"), _) => Meaning::Shader { extension: "vert" },
+        (Some("fragment"), _) => Meaning::Shader { extension: "frag" },
         (Some("graph"), _) => Meaning::Graph,
         (Some("format"), _) => Meaning::Format,
         (Some("from"), _) if group.name == "Import" => Meaning::Import,
@@ -240,7 +245,9 @@ mod tests {
             ("imports: { \"p\": Import(from: \"sc|".into(), Some(Meaning::Import)),
             ("resources: { \"p\": Image(format: \"|".into(), Some(Meaning::Format)),
             ("Include(graph: \"parts/|".into(), Some(Meaning::Graph)),
-            ("Dispatch(shader: \"|".into(), Some(Meaning::Shader)),
+            ("Dispatch(shader: \"|".into(), Some(Meaning::Shader { extension: "comp" })),
+            ("Draw(vertex: \"|".into(), Some(Meaning::Shader { extension: "vert" })),
+            ("Draw(vertex: \"a.vert\", fragment: \"|".into(), Some(Meaning::Shader { extension: "frag" })),
             ("help: \"one\n two\n three\", \n let: { \"n\": \"|".into(), Some(Meaning::Expression)),
             ("Import(help: \"a \\\"quoted\\\" word\", from: \"|".into(), Some(Meaning::Import)),
             ("// a \"comment|\"".into(), None),

@@ -154,15 +154,23 @@ impl Workspace {
                     offer(name, CompletionItemKind::VARIABLE, format!("a uniform block of {bytes} bytes"));
                 }
             }
-            Meaning::Shader | Meaning::Graph => {
-                let graphs = cursor.meaning == Meaning::Graph;
+            Meaning::Graph => {
                 for file in builtin::groups().into_iter().flat_map(|(_, files)| files) {
-                    if file.name.contains('.') != graphs {
-                        let name = if graphs { format!("{}.ron", file.name) } else { file.name.to_owned() };
-                        offer(&name, CompletionItemKind::FILE, file.summary);
+                    if !file.name.contains('.') {
+                        offer(&format!("{}.ron", file.name), CompletionItemKind::FILE, file.summary);
                     }
                 }
-                for name in beside(path, graphs) {
+                for name in beside(path, "ron") {
+                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
+                }
+            }
+            Meaning::Shader { extension } => {
+                for file in builtin::groups().into_iter().flat_map(|(_, files)| files) {
+                    if has_extension(file.name, extension) {
+                        offer(file.name, CompletionItemKind::FILE, file.summary);
+                    }
+                }
+                for name in beside(path, extension) {
                     offer(&name, CompletionItemKind::FILE, "beside this graph".into());
                 }
             }
@@ -384,16 +392,15 @@ fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usi
         ..after.map_or(inside.end, |at| offset + at)
 }
 
-/// Lists the graphs (or else the shaders) in the folder of a graph.
-fn beside(graph: &Path, graphs: bool) -> Vec<String> {
+fn has_extension(name: &str, extension: &str) -> bool {
+    Path::new(name).extension().is_some_and(|other| other == extension)
+}
+
+/// Lists the files with this extension in the folder of a graph.
+fn beside(graph: &Path, extension: &str) -> Vec<String> {
     let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
-    let wanted = |name: &String| match Path::new(name).extension().and_then(|e| e.to_str()) {
-        Some("ron") => graphs,
-        Some("comp" | "vert" | "frag") => !graphs,
-        _ => false,
-    };
-    names.filter(wanted).collect()
+    names.filter(|name| has_extension(name, extension)).collect()
 }
 
 /// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. The

@@ -18,18 +18,19 @@ use anyhow::{Result, bail};
 use graph::Workspace;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{
-    DidChangeTextDocument, DidCloseTextDocument, DidOpenTextDocument, Notification as _, PublishDiagnostics,
+    DidChangeTextDocument, DidChangeWatchedFiles, DidCloseTextDocument, DidOpenTextDocument,
+    Notification as _, PublishDiagnostics,
 };
 use lsp_types::request::{
-    Completion, GotoDefinition, HoverRequest, InlayHintRequest, PrepareRenameRequest, References, Rename,
-    Request as _,
+    Completion, GotoDefinition, HoverRequest, InlayHintRequest, PrepareRenameRequest, References,
+    RegisterCapability, Rename, Request as _,
 };
 use lsp_types::{
     CompletionOptions, CompletionParams, CompletionResponse, Diagnostic, DidChangeTextDocumentParams,
-    DidCloseTextDocumentParams, DidOpenTextDocumentParams, GotoDefinitionParams, HoverParams,
-    HoverProviderCapability, InitializeParams, InlayHint, InlayHintParams, OneOf, PrepareRenameResponse,
-    PublishDiagnosticsParams, ReferenceParams, RenameOptions, RenameParams, ServerCapabilities,
-    TextDocumentPositionParams, TextDocumentSyncCapability, TextDocumentSyncKind, Uri,
+    DidChangeWatchedFilesParams, DidCloseTextDocumentParams, DidOpenTextDocumentParams, GotoDefinitionParams,
+    HoverParams, HoverProviderCapability, InitializeParams, InlayHint, InlayHintParams, OneOf,
+    PrepareRenameResponse, PublishDiagnosticsParams, ReferenceParams, RenameOptions, RenameParams,
+    ServerCapabilities, TextDocumentPositionParams, TextDocumentSyncCapability, TextDocumentSyncKind, Uri,
 };
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -60,6 +61,9 @@ pub fn serve(connection: &Connection) -> Result<()> {
     let editor: InitializeParams =
         serde_json::from_value(connection.initialize(serde_json::to_value(capabilities)?)?)?;
     let mut server = Server { workspace: Workspace::new(folders(&editor)), ..Server::default() };
+    if watches(&editor) {
+        connection.sender.send(registration().into())?;
+    }
     for message in &connection.receiver {
         match message {
             Message::Request(request) if connection.handle_shutdown(&request)? => return Ok(()),
@@ -79,6 +83,22 @@ pub fn serve(connection: &Connection) -> Result<()> {
         }
     }
     bail!("expected the request `shutdown` before the end, found none")
+}
+
+/// Returns true if the editor reports changes of files on request.
+fn watches(editor: &InitializeParams) -> bool {
+    let workspace = editor.capabilities.workspace.as_ref();
+    let watched = workspace.and_then(|workspace| workspace.did_change_watched_files.as_ref());
+    watched.and_then(|watched| watched.dynamic_registration) == Some(true)
+}
+
+/// Asks the editor to report changes of graphs and shaders, because a shader can change without being open.
+fn registration() -> Request {
+    let options = json!({ "watchers": [{ "globPattern": "**/*.{ron,comp,vert,frag,glsl}" }] });
+    let method = DidChangeWatchedFiles::METHOD;
+    let registrations =
+        json!({ "registrations": [{ "id": method, "method": method, "registerOptions": options }] });
+    Request::new(method.to_owned().into(), RegisterCapability::METHOD.to_owned(), registrations)
 }
 
 /// Builds the open graphs if a text changed, and sends the diagnostics that changed.
@@ -118,7 +138,7 @@ fn answered<P: DeserializeOwned, R: serde::Serialize>(
 struct Server {
     /// Texts of the files that are open in the editor, by path.
     open: BTreeMap<PathBuf, String>,
-    /// True if a text has changed since the last build.
+    /// True if a text or a file has changed since the last build.
     changed: bool,
     workspace: Workspace,
     /// Diagnostics that the editor shows, by file.
@@ -143,6 +163,12 @@ impl Server {
             DidCloseTextDocument::METHOD => {
                 let closed: DidCloseTextDocumentParams = serde_json::from_value(params)?;
                 self.set(&closed.text_document.uri, None);
+            }
+            DidChangeWatchedFiles::METHOD => {
+                let changes = serde_json::from_value::<DidChangeWatchedFilesParams>(params)?.changes;
+                // The server reads an open file from the editor, not from the disk.
+                let is_closed = |path: PathBuf| !self.open.contains_key(&path);
+                self.changed |= changes.iter().filter_map(|change| text::path_of(&change.uri)).any(is_closed);
             }
             _ => {}
         }

@@ -83,13 +83,13 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
             }
             (key, lead) => match scan.meaning(place) {
                 Meaning::Graph => add(whole, Role::Graph),
-                Meaning::Shader if !inside.contains('\'') => add(whole, Role::Shader),
+                Meaning::Shader { .. } if !inside.contains('\'') => add(whole, Role::Shader),
                 Meaning::Resource if !is_choice(inside) => match resource(inside) {
                     Some(range) => of_path(inside, range, &mut add),
                     None => expression(inside, false, &mut add),
                 },
                 Meaning::Resource => expression(inside, true, &mut add),
-                Meaning::Expression | Meaning::Shader | Meaning::Format => {
+                Meaning::Expression | Meaning::Shader { .. } | Meaning::Format => {
                     expression(inside, key.is_some() && lead == "let", &mut add);
                 }
                 Meaning::Free | Meaning::Import | Meaning::Block { .. } => {}

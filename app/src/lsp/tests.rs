@@ -44,6 +44,10 @@ struct Editor {
 
 impl Editor {
     fn start() -> Editor {
+        Editor::start_with(json!({}))
+    }
+
+    fn start_with(capabilities: Value) -> Editor {
         let (server, connection) = Connection::memory();
         let server = thread::spawn(move || serve(&server).expect("the editor follows the protocol"));
         let folder = tempfile::tempdir().expect("a folder");
@@ -54,7 +58,7 @@ impl Editor {
         write("show.comp", SHADER);
         write("copy.comp", COPY);
         let mut editor = Editor { connection, folder, server, requests: 0 };
-        let capabilities = editor.request("initialize", json!({ "capabilities": {} }));
+        let capabilities = editor.request("initialize", json!({ "capabilities": capabilities }));
         assert_eq!(capabilities["capabilities"]["hoverProvider"], true);
         editor.notify("initialized", json!({}));
         editor
@@ -226,6 +230,28 @@ fn a_mistake_in_the_text_of_a_shader_that_is_not_saved_is_shown_in_the_shader() 
 }
 
 #[test]
+fn a_shader_that_changes_on_the_disk_is_checked_again() {
+    let editor = Editor::start_with(json!({
+        "workspace": { "didChangeWatchedFiles": { "dynamicRegistration": true } },
+    }));
+    let Message::Request(request) = editor.connection.receiver.recv().expect("a message") else {
+        panic!("the server asks for the changes of files");
+    };
+    assert_eq!(request.method, "client/registerCapability");
+    assert_eq!(request.params["registrations"][0]["method"], "workspace/didChangeWatchedFiles");
+    editor.open("graph.ron", GRAPH);
+    assert!(editor.published().1.is_empty());
+    for (text, count) in [(SHADER.replace("vec4(table[0])", "vec4(tabel[0])"), 1), (SHADER.to_owned(), 0)] {
+        std::fs::write(editor.path("show.comp"), text).expect("writable");
+        let changes = json!([{ "uri": editor.uri("show.comp"), "type": 2 }]);
+        editor.notify("workspace/didChangeWatchedFiles", json!({ "changes": changes }));
+        let (uri, found) = editor.published();
+        assert_eq!((uri, found.len()), (editor.uri("show.comp"), count));
+    }
+    editor.end();
+}
+
+#[test]
 fn blocks_resources_names_and_formats_are_offered_where_each_can_stand() {
     let mut editor = Editor::start();
     editor.open("graph.ron", GRAPH);
@@ -241,6 +267,11 @@ fn blocks_resources_names_and_formats_are_offered_where_each_can_stand() {
     assert_eq!(editor.offered(&replaced("rgba8", "|"))[..2], ["depth32f", "r32f"]);
     let shaders = editor.offered(&replaced("show.comp", "|"));
     assert!(shaders.iter().any(|s| s == "show.comp") && shaders.iter().any(|s| s == "sort/scatter.comp"));
+    assert!(shaders.iter().all(|s| s.ends_with(".comp")), "{shaders:?}");
+    let draw =
+        replaced("Dispatch(name: \"show\", shader: \"show.comp\"", "Draw(name: \"show\", vertex: \"|\"");
+    let shaders = editor.offered(&draw);
+    assert!(!shaders.is_empty() && shaders.iter().all(|s| s.ends_with(".vert")), "{shaders:?}");
     editor.end();
 }
 
@@ -351,6 +382,33 @@ fn a_rename_that_would_break_a_graph_is_refused_with_the_error() {
     assert_eq!(editor.request("textDocument/prepareRename", place), Value::Null);
     // The server still accepts changes after refused renames.
     editor.change("graph.ron", GRAPH);
+    editor.end();
+}
+
+#[test]
+fn a_rename_that_would_give_a_word_of_a_shader_another_meaning_is_refused() {
+    let mut editor = Editor::start();
+    let graph = GRAPH
+        .replace(
+            "Const(Int(default: 4, range: (1, 64), label: \"ring width\"))",
+            "Live(Float(default: 4.0, range: (1, 64), label: \"\"))",
+        )
+        .replace("2 * width", "8");
+    std::fs::write(editor.path("graph.ron"), &graph).expect("writable");
+    let shader = SHADER
+        .replace(
+            "#version 460",
+            "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"live.glsl\"",
+        )
+        .replace("table[0] = 1;", "float ring = 2.0 / width; table[0] = uint(ring * width);");
+    std::fs::write(editor.path("show.comp"), &shader).expect("writable");
+    // The includer sets a constant, and is no longer valid.
+    std::fs::remove_file(editor.path("outer.ron")).expect("there");
+    let place = editor.place("graph.ron", &graph.replace("\"width\"", "\"wi|dth\""));
+    let error = editor.renamed(place.clone(), "ring").expect_err("the shader has a variable of that name");
+    assert!(error.contains("expected show.comp to compile to the same code, found other code"), "{error}");
+    let renamed = editor.renamed(place, "side").expect("renamed");
+    assert_eq!(renamed["show.comp"], shader.replace("width", "side"));
     editor.end();
 }
 
