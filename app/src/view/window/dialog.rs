@@ -4,6 +4,8 @@ use crate::view::opening::CameraRole;
 use crate::view::renderer::Wake;
 use rfd::AsyncFileDialog;
 use splatgraph_assets::SceneFormat;
+use std::env;
+use std::ffi::OsStr;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
@@ -11,9 +13,16 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake as TaskWake, Waker};
 use std::thread::Thread;
+use std::time::{Duration, Instant};
 
-/// The chosen file, `None` if the user cancelled. The role is that of the request.
-type Answer = Option<(PathBuf, Option<CameraRole>)>;
+/// The chosen file, and the role of the request.
+type Chosen = (PathBuf, Option<CameraRole>);
+
+/// The chosen file, `None` if the user cancelled; and the time that the dialog took.
+type Answer = (Option<Chosen>, Duration);
+
+/// Time within which no user can cancel a dialog. A dialog that ends earlier was never shown.
+const SHOWN: Duration = Duration::from_millis(500);
 
 /// File dialog; at most one is open.
 pub struct Dialog {
@@ -54,8 +63,9 @@ impl Dialog {
         let answer = dialog.pick_file();
         let (sender, wake) = (self.answers.0.clone(), self.wake.clone());
         let work = move || {
+            let begun = Instant::now();
             let path = block_on(answer).map(|file| (file.path().to_owned(), cameras));
-            let _ = sender.send(path);
+            let _ = sender.send((path, begun.elapsed()));
             wake();
         };
         let thread = std::thread::Builder::new().name("dialog".to_owned()).spawn(work);
@@ -64,12 +74,29 @@ impl Dialog {
         Ok(())
     }
 
-    /// Takes the chosen file; `None` while the dialog is open, or if it was cancelled.
-    pub fn take(&mut self) -> Answer {
-        let answer = self.answers.1.try_recv().ok()?;
+    /// Takes the chosen file; `None` while the dialog is open, or if it was cancelled. Fails if the system has no
+    /// dialog to show.
+    pub fn take(&mut self) -> Option<Result<Chosen, String>> {
+        let (answer, time) = self.answers.1.try_recv().ok()?;
         self.is_open = false;
-        answer
+        let path = env::var_os("PATH").unwrap_or_default();
+        match answer {
+            Some(chosen) => Some(Ok(chosen)),
+            None => lacking(time, &path).map(Err),
+        }
     }
+}
+
+/// Tells a dialog that was never shown from one that was cancelled `after` this time; returns the error. On Linux, the
+/// dialog is a desktop portal's, or else zenity's, which is searched in `path`.
+fn lacking(after: Duration, path: &OsStr) -> Option<String> {
+    let has_zenity = || env::split_paths(path).any(|folder| folder.join("zenity").is_file());
+    let is_lacking = cfg!(target_os = "linux") && after < SHOWN && !has_zenity();
+    is_lacking.then(|| {
+        "expected xdg-desktop-portal or zenity, which show the file dialog, found neither; drop the file on the window, \
+         or name it on the command line"
+            .to_owned()
+    })
 }
 
 /// Lists the extensions of the files that [`Viewer::open_in`](crate::view::viewer::Viewer::open_in) opens.
@@ -101,6 +128,18 @@ fn block_on<T>(future: impl Future<Output = T>) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_dialog_that_ends_at_once_is_lacking_unless_a_program_shows_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().as_os_str();
+        let error = lacking(Duration::from_millis(20), path).expect("no dialog");
+        assert!(error.contains("drop the file on the window"), "{error}");
+        assert_eq!(lacking(Duration::from_secs(2), path), None, "the user cancelled");
+        std::fs::write(folder.path().join("zenity"), "").expect("writable");
+        assert_eq!(lacking(Duration::from_millis(20), path), None);
+    }
 
     #[test]
     fn the_dialog_offers_every_file_that_the_viewer_opens() {

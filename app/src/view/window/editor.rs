@@ -1,30 +1,101 @@
 //! Opens a source location in the user's editor.
 //!
 //! `VISUAL` or `EDITOR` names the editor. An editor unknown to `command`, such as one that needs a terminal, is
-//! replaced by a `vscode://` link.
+//! replaced by a `vscode://` link. If that fails, the user is told the place.
 
 use crate::draw::builtin;
 use crate::io::uri;
+use crate::view::renderer::Wake;
 use splatgraph_framework::ir::Origin;
 use std::env;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
 
-/// Fails if the file cannot be found (it may be built into the program), or the editor cannot be started.
-pub fn open(origin: &Origin) -> Result<(), String> {
-    let path = located(&origin.file)?;
-    let (program, arguments) = command(&chosen(|name| env::var(name).ok()), &path, origin);
-    let started = Command::new(&program)
-        .args(arguments)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn();
-    let mut child = started.map_err(|error| format!("{program} cannot be started: {error}"))?;
-    // Reap the process when it ends.
-    let _ = std::thread::Builder::new().name("editor".to_owned()).spawn(move || child.wait());
-    Ok(())
+/// Time after its start within which a program that fails has not opened the file. Later, the user may have closed it.
+const STARTING: Duration = Duration::from_secs(10);
+
+/// Editors that [`command`] can start.
+const KNOWN: [&str; 12] = [
+    "code",
+    "code-insiders",
+    "codium",
+    "cursor",
+    "subl",
+    "zed",
+    "gvim",
+    "emacs",
+    "emacsclient",
+    "gedit",
+    "kate",
+    "mousepad",
+];
+
+/// Starts the user's editor, and collects its failures.
+pub struct Editor {
+    failures: (Sender<String>, Receiver<String>),
+    wake: Wake,
+}
+
+impl Editor {
+    /// `wake` is called when a program that was started has failed.
+    pub fn new(wake: Wake) -> Editor {
+        Editor { failures: channel(), wake }
+    }
+
+    /// Opens a location. Fails if the file cannot be found (it may be built into the program), or no program can be
+    /// started; see also [`Editor::take_failure`].
+    pub fn open(&mut self, origin: &Origin) -> Result<(), String> {
+        let path = located(&origin.file)?;
+        let editor = chosen(|name| env::var(name).ok());
+        let (program, arguments) = command(&editor, &path, origin);
+        let failure = format!("{}; the place is {}:{}", advice(&editor), path.display(), origin.line);
+        self.start(&program, arguments, failure)
+    }
+
+    /// Starts a program; `failure` is the rest of the message if it fails.
+    fn start(&self, program: &str, arguments: Vec<String>, failure: String) -> Result<(), String> {
+        let begun = Instant::now();
+        let started = Command::new(program)
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        let mut child =
+            started.map_err(|error| format!("{program} cannot be started: {error}. {failure}"))?;
+        let (sender, wake, program) = (self.failures.0.clone(), self.wake.clone(), program.to_owned());
+        let wait = move || {
+            if let Ok(status) = child.wait()
+                && !status.success()
+                && begun.elapsed() < STARTING
+            {
+                let _ = sender.send(format!("{program} failed ({status}). {failure}"));
+                wake();
+            }
+        };
+        let _ = std::thread::Builder::new().name("editor".to_owned()).spawn(wait);
+        Ok(())
+    }
+
+    /// Takes the description of a program that failed after its start; `None` if there is none.
+    pub fn take_failure(&self) -> Option<String> {
+        self.failures.1.try_recv().ok()
+    }
+}
+
+/// Says what to do if the program for `editor` fails.
+fn advice(editor: &str) -> String {
+    let known = KNOWN.join(", ");
+    match editor.split_whitespace().next() {
+        None => format!("Set VISUAL to one of {known}"),
+        Some(program) if is_known(program) => format!("VISUAL or EDITOR is `{editor}`"),
+        Some(program) => format!(
+            "{program} may need a terminal, so a vscode:// link was tried instead: set VISUAL to one of {known}"
+        ),
+    }
 }
 
 fn located(file: &str) -> Result<PathBuf, String> {
@@ -45,11 +116,19 @@ fn chosen(variable: impl Fn(&str) -> Option<String>) -> String {
     ["VISUAL", "EDITOR"].into_iter().find_map(set).unwrap_or_default()
 }
 
+fn name_of(program: &str) -> String {
+    Path::new(program).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn is_known(program: &str) -> bool {
+    KNOWN.contains(&name_of(program).as_str())
+}
+
 fn command(editor: &str, path: &Path, origin: &Origin) -> (String, Vec<String>) {
     let mut words = editor.split_whitespace().map(str::to_owned);
     let program = words.next().unwrap_or_default();
     let mut arguments: Vec<String> = words.collect();
-    let name = Path::new(&program).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let name = name_of(&program);
     let Origin { line, column, .. } = origin;
     let file = path.display();
     match name.as_str() {
@@ -87,6 +166,30 @@ mod tests {
         assert!(of("vim").ends_with(" vscode://file/graphs/a.ron:7:3"), "vim needs a terminal");
         assert!(of("").ends_with(" vscode://file/graphs/a.ron:7:3"));
     }
+
+    #[test]
+    fn a_program_that_fails_is_reported_with_the_place() {
+        let editor = Editor::new(std::sync::Arc::new(|| {}));
+        editor.start("false", vec![], "the place is a.ron:7".to_owned()).expect("it starts");
+        let failure = editor.failures.1.recv().expect("it fails");
+        assert_eq!(failure, "false failed (exit status: 1). the place is a.ron:7");
+        let error = editor
+            .start("no-such-program", vec![], "the place is a.ron:7".to_owned())
+            .expect_err("no program");
+        assert!(error.ends_with(". the place is a.ron:7"), "{error}");
+    }
+
+    #[test]
+    fn an_editor_that_cannot_be_started_leads_to_those_that_can() {
+        let advice = advice("vim -u NONE");
+        assert!(advice.starts_with("vim may need a terminal") && advice.contains("gvim, emacs"), "{advice}");
+        let origin = Origin { file: "a.ron".to_owned(), line: 7, column: 3 };
+        for editor in KNOWN {
+            let (program, _) = command(editor, Path::new("/a.ron"), &origin);
+            assert_eq!(program, editor, "the editor itself is started, not a link");
+        }
+    }
+
     #[test]
     fn a_link_encodes_what_a_uri_reserves() {
         let origin = Origin { file: "a.ron".to_owned(), line: 7, column: 3 };

@@ -153,6 +153,7 @@ struct Running {
     slow: Option<String>,
     kept: Option<PathBuf>,
     open: dialog::Dialog,
+    editor: editor::Editor,
     /// Path for the next frame's picture of the window.
     save: Option<PathBuf>,
     save_a: Option<PathBuf>,
@@ -226,7 +227,8 @@ impl App {
             title,
             blind: None,
             slow: None,
-            open: dialog::Dialog::new(wake),
+            open: dialog::Dialog::new(wake.clone()),
+            editor: editor::Editor::new(wake),
             kept: options.kept,
             save: None,
             save_a: None,
@@ -363,11 +365,14 @@ impl Running {
 
     fn draw(&mut self) -> Result<bool> {
         self.asked = false;
-        if let Some((path, cameras)) = self.open.take() {
-            match cameras {
-                None => self.shell.viewer.open_in(self.shell.panels.selected, &path),
-                Some(role) => self.shell.viewer.open_cameras_as(role, &path),
-            }
+        match self.open.take() {
+            Some(Ok((path, None))) => self.shell.viewer.open_in(self.shell.panels.selected, &path),
+            Some(Ok((path, Some(role)))) => self.shell.viewer.open_cameras_as(role, &path),
+            Some(Err(text)) => self.shell.report(Event::Problem { text }),
+            None => {}
+        }
+        while let Some(text) = self.editor.take_failure() {
+            self.shell.report(Event::Problem { text });
         }
         let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
@@ -509,8 +514,8 @@ impl Running {
             Command::Open => self.ask(None),
             Command::OpenCameras(role) => self.ask(Some(role)),
             Command::Edit(origin) => {
-                if let Err(error) = editor::open(&origin) {
-                    self.shell.report(Event::Problem { text: error });
+                if let Err(text) = self.editor.open(&origin) {
+                    self.shell.report(Event::Problem { text });
                 }
             }
             Command::Capture => {
