@@ -210,27 +210,37 @@ impl History {
         !self.future.is_empty()
     }
 
-    /// Undoes the newest step; returns a description of the change, or `None` if there is no step.
+    /// Undoes the newest step; returns a description of the change, or `None` if there is no step. A step without
+    /// effect, such as a value of a parameter that the file no longer declares, is dropped.
     pub fn undo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
-        let (to, now) = (self.past.pop()?, self.now.take()?);
-        let text = to.difference(&now);
-        self.future.push(now);
-        Some(self.go(to, text, viewer))
+        while let (Some(to), Some(now)) = (self.past.pop(), self.now.clone()) {
+            if let Some(text) = self.go(&to, &now, viewer) {
+                self.future.push(now);
+                return Some(text);
+            }
+        }
+        None
     }
 
     /// Redoes the last undone step; returns a description of the change, or `None` if there is no step.
     pub fn redo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
-        let (to, now) = (self.future.pop()?, self.now.take()?);
-        let text = to.difference(&now);
-        self.past.push(now);
-        Some(self.go(to, text, viewer))
+        while let (Some(to), Some(now)) = (self.future.pop(), self.now.clone()) {
+            if let Some(text) = self.go(&to, &now, viewer) {
+                self.past.push(now);
+                return Some(text);
+            }
+        }
+        None
     }
 
-    fn go<D: Device>(&mut self, to: Settings, text: String, viewer: &mut Viewer<D>) -> String {
+    /// Applies settings, and describes the change; `None` if nothing changed.
+    fn go<D: Device>(&mut self, to: &Settings, now: &Settings, viewer: &mut Viewer<D>) -> Option<String> {
         to.apply(viewer);
         // Settings that could not be applied, such as B without a device, must not appear as a new step.
-        self.now = Some(Settings::of(viewer));
-        text
+        let reached = Settings::of(viewer);
+        let text = reached.difference(now);
+        self.now = Some(reached);
+        (!text.is_empty()).then_some(text)
     }
 }
 
