@@ -277,6 +277,7 @@ impl<D: Device> Viewport<D> {
             || self.renderer.must_redraw()
             || inspect.is_some() && self.asks()
             || self.wants_picture()
+            || self.lacks_times(&drawn.plan)
             || show && self.is_held_back() && self.renderer.in_flight() == 0;
         if !due {
             return;
@@ -305,6 +306,12 @@ impl<D: Device> Viewport<D> {
             }
         }
         self.collect(view.to_host);
+    }
+
+    /// Returns true if the only finished frame of a plan ran the prologue, so that its times are not representative.
+    fn lacks_times(&self, plan: &Arc<Plan>) -> bool {
+        let measured = self.history.is_of(plan) && self.history.steady_frames() == 0;
+        measured && self.renderer.in_flight() == 0
     }
 
     fn exhibit(&mut self, shown: Shown, plan: Arc<Plan>) {

@@ -35,6 +35,23 @@ fn nothing_is_submitted_while_nothing_changes() {
 }
 
 #[test]
+fn a_plan_with_a_prologue_is_drawn_once_more_so_that_it_has_times() {
+    let mut script = resting();
+    let history = |script: &mut Script| {
+        let history = &script.viewer().a.history;
+        (history.frames(), history.steady_frames(), history.table().len())
+    };
+    let (frames, steady, rows) = history(&mut script);
+    assert!(steady == 1 && rows > 0, "{frames} frames, {steady} without the prologue, {rows} rows");
+    script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+    script.settle();
+    script.rest();
+    let (after, steady, _) = history(&mut script);
+    assert_eq!((after - frames, steady), (2, 1));
+    script.close(&[]);
+}
+
+#[test]
 fn a_picture_and_the_window_are_submitted_after_each_change_of_the_picture() {
     let mut script = resting();
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
@@ -55,6 +72,30 @@ fn a_picture_and_the_window_are_submitted_after_each_change_of_the_picture() {
     assert!(submitted(&mut script) > 0);
     let inspection = script.viewer().a.inspection.take().expect("there is an inspection");
     assert!(matches!(inspection.found, Some(Ok(_))));
+    script.close(&[]);
+}
+
+#[test]
+fn undoing_skips_a_parameter_that_the_file_no_longer_declares() {
+    let mut script = resting();
+    script.viewer().background = [0.5; 3];
+    script.rest();
+    script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+    script.settle();
+    assert_eq!(script.panels().undo_steps(), 2);
+    let graph = script.path("graph.ron");
+    let text = std::fs::read_to_string(&graph).expect("the graph");
+    std::fs::write(&graph, text.replace("\"digits\"", "\"numbers\"").replace("<< digits", "<< numbers"))
+        .expect("it is written");
+    script.until("the file", |script| script.has_event(|event| matches!(event, Event::Dropped { .. })));
+    script.settle();
+    let modifiers = egui::Modifiers::COMMAND;
+    let key = egui::Key::Z;
+    script.input =
+        vec![egui::Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers }];
+    script.frame(false);
+    assert_eq!(script.viewer().background, [0.0; 3]);
+    assert_eq!(script.panels().undo_steps(), 0);
     script.close(&[]);
 }
 
