@@ -1,15 +1,15 @@
 //! Applies keyboard shortcuts that are independent of any control.
 
 use super::controls::Command;
-use super::{Panels, Tool, cameras};
+use super::{Panels, Tool, cameras, widgets};
 use crate::view::viewer::Viewer;
 use egui::{Context, Key};
 use splatgraph_api::Device;
 
 impl Panels {
-    /// Applies the shortcuts pressed in this frame, unless a control has the keyboard focus.
+    /// Applies the shortcuts pressed in this frame, unless a control or an open list takes the keys.
     pub(super) fn keys<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
-        if ctx.egui_wants_keyboard_input() {
+        if widgets::takes_keys(ctx) {
             return;
         }
         let pressed = |event: &egui::Event| match event {

@@ -1,6 +1,6 @@
 //! Converts pointer and key input over the picture to camera motion, splits and splat selection.
 
-use super::{hud, select};
+use super::{hud, select, widgets};
 use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input, Keys, Modifiers};
 use crate::view::paint::Mode;
@@ -88,7 +88,7 @@ impl Drag {
         if near {
             ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
         }
-        let keyboard = !ui.ctx().egui_wants_keyboard_input();
+        let keyboard = !widgets::takes_keys(ui.ctx());
         let notch = ui.ctx().options(|options| options.input_options.line_scroll_speed);
         let scrolled = ui.input(|input| wheel.read(input, notch));
         let (moved, modifiers, seconds) =

@@ -2,10 +2,10 @@
 
 use super::controls::{Command, Controls};
 use super::theme::{self, Palette, ROW, TEXT};
-use egui::Tooltip;
 use egui::{
     Align, FontId, Layout, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2, pos2,
 };
+use egui::{Context, Popup, Tooltip};
 use egui_plot::Plot;
 
 /// Sides on which a hint may appear without covering its control.
@@ -52,10 +52,24 @@ pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     });
 }
 
-/// Draws a search field; returns its text in lower case, for matching.
+/// Returns true if keys belong to a control or to an open list or menu, so that they must not act as shortcuts.
+pub fn takes_keys(ctx: &Context) -> bool {
+    ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx)
+}
+
+/// Draws the search field of a list; returns its text in lower case, for matching. The field has the keyboard focus
+/// when the list opens.
 pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
-    let field = egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0);
-    controls.see(name, ui.add(field).rect);
+    let field = ui.add(egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0));
+    // egui lays out an opening list once invisibly, when the field cannot get the focus.
+    if ui.is_visible() {
+        let now = ui.ctx().cumulative_frame_nr();
+        let shown = ui.data_mut(|data| data.get_temp_mut_or_default::<Option<u64>>(field.id).replace(now));
+        if shown.is_none_or(|shown| shown + 1 < now) {
+            field.request_focus();
+        }
+        controls.see(name, field.rect);
+    }
     text.trim().to_lowercase()
 }
 
