@@ -2,10 +2,30 @@
 
 use super::script::Script;
 use crate::draw::splat_set::SplatSet;
-use crate::view::events::RendererId;
+use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::viewer::Marks;
 use splatgraph_null::Config;
+
+#[test]
+fn a_scene_is_opened_by_its_contents_whatever_its_name() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    for name in ["capture", "capture.json"] {
+        let file = script.path(name);
+        std::fs::copy(script.path("second.ply"), &file).expect("the scene is copied");
+        script.viewer().open(&file);
+        script.until("the scene", |script| script.viewer().scene_path() == file);
+    }
+    // A folder is a SOG, or fails as one.
+    let folder = script.path("folder.ron");
+    std::fs::create_dir(&folder).expect("a folder");
+    script.viewer().open(&folder);
+    let fails =
+        |event: &Event| matches!(event, Event::SceneFailed { path, .. } if path.ends_with("folder.ron"));
+    script.until("the failure", |script| script.has_event(fails));
+    script.close(&[]);
+}
 
 #[test]
 fn a_scene_that_is_loaded_for_b_is_exchanged_with_its_graph() {

@@ -19,7 +19,7 @@ use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::Masked;
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Running};
-use splatgraph_assets::{Camera, Scene, SceneFormat, names_scenes};
+use splatgraph_assets::{Camera, Scene, names_scenes};
 use splatgraph_framework::reload::WatchError;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -297,30 +297,26 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Opens a scene or a graph in A, or cameras, by the file's extension. Scenes are loaded on another thread.
+    /// Opens a scene or a graph in A, or cameras; see [`Viewer::open_in`].
     pub fn open(&mut self, path: &Path) {
         self.open_in(RendererId::A, path);
     }
 
-    /// Opens a scene or a graph in a viewport, or cameras, by the file's extension.
+    /// Opens a scene or a graph in a viewport, or cameras. Scenes are recognised by their contents, and loaded on another
+    /// thread; other `.ron` files are graphs, and other `.json` files cameras.
     pub fn open_in(&mut self, id: RendererId, path: &Path) {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
-            "ron" if names_scenes(path) => self.open_scene_in(id, path),
-            "ron" => {
+            "ron" if !path.is_dir() && !names_scenes(path) => {
                 if let Some(viewport) = self.viewport(id) {
                     viewport.renderer.choose(&path.to_string_lossy(), IndexMap::new());
                 }
             }
-            "json" => self.open_cameras_as(CameraRole::Selectable, path),
-            _ if SceneFormat::of_name(path).is_some() => self.open_scene_in(id, path),
-            _ => self.events.push(Event::FileFailed {
-                path: path.to_owned(),
-                error: format!(
-                    "expected a scene ({}), a graph (.ron) or cameras (.json)",
-                    SceneFormat::endings()
-                ),
-            }),
+            // A SOG and a glTF can also be JSON.
+            "json" if self.opening.load.header(path).is_err() => {
+                self.open_cameras_as(CameraRole::Selectable, path);
+            }
+            _ => self.open_scene_in(id, path),
         }
     }
 
