@@ -138,6 +138,8 @@ pub enum Event {
         /// Name of the pass or frame.
         place: String,
     },
+    /// A and B were exchanged: what earlier events report of A is now B's, and the reverse.
+    Exchanged,
     /// A and B were compared.
     Compared {
         /// PSNR in decibels; infinite for identical pictures, which is `null` in JSON.
@@ -233,6 +235,7 @@ impl fmt::Display for Event {
             Event::Cameras { path, count } => write!(f, "{}: {count} cameras", path.display()),
             Event::DeviceLost { error } => write!(f, "{error}"),
             Event::Problem { text } => f.write_str(text),
+            Event::Exchanged => f.write_str("A and B exchanged"),
             Event::Slow { place } => write!(f, "{place} has been running for more than a second"),
             Event::DeviceOpened { name, attempts: 1 } => write!(f, "{name} was reopened"),
             Event::DeviceOpened { name, attempts } => {

@@ -7,9 +7,10 @@ use super::theme::{HEADING, Palette, TEXT, strong};
 use super::{failures, hud};
 use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
-use egui::{Align2, Context, Rect, RichText};
+use egui::{Align2, Context, FontId, Rect, RichText};
 use splatgraph_api::Device;
 use splatgraph_framework::ir::Origin;
+use std::path::Path;
 
 /// Texts of the errors that the user closed; the card reappears when an error changes.
 #[derive(Default)]
@@ -26,21 +27,20 @@ impl State {
         view: Rect,
         controls: &mut Controls,
     ) {
-        let mut texts: Vec<String> = Vec::new();
+        let mut problems: Vec<(RendererId, String)> = Vec::new();
         let mut goes_on = "Drawing with the last good plan";
         for id in [RendererId::A, RendererId::B] {
             let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
             let Some(problem) = renderer.problem(true) else { continue };
-            // A and B may have the same problem.
-            if !texts.contains(&problem) {
-                texts.push(problem);
-            }
+            problems.push((id, problem));
             if renderer.plan().is_none() {
                 goes_on = "No plan yet";
             } else if renderer.trouble().is_some() {
                 goes_on = "The last picture stays while drawing is retried";
             }
         }
+        let mut texts =
+            if viewer.b.is_some() { named(problems) } else { problems.into_iter().map(|p| p.1).collect() };
         texts.extend(window_failure.map(str::to_owned));
         if texts.is_empty() {
             self.closed = None;
@@ -82,10 +82,14 @@ impl State {
                         let button = controls.seen("mistakes:close", ui.button("Close"));
                         close = button.clicked();
                     });
+                    let glyph =
+                        ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
+                    // Leave a third of the width to the text after the caret.
+                    let columns = (0.67 * ui.max_rect().width() / glyph) as usize;
                     let height = (0.6 * view.height()).max(60.0);
                     egui::ScrollArea::both().max_height(height).show(ui, |ui| {
-                        for text in &texts {
-                            ui.add(egui::Label::new(failures::layout(text, TEXT)).extend().selectable(true));
+                        for text in texts.iter().map(|text| failures::narrowed(text, columns.max(8))) {
+                            ui.add(egui::Label::new(failures::layout(&text, TEXT)).extend().selectable(true));
                             ui.add_space(6.0);
                         }
                     });
@@ -98,12 +102,24 @@ impl State {
     }
 }
 
-/// Parses the first source location in an error, such as `  --> pipelines/splat.ron:11:85`.
+/// Names the viewport before each problem; A and B may have the same one.
+fn named(problems: Vec<(RendererId, String)>) -> Vec<String> {
+    match problems.as_slice() {
+        [(_, one), (_, other)] if one == other => vec![format!("A and B: {one}")],
+        _ => problems.iter().map(|(id, problem)| format!("{id}: {problem}")).collect(),
+    }
+}
+
+/// Parses the first location of an existing file in an error, such as `  --> pipelines/splat.ron:11:85`. A setting and
+/// the command line also have locations, but no file to edit.
 fn origin(text: &str) -> Option<Origin> {
-    let place = text.lines().find_map(|line| line.trim_start().strip_prefix("--> "))?;
-    let mut parts = place.trim().rsplitn(3, ':');
-    let (column, line) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
-    Some(Origin { file: parts.next()?.to_owned(), line, column })
+    let places = text.lines().filter_map(|line| line.trim_start().strip_prefix("--> "));
+    let parsed = |place: &str| {
+        let mut parts = place.trim().rsplitn(3, ':');
+        let (column, line) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+        Some(Origin { file: parts.next()?.to_owned(), line, column })
+    };
+    places.filter_map(parsed).find(|origin| Path::new(&origin.file).is_file())
 }
 
 #[cfg(test)]
@@ -111,10 +127,24 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_problem_of_a_comparison_names_its_viewport_and_a_shared_one_both() {
+        let named =
+            |a: &str, b: &str| named(vec![(RendererId::A, a.to_owned()), (RendererId::B, b.to_owned())]);
+        assert_eq!(named("error: x", "error: y"), ["A: error: x", "B: error: y"]);
+        assert_eq!(named("error: x", "error: x"), ["A and B: error: x"]);
+    }
+
+    #[test]
     fn the_place_of_an_error_is_found_in_its_text() {
-        let text = "error: there is no resource `kesy`\n  --> C:/graphs/graph.ron:11:85\n   |\n";
-        let found = origin(text).expect("the text names a place");
-        assert_eq!((found.file.as_str(), found.line, found.column), ("C:/graphs/graph.ron", 11, 85));
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("a:graph.ron").display().to_string();
+        std::fs::write(&file, "").expect("writable");
+        let text = format!("error: there is no resource `kesy`\n  --> {file}:11:85\n   |\n");
+        let found = origin(&text).expect("the text names a place");
+        assert_eq!((found.file.as_str(), found.line, found.column), (file.as_str(), 11, 85));
         assert!(origin("error: out of memory").is_none());
+        for elsewhere in ["--set", "command line", "pipelines/built-in.ron"] {
+            assert_eq!(origin(&format!("error: no\n --> {elsewhere}:1:7\n")), None);
+        }
     }
 }

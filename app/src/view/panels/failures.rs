@@ -2,6 +2,7 @@
 
 use egui::text::{LayoutJob, TextFormat};
 use egui::{Color32, FontId};
+use std::ops::Range;
 
 /// The eight ANSI colours of a terminal with a dark background, in the order of their codes.
 const PALETTE: [Color32; 8] = [
@@ -41,6 +42,56 @@ pub fn layout(ansi: &str, size: f32) -> LayoutJob {
     }
     write(rest, colour);
     job
+}
+
+/// Cuts the starts of source lines in an error, so that the first caret below each is among the first `columns`.
+pub fn narrowed(ansi: &str, columns: usize) -> String {
+    let mut lines: Vec<String> = ansi.split('\n').map(str::to_owned).collect();
+    let texts: Vec<Vec<char>> = lines.iter().map(|line| layout(line, 1.0).text.chars().collect()).collect();
+    // The column of `|` after a line number or after spaces; `None` for lines of other text.
+    let gutter = |text: &[char]| {
+        let bar = text.iter().position(|c| *c == '|')?;
+        text[..bar].iter().all(|c| *c == ' ' || c.is_ascii_digit()).then_some(bar)
+    };
+    let has_number = |text: &[char]| text.iter().any(char::is_ascii_digit);
+    let mut at = 0;
+    while at < lines.len() {
+        let first = at;
+        at += 1;
+        let Some(bar) = gutter(&texts[first]).filter(|bar| has_number(&texts[first][..*bar])) else {
+            continue;
+        };
+        let is_below = |text: &&Vec<char>| gutter(text) == Some(bar) && !has_number(&text[..bar]);
+        at += texts[at..].iter().take_while(is_below).count();
+        let carets = texts[first + 1..at].iter().filter_map(|text| text.iter().position(|c| *c == '^'));
+        if let Some(caret) = carets.min().filter(|caret| *caret >= columns) {
+            let cut = bar + 2..caret - columns / 2;
+            for (index, line) in lines[first..at].iter_mut().enumerate() {
+                *line = without(line, &cut, if index == 0 { '…' } else { ' ' });
+            }
+        }
+    }
+    lines.join("\n")
+}
+
+/// Replaces these columns of a line by one mark; keeps all escape sequences.
+fn without(line: &str, cut: &Range<usize>, mark: char) -> String {
+    let mut kept = String::new();
+    let (mut column, mut in_escape) = (0, false);
+    for c in line.chars() {
+        if in_escape || c == '\u{1b}' {
+            in_escape = !c.is_ascii_alphabetic();
+            kept.push(c);
+            continue;
+        }
+        if !cut.contains(&column) {
+            kept.push(c);
+        } else if column == cut.start {
+            kept.push(mark);
+        }
+        column += 1;
+    }
+    kept
 }
 
 /// Applies the parameters of an SGR escape sequence to a text colour.
@@ -86,6 +137,22 @@ mod tests {
         assert_eq!(colour("error"), PALETTE[1]);
         assert_eq!(colour(": x"), PLAIN);
         assert_eq!(colour("  |"), PALETTE[4]);
+    }
+
+    #[test]
+    fn a_long_line_begins_before_its_caret() {
+        let before = "x".repeat(100);
+        let text = format!(
+            "error: no `y`\n  |\n7 | \u{1b}[31m{before}y(z)\n  | {}^ not declared\n8 | z",
+            " ".repeat(100)
+        );
+        let narrow = narrowed(&text, 20);
+        let lines: Vec<&str> = narrow.split('\n').collect();
+        assert_eq!(lines[2], "7 | \u{1b}[31m…xxxxxxxxxxy(z)");
+        assert_eq!(lines[3], "  |            ^ not declared");
+        assert_eq!((lines[0], lines[4]), ("error: no `y`", "8 | z"));
+        assert_eq!(narrowed(&text, 200), text, "it fits");
+        assert_eq!(narrowed("a\nb\u{1b}[31", 1), "a\nb\u{1b}[31");
     }
 
     #[test]

@@ -103,6 +103,7 @@ impl<D: Device> Viewer<D> {
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
         std::mem::swap(&mut self.a, b);
+        self.events.push(Event::Exchanged);
         if self.other.is_none() && self.loading(RendererId::B).is_some() {
             let (copy, applied) = self.subject.copied(self.wake.clone());
             self.other = Some(copy);
