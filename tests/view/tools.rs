@@ -93,6 +93,12 @@ fn a_change_of_the_digit_width_says_what_it_did_to_the_plan() {
     until_measured(&mut viewer);
     viewer.frame();
     assert!(viewer.shell.panels.controls.find("effect:digit_bits").is_some());
+    let renderer = &mut viewer.shell.viewer.a.renderer;
+    renderer.set_param("cull_margin", Some(Value::Float(0.5)));
+    renderer.reset_params();
+    until_measured(&mut viewer);
+    viewer.frame();
+    assert_eq!(viewer.shell.panels.controls.find("effect:digit_bits"), None, "the plan is another one");
     viewer.close();
 }
 
@@ -279,15 +285,36 @@ fn lists_of_scenes_and_cameras_show_what_is_searched_for() {
         viewer.frame();
         let all = listed(&viewer, kind);
         assert!(all > 0, "{list}");
-        assert!(viewer.click(search));
-        viewer.act();
+        assert!(viewer.shell.panels.controls.find(search).is_some(), "{list}");
+        // The field has the focus, so no letter is a shortcut.
+        viewer.key(Key::H, Modifiers::NONE);
         viewer.plan([egui::Event::Text("nothing is called so".to_owned())]);
         viewer.act();
+        assert!(!viewer.shell.panels.hidden, "{list}");
         viewer.frame();
         assert_eq!(listed(&viewer, kind), 0, "{list}");
         viewer.key(Key::Escape, Modifiers::NONE);
         viewer.act();
     }
+    viewer.close();
+}
+
+#[test]
+fn keys_act_on_nothing_else_while_a_menu_is_open() {
+    let mut viewer = viewer("pipelines/splat.ron");
+    let hidden = |viewer: &mut TestShell| {
+        viewer.key(Key::H, Modifiers::NONE);
+        viewer.act();
+        std::mem::take(&mut viewer.shell.panels.hidden)
+    };
+    assert!(hidden(&mut viewer));
+    viewer.frame();
+    assert!(viewer.click("menu"));
+    viewer.act();
+    assert!(!hidden(&mut viewer), "the menu has no field, and takes the keys all the same");
+    viewer.key(Key::Escape, Modifiers::NONE);
+    viewer.act();
+    assert!(hidden(&mut viewer));
     viewer.close();
 }
 

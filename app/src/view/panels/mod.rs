@@ -189,6 +189,8 @@ impl Panels {
         self.toasts.tell(event);
         match event {
             Event::Dropped { .. } | Event::Scene { .. } => self.by_program = true,
+            // Both would compare the plans of different graphs.
+            Event::Exchanged => (self.compared, self.changed) = (None, None),
             Event::Swapped { renderer, swap } if *renderer != RendererId::Window => {
                 self.changed = Some((*renderer, swap.parameters()));
             }
@@ -222,7 +224,8 @@ impl Panels {
         if !layout.is_sound() {
             return false;
         }
-        recent.retain(|scene| scene.is_file());
+        // A SOG can be a folder.
+        recent.retain(|scene| scene.exists());
         (self.layout, self.hud, self.recent, self.restored) = (layout, hud, recent, true);
         true
     }
@@ -348,7 +351,8 @@ impl Panels {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Shows the effect of a constant on the plan above the list of parameters, if it alone has changed.
+    /// Shows the effect of a constant on the plan above the list of parameters, if it alone has changed. Another
+    /// change of the passes removes the effect.
     fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
@@ -362,10 +366,14 @@ impl Panels {
         // A plan's event is reported only after the plan's first frame.
         let changed = self.changed.take_if(|(renderer, _)| *renderer == selected);
         if *of != selected {
+            self.params.tell(None);
             self.compared = Some((plan, selected));
         } else if let Some((_, parameters)) = changed {
-            if let [parameter] = parameters.as_slice() {
-                self.params.tell(parameter, difference(former, &plan));
+            match parameters.as_slice() {
+                [parameter] => self.params.tell(Some((parameter.clone(), difference(former, &plan)))),
+                // A plan of the same passes, such as that of another size.
+                [] if former.frame.len() == plan.frame.len() => {}
+                _ => self.params.tell(None),
             }
             self.compared = Some((plan, selected));
         }

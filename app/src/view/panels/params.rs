@@ -33,9 +33,9 @@ pub struct State {
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Shows the effect of a parameter's last change on the plan, above the list.
-    pub fn tell(&mut self, parameter: &str, effect: String) {
-        self.effect = Some((parameter.to_owned(), effect));
+    /// Sets the text above the list: a constant, and the effect of its last change on the plan.
+    pub fn tell(&mut self, effect: Option<(String, String)>) {
+        self.effect = effect;
     }
 
     /// Draws the list and applies changes. `command` is the command line that draws the same scene and graph.
@@ -112,18 +112,18 @@ impl State {
                 }
             });
         });
-        let text = match &self.effect {
-            Some((name, effect)) => {
-                let all = renderer.controls();
-                let label =
-                    all.iter().find(|control| control.param.name == *name).map(|control| &control.label);
-                format!("{}: {effect}", label.unwrap_or(name))
-            }
+        let label = |name: &str| {
+            let named = renderer.controls().iter().find(|control| control.param.name == name);
+            named.map(|control| control.label.clone())
+        };
+        let effect = self.effect.as_ref().and_then(|(name, effect)| Some((name, label(name)?, effect)));
+        let text = match &effect {
+            Some((_, label, effect)) => format!("{label}: {effect}"),
             None if modified == 0 => "All parameters have their defaults.".to_owned(),
             None => set_line(renderer).trim_start().to_owned(),
         };
         let line = ui.add(egui::Label::new(RichText::new(&text).color(Palette::of(ui).soft)).truncate());
-        if let Some((name, _)) = &self.effect {
+        if let Some((name, _, _)) = &effect {
             controls.see(&format!("effect:{name}"), line.rect);
         }
         hint(line, text);
@@ -200,7 +200,8 @@ fn row(
     let Control { param, label, .. } = control;
     let palette = Palette::of(ui);
     let idle = plan.and_then(|plan| plan.no_effect(&param.name)).is_some();
-    let inexact = param.exact.as_ref().is_some_and(|exact| *exact != param.value);
+    // A default can be exact for this scene although another value is exact for all scenes.
+    let inexact = modified && param.exact.as_ref().is_some_and(|exact| *exact != param.value);
     let mut change = None;
     ui.horizontal(|ui| {
         ui.set_min_height(ROW);
@@ -259,7 +260,11 @@ fn help(plan: Option<&Plan>, control: &Control) -> String {
     }
     match &param.exact {
         Some(exact) if *exact == param.value => text += "\nExact: this value costs no accuracy.",
-        Some(exact) => text += &format!("\nNot exact: {exact} costs no accuracy."),
+        // The help text tells whether the default is exact for this scene.
+        Some(exact) if param.value == param.default => {
+            text += &format!("\nThe default. {exact} never costs accuracy.");
+        }
+        Some(exact) => text += &format!("\nMay cost accuracy: {exact} never does."),
         None => {}
     }
     text += match param.binding {
