@@ -34,6 +34,7 @@ impl ShaderCompiler for ListCompiler {
             push: None,
             inputs: Vec::new(),
             outputs: Vec::new(),
+            uses_position: true,
             features: Features::empty(),
         };
         let text = files.text(request.file).to_string();

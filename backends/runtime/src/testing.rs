@@ -130,6 +130,7 @@ pub(crate) fn reflection(stage: ShaderStage, local_size: [u32; 3], features: Fea
         push: None,
         inputs: Vec::new(),
         outputs: Vec::new(),
+        uses_position: true,
         features,
     }
 }

@@ -102,6 +102,8 @@ pub struct Reflection {
     pub inputs: Vec<Varying>,
     /// Stage outputs with a `location`, sorted by it.
     pub outputs: Vec<Varying>,
+    /// True if the code uses `gl_Position`. Without a position, what a vertex shader draws is undefined.
+    pub uses_position: bool,
     /// Optional device features that the module requires.
     pub features: Features,
 }

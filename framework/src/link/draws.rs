@@ -3,16 +3,20 @@
 use super::linker::{Linker, describe, touch};
 use crate::ir::{
     Accesses, DepthAccess, DepthTarget, Format, Layout, Load, ShaderId, Shape, Source, Span, Stages, Target,
-    Use,
+    Use, Varying,
 };
 use crate::lower::LoweredPass;
 use crate::source::Diagnostic;
 
 impl Linker<'_> {
-    /// Checks that every input of the fragment shader is an output of the vertex shader, of the same type. The two are
-    /// compiled separately, so the compiler does not check this.
+    /// Checks that the vertex shader has a position, and that every input of the fragment shader is an output of the
+    /// vertex shader, of the same type. The two are compiled separately, so the compiler does not check this.
     pub(super) fn interface(&mut self, vertex: ShaderId, fragment: ShaderId, span: Span) {
         let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
+        if !from.reflection.uses_position {
+            let message = format!("expected `{}` to write `gl_Position`, found no use of it", from.name);
+            self.errors.push(Diagnostic::new(message, span, "the positions of its vertices are undefined"));
+        }
         for input in &to.reflection.inputs {
             let output = from.reflection.outputs.iter().find(|o| o.location == input.location);
             let wrong = match output {
@@ -44,7 +48,7 @@ impl Linker<'_> {
         let mut size = None;
         for (i, (target, span)) in targets.iter().zip(&pass.target_spans).enumerate() {
             let image = self.resource(target.image).clone();
-            let Shape::Image { width, height, .. } = image.shape else {
+            let Shape::Image { width, height, format } = image.shape else {
                 self.error(format!("`{}` is a buffer", image.name), *span, "a target must be an image");
                 continue;
             };
@@ -52,6 +56,13 @@ impl Linker<'_> {
                 let message = format!("`{}` holds depths", image.name);
                 let error = Diagnostic::new(message, *span, "a target must hold colours");
                 self.errors.push(error.with_help("name it in `depth` of the draw"));
+                continue;
+            }
+            let output = &shader.reflection.outputs[i];
+            if output.location as usize != i || !fills(&output.glsl_type, format) {
+                let declared = self.lowered.declaration(target.image).span;
+                let error = wrong_output(&shader.name, output, i, (&image.name, format), *span);
+                self.errors.push(error.with_label(declared, "declared here"));
                 continue;
             }
             if image.source != Source::Transient || self.lowered.real(target.image) != target.image {
@@ -111,6 +122,45 @@ impl Linker<'_> {
 
 fn is_depth(shape: &Shape) -> bool {
     matches!(shape, Shape::Image { format: Format::Depth32Float, .. })
+}
+
+/// Returns the smallest GLSL type that gives every channel of a format a value.
+fn output_type(format: Format) -> &'static str {
+    match format {
+        Format::Rgba8Unorm | Format::Rgba16Float | Format::Rgba32Float => "vec4",
+        Format::R32Uint => "uint",
+        Format::R32Float | Format::Depth32Float => "float",
+    }
+}
+
+/// Returns true if an output of a type defines every channel of a target: Vulkan leaves channels that the type lacks
+/// undefined, and all channels if one side has integers and the other has floats. Surplus components are discarded.
+fn fills(glsl_type: &str, format: Format) -> bool {
+    let (scalars, vectors) = match format {
+        Format::R32Uint => (["uint", "uint16_t"], ["uvec", "u16vec"]),
+        _ => (["float", "float16_t"], ["vec", "f16vec"]),
+    };
+    let one = || scalars.contains(&glsl_type).then_some(1);
+    let components = vectors.iter().find_map(|prefix| glsl_type.strip_prefix(prefix)?.parse().ok());
+    let channels: u32 = if output_type(format) == "vec4" { 4 } else { 1 };
+    components.or_else(one).is_some_and(|components| components >= channels)
+}
+
+/// Returns the error for a target whose output is at another location, or of a type that does not define its channels.
+fn wrong_output(
+    shader: &str,
+    Varying { name, location, glsl_type, .. }: &Varying,
+    target: usize,
+    (image, format): (&str, Format),
+    span: Span,
+) -> Diagnostic {
+    let wanted = output_type(format);
+    let at = if *location as usize == target { String::new() } else { format!(" at location {location}") };
+    let message = format!(
+        "expected an output `{wanted}` at location {target} for the target `{image}`, found `{glsl_type} {name}`{at}"
+    );
+    Diagnostic::new(message, span, format!("`{image}` has the format {}", format.name()))
+        .with_help(format!("declare it in `{shader}`: `layout(location = {target}) out {wanted} {name};`"))
 }
 
 /// Returns the error for a draw without targets, or with a number of targets other than its shader's outputs.

@@ -202,6 +202,7 @@ impl Maker {
             push: Some(PushBlock { bytes: 4, members: vec![member] }),
             inputs: vec![],
             outputs: vec![],
+            uses_position: true,
             features: Features::empty(),
         };
         let defines = vec![("DIGIT_BITS".into(), "4".into())];

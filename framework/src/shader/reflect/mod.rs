@@ -12,7 +12,7 @@ mod tests;
 
 use std::collections::HashSet;
 
-use rspirv::spirv::{Decoration, Dim, ImageFormat, StorageClass, Word};
+use rspirv::spirv::{BuiltIn, Decoration, Dim, ImageFormat, StorageClass, Word};
 
 use self::access::{Accesses, accesses};
 use self::module::{Module, Type, Variable};
@@ -62,7 +62,20 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
         push: push.transpose()?,
         inputs: varyings(&module, StorageClass::Input)?,
         outputs: varyings(&module, StorageClass::Output)?,
+        uses_position: uses_position(&module, &accesses),
         features: features::features(&module, &accesses)?,
+    })
+}
+
+/// Returns true if reachable code mentions the built-in `Position`, a variable or a member of a block.
+fn uses_position(module: &Module, accesses: &Accesses) -> bool {
+    let is_position =
+        |id, member| module.number(id, member, Decoration::BuiltIn) == Some(BuiltIn::Position as u32);
+    let mut outputs = module.variables.iter().filter(|v| v.class == StorageClass::Output);
+    outputs.any(|v| match module.types.get(&v.pointee).map(|info| &info.kind) {
+        Some(Type::Struct { members }) => (0..members.len() as u32)
+            .any(|member| is_position(v.pointee, Some(member)) && accesses.uses_member(v.id, member)),
+        _ => is_position(v.id, None) && accesses.members.contains(&(v.id, None)),
     })
 }
 

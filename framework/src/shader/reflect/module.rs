@@ -328,6 +328,7 @@ impl Module {
         if let Some(Operand::Decoration(decoration)) = operands.first() {
             let value = match operands.get(1) {
                 Some(Operand::LiteralBit32(value)) => Some(*value),
+                Some(Operand::BuiltIn(built_in)) => Some(*built_in as u32),
                 _ => None,
             };
             self.decorations.entry((id, member)).or_default().push((*decoration, value));

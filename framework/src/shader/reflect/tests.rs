@@ -505,3 +505,16 @@ fn damaged_modules_never_panic() {
         let _ = reflect(&damaged);
     }
 }
+
+#[test]
+fn a_position_is_used_if_code_that_runs_mentions_it() {
+    let uses = |body: &str| reflected(ShaderStage::Vertex, body).uses_position;
+    assert!(uses("void main() { gl_Position = vec4(1.0); }"));
+    assert!(uses("void put(float x) { gl_Position.x = x; }\nvoid main() { put(1.0); }"));
+    assert!(uses(
+        "out gl_PerVertex { vec4 gl_Position; float gl_PointSize; };\nvoid main() { gl_Position = vec4(1.0); }"
+    ));
+    assert!(!uses("void main() {}"));
+    assert!(!uses("void main() { gl_PointSize = 1.0; }"));
+    assert!(!uses("void put() { gl_Position = vec4(1.0); }\nvoid main() {}"));
+}

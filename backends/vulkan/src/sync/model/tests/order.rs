@@ -177,6 +177,7 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
             push: None,
             inputs: vec![],
             outputs: vec![],
+            uses_position: true,
             features: Default::default(),
         },
     };
