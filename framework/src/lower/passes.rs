@@ -7,7 +7,8 @@ use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderN
 use super::lowering::{Level, Lowering, MAX_PASSES};
 use super::scope::{Notes, describe};
 use crate::ir::{
-    DepthTarget, DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value, Work,
+    Blend, DepthTarget, DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value,
+    Work,
 };
 use crate::schema::{Call, Expression, Number, PassDecl, Reference, Size, is_choice};
 use crate::source::{Diagnostic, Place};
@@ -119,6 +120,7 @@ impl Lowering<'_> {
                         return Ok(());
                     };
                     self.clear(image, target.load, &at.field("load"))?;
+                    self.blend(image, target.blend, &at.field("blend"))?;
                     resolved.push(Target { image, load: target.load, blend: target.blend });
                     target_spans.push(image_at.span());
                 }
@@ -210,11 +212,23 @@ impl Lowering<'_> {
         }
     }
 
+    fn is_integer(&self, image: ResourceId) -> bool {
+        matches!(self.plan.resources[image.index()].shape, Shape::Image { format: Format::R32Uint, .. })
+    }
+
+    /// Checks that a target's blend mode exists for the image's format: no device blends integers.
+    fn blend(&self, image: ResourceId, blend: Blend, at: &Place) -> Result<(), Diagnostic> {
+        if blend == Blend::Replace || !self.is_integer(image) {
+            return Ok(());
+        }
+        let found = format!("expected `Replace`, found `{blend:?}`");
+        Err(at.error("a target of the format r32ui cannot be blended", found))
+    }
+
     /// Checks that a target's clear colour can be stored in the image's format.
     fn clear(&self, image: ResourceId, load: Load, at: &Place) -> Result<(), Diagnostic> {
         let Load::Clear(r, g, b, a) = load else { return Ok(()) };
-        let integers =
-            matches!(self.plan.resources[image.index()].shape, Shape::Image { format: Format::R32Uint, .. });
+        let integers = self.is_integer(image);
         for v in [r, g, b, a] {
             if !v.is_finite() {
                 return Err(
