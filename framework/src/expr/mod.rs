@@ -54,6 +54,14 @@ impl Expr {
         names.into_iter()
     }
 
+    /// Lists the comparisons of a name with a literal text, such as `mode == 'fast'`: the name, the text, and the place
+    /// of the text with its quotes.
+    pub fn comparisons(&self) -> impl Iterator<Item = (&str, &str, Range<usize>)> {
+        let mut found = Vec::new();
+        self.root.collect_comparisons(&mut found);
+        found.into_iter()
+    }
+
     /// Evaluates the expression in `scope`.
     ///
     /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by zero,

@@ -244,7 +244,7 @@ impl Lowering<'_> {
             let given = set.get(name).map(|number| (number, &level.names, place.field("set").field(name)));
             let (param, behind) =
                 params::included(declared, opened.set.get(name), given, &names, self.files)?;
-            names.define(name, param.value.clone(), behind);
+            names.define_param(name, param.value.clone(), behind, &param.domain);
             params.push(param);
         }
         Ok((names, params))

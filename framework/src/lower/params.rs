@@ -87,7 +87,9 @@ pub(super) fn resolve(
                 param.value = value;
                 behind.insert(index);
                 match param.binding {
-                    ParamBinding::Const => names.define(name, param.value.clone(), behind),
+                    ParamBinding::Const => {
+                        names.define_param(name, param.value.clone(), behind, &param.domain);
+                    }
                     ParamBinding::Live { .. } => {
                         names.live.insert(name.clone());
                         names.params.insert(name.clone(), behind.clone());
@@ -185,12 +187,13 @@ fn around<'a>(
         for (_, name) in set.iter().filter(|(at, _)| *at == level) {
             let given = &around.set[name];
             let Setting { number, place: at } = &given.setting;
-            let (value, read) = outside.traced(|| self::given(number, &any(given.kind()), outside, at));
+            let domain = any(given.kind());
+            let (value, read) = outside.traced(|| self::given(number, &domain, outside, at));
             let explain = |error: Diagnostic| {
                 let needs = format!("`{}` is exposed, and needs this value", declared.name);
                 error.with_label(declared.place.key(), needs)
             };
-            inside.to_mut().shadow(name, value.map_err(explain)?, read);
+            inside.to_mut().shadow(name, value.map_err(explain)?, read, &domain);
         }
         all.push(inside);
     }

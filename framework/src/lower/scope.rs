@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::lowered::Extent;
 use crate::expr::{ExprError, Scope};
-use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Span, Value};
+use crate::ir::{Domain, Facts, OUTPUTS, ParamSet, Reason, Span, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Place};
 
@@ -20,6 +20,8 @@ pub(super) struct Names {
     pub live: BTreeSet<String>,
     /// The parameters of the root graph that each name depends on; names without any are absent.
     pub params: BTreeMap<String, ParamSet>,
+    /// The options of the parameters that are choices.
+    options: BTreeMap<String, Vec<String>>,
     notes: RefCell<Notes>,
 }
 
@@ -66,17 +68,27 @@ impl Names {
         }
     }
 
-    /// Defines a name in place of another value or a live parameter.
-    pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet) {
+    /// Defines a constant parameter. Comparisons with texts outside its domain become errors.
+    pub fn define_param(&mut self, name: &str, value: Value, params: ParamSet, domain: &Domain) {
+        if let Domain::Choice(of) = domain {
+            self.options.insert(name.into(), of.clone());
+        }
+        self.define(name, value, params);
+    }
+
+    /// Defines a constant parameter in place of another value or a live parameter.
+    pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet, domain: &Domain) {
         self.live.remove(name);
         self.params.remove(name);
-        self.define(name, value, params);
+        self.options.remove(name);
+        self.define_param(name, value, params, domain);
     }
 
     /// Copies a parameter from the includer's names: its value, or that it is live.
     pub fn adopt(&mut self, name: &str, from: &Names) {
         if let Some(value) = from.values.get(name) {
             self.define(name, value.clone(), from.params.get(name).cloned().unwrap_or_default());
+            self.options.extend(from.options.get(name).map(|of| (name.to_owned(), of.clone())));
         }
         if from.live.contains(name) {
             self.live.insert(name.into());
@@ -162,6 +174,15 @@ impl Names {
                     "has no value when the plan is built",
                 )
                 .with_help("declare it `Const` if sizes, conditions or repeats depend on it"));
+            }
+        }
+        for (name, text, range) in expr.comparisons() {
+            if let Some(of) = self.options.get(name).filter(|of| of.iter().all(|option| option != text)) {
+                let options = of.iter().map(|option| format!("`{option}`")).collect::<Vec<_>>().join(" or ");
+                let message = format!("the choice `{name}` has no value `{text}`");
+                let label = format!("expected {options}, found `{text}`");
+                let error = Diagnostic::new(message, place.within_string(range), label);
+                return Err(error.with_nearest(text, of.iter().map(String::as_str), ""));
             }
         }
         expr.eval(self).map_err(show)
