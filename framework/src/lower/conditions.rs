@@ -43,6 +43,7 @@ impl Lowering<'_> {
             Some(Some(Handle::PingPong(index))) => {
                 let pair = &mut self.ping_pongs[*index];
                 pair.front = 1 - pair.front;
+                pair.swaps += 1;
             }
             Some(None) => {}
             // The usual look-up distinguishes a plain resource from an unknown one.

@@ -1,6 +1,7 @@
 //! Defines the result of lowering: numbered resources, and a flat list of passes with their places in the files.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::rc::Rc;
 
 use crate::ir::{FileId, ParamSet, Pass, Reason, ResourceId, Span, Value};
@@ -23,6 +24,8 @@ pub struct Lowered {
     pub unwritten: Vec<RemovedUse>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
+    /// Ping-pong buffers that a repeat uses and does not swap.
+    pub unswapped: Vec<Unswapped>,
     /// Place of the output's name in the file.
     pub output_span: Span,
     /// The text of the generated include `live.glsl`.
@@ -87,6 +90,17 @@ pub struct LoweredInclude {
     pub parent: Option<usize>,
     /// For each port, the includer's name for what it binds, and the resources: both halves for a ping-pong buffer.
     pub given: Vec<(String, Vec<ResourceId>)>,
+}
+
+/// A ping-pong buffer of which a repeat uses both halves, without a swap.
+#[derive(Clone, Debug)]
+pub struct Unswapped {
+    /// The half in front.
+    pub front: ResourceId,
+    /// The other half.
+    pub back: ResourceId,
+    /// Indices of the passes of the repeat's first two iterations.
+    pub passes: [Range<usize>; 2],
 }
 
 /// A use that was removed with its pass or include.

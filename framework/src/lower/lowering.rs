@@ -7,7 +7,9 @@ use std::rc::Rc;
 use super::declared::{Exposed, Known};
 use super::defines::{Constants, defines};
 use super::document::Opened;
-use super::lowered::{Declaration, LoweredInclude, LoweredPass, RemovedPass, RemovedUse, SkippedUse};
+use super::lowered::{
+    Declaration, LoweredInclude, LoweredPass, RemovedPass, RemovedUse, SkippedUse, Unswapped,
+};
 use super::require::Choices;
 use super::scope::Names;
 use crate::ir::{EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
@@ -50,6 +52,7 @@ pub(super) struct Lowering<'a> {
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
     pub included: Vec<LoweredInclude>,
+    pub unswapped: Vec<Unswapped>,
 }
 
 /// One graph file in the walk: the root, or an include.
@@ -110,6 +113,8 @@ pub(super) enum Handle {
 pub(super) struct PingPong {
     pub halves: [ResourceId; 2],
     pub front: usize,
+    /// Number of swaps so far.
+    pub swaps: usize,
 }
 
 impl PingPong {
@@ -151,6 +156,7 @@ impl<'a> Lowering<'a> {
             stats: Vec::new(),
             includes: Vec::new(),
             included: Vec::new(),
+            unswapped: Vec::new(),
         }
     }
 

@@ -21,7 +21,7 @@ mod scope;
 
 pub use lowered::{
     Declaration, Extent, Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredSize,
-    RemovedPass, RemovedUse, ShaderName, SkippedUse,
+    RemovedPass, RemovedUse, ShaderName, SkippedUse, Unswapped,
 };
 pub use params::parse_value;
 pub use results::no_output;
@@ -115,6 +115,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
             skipped: [resolved.skipped, walk.skipped].concat(),
             unwritten: walk.unwritten,
             includes: walk.included,
+            unswapped: walk.unswapped,
             output_span,
             live,
         }),

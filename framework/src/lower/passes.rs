@@ -1,9 +1,11 @@
 //! Walks the passes, and resolves conditions, repeats, swaps and includes.
 
 use indexmap::IndexMap;
+use std::collections::HashSet;
+use std::ops::Range;
 
 use super::include::Written;
-use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName};
+use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName, Unswapped};
 use super::lowering::{Level, Lowering, MAX_PASSES};
 use super::scope::{Notes, describe};
 use crate::ir::{
@@ -392,7 +394,10 @@ impl Lowering<'_> {
         let suffix = level.suffix.clone();
         let around = level.around.clone();
         level.around.extend(decided);
+        let swaps: Vec<usize> = self.ping_pongs.iter().map(|pair| pair.swaps).collect();
+        let mut starts = Vec::new();
         for i in 0..count {
+            starts.push(self.passes.len());
             if !self.count(1, place) {
                 break;
             }
@@ -407,6 +412,22 @@ impl Lowering<'_> {
         level.names.values.remove(var);
         level.suffix = suffix;
         level.around = around;
+        starts.push(self.passes.len());
+        if let [first, second, third, ..] = starts[..] {
+            self.note_unswapped(&swaps, [first..second, second..third]);
+        }
         Ok(())
+    }
+
+    /// Records the pairs of which a repeat uses both halves without a swap. `swaps` is from before the repeat.
+    fn note_unswapped(&mut self, swaps: &[usize], passes: [Range<usize>; 2]) {
+        let binds = self.passes[passes[0].start..passes[1].end].iter().flat_map(|pass| &pass.bind);
+        let bound: HashSet<ResourceId> = binds.flat_map(|bind| &bind.resources).copied().collect();
+        for (pair, before) in self.ping_pongs.iter().zip(swaps) {
+            if pair.swaps == *before && pair.halves.iter().all(|half| bound.contains(half)) {
+                let (front, back) = (pair.halves[pair.front], pair.halves[1 - pair.front]);
+                self.unswapped.push(Unswapped { front, back, passes: passes.clone() });
+            }
+        }
     }
 }

@@ -4,11 +4,12 @@
 //! - Culled passes of an include write to a port whose resource is read outside. Either they write the half of a
 //!   ping-pong buffer that no pass reads, or the reader comes first in the file. The reader gets the contents from
 //!   before the include.
+//! - The iterations of a repeat read the same half of a ping-pong buffer and write the other: a `Swap` is missing.
 
 use super::order::Order;
-use crate::ir::{ResourceId, Shader, Span};
+use crate::ir::{Accesses, ResourceId, Shader, Span};
 use crate::link::LinkedPass;
-use crate::lower::Lowered;
+use crate::lower::{Lowered, Unswapped};
 use crate::plan::Warning;
 use crate::source::{Diagnostic, SourceMap};
 use std::collections::{HashMap, HashSet};
@@ -31,6 +32,7 @@ pub(super) fn warnings(
         }
     }
     found.extend(idle_includes(passes, &order.live, lowered));
+    found.extend(unswapped(passes, &order.live, lowered));
     let warning =
         |diagnostic: Diagnostic| Warning { origin: files.origin(diagnostic.primary.span), diagnostic };
     found.into_iter().map(warning).collect()
@@ -62,6 +64,53 @@ fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Di
         .with_help(
             "fill it in an earlier pass, or declare it with `history: true` to go on from the previous frame",
         )
+}
+
+/// Returns a warning for each repeat in which a pass reads one half of a ping-pong buffer and writes the other, without
+/// a `Swap`, if its iterations repeat each other or nothing reads their results.
+fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
+    let mut found: Vec<Diagnostic> = Vec::new();
+    for Unswapped { front, back, passes: [first, second] } in &lowered.unswapped {
+        let accesses = |pass: &LinkedPass, resource: ResourceId| {
+            let uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
+            uses.fold(Accesses::empty(), |all, touch| all | touch.accesses)
+        };
+        // Passes in both directions, or in place, need no swap.
+        let one_way = |pass: &LinkedPass| !accesses(pass, *front).writes() && !accesses(pass, *back).reads();
+        let steps = |pass: &LinkedPass| accesses(pass, *front).reads() && accesses(pass, *back).writes();
+        let in_place = |pass: &LinkedPass| {
+            pass.pass
+                .uses
+                .iter()
+                .any(|touch| touch.accesses.reads() && accesses(pass, touch.resource).writes())
+        };
+        let repeats = |number: usize| {
+            let Some(again) = passes[second.clone()].get(number - first.start) else { return false };
+            let [one, two] = [&passes[number].pass, &again.pass];
+            let same = (&one.work, &one.bindings, &one.push) == (&two.work, &two.bindings, &two.push);
+            same && !in_place(&passes[number])
+        };
+        let mut both = first.start..second.end;
+        let step = both.find(|pass| steps(&passes[*pass]) && (!live[*pass] || repeats(*pass)));
+        let Some(step) = step.filter(|_| passes[first.start..second.end].iter().all(one_way)) else {
+            continue;
+        };
+        let span = passes[step].span;
+        // The include of a culled pass has a warning of its own.
+        let told = passes[step].include.is_some() && !live[step];
+        if told || found.iter().any(|other| other.primary.span == span) {
+            continue;
+        }
+        let resource = &lowered.plan.resource(*back).name;
+        let resource = resource.split('#').next().unwrap_or(resource);
+        let message = format!("every iteration reads and writes the same halves of `{resource}`");
+        found.push(
+            Diagnostic::new(message, span, "no iteration gets the results of the one before")
+                .with_label(lowered.declaration(*back).span, "declared here")
+                .with_help(format!("is a `Swap(\"{resource}\")` missing at the end of the repeat?")),
+        );
+    }
+    found
 }
 
 /// Returns a warning for each include in which culled passes write to a port, although a pass outside reads its
