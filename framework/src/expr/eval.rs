@@ -7,7 +7,7 @@ use crate::source::nearest;
 pub(super) fn eval(node: &Node, scope: &dyn Scope) -> Result<Value, ExprError> {
     match &node.kind {
         NodeKind::Literal(value) => Ok(value.clone()),
-        NodeKind::Name(name) => scope.get(name).ok_or_else(|| unknown_name(node, name, scope)),
+        NodeKind::Name(name) => scope.get(name).ok_or_else(|| unknown(node, name, scope)),
         NodeKind::Unary(UnaryOp::Not, operand) => {
             let value = truth(operand, eval(operand, scope)?, "`!`")?;
             Ok(Value::Bool(!value))
@@ -286,8 +286,13 @@ fn type_name(value: &Value) -> &'static str {
 /// Maximum number of names that an error lists if none is similar.
 const MAX_LISTED_NAMES: usize = 16;
 
-fn unknown_name(node: &Node, name: &str, scope: &dyn Scope) -> ExprError {
-    let error = ExprError::new(format!("there is no value named `{name}`"), node.place());
+/// Returns the message for a name that is not in scope.
+pub(crate) fn unknown_name(name: &str) -> String {
+    format!("there is no value named `{name}`")
+}
+
+fn unknown(node: &Node, name: &str, scope: &dyn Scope) -> ExprError {
+    let error = ExprError::new(unknown_name(name), node.place());
     if Function::named(name).is_some() {
         return error.with_help(format!("`{name}` is a function: write `{name}(...)`"));
     }

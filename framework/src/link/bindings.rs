@@ -54,11 +54,12 @@ impl Linker<'_> {
                         Some(other) => {
                             let (number, name) = (block.binding, &block.name);
                             let message = format!("`{}` and `{name}` are both binding {number}", other.name);
-                            self.error(
-                                message,
-                                pass.span,
-                                "the two shaders of this draw share their bindings",
-                            );
+                            let of_this = |b: &ReflectedBinding| b.name == other.name;
+                            let label = match reflection.bindings.iter().any(of_this) {
+                                true => format!("`{}` declares both", self.shaders[shader.index()].name),
+                                false => "the two shaders of this draw share their bindings".to_string(),
+                            };
+                            self.error(message, pass.span, label);
                         }
                     }
                 }

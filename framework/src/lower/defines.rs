@@ -16,12 +16,19 @@ pub(super) struct Constants {
     pub params: BTreeMap<String, ParamSet>,
 }
 
+/// Converts a name to the form that it has in shaders.
+pub(super) fn capital(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
+}
+
+/// Returns the name in shaders of an option of a choice.
+pub(super) fn option_define(choice: &str, option: &str) -> String {
+    format!("{}_{}", capital(choice), capital(option))
+}
+
 /// Lists every constant. The options of a choice become constants as well, so that a shader can write
 /// `#if BLEND == BLEND_BACK_TO_FRONT`.
 pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
-    let capital = |name: &str| -> String {
-        name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
-    };
     let Constants { mut defines, mut unfit, .. } = Constants::default();
     for (name, value) in &names.values {
         let choices = params.iter().find(|p| p.name == *name).and_then(|p| match &p.domain {
@@ -30,7 +37,7 @@ pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
         });
         if let (Some(of), Value::Text(text)) = (choices, value) {
             for (i, choice) in of.iter().enumerate() {
-                defines.push((format!("{}_{}", capital(name), capital(choice)), i.to_string()));
+                defines.push((option_define(name, choice), i.to_string()));
                 if choice == text {
                     defines.push((capital(name), i.to_string()));
                 }

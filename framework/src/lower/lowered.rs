@@ -28,6 +28,8 @@ pub struct Lowered {
     pub unswapped: Vec<Unswapped>,
     /// Place of the output's name in the file.
     pub output_span: Span,
+    /// Places of the plan's statistics in the file, in the same order.
+    pub stat_spans: Vec<Span>,
     /// The text of the generated include `live.glsl`.
     pub live_glsl: String,
     /// The uniform block of the live parameters.

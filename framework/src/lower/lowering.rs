@@ -5,14 +5,15 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use super::declared::{Exposed, Known};
-use super::defines::{Constants, defines};
+use super::defines::{Constants, capital, defines, option_define};
 use super::document::Opened;
 use super::lowered::{
     Declaration, LoweredInclude, LoweredPass, RemovedPass, RemovedUse, SkippedUse, Unswapped,
 };
 use super::require::Choices;
 use super::scope::Names;
-use crate::ir::{EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
+use crate::expr::unknown_name;
+use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
 use crate::plan::Plan;
 use crate::schema::{Graph, Number};
 use crate::source::{Diagnostic, Place, SourceMap};
@@ -130,6 +131,22 @@ pub(super) struct History {
     pub of: Handle,
 }
 
+/// Returns the places in the graph's file of the parameters and `let`s that are `define` in shaders.
+fn declarations_of(define: &str, opened: &Opened, params: &[Param]) -> Vec<Span> {
+    let names = |name: &str| {
+        let options = params.iter().find(|param| param.name == *name).map(|param| &param.domain);
+        let mut options = match options {
+            Some(Domain::Choice(of)) => of.iter(),
+            _ => [].iter(),
+        };
+        capital(name) == define || options.any(|option| option_define(name, option) == define)
+    };
+    let own =
+        |list: &'static str, name: &String| names(name).then(|| opened.root.field(list).field(name).key());
+    let params = opened.graph.params.keys().filter_map(|name| own("params", name));
+    params.chain(opened.graph.lets.keys().filter_map(|name| own("let", name))).collect()
+}
+
 impl<'a> Lowering<'a> {
     pub fn new(request: &'a Request<'a>, files: &'a mut SourceMap) -> Self {
         Lowering {
@@ -184,16 +201,33 @@ impl<'a> Lowering<'a> {
                     }
                     names.define(name, value, read);
                 }
-                Err(diagnostic) => self.errors.push(diagnostic),
+                Err(diagnostic) => {
+                    let below = |later: &&String| diagnostic.primary.text == unknown_name(later);
+                    let mut later = opened.graph.lets.keys().skip_while(|other| *other != name);
+                    self.errors.push(match later.find(below) {
+                        None => diagnostic,
+                        Some(later) => {
+                            let declared = opened.root.field("let").field(later).key();
+                            Diagnostic { help: Vec::new(), ..diagnostic }
+                                .with_label(declared, "declared below")
+                                .with_help("a `let` can use only those above it: move this one down")
+                        }
+                    });
+                }
             }
         }
         let Constants { defines, unfit, params: constants } = defines(&names, &params);
         let mut seen = BTreeMap::new();
         for (name, value) in &defines {
             if seen.insert(name, value).is_some_and(|other| other != value) {
-                let span = opened.root.head();
                 let message = format!("two constants of this graph are both `{name}` in its shaders");
-                self.errors.push(Diagnostic::new(message, span, "in this graph").with_help(
+                let mut places = declarations_of(name, opened, &params).into_iter().rev();
+                let error = match places.next() {
+                    Some(last) => Diagnostic::new(message, last, "declared here"),
+                    None => Diagnostic::new(message, opened.root.head(), "in this graph"),
+                };
+                let error = places.rev().fold(error, |error, place| error.with_label(place, "and here"));
+                self.errors.push(error.with_help(
                     "names are in capitals there, and a choice adds one for each of its values: rename one of them",
                 ));
             }

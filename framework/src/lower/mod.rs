@@ -15,6 +15,7 @@ mod lowering;
 mod params;
 mod passes;
 mod require;
+mod reserved;
 mod resources;
 mod results;
 mod scope;
@@ -91,6 +92,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
     let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
     let live = walk.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
     walk.end_histories();
+    let (stats, stat_spans) = std::mem::take(&mut walk.stats).into_iter().unzip();
     match output {
         Some((output, output_span)) if walk.errors.is_empty() => Ok(Lowered {
             live_glsl: params::live_glsl(&resolved.params),
@@ -103,7 +105,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
                 params: resolved.params,
                 output,
                 outputs,
-                stats: walk.stats.into_iter().map(|(stat, _)| stat).collect(),
+                stats,
                 ..walk.plan
             },
             declarations: walk.declarations,
@@ -117,6 +119,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
             includes: walk.included,
             unswapped: walk.unswapped,
             output_span,
+            stat_spans,
             live,
         }),
         _ => Err(walk.errors),

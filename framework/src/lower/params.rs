@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::declared::{Declared, Parameters, Reach};
 use super::document::{Opened, Setting};
 use super::lowered::SkippedUse;
+use super::reserved::is_reserved;
 use super::scope::{Names, check_identifier, describe, is_identifier};
 use crate::ir::{
     Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,
@@ -132,6 +133,11 @@ fn one(
         ParamDecl::Live(kind) => (kind, ParamBinding::Live { offset: offset as u32 }),
     };
     check_identifier(name, "a parameter", place.key())?;
+    if binding != ParamBinding::Const && is_reserved(name) {
+        let message = format!("`{name}` cannot name a live parameter");
+        return Err(Diagnostic::new(message, place.key(), "GLSL reserves this word")
+            .with_help("a live parameter is a variable of the same name in shaders: rename it"));
+    }
     let kind_place = place.index(0);
     let (written, level) = match replaced {
         Some((Setting { number, place }, level)) => ((number.clone(), place.clone()), *level),
@@ -309,7 +315,18 @@ fn domain(
             };
             Domain::Float { min, max, step }
         }
-        ParamKind::Choice { of, .. } => Domain::Choice(of.clone()),
+        ParamKind::Choice { of, .. } => {
+            let at = place.field("of");
+            if of.is_empty() {
+                return Err(at.error("expected at least one value to choose from, found none", "is empty"));
+            }
+            if let Some(i) = (0..of.len()).find(|i| of[..*i].contains(&of[*i])) {
+                let error = at.index(i).error(format!("`{}` is in this choice twice", of[i]), "again here");
+                let first = of.iter().position(|option| *option == of[i]).unwrap_or(0);
+                return Err(error.with_label(at.index(first).span(), "the first"));
+            }
+            Domain::Choice(of.clone())
+        }
     };
     let default = given(default, &domain, default_names, default_at)?;
     let exact = kind.exact().map(|e| value(&e, "exact", &domain)).transpose()?;

@@ -188,15 +188,22 @@ fn never_written(
     lowered: &Lowered,
 ) -> Diagnostic {
     let name = &lowered.plan.resources[resource.index()].name;
+    // The export copies the words of all statistics, each of which has its own place.
+    let mut stats = lowered.plan.stats.iter().zip(&lowered.stat_spans);
+    let stat = stats.find(|(stat, _)| stat.buffer == resource && passes[reader].pass.work == Work::Export);
+    let (reader, span) = match stat {
+        Some((stat, span)) => (format!("the statistic `{}`", stat.name), *span),
+        None => (format!("`{}`", passes[reader].pass.name), passes[reader].span),
+    };
     let diagnostic = match writers.first() {
         None => Diagnostic::new(
-            format!("`{}` reads `{name}`, which no pass writes", passes[reader].pass.name),
-            passes[reader].span,
+            format!("{reader} reads `{name}`, which no pass writes"),
+            span,
             "is never written",
         ),
         Some(first) => Diagnostic::new(
-            format!("`{}` reads `{name}` before any pass has written it", passes[reader].pass.name),
-            passes[reader].span,
+            format!("{reader} reads `{name}` before any pass has written it"),
+            span,
             "is not written before this pass",
         )
         .with_label(passes[*first].span, "the first to write it")

@@ -193,10 +193,15 @@ impl Translator<'_> {
         let error =
             self.error(format!("expected {wanted}, found {found}"), place, &format!("expected {wanted}"));
         let Content::Text(text) = &node.content else { return error };
-        if wanted == NAME {
-            return error.with_help(format!("names are written without quotes: `{}`", text.value));
+        let field = node.key.clone().map(|key| &self.text[key]);
+        match field {
+            _ if wanted != NAME => error,
+            Some("size") => error.with_help(format!(
+                "write `Threads(\"{0}\")` for invocations, or `Groups(\"{0}\")` for workgroups",
+                text.value
+            )),
+            _ => error.with_help(format!("names are written without quotes: `{}`", text.value)),
         }
-        error
     }
 
     /// Like [`Self::wrong_kind`], for a value that was read only in part.

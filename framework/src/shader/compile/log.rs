@@ -69,8 +69,10 @@ fn entries(log: &str) -> Vec<Entry<'_>> {
     let mut entries: Vec<Entry> = Vec::new();
     for line in log.lines() {
         let Some(rest) = PREFIXES.iter().find_map(|prefix| line.strip_prefix(prefix)) else {
-            // An entry can continue in indented lines.
-            if let (true, Some(last)) = (line.starts_with([' ', '\t']), entries.last_mut()) {
+            // An entry can continue in indented lines, and in a list of extensions.
+            if let (true, Some(last)) =
+                (line.starts_with([' ', '\t']) || line.starts_with("GL_"), entries.last_mut())
+            {
                 last.message = format!("{} {}", last.message, line.trim());
             }
             continue;
@@ -197,7 +199,12 @@ impl Entry<'_> {
             }
             None => None,
         };
-        Diagnostic::new(message, span, label.unwrap_or_default())
+        let diagnostic = Diagnostic::new(message, span, label.unwrap_or_default());
+        let lacks = self.message.strip_prefix("required extension not requested: ");
+        match lacks.and_then(|lacks| lacks.split_whitespace().find(|word| word.starts_with("GL_"))) {
+            Some(name) => diagnostic.with_help(format!("add `#extension {name} : require` below `#version`")),
+            None => diagnostic,
+        }
     }
 }
 
