@@ -152,8 +152,13 @@ fn one(
     let (domain, default, exact) = found?;
     let (value, (reason, params, skipped)) = match (text, setting) {
         (Some(text), _) => {
-            let value = parse_value(text.value, &domain)
-                .map_err(|m| Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m))?;
+            let value = parse_value(text.value, &domain).map_err(|m| {
+                let error = Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m);
+                match range_reason(kind, inner) {
+                    Some(reason) => error.with_help(format!("its range depends on {reason}")),
+                    None => error,
+                }
+            })?;
             (value, Default::default())
         }
         (None, Some(setting)) => {
@@ -366,6 +371,19 @@ fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, P
             (reason, read, skipped)
         }
     }
+}
+
+/// Returns the values that the range of a parameter depends on: `sorter = serial`. `None` for a constant range.
+fn range_reason(kind: &ParamKind, names: &Names) -> Option<String> {
+    let (ParamKind::Int { range, .. } | ParamKind::Float { range, .. }) = kind else { return None };
+    let mut values = BTreeMap::new();
+    for bound in [&range.0, &range.1] {
+        if let Number::Expression(expression) = bound {
+            values.extend(names.traced(|| names.reason(expression)).0.into_iter().flat_map(|r| r.values));
+        }
+    }
+    let reason = Reason { expression: String::new(), values };
+    (!reason.values.is_empty()).then(|| reason.to_string())
 }
 
 /// Converts a value to the domain's type, or describes why it does not fit.
