@@ -31,7 +31,7 @@ fn advice(scene: &Scene) -> (String, Value) {
     let place = Place::new();
     scene.write_ply(place.at("own.ply")).expect("the scene is written");
     Camera::save(&[ahead()], place.at("ahead.json")).expect("the camera is written");
-    (place.done("advise own.ply -c ahead.json --json advice.json"), place.json("advice.json"))
+    (place.done("advise own.ply -c ahead.json --json=advice.json"), place.json("advice.json"))
 }
 
 fn bits(advice: &Value, map: &str) -> Option<u64> {
@@ -147,7 +147,7 @@ fn the_advised_command_draws_the_promised_psnr() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
     let text =
-        place.done("advise scene.ply -c cameras.json --psnr 40 --rounds 1 --frames 1 --json advice.json");
+        place.done("advise scene.ply -c cameras.json --psnr 40 --rounds 1 --frames 1 --json=advice.json");
     let json = place.json("advice.json");
     let promised: Vec<f64> =
         json["advised"]["psnr_db"].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();

@@ -43,7 +43,7 @@ fn a_batch_has_the_files_and_the_messages_of_one_picture_after_the_other() {
     let place = scene();
     for (jobs, out) in [("1", "one"), ("5", "many")] {
         let line =
-            format!("render scene.ply -c views.json -o {out} --jobs {jobs} --json {out}.json --validate");
+            format!("render scene.ply -c views.json -o {out} --jobs {jobs} --json={out}.json --validate");
         let said = place.said(&line);
         let expected: Vec<String> = (0..VIEWS).map(|view| format!("{out}/view{view:02}.png")).collect();
         assert_eq!(named(&said), expected);

@@ -26,7 +26,7 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
     place.cameras(&["one", "two"]);
     let text = done(
         &place,
-        "scene.ply -c cameras.json --pipelines splat,unsorted --sizes 64x48,128x96 --splats 200,300 --json bench.json -o out",
+        "scene.ply -c cameras.json --pipelines splat,unsorted --sizes 64x48,128x96 --splats 200,300 --json=bench.json -o out",
     );
     for words in ["scene, 300 splats, 128x96", "passes of unsorted", "back_to_front", "of copy"] {
         assert!(text.contains(words), "{words}: {text}");
@@ -105,7 +105,7 @@ fn a_graph_that_draws_no_scene_is_measured_too() {
           output: "image",
         )"#,
     );
-    let (json, errors) = place.said(&format!("{SHORT} scene.ply --pipelines fill.ron --sizes 64x2 --json -"));
+    let (json, errors) = place.said(&format!("{SHORT} scene.ply --pipelines fill.ron --sizes 64x2 --json"));
     let report: Value = serde_json::from_str(&json).expect("JSON alone on standard output");
     let found = &rows(&report)[0]["found"]["Ok"];
     assert_eq!(part(&found["mean"]["passes"], "fill")["bytes"], 64 * 2 * 4);
@@ -116,7 +116,7 @@ fn a_graph_that_draws_no_scene_is_measured_too() {
 fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
     let place = Place::new();
     let text =
-        done(&place, "--suite sort --pairs 5000,20000,67108864 --json sort.json -o out --set digit_bits=4");
+        done(&place, "--suite sort --pairs 5000,20000,67108864 --json=sort.json -o out --set digit_bits=4");
     let report = place.json("sort.json");
     let found: Vec<(u64, u64, bool)> = rows(&report)
         .iter()
@@ -165,7 +165,7 @@ fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_
             ("scene.ply --pairs 100", 2, "add --suite sort"),
             ("scene.ply --suite sort", 2, "SCENE is for --suite frames"),
             ("--suite sort --set key_bits=8", 2, "--set key_bits: --suite sort sets it itself"),
-            ("scene.ply --json scene.ply", 2, "--json would overwrite the scene"),
+            ("scene.ply --json=scene.ply", 2, "--json would overwrite the scene"),
             ("missing.ply", 1, "missing.ply"),
             (
                 "scene.ply --pipelines unsorted,bench/copy --set mebibytes=4000 --sizes 32x24",

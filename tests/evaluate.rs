@@ -32,6 +32,8 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     assert_eq!(drawn["views"].as_array().map(Vec::len), Some(9));
     assert!(psnr(&drawn) > 50.0, "{drawn:#}");
     assert_eq!(drawn["all"], true);
+    let table = place.done("evaluate scene.ply -c views --all --json=scores.json");
+    assert!(table.contains("view-0000.png") && place.json("scores.json")["mean"] == drawn["mean"], "{table}");
     assert_eq!(
         (&drawn["photographs"], &drawn["background"]),
         (&Value::Null, &serde_json::json!([0.0, 0.0, 0.0]))

@@ -9,7 +9,7 @@ fn the_exact_renderer_is_a_backend_of_render_and_close_to_a_graph_with_its_exact
     place.cameras(&["one", "two"]);
     place.done(
         "render scene.ply -c cameras.json --backend reference -o exact --format npy --output contributors=count.npy \
-         --output alpha=alpha.exr --json stats.json",
+         --output alpha=alpha.exr --json=stats.json",
     );
     let stats = place.json("stats.json");
     assert_eq!(stats[1]["camera"], "two");

@@ -38,7 +38,7 @@ fn every_frame_of_a_session_is_whole_also_those_in_flight() {
 #[test]
 fn a_picture_on_disk_is_whole_or_not_there() {
     let place = Place::new();
-    let render = format!("render scene.ply --pipeline {GRAPH} -o out.png --json out.json");
+    let render = format!("render scene.ply --pipeline {GRAPH} -o out.png --json=out.json");
     place.done(&format!("{render} --size 64x48 --repeat 5 --set entries=7 --inspect list@list=list.npy"));
     assert_eq!(white(&place.image("out.png")), 64 * 48);
     let stats = place.json("out.json");

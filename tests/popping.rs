@@ -5,7 +5,7 @@ use serde_json::Value;
 use splatgraph_assets::{Camera, synth};
 
 fn popping(place: &Place, more: &str) -> Value {
-    place.done(&format!("popping scene.ply --device llvmpipe --validate --json popping.json {more}"));
+    place.done(&format!("popping scene.ply --device llvmpipe --validate --json=popping.json {more}"));
     place.json("popping.json")
 }
 
@@ -105,8 +105,8 @@ fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
             ("--with key_bitz=8", 1, "key_bitz"),
             ("--frames 1", 2, "--frames"),
             ("--step many", 2, "degrees"),
-            ("--json scene.ply", 2, "would overwrite the scene"),
-            ("-c cameras.json --json cameras.json", 2, "would overwrite the cameras"),
+            ("--json=scene.ply", 2, "would overwrite the scene"),
+            ("-c cameras.json --json=cameras.json", 2, "would overwrite the cameras"),
             ("--size 16384x16384", 1, "expected true pictures of at most 4096 MiB"),
         ],
     );

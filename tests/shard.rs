@@ -67,7 +67,7 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
         (&["out", "--shard", "0/1", "-p", "splat"], 1, "differ in graph"),
         (&["out"], 2, "expected a folder without job.json, found out"),
         (&["new", "--shard", "2/2"], 2, "expected I/N"),
-        (&["new", "--shard", "0/2", "--json", "-"], 2, "expected no --json with --shard"),
+        (&["new", "--shard", "0/2", "--json"], 2, "expected no --json with --shard"),
         (&["new.png", "--shard", "0/2"], 2, "expected one camera for the picture"),
     ] {
         let told = run(&place, line, more, code);

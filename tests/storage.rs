@@ -114,9 +114,9 @@ fn a_limit_of_memory_chooses_the_storage_of_the_splats() {
         (needed.to_string(), "--set storage=b24", "storage=b24"),
         ("8GiB".to_owned(), "", "the graph's own storage"),
     ] {
-        let said = place.said(&format!("{render} -o limited.png --json limited.json --memory {memory}")).1;
+        let said = place.said(&format!("{render} -o limited.png --json=limited.json --memory {memory}")).1;
         assert!(said.contains(&format!("storage: {chosen} needs ")), "{said}");
-        place.done(&format!("{render} -o set.png --json set.json {setting}"));
+        place.done(&format!("{render} -o set.png --json=set.json {setting}"));
         assert!(place.bytes("limited.png") == place.bytes("set.png"), "{chosen}");
         let [limited, set] = ["limited.json", "set.json"].map(|name| place.json(name));
         assert_eq!(limited[0]["parameters"], set[0]["parameters"]);

@@ -29,7 +29,7 @@ fn a_command_ends_with_an_error_although_the_drivers_compiler_never_does() {
     assert!(built.expect("a C compiler").success());
     for (after, args) in [
         (0, "render scene.ply -c cameras.json -o a.png"),
-        (2, "bench scene.ply -c cameras.json --pipelines splat --json a.json"),
+        (2, "bench scene.ply -c cameras.json --pipelines splat --json=a.json"),
     ] {
         let output = place
             .program(args)

@@ -19,7 +19,7 @@ fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
         .save(&place.at("a.npy"))
         .expect("written");
     let inputs = place.files(".");
-    let render = format!("{DRAW} out.png --json stats.json --inspect order@compact=seen.npy");
+    let render = format!("{DRAW} out.png --json=stats.json --inspect order@compact=seen.npy");
     for (args, outputs) in [
         ("synth demo --count 50 -o new.ply --cameras new.json", &["new.ply", "new.json"][..]),
         ("dump unsorted --format html -o plan.html", &["plan.html"]),

@@ -75,7 +75,7 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
     let place = Place::new();
     let names: Vec<String> = (0..CAMERAS).map(|index| format!("camera{index}")).collect();
     place.cameras(&names.iter().map(String::as_str).collect::<Vec<_>>());
-    let args = format!("{DRAW} out --json stats.json --inspect order@compact=seen.npy");
+    let args = format!("{DRAW} out --json=stats.json --inspect order@compact=seen.npy");
     let clean = || {
         for path in ["out", "stats.json"].map(|name| place.at(name)) {
             let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };

@@ -36,17 +36,17 @@ fn no_output_goes_over_an_input_or_over_another_output() {
     let long = "x".repeat(300);
     let long_keys = format!("a@b={}.npy", "k".repeat(230));
     for (args, why) in [
-        ("render scene.ply -o a.png --json scene.ply", "--json would overwrite the scene"),
-        ("render scene.ply -o a.png --json soft.json", "--json would overwrite the scene"),
+        ("render scene.ply -o a.png --json=scene.ply", "--json would overwrite the scene"),
+        ("render scene.ply -o a.png --json=soft.json", "--json would overwrite the scene"),
         ("render scene.ply -o hard.png", "--output would overwrite the scene"),
         ("render scene.ply -c cameras.json -o out", "--output would overwrite the scene"),
-        ("render scene.ply -c cameras.json#0 --json cameras.json", "overwrite the cameras"),
-        ("render scene.ply -p graph.ron --json ./graph.ron", "overwrite the graph"),
-        ("render scene.ply -o a.png --json a.png", "--json and --output name one file"),
-        ("render scene.ply -o - --json -", "standard output"),
-        ("render scene.ply -o z --json z", "which is inside the file of --json"),
+        ("render scene.ply -c cameras.json#0 --json=cameras.json", "overwrite the cameras"),
+        ("render scene.ply -p graph.ron --json=./graph.ron", "overwrite the graph"),
+        ("render scene.ply -o a.png --json=a.png", "--json and --output name one file"),
+        ("render scene.ply -o - --json", "standard output"),
+        ("render scene.ply -o z --json=z", "which is inside the file of --json"),
         ("render scene.ply --inspect a@b=k.npy --inspect c@d=./k.npy", "two outputs of --inspect"),
-        ("render scene.ply -c cameras.json --inspect a@b=k.npy -o . --json k-one.npy", "one file"),
+        ("render scene.ply -c cameras.json --inspect a@b=k.npy -o . --json=k-one.npy", "one file"),
         ("render scene.ply -c cameras.json -o -", "expected one camera"),
         (&format!("render scene.ply -o {long}.png"), "the file system allows 255"),
         (
@@ -54,7 +54,7 @@ fn no_output_goes_over_an_input_or_over_another_output() {
             "no room for the cameras' names",
         ),
         ("render scene.ply -o scene.ply/a.png", "scene.ply"),
-        ("render scene.ply -o a.png --json out", "which is a folder"),
+        ("render scene.ply -o a.png --json=out", "which is a folder"),
         ("view scene.ply --events scene.ply", "--events would overwrite the scene"),
         ("view scene.ply --screenshot -", "expected a file for --screenshot"),
         ("view scene.ply --screenshot a.png --events a.png", "name one file"),
@@ -68,9 +68,29 @@ fn no_output_goes_over_an_input_or_over_another_output() {
         ("compare a.npy b.npy --diff b.npy", "overwrite a compared picture"),
         ("compare pics others --diff others", "overwrite a compared picture"),
         ("compare a.npy b.npy --diff -", "expected a file for --diff"),
+        ("render scene.ply -o a.png --json new.json", "expected --json=new.json to write a file"),
+        ("bench scene.ply --json cameras.json", "expected --json=cameras.json to write a file"),
+        ("advise scene.ply --json new.json", "expected --json=new.json to write a file"),
+        ("info scene.ply --json -", "expected --json alone for standard output"),
     ] {
         refused(&place, args, why);
     }
+}
+
+#[test]
+fn a_scene_after_json_is_the_scene_and_not_the_file_to_write() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    let before = place.bytes("scene.ply");
+    let loaded = |words: &str| {
+        place.told(&format!("render {words} -p unsorted --device llvmpipe --size 16x8"))[0]["counts"]["loaded"].clone()
+    };
+    assert_eq!(loaded("--json scene.ply"), loaded("scene.ply --json"));
+    let bench = place.told("bench --pipelines unsorted --rounds 1 --frames 1 --sizes 16x8 --json scene.ply");
+    assert_eq!(bench["scenes"][0]["scene"], "scene.ply", "{bench:#}");
+    let popping = place.told("popping -p unsorted --frames 2 --size 16x8 --json scene.ply");
+    assert_eq!(popping["origin"]["scene"], "scene.ply", "{popping:#}");
+    assert!(place.bytes("scene.ply") == before);
 }
 
 #[test]
@@ -89,7 +109,7 @@ fn every_camera_has_a_picture_and_an_array_of_its_own() {
         "\u{202e}x",
     ];
     place.cameras(&names);
-    let args = format!("{DRAW} out --inspect order@compact=seen.npy --json stats.json");
+    let args = format!("{DRAW} out --inspect order@compact=seen.npy --json=stats.json");
     let text = place.done(&args);
     let lines: Vec<&str> = text.lines().filter(|line| line.contains(": 64 x 48, ")).collect();
     let pictures = place.files("out");

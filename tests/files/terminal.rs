@@ -144,7 +144,7 @@ fn no_name_in_a_file_reaches_the_terminal_raw() {
         &format!("info {EVIL}.ply"),
         "info property.ply --json",
         &format!("info {EVIL}.missing"),
-        &format!("render {EVIL}.ply --cameras cameras.json -p unsorted --device llvmpipe --json -"),
+        &format!("render {EVIL}.ply --cameras cameras.json -p unsorted --device llvmpipe --json"),
         "render scene.ply -c cameras.json -p unsorted --device llvmpipe --inspect order@compact",
         "render scene.ply -c cameras.json -p unsorted --device llvmpipe -o out",
         "render scene.ply -c cameras.json#9 -o a.png",

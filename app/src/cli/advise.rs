@@ -38,7 +38,7 @@ use std::path::{Path, PathBuf};
   splatgraph advise scene.ply -c cameras.json                # a report on the scene
   splatgraph advise scene.ply -c cameras.json --psnr 45      # the fastest setting with 45 dB in every view
   splatgraph advise scene.ply --ms 2 --size 1920x1080        # the most accurate within 2 ms
-  splatgraph advise --psnr 50 --json advice.json             # the demo scene")]
+  splatgraph advise --psnr 50 --json=advice.json             # the demo scene")]
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
@@ -63,8 +63,8 @@ pub struct Args {
     /// Number of pairs of overlapping splats per view that a depth key may leave in the wrong order
     #[arg(long, value_name = "N", default_value_t = 0)]
     errors: u64,
-    /// Write everything as JSON to this file; `-` is standard output
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    /// Print everything as JSON instead of the text, or write it to FILE
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
     #[command(flatten)]
     effort: EffortArgs,

@@ -38,7 +38,7 @@ use std::path::{Path, PathBuf};
 #[command(mut_arg("frames", |arg| arg.help("Frames of each graph per round [default: 1 to 30, from the frame time]")))]
 #[command(after_help = "Examples:
   splatgraph bench                                     # the demo scene
-  splatgraph bench scene.ply --pipelines splat,key16,my/graph.ron --json bench.json
+  splatgraph bench scene.ply --pipelines splat,key16,my/graph.ron --json=bench.json
   splatgraph bench scene.ply -c cameras.json --sizes 1920x1080,3840x2160 -o bench/
   splatgraph bench scene.ply --splats 1000000,3000000  # enlarged
   splatgraph bench --suite sort --pairs 1048576,6000000 --set digit_bits=6")]
@@ -67,8 +67,8 @@ pub struct Args {
     /// for all, or one for each in the same order
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Vec<String>,
-    /// Write all numbers as JSON, after each size and number of splats; `-` is standard output
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    /// Print all numbers as JSON, or write them to FILE after each size and number of splats
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for bench.csv, and for curves over sizes or numbers of splats as .svg and .png
     #[arg(short, long, value_name = "DIR")]

@@ -19,7 +19,7 @@ use std::path::PathBuf;
   splatgraph devices
   splatgraph devices --json
   splatgraph render --device llvmpipe -o demo.png
-  splatgraph render --backend null --repeat 100 --json -     # the cost of everything except the GPU's work")]
+  splatgraph render --backend null --repeat 100 --json       # the cost of everything except the GPU's work")]
 pub struct Args {
     /// Print JSON, with the facts for graphs, or write it to a file
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]

@@ -65,9 +65,9 @@ pub struct Args {
     /// Background colour, display-encoded, 0 to 1, also behind photographs with alpha
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
-    /// Print JSON instead of a table
-    #[arg(long)]
-    json: bool,
+    /// Print JSON instead of a table, or write it to FILE beside the table
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
+    json: Option<PathBuf>,
     /// Also write the pictures into DIR: renders/, photographs/ and differences/ (times ten)
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -141,11 +141,14 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let stems = names::unique(&names, MAX_NAME_BYTES - ".png".len());
     let mut guard = OutputGuard::default();
     let mut claim = || -> Result<(), Usage> {
-        guard.input("the scene", &args.scene)?;
+        guard.scene("the scene", &args.scene)?;
         guard.input("the cameras", &args.cameras)?;
         guard.input("the graph", Path::new(&args.pipeline))?;
         for view in &views {
             guard.input("a photograph", &view.photograph)?;
+        }
+        if let Some(path) = &args.json {
+            guard.output("--json", path)?;
         }
         if let Some(output) = &args.output {
             if is_standard_output(output) {
@@ -264,9 +267,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drop(progress);
     let found = Evaluation::new(scores);
-    match args.json {
-        true => options::print(&as_json(request(args), &found))?,
-        false => options::print(found.table().trim_end())?,
+    if !args.json.as_deref().is_some_and(is_standard_output) {
+        options::print(found.table().trim_end())?;
+    }
+    if let Some(path) = &args.json {
+        options::write_text(Some(path), &(as_json(request(args), &found) + "\n"))?;
     }
     if !args.all && views.len() == 1 {
         say(format!(
@@ -290,7 +295,7 @@ pub struct Views {
 
 impl Views {
     pub fn new(args: Args) -> Result<Views> {
-        job::refuse(&[("--json", args.json)])?;
+        job::refuse(&[("--json", args.json.is_some())])?;
         let Some(folder) = args.output.clone() else {
             return Err(Usage("expected a folder for --output with --shard, found none".into()).into());
         };

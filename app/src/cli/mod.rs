@@ -48,6 +48,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output::{self, say, say_styled, shell_word, terminal};
 use crate::io::timeline::Timeline;
 use crate::{draw::backend, draw::builtin};
+use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use job::{Shard, Work};
 use outcome::{Outcome, Usage, colour};
@@ -62,7 +63,7 @@ use tracing::info_span;
 pub use job::{Job, Ran};
 
 const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a picture of it
-  splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
+  splatgraph render scene.ply --cameras cameras.json -o pictures/ --json=stats.json
   splatgraph video scene.ply --cameras keys.json -o film.gif   # a smooth path through cameras
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
@@ -172,6 +173,7 @@ impl Command {
 pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
     let words = [OsString::from("splatgraph")].into_iter().chain(arguments.iter().cloned());
     let cli = Cli::try_parse_from(words)?;
+    options::refuse_json_apart(arguments)?;
     if cli.command.shard().is_some() {
         return Err(Usage("expected no --shard: workers are assigned their views".into()).into());
     }
@@ -196,6 +198,13 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     let parsed = command(&arguments)
         .try_get_matches_from(&arguments)
         .and_then(|matches| Cli::from_arg_matches(&matches));
+    // clap reports an option that the command does not have.
+    let unknown = parsed.as_ref().err().and_then(|error| error.get(ContextKind::InvalidArg));
+    if !unknown.is_some_and(|option| *option == ContextValue::String("--json".into()))
+        && let Err(error) = options::refuse_json_apart(&arguments)
+    {
+        return report(&error.into());
+    }
     let cli = match parsed {
         Ok(cli) => cli,
         Err(error) => return terminal::say_usage(&error, colour()),

@@ -10,14 +10,15 @@ use crate::draw::interleaved::Frames;
 use crate::draw::storage;
 use crate::io::demo;
 use crate::io::load::LoadOptions;
-use crate::io::output::{self, OutputGuard, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, say};
 use crate::io::progress::Progress;
 use crate::studies::bench;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{BackendError, Heap};
-use splatgraph_assets::{Camera, Content, LoadError, Scene, SceneError, SceneFormat};
+use splatgraph_assets::{Camera, Content, LoadError, Scene, SceneError, SceneFormat, SceneHeader};
 use splatgraph_framework::ir::{Catalog, DeviceFacts};
 use std::collections::HashMap;
+use std::ffi::OsString;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::panic::resume_unwind;
@@ -203,7 +204,8 @@ pub fn scene_and_cameras(
     Ok((scene, cameras))
 }
 
-/// Converts cameras to the scene's coordinates and to the requested size; without cameras, frames the scene.
+/// Converts cameras to the scene's coordinates and to the requested size; without cameras, frames the scene at that
+/// size.
 ///
 /// Cameras are renamed as in [`scene_and_cameras`].
 pub fn cameras_of(
@@ -213,7 +215,7 @@ pub fn cameras_of(
     size: Option<(u32, u32)>,
 ) -> Vec<Camera> {
     let given = given.map(|cameras| in_scene(&cameras, scene));
-    let mut cameras = given.unwrap_or_else(|| vec![framing(scene)]);
+    let mut cameras = given.unwrap_or_else(|| vec![framing_at(scene, size)]);
     let mut uses: HashMap<String, usize> = HashMap::new();
     for camera in &cameras {
         *uses.entry(camera.img_name.clone()).or_default() += 1;
@@ -243,7 +245,11 @@ pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
 }
 
 pub fn framing(scene: &Scene) -> Camera {
-    let (width, height) = facts::DEFAULT_SIZE;
+    framing_at(scene, None)
+}
+
+fn framing_at(scene: &Scene, size: Option<(u32, u32)>) -> Camera {
+    let (width, height) = size.unwrap_or(facts::DEFAULT_SIZE);
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }
 
@@ -366,7 +372,8 @@ pub struct Drawing {
     pub cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     ///
-    /// The cameras keep their vertical field of view: a wider picture shows more at the sides.
+    /// The cameras keep their vertical field of view: a wider picture shows more at the sides. The camera that frames the scene
+    /// frames it at this size.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub size: Option<(u32, u32)>,
 }
@@ -410,7 +417,7 @@ impl EffortArgs {
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {
-        Some(path) => guard.input("the scene", path)?,
+        Some(path) => guard.scene("the scene", path)?,
         None => demo::path().map_or(Ok(()), |path| guard.input("the demo scene", &path))?,
     }
     super::cameras::claim(&mut guard, cameras, scene)?;
@@ -423,9 +430,29 @@ pub fn claim_json<'a>(
 ) -> Result<(), Usage> {
     let mut guard = OutputGuard::default();
     for (what, path) in inputs {
-        guard.input(what, path)?;
+        guard.scene(what, path)?;
     }
     json.map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
+}
+
+/// Rejects `--json FILE.json` and `--json -`, whose second word would be taken for a scene.
+///
+/// Some scenes are JSON files, too: such a word stays a scene.
+pub fn refuse_json_apart(arguments: &[OsString]) -> Result<(), Usage> {
+    let before_end = arguments.iter().take_while(|word| *word != "--");
+    for (option, word) in before_end.zip(arguments.iter().skip(1)).filter(|(option, _)| *option == "--json") {
+        let (option, path) = (option.display(), Path::new(word));
+        if is_standard_output(path) {
+            return Err(Usage(format!("expected {option} alone for standard output, found {option} -")));
+        }
+        let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+        if is_json && SceneHeader::load(path).is_err() {
+            let word = word.to_string_lossy();
+            let name = output::one_line(&word);
+            return Err(Usage(format!("expected {option}={name} to write a file, found {option} {name}")));
+        }
+    }
+    Ok(())
 }
 
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
@@ -439,7 +466,7 @@ pub fn print(line: &str) -> Result<()> {
 
 /// Writes text to a file, or to standard output for `None` or `-`. A closed pipe is not an error.
 pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
-    match path.filter(|path| !output::is_standard_output(path)) {
+    match path.filter(|path| !is_standard_output(path)) {
         Some(path) => Ok(output::write_bytes(path, output::harmless(text).as_bytes())?),
         None => Ok(output::print(text)?),
     }
@@ -453,4 +480,29 @@ pub fn refuse_terminal(what: &str) -> Result<(), Usage> {
         )));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn the_default_camera_frames_the_scene_in_a_picture_of_any_shape() {
+        let scene = synth::generate("uniform", 500, 0).unwrap();
+        for size in [(300, 600), (300, 300), (960, 540), (900, 100)] {
+            let camera = cameras_of(&scene, None, &[FRAMING.into()], Some(size)).remove(0);
+            assert_eq!((camera.width, camera.height), size);
+            let corners = scene.robust_bounds().corners().map(|corner| camera.to_view(corner));
+            let reach = |axis: usize, focal: f64, side: u32| {
+                let of = |view: &[f64; 3]| (view[axis] / view[2] * focal).abs() / (0.5 * f64::from(side));
+                corners.iter().map(of).fold(0.0, f64::max)
+            };
+            let widest = reach(0, camera.fx, size.0).max(reach(1, camera.fy, size.1));
+            assert!((0.9..0.93).contains(&widest), "{size:?}: {widest}");
+        }
+        let given = vec![Camera::framing(&scene, 200, 100)];
+        let wide = cameras_of(&scene, Some(given.clone()), &["one".into()], Some((300, 100))).remove(0);
+        assert_eq!(wide.fy, given[0].fy, "a camera of a file keeps its vertical field of view");
+    }
 }

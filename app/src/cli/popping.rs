@@ -39,7 +39,7 @@ use std::path::{Path, PathBuf};
   splatgraph popping                                        # the demo scene, every built-in graph
   splatgraph popping scene.ply -c path.json -o popping/     # popping.csv, popping.svg and popping.png
   splatgraph popping scene.ply -p splat -p unsorted --with key_bits=8 --with key_bits=8,key_map=linear
-  splatgraph popping scene.ply --frames 60 --step 0.1 --json popping.json")]
+  splatgraph popping scene.ply --frames 60 --step 0.1 --json=popping.json")]
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
@@ -61,8 +61,8 @@ pub struct Args {
     /// Size of the pictures [default: the cameras', at most 480 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// File for all numbers as JSON; `-` is standard output, instead of the table
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    /// Print all numbers as JSON instead of the table, or write them to FILE
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for popping.csv, popping.svg and popping.png
     #[arg(short, long, value_name = "DIR")]

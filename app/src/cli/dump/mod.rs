@@ -22,7 +22,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph dump my/graph.ron --format dot | dot -Tsvg > graph.svg
 
 A run's GPU times, on the page:
-  splatgraph render scene.ply -o out.png --json stats.json
+  splatgraph render scene.ply -o out.png --json=stats.json
   splatgraph dump splat --scene scene.ply --device 0 --times stats.json --format html -o splat.html
 
 Two plans side by side:
@@ -106,10 +106,11 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     for graph in graphs {
         guard.input("the graph", Path::new(graph))?;
     }
-    for (what, path) in [("the scene", &args.scene), ("the file of --times", &args.times)] {
-        if let Some(path) = path {
-            guard.input(what, path)?;
-        }
+    if let Some(path) = &args.scene {
+        guard.scene("the scene", path)?;
+    }
+    if let Some(path) = &args.times {
+        guard.input("the file of --times", path)?;
     }
     if let Some(path) = &args.output {
         guard.output("--output", path)?;

@@ -29,7 +29,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph render scene.ply --eye 0,-1,-4 --orbit 60 -o turn/
   splatgraph render garden.ply statue.spz --at 1,0,-2 -o both.png        # two scenes, one sort
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
-  splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
+  splatgraph render scene.ply --repeat 100 --json                        # times, as medians
   splatgraph render scene.ply -o out.png --timeline trace.json           # where the time goes
   splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
   splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png
@@ -73,8 +73,8 @@ pub struct Args {
     /// Format of the pictures in a folder [default: png]
     #[arg(long, value_name = "png|exr|npy")]
     pub(super) format: Option<Format>,
-    /// Write statistics as JSON, one entry per camera; `-` is standard output
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    /// Print statistics as JSON, one entry per camera, or write them to FILE
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     pub(super) json: Option<PathBuf>,
     /// Record where the time goes: a trace for https://ui.perfetto.dev, and a summary on standard error
     ///
@@ -159,7 +159,10 @@ pub struct Work {
 pub fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;
-    let given = args.drawing.cameras(args.scenes.scene.as_deref())?;
+    // `--eye` and the like replace the camera beside the scene.
+    let looking = args.look.names();
+    let scene = args.scenes.scene.as_deref().filter(|_| looking.is_none());
+    let given = args.drawing.cameras(scene)?;
     for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
         if camera.width.max(camera.height) > MAX_SIDE {
             bail!(
@@ -171,7 +174,7 @@ pub fn prepare(args: &Args) -> Result<Work> {
         }
     }
     let own = || options::camera_names(args.scenes.scene.as_deref(), given.as_deref());
-    let names = args.look.names().unwrap_or_else(own);
+    let names = looking.unwrap_or_else(own);
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(
             "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
@@ -326,7 +329,7 @@ mod tests {
 
     #[test]
     fn more_frames_than_their_times_can_be_kept_of_are_refused() {
-        let parse = |frames: &str| Line::try_parse_from(["render", "--json", "-", "--repeat", frames]);
+        let parse = |frames: &str| Line::try_parse_from(["render", "--json", "--repeat", frames]);
         assert_eq!(parse("100000").unwrap().args.repeat, 100_000);
         for frames in ["0", "100001", "4294967295", "4294967296", "many"] {
             assert!(

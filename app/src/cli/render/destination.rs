@@ -134,7 +134,7 @@ mod tests {
             destination("render -o out.v2 --format exr").unwrap(),
             Some(Destination::Folder("out.v2".into(), Format::Exr))
         );
-        assert_eq!(destination("render --json -").unwrap(), None);
+        assert_eq!(destination("render --json").unwrap(), None);
         assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("found .jpg"));
         assert!(destination("render -o out.png --format exr").is_err());
     }
