@@ -55,6 +55,7 @@ pub mod synth;
 #[cfg(test)]
 mod testing;
 mod usd;
+mod uri;
 mod words;
 
 pub use attributes::ATTRIBUTES;

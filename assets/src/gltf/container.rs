@@ -2,11 +2,9 @@
 
 use super::document::{Buffer, BufferView, Document, item, wrong};
 use crate::error::{SceneError, field};
-use crate::file;
 use crate::input::{OpenFile, Source};
+use crate::uri::{self, Resource};
 use crate::words;
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 use std::path::Path;
 
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
@@ -146,26 +144,18 @@ impl<'a> Container<'a> {
     }
 }
 
-/// Opens the buffer that a `uri` refers to: base64 text, or a file beside the document.
+/// Opens the buffer that a `uri` refers to.
 fn outside<'a>(uri: &str, path: Option<&Path>) -> Result<(Bytes<'a>, u64), String> {
-    if let Some((_, text)) = uri.strip_prefix("data:").and_then(|data| data.split_once(";base64,")) {
-        let bytes = STANDARD.decode(text).map_err(|error| format!("expected base64, found: {error}"))?;
-        let length = bytes.len() as u64;
-        return Ok((Bytes::Memory(bytes), length));
+    match uri::resolve(uri, path.and_then(Path::parent))? {
+        Resource::Data(bytes) => {
+            let length = bytes.len() as u64;
+            Ok((Bytes::Memory(bytes), length))
+        }
+        Resource::File(path) => {
+            let unreadable = |error| format!("expected a readable file, found {}: {error}", uri::shown(uri));
+            let file = OpenFile::open(&path).map_err(unreadable)?;
+            let length = Source::File(&file).length();
+            Ok((Bytes::File(file), length))
+        }
     }
-    let shown: String = uri.chars().take(60).collect();
-    if uri.contains(':') {
-        return Err(format!(
-            "expected a file beside the document, found the address {shown}: only files are read"
-        ));
-    }
-    let Some(path) = file::beside(path.and_then(Path::parent), uri) else {
-        return Err(format!("expected a file in the folder of the document, found {shown}"));
-    };
-    let open = || {
-        let file = OpenFile::open(&path)?;
-        let length = Source::File(&file).length();
-        Ok((Bytes::File(file), length))
-    };
-    open().map_err(|error: std::io::Error| format!("expected a readable file, found {shown}: {error}"))
 }

@@ -9,8 +9,8 @@ use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::SceneError;
 use crate::file;
+use crate::uri::{self, Resource};
 use crate::words::word;
-use base64::Engine;
 use glam::{DMat3, DMat4, DVec3};
 use gltf::accessor::{DataType, Dimensions};
 use gltf::material::AlphaMode;
@@ -132,20 +132,13 @@ struct Files<'a> {
 }
 
 impl Files<'_> {
-    /// Decodes a data URI, or reads a file in the folder.
-    fn read(&self, uri: &str, part: &str) -> Result<Vec<u8>, SceneError> {
-        if let Some(data) = uri.strip_prefix("data:") {
-            let base64 = data.split_once(";base64,").map(|(_, text)| text);
-            let text = base64.ok_or_else(|| wrong(part, "expected a data URI in base 64"))?;
-            return base64::engine::general_purpose::STANDARD
-                .decode(text)
-                .map_err(|error| wrong(part, error));
+    /// Reads the bytes that a URI refers to.
+    fn read(&self, name: &str, part: &str) -> Result<Vec<u8>, SceneError> {
+        let unreadable = |error| wrong(part, format!("{}: {error}", uri::shown(name)));
+        match uri::resolve(name, self.folder).map_err(|message| wrong(part, message))? {
+            Resource::Data(bytes) => Ok(bytes),
+            Resource::File(path) => file::read(path, MAX_BYTES).map_err(unreadable),
         }
-        let name = percent_encoding::percent_decode_str(uri).decode_utf8_lossy().into_owned();
-        let Some(path) = file::beside(self.folder, &name) else {
-            return Err(wrong(part, format!("expected a file in the folder of the mesh, found {uri}")));
-        };
-        file::read(path, MAX_BYTES).map_err(|error| wrong(part, format!("{name}: {error}")))
     }
 }
 
