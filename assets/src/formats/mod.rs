@@ -10,6 +10,7 @@ use crate::scene::{FileNotes, Filter, Scene, SortKey};
 use crate::scene_format::SceneFormat;
 use crate::similarity::Similarity;
 use crate::spz::SpzVersion;
+use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::words::word;
 use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
 use rayon::prelude::*;
@@ -259,9 +260,14 @@ impl Scene {
             Found::One(scene) => Ok(Content::Splats(scene.into())),
             Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
             Found::Several(parts) => {
-                let scene =
+                let (scene, elements) =
                     Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))?;
-                Ok(Content::Splats(scene.into()))
+                let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
+                let file_bytes = header_bytes + elements.iter().map(|element| element.bytes).sum::<u64>();
+                let format = format!("list of scenes, {} files", elements.len());
+                let breakdown =
+                    SizeBreakdown { format, file_bytes, header_bytes, elements, trailing_bytes: 0 };
+                Ok(Content::Splats(scene.with_breakdown(breakdown).into()))
             }
         }
     }
@@ -273,22 +279,40 @@ impl Scene {
     }
 
     /// Loads the parts of a composition: transforms and joins the scenes, and adds the meshes. Needs at least one
-    /// scene.
-    fn load_placed(parts: &[Placed], level: Option<u32>, progress: Progress) -> Result<Self, LoadError> {
+    /// scene. Also returns the size of each file.
+    fn load_placed(
+        parts: &[Placed],
+        level: Option<u32>,
+        progress: Progress,
+    ) -> Result<(Self, Vec<ElementSize>), LoadError> {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
         let mut files = Vec::with_capacity(parts.len());
-        for part in parts {
+        let mut sizes = Vec::with_capacity(parts.len());
+        for (index, part) in parts.iter().enumerate() {
             let length = bytes(part);
             // Readers count decompressed or used bytes, so their share is scaled to the file's length.
+            let mut add_size = |format: &str, rows, bytes| {
+                // A file that is placed several times is counted once.
+                if !parts[..index].iter().any(|before| before.file == part.file) {
+                    let name = part.file.file_name().unwrap_or_default().to_string_lossy();
+                    sizes.push(ElementSize::new(&name, rows, vec![FieldSize::whole(format, "file", bytes)]));
+                }
+            };
             let tell = |done: u64, of: u64| {
                 let share = done as f64 / of.max(1) as f64;
                 progress(before + (share * length as f64) as u64, total)
             };
             let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
             let scene = match Self::load_one(&part.file, level, &tell)? {
-                Found::One(scene) => scene,
+                Found::One(scene) => {
+                    let rows = u64::from(scene.count()) + scene.dropped().total();
+                    add_size("mesh", mesh.triangles.len() as u64, length);
+                    let breakdown = scene.size_breakdown();
+                    add_size(&breakdown.format, rows, breakdown.file_bytes);
+                    scene
+                }
                 Found::Mesh(mesh) => {
                     meshes.push((mesh, part.by));
                     before += length;
@@ -318,7 +342,7 @@ impl Scene {
         let joined =
             Self::joined(&scenes).map_err(|error| LoadError { path, problem: SceneError::Memory(error) })?;
         let joined = joined.with_parts(files);
-        Ok(meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)))
+        Ok((meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)), sizes))
     }
 
     /// Parses a scene from the bytes of a single file. Compositions, meshes and scenes of several files are refused.

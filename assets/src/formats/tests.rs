@@ -316,6 +316,13 @@ fn splats_that_parts_of_a_list_lose_are_counted_in_the_whole() {
     let scene = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply", scale: 1e9)])"#).unwrap();
     assert_eq!(scene.dropped().to_string(), "2 position not finite in f32, 1 scale not finite in f32");
     assert_eq!((scene.count(), scene.parts()[1].splats.clone()), (4, 1..4));
+    // The sizes are those of the files; one that is placed twice is counted once.
+    let scene = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply"), Scene(file: "nan.ply")])"#);
+    let (scene, length) = (scene.unwrap(), |name| std::fs::metadata(at(name)).unwrap().len());
+    let sizes = scene.size_breakdown();
+    assert_eq!(sizes.file_bytes, length("all.ron") + length("nan.ply") + length("huge.ply"));
+    assert_eq!((sizes.sum(), sizes.header_bytes), (sizes.file_bytes, length("all.ron")));
+    assert_eq!((sizes.format.as_str(), sizes.elements[0].rows), ("list of scenes, 2 files", 3));
     Scene::generate(2, 0, |_| huge(1)).write_ply(at("huge.ply")).unwrap();
     let said = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply", scale: 1e9)])"#);
     let said = said.unwrap_err().to_string();

@@ -28,8 +28,12 @@ enum Bytes<'a> {
 
 pub(super) struct Container<'a> {
     pub document: Document,
-    /// Number of bytes of the file that are not in its binary chunk.
+    /// Bytes of the file and of the files that its buffers are in.
+    pub file_bytes: u64,
+    /// Bytes of the file outside its binary chunk and its data URIs.
     pub header_bytes: u64,
+    /// Bytes that the data URIs take beyond the bytes that they encode.
+    pub encoding_bytes: u64,
     buffers: Vec<(Bytes<'a>, u64)>,
 }
 
@@ -101,6 +105,9 @@ impl<'a> Container<'a> {
         let document = document(source)?;
         let (_, binary) = chunks(source)?;
         let mut buffers = Vec::new();
+        let within = binary.map_or(0, |(_, bytes)| bytes);
+        let (mut file_bytes, mut header_bytes) = (source.length(), source.length() - within);
+        let mut encoding_bytes = 0;
         for (index, buffer) in document.buffers.iter().enumerate() {
             let name = format!("buffers[{index}]");
             let (bytes, length) = match (&buffer.uri, binary) {
@@ -110,7 +117,18 @@ impl<'a> Container<'a> {
                 }
                 (Some(uri), _) => outside(uri, path).map_err(|message| wrong(name.as_str(), message))?,
             };
-            let Buffer { byte_length, .. } = buffer;
+            let Buffer { byte_length, uri } = buffer;
+            match (&bytes, uri) {
+                (Bytes::Memory(_), Some(uri)) => {
+                    header_bytes -= uri.len() as u64;
+                    encoding_bytes += uri.len() as u64 - length;
+                }
+                // Several buffers can be in one file.
+                (Bytes::File(_), _) if !document.buffers[..index].iter().any(|other| other.uri == *uri) => {
+                    file_bytes += length;
+                }
+                _ => {}
+            }
             if *byte_length > length {
                 return Err(wrong(
                     name,
@@ -119,8 +137,7 @@ impl<'a> Container<'a> {
             }
             buffers.push((bytes, *byte_length));
         }
-        let within = binary.map_or(0, |(_, bytes)| bytes);
-        Ok(Self { document, header_bytes: source.length() - within, buffers })
+        Ok(Self { document, file_bytes, header_bytes, encoding_bytes, buffers })
     }
 
     /// Finds the bytes of a buffer view: their source, the offset in it and the view.

@@ -175,16 +175,19 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
         scenes.push(scene);
     }
     let scene = Scene::of_one_file(scenes)?;
-    let file_bytes = input.source.length();
-    let within = file_bytes - container.header_bytes;
-    // Values can be outside the file, or share bytes. Then only their total is known.
+    let Container { file_bytes, header_bytes, encoding_bytes, .. } = container;
+    let within = file_bytes - header_bytes - encoding_bytes;
+    // Values can share bytes. Then only their total is known.
     if fields.iter().map(|field| field.bytes).sum::<u64>() > within {
         fields = vec![FieldSize::whole("values", "buffer", within)];
+    }
+    if encoding_bytes > 0 {
+        fields.push(FieldSize::whole("base 64", "text", encoding_bytes));
     }
     let rows = u64::from(scene.count()) + scene.dropped().total();
     let values = ElementSize::new("splats", rows, fields);
     let format = "gltf, KHR_gaussian_splatting".into();
-    let breakdown = SizeBreakdown::new(format, file_bytes, container.header_bytes, values);
+    let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, values);
     let notes = FileNotes { key_of: SortKey::Distance, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }

@@ -6,6 +6,7 @@ mod glb_file;
 use crate::scene::{Scene, SortKey};
 use crate::testing::{splat, written};
 use crate::{QUIET, SceneFormat};
+use base64::Engine as _;
 use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 
@@ -42,6 +43,29 @@ fn values_come_back_to_the_bit_and_splats_are_sorted_by_distance() {
     let far = Scene::generate(9, 1, splat).with_offset([5e6, 0.0, -2e5]);
     let found = Scene::parse(&bytes(&far), QUIET).unwrap();
     assert_eq!((found.offset(), found.positions()), (far.offset(), far.positions()));
+}
+
+#[test]
+fn buffers_beside_the_document_or_in_its_text_are_read_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Scene::generate(500, 1, splat);
+    let (mut document, binary) = parts(&bytes(&scene));
+    std::fs::write(folder.path().join("my buf.bin"), &binary).unwrap();
+    let data = base64::engine::general_purpose::STANDARD.encode(&binary);
+    let data = format!("data:application/octet-stream;base64,{data}");
+    for (uri, outside) in [("my%20buf.bin", binary.len()), (data.as_str(), 0)] {
+        document["buffers"][0]["uri"] = json!(uri);
+        let (path, text) = (folder.path().join("a.gltf"), document.to_string());
+        std::fs::write(&path, &text).unwrap();
+        let found = Scene::load(&path, QUIET).unwrap();
+        assert_eq!(found.positions(), scene.positions());
+        let sizes = found.size_breakdown();
+        assert_eq!((sizes.sum(), sizes.file_bytes), (sizes.file_bytes, (text.len() + outside) as u64));
+        // 92 bytes of each splat are read, and the text of base 64 is longer than what it encodes.
+        let longer = if outside == 0 { data.len() - binary.len() } else { 0 };
+        assert_eq!(sizes.elements[0].bytes as usize, 92 * 500 + longer);
+        assert_eq!(sizes.elements[0].fields[0].bytes, 12 * 500);
+    }
 }
 
 #[test]
