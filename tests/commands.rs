@@ -22,7 +22,7 @@ fn the_sorted_keys_of_tiles_are_judged_under_the_same_short_name() {
 fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
     let place = Place::demo(5000);
     let text = place.done(
-        "render scene.ply --pipeline splat --cameras cameras.json --size 160x90 --format npy -o out --json stats.json \
+        "render scene.ply --pipeline splat --cameras cameras.json --size 160x90 --format npy -o out --json=stats.json \
          --inspect keys@scatter --inspect order@scatter=order.npy --validate",
     );
     assert!(!text.contains("not monotonic"), "the keys are not sorted:\n{text}");
@@ -285,7 +285,7 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
     place.write("odd.ron", odd);
     place.write("either.ron", choice);
     let draw = |pipeline: &str| {
-        let line = format!("render scene.ply -p {pipeline} -c cameras.json#0 --size 64x36 --json stats.json");
+        let line = format!("render scene.ply -p {pipeline} -c cameras.json#0 --size 64x36 --json=stats.json");
         let (_, errors) = place.said(&line);
         (errors, place.json("stats.json")[0].clone())
     };
@@ -349,7 +349,7 @@ fn the_backend_that_executes_nothing_draws_black_pictures_is_measured_and_compar
     assert_eq!((image.width, image.height), (96, 54));
     assert!(image.rgb.iter().all(|pixel| *pixel == [0.0; 3]), "it is black");
 
-    let bench = "bench scene.ply --sizes 96x54 --rounds 1 --frames 1 --json -";
+    let bench = "bench scene.ply --sizes 96x54 --rounds 1 --frames 1 --json";
     let measured = place.told(&format!("{bench} {null}"));
     assert!(measured.to_string().contains("\"null"), "the device is named: {measured}");
 
@@ -379,4 +379,17 @@ fn without_a_vulkan_driver_the_other_devices_are_listed_and_the_exit_code_says_s
     assert_eq!(output.status.code(), Some(1), "{text}{errors}");
     assert!(text.starts_with("null 0: null"), "{text}");
     assert!(errors.starts_with("error: "), "{errors}");
+}
+
+#[test]
+fn the_camera_beside_the_scene_is_named_once_and_only_where_it_is_used() {
+    let place = Place::demo(300);
+    let draw = "render scene.ply -p unsorted --size 32x18 -o a.png";
+    let told = |line: &str| place.said(line).1.matches("the camera is the first of").count();
+    assert_eq!(told(draw), 1);
+    for look in ["--eye 0,0,-3", "--orbit 1", "--fov 40", "--target 0,0,0"] {
+        assert_eq!(told(&format!("{draw} {look}")), 0, "{look}");
+    }
+    let sweep = "sweep scene.ply -p unsorted --steps 2 --rounds 1 --frames 1 --size 32x18 -o swept";
+    assert_eq!(told(sweep), 1);
 }

@@ -18,7 +18,7 @@ pub struct LookAtArgs {
     /// World direction that points up in the picture [default: the scene's, or 0,-1,0]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     up: Option<[f64; 3]>,
-    /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60]
+    /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
     fov: Option<f64>,
     /// Height of an orthographic view, in world units [default: that of the perspective view, at the middle of the scene]
@@ -158,9 +158,19 @@ impl LookAtArgs {
                 let text = format!("--fov: expected 0.1 to 179 degrees for a {projection} view, found {fov}");
                 Err(Usage(format!("{text}; --pipeline fisheye allows up to 360")))
             }
-            (_, fov) => Ok(at(fov.unwrap_or(60.0)).projected(projection, scene)),
+            (_, fov) => Ok(at(fov.unwrap_or_else(|| default_fov(size))).projected(projection, scene)),
         }
     }
+}
+
+/// Computes the horizontal field of view that is 60 degrees across the longer side, as in [`Camera::framing`].
+fn default_fov((width, height): (u32, u32)) -> f64 {
+    const LONGER: f64 = 60.0;
+    if width >= height {
+        return LONGER;
+    }
+    let half = (0.5 * LONGER).to_radians().tan() * f64::from(width) / f64::from(height);
+    2.0 * half.atan().to_degrees()
 }
 
 /// Makes `count` cameras at equal steps along a circle, the first at its start.
@@ -211,6 +221,20 @@ mod tests {
         let look = parse("--eye 1000000,0,-5 --target 1000000,0,0").unwrap();
         let cameras = look.cameras(&scene, None, Projection::Pinhole).unwrap().unwrap();
         assert_eq!((cameras[0].position, cameras[0].axes()[2]), ([0.0, 0.0, -5.0], [0.0, 0.0, 1.0]));
+    }
+
+    #[test]
+    fn an_orbit_without_an_eye_begins_with_the_framing_view_in_a_picture_of_any_shape() {
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        for size in [(300, 600), (300, 300), (600, 300)] {
+            let look = parse("--orbit 1").unwrap();
+            let start = look.cameras(&scene, Some(size), Projection::Pinhole).unwrap().unwrap().remove(0);
+            let framing = Camera::framing(&scene, size.0, size.1);
+            assert!(
+                (start.fx / framing.fx - 1.0).abs() < 1e-9 && start.position == framing.position,
+                "{size:?}"
+            );
+        }
     }
 
     #[test]

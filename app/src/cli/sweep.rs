@@ -73,8 +73,7 @@ struct Request {
 }
 
 impl Request {
-    fn load(args: &Args, device: &Backend) -> Result<Request> {
-        let given = args.drawing.cameras(args.scene.as_deref())?;
+    fn load(args: &Args, device: &Backend, given: Option<Vec<Camera>>) -> Result<Request> {
         let stems = stems(args, given.as_deref());
         if let Some(path) = &args.scene {
             fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
@@ -105,10 +104,10 @@ fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
-    args.drawing.cameras(args.scene.as_deref())?;
+    let given = args.drawing.cameras(args.scene.as_deref())?;
     claim_files(args)?;
     let device = args.device.open()?;
-    let request = Request::load(args, &device)?;
+    let request = Request::load(args, &device, given)?;
     let (swept, shown) = study(&request.subject(&device), &request.wanted, &mut Console::default())?;
     save_pictures(&shown, &args.output)?;
     report(&swept, &shown, &args.output)?;
@@ -152,6 +151,7 @@ pub struct Part {
 
 pub struct Views {
     args: Args,
+    given: Option<Vec<Camera>>,
     stems: Vec<String>,
     open: Option<(Backend, Request, Study<Backend>)>,
 }
@@ -162,7 +162,7 @@ impl Views {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(&args, given.as_deref());
         claim_files(&args)?;
-        Ok(Views { args, stems, open: None })
+        Ok(Views { args, given, stems, open: None })
     }
 }
 
@@ -173,7 +173,7 @@ impl Work for Views {
 
     fn open(&mut self) -> Result<Origin> {
         let device = self.args.device.open()?;
-        let request = Request::load(&self.args, &device)?;
+        let request = Request::load(&self.args, &device, self.given.clone())?;
         let subject = request.subject(&device);
         let study = Study::new(&subject, &request.wanted, &mut Console::default())?;
         let Wanted { pipeline, set, steps, .. } = &request.wanted;

@@ -101,8 +101,12 @@ struct Request {
 }
 
 impl Request {
-    fn load(args: &Args, device: &Backend, file: Option<PathBuf>) -> Result<Request> {
-        let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+    fn load(
+        args: &Args,
+        device: &Backend,
+        given: Option<Vec<Camera>>,
+        file: Option<PathBuf>,
+    ) -> Result<Request> {
         let stems = stems(args, given.as_deref());
         if let Some(path) = &args.scene {
             fit::check_header(path, &args.load, device.info(), &args.pipeline, &args.set)?;
@@ -138,10 +142,10 @@ fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
-    cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     claim_files(args)?;
     let device = args.device.open()?;
-    let request = Request::load(args, &device, Some(args.output.join(LEDGER)))?;
+    let request = Request::load(args, &device, given, Some(args.output.join(LEDGER)))?;
     let subject = request.subject(args, &device);
     let ledger = study(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
     report(ledger, &args.output)?;
@@ -171,6 +175,7 @@ fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
 
 pub struct Views {
     args: Args,
+    given: Option<Vec<Camera>>,
     stems: Vec<String>,
     open: Option<(Backend, Request, Study<Backend>)>,
 }
@@ -181,7 +186,7 @@ impl Views {
         let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
         let stems = stems(&args, given.as_deref());
         claim_files(&args)?;
-        Ok(Views { args, stems, open: None })
+        Ok(Views { args, given, stems, open: None })
     }
 }
 
@@ -192,7 +197,7 @@ impl Work for Views {
 
     fn open(&mut self) -> Result<Origin> {
         let device = self.args.device.open()?;
-        let request = Request::load(&self.args, &device, None)?;
+        let request = Request::load(&self.args, &device, self.given.clone(), None)?;
         let subject = request.subject(&self.args, &device);
         let study = Study::new(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
         let origin = serde_json::to_value(study.origin())?;
