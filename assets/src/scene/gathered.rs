@@ -14,7 +14,7 @@ pub(crate) enum Reason {
     Color,
 }
 
-/// Counts of the splats dropped on load. A splat counts for its first reason only.
+/// Counts of the splats dropped on load or by a transformation. A splat counts for its first reason only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Dropped {
     /// Splats with a coordinate that is NaN, infinite, or beyond the range of f32.
@@ -57,6 +57,18 @@ impl Dropped {
             zero_rotation: self.zero_rotation + other.zero_rotation,
             opacity: self.opacity + other.opacity,
             color: self.color + other.color,
+        }
+    }
+
+    /// Subtracts the counts of the scene that this one was derived from.
+    pub fn since(&self, earlier: &Self) -> Self {
+        Self {
+            position: self.position - earlier.position,
+            scale: self.scale - earlier.scale,
+            rotation: self.rotation - earlier.rotation,
+            zero_rotation: self.zero_rotation - earlier.zero_rotation,
+            opacity: self.opacity - earlier.opacity,
+            color: self.color - earlier.color,
         }
     }
 

@@ -4,10 +4,11 @@ use crate::cli::options;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
+use crate::io::output::say;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-use splatgraph_assets::{Scene, Similarity};
+use splatgraph_assets::{Scene, Similarity, grouped};
 use splatgraph_framework::expr::{Expr, ExprError, Scope};
 use splatgraph_framework::ir::Value;
 use std::path::PathBuf;
@@ -200,7 +201,19 @@ impl EditArgs {
         }
         if !self.transform.is_empty() {
             let by = self.transform.iter().fold(Similarity::IDENTITY, |all, next| all.then(*next));
-            scene = scene.transformed(&by)?;
+            let moved = scene.transformed(&by)?;
+            let lost = moved.dropped().since(scene.dropped());
+            if moved.count() == 0 {
+                return Err(Usage(format!(
+                    "expected --transform to leave a splat, found none left of {}: {lost}",
+                    scene.count()
+                ))
+                .into());
+            }
+            if lost.total() > 0 {
+                say(format!("--transform: {} splats dropped ({lost})", grouped(lost.total())));
+            }
+            scene = moved;
         }
         if self.crop.is_some() || self.condition.is_some() {
             let kept = |index: u32| {
@@ -301,6 +314,17 @@ mod tests {
         let ([x, y, z], [a, b, c]) = (whole.positions()[3], moved.positions()[3]);
         assert!(
             (a - (1.0 - 2.0 * y)).abs() < 1e-5 && (b - 2.0 * x).abs() < 1e-5 && (c - 2.0 * z).abs() < 1e-5
+        );
+    }
+
+    #[test]
+    fn a_transform_that_leaves_no_splat_within_the_range_of_floats_is_refused() {
+        let far = ["--transform", "scale:1e9"].repeat(5);
+        let said = edit(&far).unwrap_err();
+        assert!(
+            said.contains("expected --transform to leave a splat, found none left of 400: ")
+                && said.contains(" not finite in f32"),
+            "{said}"
         );
     }
 
