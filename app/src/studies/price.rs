@@ -12,11 +12,32 @@ use std::time::Instant;
 /// Number of loads of a file; the fastest counts.
 const LOADS: usize = 3;
 
-/// The measurements of a format.
+/// The price of a format.
 #[derive(Clone, Debug, Serialize)]
 pub struct Price {
     /// Extension of the format, with a version if it has several.
     pub format: String,
+    /// The measurements, or the reason why the scene cannot be written in the format.
+    #[serde(flatten)]
+    pub found: Found,
+}
+
+/// The result for a format.
+#[derive(Clone, Debug, Serialize)]
+#[serde(untagged)]
+pub enum Found {
+    /// The file was written and read.
+    Measured(Measured),
+    /// The format cannot store the scene.
+    Refused {
+        /// The reason, as a sentence.
+        cannot_be_written: String,
+    },
+}
+
+/// The measurements of a file.
+#[derive(Clone, Debug, Serialize)]
+pub struct Measured {
     /// Size of the file, in bytes.
     pub bytes: u64,
     /// Bytes of the file per splat.
@@ -32,11 +53,12 @@ pub struct Price {
 /// Writes the scene in every format, reads it back, and compares its exact pictures with the original's.
 ///
 /// Cameras are in the world's coordinates. A format that loses the scene's tags is drawn without them, which counts as
-/// error.
+/// error. The scene's mesh is not drawn: no format stores it, and the price is that of the splats.
 ///
 /// # Errors
-/// A format cannot hold the scene, or its pictures have values that are not finite.
-pub fn measure(scene: &Scene, cameras: &[Camera]) -> Result<Vec<Price>> {
+/// A written file cannot be read, or its pictures have values that are not finite.
+pub fn measure(scene: Scene, cameras: &[Camera]) -> Result<Vec<Price>> {
+    let scene = &scene.with_mesh(None);
     let views = pictures(scene, cameras);
     let versions = SceneFormat::WRITTEN.into_iter().flat_map(|format| match format {
         SceneFormat::Spz => vec![(format, Some(SpzVersion::V3)), (format, Some(SpzVersion::V4))],
@@ -68,7 +90,9 @@ fn price(
         ),
         None => (format.extension().to_owned(), scene.write(format, QUIET, &mut bytes)),
     };
-    written.with_context(|| format!("the scene cannot be written as {name}"))?;
+    if let Err(error) = written {
+        return Ok(Price { format: name, found: Found::Refused { cannot_be_written: error.to_string() } });
+    }
     let (mut load_ms, mut loaded) = (f64::INFINITY, None);
     for _ in 0..LOADS {
         let begun = Instant::now();
@@ -85,14 +109,14 @@ fn price(
         .collect();
     let scores = scores?;
     let least = scores.iter().filter_map(|score| score.psnr_db).reduce(f64::min);
-    Ok(Price {
-        format: name,
+    let measured = Measured {
         bytes: bytes.len() as u64,
         bytes_per_splat: bytes.len() as f64 / f64::from(scene.count().max(1)),
         load_ms,
         least_psnr_db: least,
         scores: Evaluation::new(scores),
-    })
+    };
+    Ok(Price { format: name, found: Found::Measured(measured) })
 }
 
 #[cfg(test)]
@@ -100,13 +124,36 @@ mod tests {
     use super::*;
     use splatgraph_assets::synth;
 
+    fn measured<'a>(prices: &'a [Price], name: &str) -> &'a Measured {
+        match prices.iter().find(|price| price.format == name).map(|price| &price.found) {
+            Some(Found::Measured(measured)) => measured,
+            other => panic!("{name}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_format_that_cannot_hold_the_scene_has_the_reason_and_a_mesh_is_no_error() {
+        let scene = synth::generate("demo", 30, 0).expect("it is generated");
+        let camera = Camera::framing(&scene, 32, 24);
+        let far = [1e7, 0.0, 0.0];
+        let cameras = [camera.relative_to(far.map(|v: f64| -v))];
+        let prices = measure(scene.with_offset(far).with_mesh(Some(synth::mesh().into())), &cameras);
+        let prices = prices.expect("prices");
+        let json = serde_json::to_value(&prices).expect("JSON");
+        let spz = json.as_array().expect("a list").iter().find(|price| price["format"] == "spz, version 4");
+        let reason = spz.expect("it has a row")["cannot_be_written"].as_str().expect("a reason");
+        assert!(reason.contains("8388607"), "{reason}");
+        let ply = measured(&prices, "ply");
+        assert!(ply.least_psnr_db.is_none_or(|db| db > 60.0), "{ply:?}");
+    }
+
     #[test]
     fn every_format_has_a_price_and_exact_ones_have_no_error() {
         let scene = synth::generate("demo", 300, 0).expect("it is generated");
         let camera = Camera::framing(&scene, 64, 48);
-        let prices = measure(&scene, &[camera]).expect("prices");
+        let prices = measure(scene, &[camera]).expect("prices");
         assert_eq!(prices.len(), SceneFormat::WRITTEN.len() + 1);
-        let of = |name: &str| prices.iter().find(|price| price.format == name).expect("it has a price");
+        let of = |name: &str| measured(&prices, name);
         let db = |name: &str| of(name).least_psnr_db.unwrap_or(f64::INFINITY);
         assert!(db("ply") > 90.0, "{}", db("ply"));
         assert!(db("splat") < db("ply") && of("splat").bytes == 32 * 300);

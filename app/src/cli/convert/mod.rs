@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let edited = args.edit.apply(loaded, &args.load)?;
     let cut = args.degree.filter(|degree| *degree < edited.stored_degree());
     let cut = cut.map(|degree| edited.cut_to_degree(degree)).transpose()?;
-    let scene = cut.as_ref().unwrap_or(&edited);
+    let scene = cut.unwrap_or(edited);
     let Some((output, format)) = output else { return args.price.run(scene, &args.input) };
     let progress = Mutex::new(Progress::new(format!("writing {}", output.display())));
     let tell = |done, of| {
@@ -114,7 +114,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let version =
         args.spz_version.map(|version| if version == 3 { SpzVersion::V3 } else { SpzVersion::default() });
-    let bytes = scene_file::write(scene, format, version, &tell, output)?;
+    let bytes = scene_file::write(&scene, format, version, &tell, output)?;
     drop(progress);
 
     let tell = |line: String| if is_standard_output(output) { say(line) } else { note(line) };
@@ -129,7 +129,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let count = u64::from(scene.count());
     let splats = if count == before.count { String::new() } else { format!("{} splats, ", grouped(count)) };
     tell(format!("{path}: {to}, {splats}{} bytes, {percent:.1} % of the original", grouped(bytes)));
-    for loss in before.losses(scene, format) {
+    for loss in before.losses(&scene, format) {
         tell(format!("  lost: {loss}"));
     }
     Ok(Outcome::Done)

@@ -4,7 +4,7 @@ use crate::cli::outcome::{Outcome, Usage};
 use crate::cli::{cameras, options};
 use crate::io::output::OutputGuard;
 use crate::io::report::text;
-use crate::studies::price::{self, Price};
+use crate::studies::price::{self, Found, Price};
 use anyhow::Result;
 use serde_json::json;
 use splatgraph_assets::{Scene, grouped};
@@ -37,20 +37,22 @@ impl PriceArgs {
     }
 
     /// Measures the prices of `scene`, which was loaded from `path`, and prints them.
-    pub(super) fn run(&self, scene: &Scene, path: &Path) -> Result<Outcome> {
+    pub(super) fn run(&self, scene: Scene, path: &Path) -> Result<Outcome> {
         let given = cameras::load(self.cameras.as_deref(), Some(path))?;
         // Use world coordinates: a format may or may not keep the scene's origin.
         let cameras =
-            given.unwrap_or_else(|| vec![options::framing(scene).relative_to(scene.offset().map(|v| -v))]);
+            given.unwrap_or_else(|| vec![options::framing(&scene).relative_to(scene.offset().map(|v| -v))]);
         let sized = |camera: splatgraph_assets::Camera| match self.size {
             Some((width, height)) => camera.resized(width, height),
             None => camera,
         };
         let cameras: Vec<_> = cameras.into_iter().map(sized).collect();
+        let splats = scene.count();
         let prices = price::measure(scene, &cameras)?;
         match &self.json {
             Some(file) => {
-                let all = json!({ "scene": path, "splats": scene.count(), "backend": "reference", "prices": prices });
+                let all =
+                    json!({ "scene": path, "splats": splats, "backend": "reference", "prices": prices });
                 options::write_json(file, &all)?;
             }
             None => options::print(table(&prices).trim_end())?,
@@ -64,18 +66,27 @@ fn table(prices: &[Price]) -> String {
         |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));
     let head = ["format", "bytes", "per splat", "load ms", "lowest PSNR dB", "PSNR dB", "SSIM", "FLIP"];
     let mut rows = vec![head.map(String::from).to_vec()];
-    rows.extend(prices.iter().map(|price| {
-        let mean = &price.scores.mean;
-        vec![
-            price.format.clone(),
-            grouped(price.bytes),
-            format!("{:.1}", price.bytes_per_splat),
-            format!("{:.1}", price.load_ms),
-            number(price.least_psnr_db.or(Some(f64::INFINITY)), 2),
-            number(mean.psnr_db.or(price.least_psnr_db.is_none().then_some(f64::INFINITY)), 2),
-            number(mean.ssim, 4),
-            number(mean.flip, 4),
-        ]
-    }));
-    text::table(&rows)
+    let mut refused = String::new();
+    for price in prices {
+        let cells = match &price.found {
+            Found::Measured(found) => {
+                let mean = &found.scores.mean;
+                [
+                    grouped(found.bytes),
+                    format!("{:.1}", found.bytes_per_splat),
+                    format!("{:.1}", found.load_ms),
+                    number(found.least_psnr_db.or(Some(f64::INFINITY)), 2),
+                    number(mean.psnr_db.or(found.least_psnr_db.is_none().then_some(f64::INFINITY)), 2),
+                    number(mean.ssim, 4),
+                    number(mean.flip, 4),
+                ]
+            }
+            Found::Refused { cannot_be_written } => {
+                refused += &format!("{}: cannot be written: {cannot_be_written}\n", price.format);
+                std::array::from_fn(|_| "-".into())
+            }
+        };
+        rows.push([vec![price.format.clone()], cells.to_vec()].concat());
+    }
+    text::table(&rows) + &refused
 }
