@@ -70,6 +70,17 @@ pub fn generator_list() -> String {
 
 /// Checks the files of the command line before a scene is generated.
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
+    if is_mesh(args) {
+        let given = [
+            ("--count", args.count.is_some()),
+            ("--seed", args.seed != 0),
+            ("--cameras", args.cameras.is_some()),
+        ];
+        if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
+            let name = synth::MESH.0;
+            return Err(Usage(format!("expected {option} with a scene of splats, found the mesh `{name}`")));
+        }
+    }
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.enlarge {
         guard.input("the scene", path)?;
