@@ -43,15 +43,41 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
     let text = place.done("convert scene.ply clipped.spz");
     assert!(text.contains(" coefficients beyond 1 are clipped"), "{text}");
     assert_eq!(place.told("info cut.ply --json")["report"]["stored_sh_degree"], 0);
+    let mut tagged = std::fs::read(place.at("cut.ply")).expect("it is there");
+    let comment = b"comment SplatRenderMode: mip\n";
+    tagged.splice(4..4, comment.iter().copied());
+    std::fs::write(place.at("mip.ply"), tagged).expect("it is written");
+    let text = place.done("convert mip.ply mip.spz");
+    assert!(text.contains("lost: the tag low_pass mip: the file has compensated instead"), "{text}");
+    let text = place.done("convert scene.ply sorted.compressed.ply");
+    assert!(text.contains("lost: the order of the splats: they follow a Morton curve"), "{text}");
     place.refuses(
         "convert",
         &[
             ("scene.ply out.xyz", 2, "ends in .ply, .compressed.ply, .spz, .splat"),
             ("scene.ply out.ksplat", 2, "found out.ksplat"),
+            (
+                "scene.ply out.gltf",
+                2,
+                "ends in .glb, the form that is written, found out.gltf; name it out.glb",
+            ),
             ("scene.ply ./scene.ply", 2, "would overwrite the scene"),
             ("cameras.json out.spz", 1, "), found JSON text"),
         ],
     );
+}
+
+#[test]
+fn options_for_splats_are_refused_with_the_mesh() {
+    let place = Place::empty();
+    place.refuses(
+        "synth",
+        &[
+            ("ring -o r.glb --count 10", 2, "expected --count with a scene of splats, found the mesh `ring`"),
+            ("ring -o r.glb --cameras rc.json", 2, "expected --cameras with a scene of splats"),
+        ],
+    );
+    place.done("synth ring -o r.glb");
 }
 
 #[test]
@@ -63,6 +89,10 @@ fn a_part_of_a_scene_is_written_and_a_moved_scene_looks_the_same_from_a_moved_ca
             && text.lines().nth(1).is_some_and(|line| line.contains("part.ply: ply, ")),
         "{text}"
     );
+    // A scene that stays near the origin stays in floats.
+    place.done("convert part.ply near.ply --transform rotate:1,2,3,50 --transform move:1,0,0");
+    let bytes = |name: &str| std::fs::metadata(place.at(name)).expect("it is there").len();
+    assert_eq!(bytes("near.ply"), bytes("part.ply"));
     place.done("convert part.ply twice.ply --merge part.ply");
     let count = |name: &str| {
         let info = place.told(&format!("info {name} --json"));

@@ -103,17 +103,20 @@ impl SceneFormat {
 
     /// Describes the losses of a scene with harmonics of `degree` in this format, one phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
+        const MORTON: &str = "the order of the splats: they follow a Morton curve, so indices and selections of the original do not fit";
         let mut losses = match self {
             Self::Ply | Self::Ksplat | Self::Rad | Self::Usd | Self::Gltf => vec![],
             Self::Sog => vec![
                 "positions: 16 bits per axis, of the range of sign(v) ln(1 + |v|)",
                 "rotations: 8 bits per component",
                 "scales and colours: 256 values, opacities: 8 bits",
+                MORTON,
             ],
             Self::CompressedPly => vec![
-                "positions and scales: 10 or 11 bits per axis, of the range in a chunk of 256 splats",
+                "positions and scales: 10 or 11 bits per axis, of the range in a chunk of 256 splats, scales of e^-20 to e^20",
                 "rotations: 10 bits per component",
                 "colours and opacities: 8 bits",
+                MORTON,
             ],
             Self::Spz => vec![
                 "positions: steps of 1/4096, or of more in a scene beyond 2048 units",

@@ -10,13 +10,23 @@ use std::path::Path;
 /// Returns the format of a file to write, by its extension.
 ///
 /// # Errors
-/// The extension is not that of a format that can be written.
+/// The extension is not the usual one of a format that can be written.
 pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
     let named = SceneFormat::of_name(path).filter(|format| SceneFormat::WRITTEN.contains(format));
-    named.ok_or_else(|| {
+    let format = named.ok_or_else(|| {
         let endings = SceneFormat::list(&SceneFormat::WRITTEN);
         format!("expected a file name that ends in {endings}, found {}", path.display())
-    })
+    })?;
+    // Other extensions name other forms of the format: `.gltf` is JSON.
+    let usual = format.extension();
+    if !path.to_string_lossy().to_ascii_lowercase().ends_with(&format!(".{usual}")) {
+        return Err(format!(
+            "expected a file name that ends in .{usual}, the form that is written, found {}; name it {}",
+            path.display(),
+            path.with_extension(usual).display()
+        ));
+    }
+    Ok(format)
 }
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
@@ -129,7 +139,10 @@ impl Original {
         }
         let kept = format.kept_tags(written.notes()).tags();
         let lost = written.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
-        losses.extend(lost.map(|(tag, value)| format!("the tag {tag} {value}")));
+        losses.extend(lost.map(|(tag, value)| match kept.iter().find(|(other, _)| *other == tag) {
+            Some((_, other)) => format!("the tag {tag} {value}: the file has {other} instead, another rule"),
+            None => format!("the tag {tag} {value}"),
+        }));
         if format == SceneFormat::Gltf && written.notes().key_of == SortKey::Depth {
             losses.push(
                 "the order by depth: the format only supports order by distance from the camera".into(),
