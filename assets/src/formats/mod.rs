@@ -9,9 +9,9 @@ use crate::recognise;
 use crate::scene::{FileNotes, Filter, Scene, SortKey};
 use crate::scene_format::SceneFormat;
 use crate::similarity::Similarity;
-use crate::spz::SpzVersion;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::words::word;
+use crate::spz::SpzVersion;
 use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
 use rayon::prelude::*;
 use std::io::Write;
@@ -288,6 +288,11 @@ impl Scene {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
+            let tell = |done: u64, of: u64| {
+                let share = done as f64 / of.max(1) as f64;
+                progress(before + (share * length as f64) as u64, total)
+            };
+            let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
         let mut files = Vec::with_capacity(parts.len());
         let mut sizes = Vec::with_capacity(parts.len());
         for (index, part) in parts.iter().enumerate() {
@@ -297,14 +302,10 @@ impl Scene {
                 // A file that is placed several times is counted once.
                 if !parts[..index].iter().any(|before| before.file == part.file) {
                     let name = part.file.file_name().unwrap_or_default().to_string_lossy();
-                    sizes.push(ElementSize::new(&name, rows, vec![FieldSize::whole(format, "file", bytes)]));
+                    let contents = FieldSize::whole("contents", "file", bytes);
+                    sizes.push(ElementSize::new(&format!("{name} ({format})"), rows, vec![contents]));
                 }
             };
-            let tell = |done: u64, of: u64| {
-                let share = done as f64 / of.max(1) as f64;
-                progress(before + (share * length as f64) as u64, total)
-            };
-            let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
             let scene = match Self::load_one(&part.file, level, &tell)? {
                 Found::One(scene) => {
                     let rows = u64::from(scene.count()) + scene.dropped().total();

@@ -72,7 +72,7 @@ impl<'a> Lines<'a> {
         let other = words.iter().find(|word| word.parse::<f64>().is_err());
         let found = match other {
             Some(word) => format!("found `{}`", word.chars().take(60).collect::<String>()),
-            None if !is_cut && words.len() % 3 != 0 => format!("found {} numbers", words.len()),
+            None if !is_cut && !words.len().is_multiple_of(3) => format!("found {} numbers", words.len()),
             None => {
                 return match is_cut {
                     true => self.file.skip_until(b'\n').map(drop).map_err(|error| self.io(error)),
