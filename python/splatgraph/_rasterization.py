@@ -201,7 +201,11 @@ def rasterization(
                 shown = np.where(too_far[:, group].any(axis=1), np.float32(0.0), opacities[b])
                 splats = (means[b] * scale, quats[b], scales[b] * scale, shown)
                 for channel, sh, least in _harmonics(colors[b, first] if of_camera else colors[b], sh_degree, has_colors):
-                    renderer.show(Scene.from_arrays(*splats, sh))
+                    scene = Scene.from_arrays(*splats, sh)
+                    if len(scene) == 0:
+                        # The graphs need a splat. Without one, only the background is left.
+                        continue
+                    renderer.show(scene)
                     for c, (picture, outputs) in enumerate(renderer._results(views[group]), first):
                         alphas[b, c, ..., 0] = outputs["alpha"]
                         if has_depth:

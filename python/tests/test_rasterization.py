@@ -162,6 +162,19 @@ def test_channels_may_be_many_and_negative():
     assert psnr(drawn[0], expected) > LEAST
 
 
+@pytest.mark.parametrize("missing", ["splats", "means", "quats"])
+def test_without_a_splat_that_can_be_drawn_the_background_is_left(missing):
+    means, quats, scales, opacities, colors = random_splats(3, 0 if missing == "splats" else 4)
+    if missing == "means":
+        means[:] = np.nan
+    if missing == "quats":
+        quats[:] = 0
+    K, backgrounds = intrinsics(16, 12, 10), np.array([[0.25, 0.5, 0.75]], np.float32)
+    arguments = (means, quats, scales, opacities, colors, np.eye(4)[None], K[None], 16, 12)
+    drawn, alphas, _ = rasterization(*arguments, backgrounds=backgrounds, render_mode="RGB+ED")
+    assert drawn.shape == (1, 12, 16, 4) and (drawn == [0.25, 0.5, 0.75, 0]).all() and not alphas.any()
+
+
 def test_shapes_are_gsplats_with_batches_and_cameras_and_colours_of_each():
     one, other = random_splats(6), random_splats(7)
     batched = [np.stack([a, b]) for a, b in zip(one, other)]
