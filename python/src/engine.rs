@@ -9,7 +9,7 @@ use crate::camera::Camera;
 use crate::errors::{self, DeviceError, Error};
 use crate::plan::Plan;
 use crate::scene::Scene;
-use crate::wait;
+use crate::wait::{self, Owner};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -56,6 +56,7 @@ struct Drawn {
 struct Thread {
     requests: Sender<Request>,
     handle: JoinHandle<()>,
+    owner: Owner,
 }
 
 /// A device that draws a scene with a graph. Any thread may use it.
@@ -104,7 +105,10 @@ impl Engine {
             })?;
         let open: Result<(), BackendError> = wait::receive(py, &mut is_open)?;
         open.map_err(|error| errors::device(&error))?;
-        let engine = Engine { thread: Mutex::new(Some(Thread { requests, handle })), last: Arc::default() };
+        let engine = Engine {
+            thread: Mutex::new(Some(Thread { requests, handle, owner: Owner::current() })),
+            last: Arc::default(),
+        };
         // Reports an unreadable graph or an invalid setting here, rather than with the first picture.
         engine.controls(py, DEFAULT_SIZE)?;
         Ok(engine)
@@ -179,10 +183,12 @@ impl Engine {
     /// Ends the thread and closes the device, after the requested pictures are done.
     fn close(&self, py: Python<'_>) {
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
-        if let Some(Thread { requests, handle }) = thread {
+        if let Some(Thread { requests, handle, owner }) = thread {
             drop(requests);
-            // The panic hook has already printed the message of a panic.
-            let _ = py.detach(|| handle.join());
+            if owner.is_current() {
+                // The panic hook has already printed the message of a panic.
+                let _ = py.detach(|| handle.join());
+            }
         }
     }
 }
@@ -193,6 +199,7 @@ impl Engine {
         let Some(thread) = thread.as_ref() else {
             return Err(Error::new_err("the renderer is closed"));
         };
+        thread.owner.check()?;
         let ended =
             |_| DeviceError::new_err("the renderer's thread ended early; standard error has its message");
         thread.requests.send(request).map_err(ended)

@@ -23,6 +23,34 @@ pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 
     receive(py, &mut receiver)
 }
 
+/// The process that started a thread. A fork copies handles and channels, but not the thread: to wait for it would hang.
+#[derive(Clone, Copy)]
+pub struct Owner(u32);
+
+impl Owner {
+    pub fn current() -> Owner {
+        Owner(std::process::id())
+    }
+
+    pub fn is_current(self) -> bool {
+        self.0 == std::process::id()
+    }
+
+    /// # Errors
+    /// This process is a fork of the owner.
+    pub fn check(self) -> PyResult<()> {
+        match self.is_current() {
+            true => Ok(()),
+            false => Err(Error::new_err(format!(
+                "expected a call in process {}, which opened the device, found one in its fork {}: start workers with \
+                 `spawn`, or open the renderer in the worker",
+                self.0,
+                std::process::id()
+            ))),
+        }
+    }
+}
+
 /// Waits for a thread's answer, and polls Python for signals meanwhile.
 ///
 /// # Errors
