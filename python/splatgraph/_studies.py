@@ -146,7 +146,7 @@ def trade(
     pipeline: str = "auto",
     params: Mapping[str, Setting] | None = None,
     *,
-    only: Sequence[str] = (),
+    only: str | Sequence[str] = (),
     truths: Sequence[Any] | None = None,
     rounds: int = 32,
     frames: int | None = None,
@@ -165,8 +165,8 @@ def trade(
         cameras: one view, or several, in the size of the pictures.
         pipeline: the graph whose parameters are changed.
         params: values that parameters have in every setting.
-        only: prefixes of the names of the settings to measure, such as "key_bits"; the exact ones are always measured.
-        truths: true pictures, one for each camera, float32 [height, width, 3], display-encoded; by default, the exact renderer's.
+        only: a prefix of the names of the settings to measure, such as "key_bits", or several; the exact ones are always measured.
+        truths: true pictures, one for each camera, display-encoded, as for `compare`; by default, the exact renderer's.
         rounds: maximum number of rounds of frames; below 8, all differences in time count as noise.
         frames: frames per round; by default 1 to 3, from the frame time.
         file: path of a ledger.json, which grows with each row and from which an interrupted study resumes.
@@ -184,7 +184,7 @@ def trade(
         _cameras(cameras),
         pipeline,
         texts(params),
-        list(only),
+        [only] if isinstance(only, str) else list(only),
         None if truths is None else list(truths),
         file,
         _effort(backend, device, rounds, frames),

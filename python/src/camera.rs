@@ -93,6 +93,11 @@ impl Camera {
         up: [f64; 3],
         name: String,
     ) -> PyResult<Camera> {
+        if eye == target {
+            return Err(PyValueError::new_err(format!(
+                "target: expected a point other than eye, found {target:?} for both"
+            )));
+        }
         let camera = assets::Camera::looking_at_upright(eye, target, up, fov, size);
         checked(assets::Camera { img_name: name, ..camera })
     }

@@ -214,6 +214,36 @@ def test_no_such_device_and_backend_are_told(scene):
         Renderer(scene, backend="direct3d")
 
 
+FORKED = """
+import os, splatgraph, sys
+sys.path.insert(0, {tests!r})
+from conftest import random_splats
+renderer = splatgraph.Renderer(splatgraph.Scene.from_arrays(*random_splats(7, 300, 1)))
+camera = splatgraph.Camera.look_at((0, 0, -2), (0, 0, 4), size=(16, 16))
+child = os.fork()
+if child == 0:
+    try:
+        renderer.render(camera)
+    except splatgraph.Error as error:
+        print(error, flush=True)
+    sys.exit()
+os.waitpid(child, 0)
+renderer.render(camera)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_forked_process_is_told_that_it_has_no_device():
+    program = FORKED.format(tests=str(ROOT / "python/tests"))
+    process = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, timeout=60, check=True)
+    assert process.stdout.startswith("expected a call in process") and "start workers with `spawn`" in process.stdout
+
+
+def test_a_camera_that_looks_at_its_own_position_is_refused():
+    with pytest.raises(ValueError, match="target: expected a point other than eye"):
+        Camera.look_at((0, 0, 4), (0, 0, 4))
+
+
 ENDLESS = """
 import splatgraph, sys
 sys.path.insert(0, {tests!r})
@@ -250,6 +280,18 @@ def test_a_picture_becomes_the_file_that_the_command_line_writes(scene, camera, 
     subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.DEVNULL)
     with pytest.raises(ValueError, match="picture: expected the shape"):
         splatgraph.png(picture[0])
+
+
+def test_pictures_of_integers_are_floats_of_which_the_maximum_is_white(scene, camera):
+    picture = np.clip(Renderer(scene).render(camera), 0, 1)
+    for kind, limit in ((np.uint8, 50), (np.uint16, 90)):
+        most = np.iinfo(kind).max
+        rounded = np.round(picture * most).astype(kind)
+        assert splatgraph.compare(rounded, picture).psnr > limit
+        assert splatgraph.compare(rounded, rounded / np.float32(most)).identical
+        assert splatgraph.png(rounded) == splatgraph.png(rounded / np.float32(most))
+    with pytest.raises(TypeError, match="b: expected a picture of floats from 0 to 1, of uint8 or of uint16, found int64"):
+        splatgraph.compare(picture, (picture * 255).astype(np.int64))
 
 
 def test_equal_pictures_are_identical_and_others_measured():
