@@ -14,6 +14,23 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
     `value` is an array of numpy, anything with `__dlpack__` in the CPU's memory, or anything that `numpy.asarray` accepts. `name` is the
     argument's name, for errors. `None` in `shape` matches any length.
     """
+    return np.ascontiguousarray(_found(value, name, shape), dtype=dtype)
+
+
+def picture(value: Any, name: str, shape: Sequence[int | None]) -> np.ndarray:
+    """Returns a picture as `array` does, in float32. Integers of 8 and 16 bits are divided by their maximum, which is white.
+
+    Other integers have no such maximum. Taken as they are, they would be black, white, and values far above.
+    """
+    found = _found(value, name, shape)
+    if found.dtype.kind not in "iu":
+        return np.ascontiguousarray(found, dtype=np.float32)
+    if found.dtype not in (np.uint8, np.uint16):
+        raise TypeError(f"{name}: expected a picture of floats from 0 to 1, of uint8 or of uint16, found {found.dtype}")
+    return np.ascontiguousarray(found, dtype=np.float32) / np.float32(np.iinfo(found.dtype).max)
+
+
+def _found(value: Any, name: str, shape: Sequence[int | None] | None) -> np.ndarray:
     if getattr(value, "requires_grad", False):
         # The gradient would silently be lost.
         raise ValueError(f"{name}: expected an array without gradients, found one that requires them; pass {name}.detach()")
@@ -36,4 +53,4 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
         if not fits:
             wanted = ", ".join("any" if length is None else str(length) for length in shape)
             raise ValueError(f"{name}: expected the shape [{wanted}], found {list(found.shape)}")
-    return np.ascontiguousarray(found, dtype=dtype)
+    return found

@@ -28,7 +28,7 @@ def compare(a: Any, b: Any) -> Comparison:
     """Measures the difference between two pictures of the same size.
 
     Args:
-        a: display-encoded colours of which 0 is black and 1 is white, float32 [height, width, 3].
+        a: display-encoded colours, [height, width, 3]: floats of which 0 is black and 1 is white, uint8 or uint16.
         b: the same.
     """
     found = _native.compare(a, b)
@@ -41,6 +41,6 @@ def png(picture: Any) -> bytes:
     """Returns the bytes of a PNG file, 8 bits per channel, for a file or `IPython.display.Image`.
 
     Args:
-        picture: display-encoded colours of which 0 is black and 1 is white, float32 [height, width, 3].
+        picture: display-encoded colours, [height, width, 3]: floats of which 0 is black and 1 is white, uint8 or uint16.
     """
     return _native.png(picture)

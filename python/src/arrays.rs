@@ -2,6 +2,7 @@
 
 use pyo3::buffer::{Element, PyBuffer};
 use pyo3::prelude::*;
+use splatgraph::io::image::Image;
 
 pub trait Number: Element {
     /// Name of the type in numpy.
@@ -39,6 +40,19 @@ pub fn take<T: Number>(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usi
     let array = convert.call1((value, name, shape.to_vec(), T::NAME))?;
     let buffer = PyBuffer::<T>::get(&array)?;
     Ok(Array { values: buffer.to_vec(py)?, shape: buffer.shape().to_vec() })
+}
+
+/// Copies a picture [height, width, 3] as floats, of which 1 is white. `size` is the width and height that it must have.
+///
+/// # Errors
+/// Those of [`take`], and `TypeError` for integers other than uint8 and uint16.
+pub fn take_picture(value: &Bound<'_, PyAny>, name: &str, size: Option<(usize, usize)>) -> PyResult<Image> {
+    let py = value.py();
+    let convert = py.import("splatgraph._arrays")?.getattr("picture")?;
+    let array = convert.call1((value, name, [size.map(|size| size.1), size.map(|size| size.0), Some(3)]))?;
+    let buffer = PyBuffer::<f32>::get(&array)?;
+    let (height, width) = (buffer.shape()[0], buffer.shape()[1]);
+    Ok(Image { width, height, rgb: buffer.to_vec(py)?.as_chunks::<3>().0.to_vec() })
 }
 
 /// Makes a numpy array of values.

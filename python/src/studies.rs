@@ -1,6 +1,6 @@
 //! Runs the library's studies, each on its own thread, with progress and cancellation.
 
-use crate::arrays::take;
+use crate::arrays::take_picture;
 use crate::camera::Camera;
 use crate::errors;
 use crate::scene::Scene;
@@ -238,10 +238,8 @@ fn pictures(truths: &[Bound<'_, PyAny>], cameras: &[assets::Camera]) -> PyResult
             truths.len()
         )));
     }
-    let of = |(truth, camera): (&Bound<'_, PyAny>, &assets::Camera)| -> PyResult<Image> {
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        let array = take::<f32>(truth, "truths", &[Some(height), Some(width), Some(3)])?;
-        Ok(Image { width, height, rgb: array.values.as_chunks::<3>().0.to_vec() })
+    let of = |(truth, camera): (&Bound<'_, PyAny>, &assets::Camera)| {
+        take_picture(truth, "truths", Some((camera.width as usize, camera.height as usize)))
     };
     truths.iter().zip(cameras).map(of).collect()
 }

@@ -49,6 +49,10 @@ def test_a_ledger_compares_with_given_pictures_and_goes_on_from_its_file(scene, 
     assert again.rows == first.rows
     assert any("rows of an earlier run are kept" in note for note in again.notes)
     assert not any(task == "measuring" for task, *_ in seen[steps:])
+    drawn = [splatgraph.Renderer(scene).render(camera) for camera in cameras]
+    truths = [np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8) for picture in drawn]
+    rounded = splatgraph.trade(scene, cameras, only="sh_degree = 0", rounds=1, frames=1, truths=truths)
+    assert rounded["exact"].psnr_db > 50 and [line.setting for line in rounded] == [line.setting for line in first]
     with pytest.raises(ValueError, match="truths: expected a picture for each of 2 cameras, found 1"):
         splatgraph.trade(scene, cameras, truths=truths[:1])
 
