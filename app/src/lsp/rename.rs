@@ -83,8 +83,8 @@ pub fn rename(
     Ok(edits)
 }
 
-/// The parts of a plan that a rename must not change. It contains no names, except those of shader files.
-struct Meaning {
+/// The parts of a plan that a rename must not change: no names, except those of shader files.
+struct NamelessPlan {
     passes: usize,
     dependencies: usize,
     bytes: u64,
@@ -93,9 +93,9 @@ struct Meaning {
     shaders: Vec<(String, Vec<u32>)>,
 }
 
-impl Meaning {
-    fn of(plan: &Plan) -> Meaning {
-        Meaning {
+impl NamelessPlan {
+    fn of(plan: &Plan) -> NamelessPlan {
+        NamelessPlan {
             passes: plan.passes.len(),
             dependencies: plan.dependencies.len(),
             bytes: plan.resources.iter().map(|resource| resource.bytes()).sum(),
@@ -105,7 +105,7 @@ impl Meaning {
     }
 
     /// Describes the first difference; `None` if the plans do the same.
-    fn change(&self, after: &Meaning) -> Option<String> {
+    fn change(&self, after: &NamelessPlan) -> Option<String> {
         let shader = self.shaders.iter().zip(&after.shaders).find(|(before, after)| before != after);
         if let Some(((shader, _), _)) = shader {
             // The usual cause: the new name is already that of a variable, a function or a constant.
@@ -142,8 +142,8 @@ fn nameless(spirv: &[u32]) -> Vec<u32> {
     code
 }
 
-/// Builds each graph for a GPU and for a CPU. Returns the plans' meanings for each graph, or the first error.
-fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Meaning>, String>> {
+/// Builds each graph for a GPU and for a CPU. Returns the plans of each graph, or the first error.
+fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<NamelessPlan>, String>> {
     let build = |graph: &String| {
         let of_lanes = |lanes: &u32| {
             let (facts, catalog) = nominal(*lanes);
@@ -151,7 +151,7 @@ fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<Meaning>,
                 let first = errors.found.first();
                 first.map_or_else(String::new, |e| format!("{}:{}: {}", e.file, e.line, e.message))
             })?;
-            Ok(Meaning::of(&plan))
+            Ok(NamelessPlan::of(&plan))
         };
         LANES.iter().map(of_lanes).collect()
     };
