@@ -45,6 +45,7 @@ mod rad;
 mod recognise;
 mod report;
 mod scene;
+mod scene_files;
 mod scene_format;
 mod similarity;
 mod size_breakdown;
@@ -54,8 +55,8 @@ mod spz;
 pub mod synth;
 #[cfg(test)]
 mod testing;
-mod usd;
 mod uri;
+mod usd;
 mod words;
 
 pub use attributes::ATTRIBUTES;
@@ -73,6 +74,7 @@ pub use scene::{
     ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, QuaternionNorms, Scene, ScenePart, SortKey, Splat,
     sh_floats,
 };
+pub use scene_files::scene_files;
 pub use scene_format::SceneFormat;
 pub use similarity::Similarity;
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};

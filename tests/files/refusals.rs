@@ -78,6 +78,41 @@ fn no_output_goes_over_an_input_or_over_another_output() {
 }
 
 #[test]
+fn no_output_goes_over_a_file_that_another_input_names() {
+    let place = Place::demo(300);
+    fs::remove_file(place.at("cameras.json")).expect("made");
+    place.done("convert scene.ply other.ply");
+    place.done("convert scene.ply packed.sog");
+    place.write(
+        "list.ron",
+        r#"Scenes([Scene(file: "scene.ply"), Scene(file: "other.ply", translate: (1, 0, 0))])"#,
+    );
+    let mut archive =
+        zip::ZipArchive::new(fs::File::open(place.at("packed.sog")).expect("a file")).expect("a ZIP");
+    archive.extract(place.at("sog")).expect("unpacked");
+    place.done("synth --photograph scene.ply --dataset views --views 2 --size 32x18");
+    for args in [
+        "convert list.ron scene.ply",
+        "convert scene.ply other.ply --merge list.ron",
+        "convert sog sog/means_l.webp --format spz",
+        "info list.ron --json=other.ply",
+        "render list.ron -o a.png --json=other.ply",
+        "render scene.ply list.ron -o a.png --json=other.ply",
+        "synth --enlarge list.ron --count 900 -o other.ply",
+        "evaluate list.ron -c views --json=other.ply",
+        "dump splat --scene list.ron -o other.ply",
+        "bench list.ron --json=other.ply",
+    ] {
+        refused(&place, args, "would overwrite a file of ");
+    }
+    refused(
+        &place,
+        "render scene.ply -c views -o views/images",
+        "would overwrite a photograph of the dataset",
+    );
+}
+
+#[test]
 fn a_scene_after_json_is_the_scene_and_not_the_file_to_write() {
     let place = Place::new();
     place.cameras(&["one"]);

@@ -82,7 +82,8 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
-/// Registers the file of `FILE` or `FILE#INDEX` as an input. The file's own name may contain a `#`.
+/// Registers the file of `FILE` or `FILE#INDEX`, and the photographs of a dataset, as inputs. The file's own name may
+/// contain a `#`.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());
@@ -90,6 +91,15 @@ pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     guard.input("the cameras", Path::new(cameras))?;
     if let Some((file, _)) = cameras.rsplit_once('#') {
         guard.input("the cameras", Path::new(file))?;
+    }
+    let dataset = Dataset::load(cameras).ok();
+    let photographs = dataset.and_then(|dataset| Some((dataset.photographs?, dataset.views)));
+    for (folder, view) in
+        photographs.iter().flat_map(|(folder, views)| views.iter().map(move |view| (folder, view)))
+    {
+        if let Some(file) = Dataset::photograph_in(folder, view) {
+            guard.input("a photograph of the dataset", &file)?;
+        }
     }
     Ok(())
 }

@@ -30,7 +30,7 @@ pub struct ScenesArgs {
 impl ScenesArgs {
     pub fn claim(&self, guard: &mut OutputGuard) -> Result<(), Usage> {
         if let Some(path) = &self.scene {
-            guard.input("the scene", path)?;
+            guard.scene("the scene", path)?;
         }
         let (places, scenes) = (self.at.len(), self.more.len());
         if places > scenes {
@@ -38,7 +38,7 @@ impl ScenesArgs {
                 "expected at most one --at for each scene after the first, found {places} for {scenes}"
             )));
         }
-        self.more.iter().try_for_each(|path| Ok(guard.input("a further scene", path)?))
+        self.more.iter().try_for_each(|path| Ok(guard.scene("a further scene", path)?))
     }
 
     /// Rejects a first scene whose header shows that it is too large for the device.

@@ -83,10 +83,10 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     }
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.enlarge {
-        guard.input("the scene", path)?;
+        guard.scene("the scene", path)?;
     }
     if let (Some(path), Some(folder)) = (&args.photograph, &args.dataset) {
-        guard.input("the scene", path)?;
+        guard.scene("the scene", path)?;
         return photographs(args, folder).iter().try_for_each(|path| Ok(guard.output("--dataset", path)?));
     }
     let Some(output) = &args.output else {

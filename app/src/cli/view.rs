@@ -212,7 +212,7 @@ enum ShowPanel {
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.scene {
-        guard.input("the scene", path)?;
+        guard.scene("the scene", path)?;
         if let Some(cameras) = camera::beside(path) {
             guard.input("the cameras", &cameras)?;
         }
@@ -224,7 +224,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
         guard.input("the graph", Path::new(graph))?;
     }
     if let Some(path) = &args.compare_scene {
-        guard.input("the other scene", path)?;
+        guard.scene("the other scene", path)?;
     }
     if let Some(path) = &args.screenshot {
         if is_standard_output(path) || Format::of(path).is_none() {

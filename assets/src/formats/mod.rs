@@ -7,15 +7,16 @@ use crate::memory;
 use crate::mesh::{self, Mesh};
 use crate::recognise;
 use crate::scene::{FileNotes, Filter, Scene, SortKey};
+use crate::scene_files::document;
 use crate::scene_format::SceneFormat;
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
-use crate::words::word;
 use crate::spz::SpzVersion;
+use crate::words::word;
 use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
 use rayon::prelude::*;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 #[cfg(test)]
 mod tests;
@@ -57,12 +58,6 @@ pub enum Content {
     Splats(Box<Scene>),
     /// A mesh, which is drawn beside splats.
     Mesh(Mesh),
-}
-
-/// Finds the JSON document of a folder with a SOG scene; `None` for a file or another folder.
-fn document(path: &Path) -> Option<PathBuf> {
-    let names = ["lod-meta.json", "meta.json"].iter().filter(|_| path.is_dir());
-    names.map(|name| path.join(name)).find(|document| document.is_file())
 }
 
 /// Opens a file, or the document of a folder, and reads its content.
@@ -288,16 +283,16 @@ impl Scene {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
-            let tell = |done: u64, of: u64| {
-                let share = done as f64 / of.max(1) as f64;
-                progress(before + (share * length as f64) as u64, total)
-            };
-            let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
         let mut files = Vec::with_capacity(parts.len());
         let mut sizes = Vec::with_capacity(parts.len());
         for (index, part) in parts.iter().enumerate() {
             let length = bytes(part);
             // Readers count decompressed or used bytes, so their share is scaled to the file's length.
+            let tell = |done: u64, of: u64| {
+                let share = done as f64 / of.max(1) as f64;
+                progress(before + (share * length as f64) as u64, total)
+            };
+            let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
             let mut add_size = |format: &str, rows, bytes| {
                 // A file that is placed several times is counted once.
                 if !parts[..index].iter().any(|before| before.file == part.file) {
@@ -309,12 +304,12 @@ impl Scene {
             let scene = match Self::load_one(&part.file, level, &tell)? {
                 Found::One(scene) => {
                     let rows = u64::from(scene.count()) + scene.dropped().total();
-                    add_size("mesh", mesh.triangles.len() as u64, length);
                     let breakdown = scene.size_breakdown();
                     add_size(&breakdown.format, rows, breakdown.file_bytes);
                     scene
                 }
                 Found::Mesh(mesh) => {
+                    add_size("mesh", mesh.triangles.len() as u64, length);
                     meshes.push((mesh, part.by));
                     before += length;
                     continue;

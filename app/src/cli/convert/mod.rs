@@ -73,9 +73,9 @@ pub fn format_list() -> String {
 /// Checks the files of the command line. Returns the output path and its format; `None` without an output.
 pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, Usage> {
     let mut guard = OutputGuard::default();
-    guard.input("the scene", &args.input)?;
+    guard.scene("the scene", &args.input)?;
     for path in &args.edit.merge {
-        guard.input("a scene of --merge", path)?;
+        guard.scene("a scene of --merge", path)?;
     }
     for path in args.edit.lists() {
         guard.input("a selection", path)?;

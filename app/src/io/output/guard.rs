@@ -7,6 +7,7 @@
 use super::file::{folder_of, resolve};
 use super::names::MAX_NAME_BYTES;
 use super::terminal::is_standard_output;
+use splatgraph_assets::scene_files;
 use std::collections::HashMap;
 use std::ffi::OsString;
 use std::fs::{self, Metadata};
@@ -74,6 +75,16 @@ impl OutputGuard {
         }
         self.inputs.entry(identity).or_insert_with(|| what.to_owned());
         Ok(())
+    }
+
+    /// Adds a scene that the command reads, with the files that it names.
+    ///
+    /// # Errors
+    /// See [`OutputGuard::input`].
+    pub fn scene(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {
+        self.input(what, path)?;
+        let part = format!("a file of {what}");
+        scene_files(path).iter().try_for_each(|file| self.input(&part, file))
     }
 
     /// Adds a file that the command writes. `what` is its option, such as `--json`.
