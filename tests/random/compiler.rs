@@ -49,7 +49,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
         push: None,
         inputs: Vec::new(),
         outputs: Vec::new(),
-        uses_position: true,
+        uses_position: stage == ShaderStage::Vertex,
         features: Features::empty(),
     };
     for line in text.lines().filter_map(|line| line.strip_prefix("//: ")) {
