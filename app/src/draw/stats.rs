@@ -40,9 +40,8 @@ pub struct CameraStats {
     pub passes: Vec<PassTime>,
     /// Milliseconds per phase, summed over its passes; `null` if the device has no timestamps.
     pub phases: Map<String, Json>,
-    /// GPU time from a frame's first command to its last, in milliseconds; `None` without timestamps.
-    ///
-    /// Frames that ran the prologue count only if there are no others.
+    /// GPU time from a frame's first command to its last, without the passes that run once, in milliseconds; `None`
+    /// without timestamps.
     pub gpu_ms: Option<f64>,
     /// Host time to record and submit a frame, in milliseconds.
     pub record_ms: f64,
@@ -218,9 +217,12 @@ fn phase_times(passes: &[PassTime]) -> Map<String, Json> {
 }
 
 fn total_time(plan: &Plan, frames: &[FrameResult]) -> Option<f64> {
-    let prologue = |f: &&FrameResult| f.pass_ms.iter().any(|(pass, _)| plan.pass(*pass).run == Run::Once);
-    let steady: Vec<f64> = frames.iter().filter(|f| !prologue(f)).filter_map(|f| f.total_ms).collect();
-    median(steady).or_else(|| median(frames.iter().filter_map(|f| f.total_ms).collect()))
+    let of_frame = |frame: &FrameResult| {
+        let once = frame.pass_ms.iter().filter(|(pass, _)| plan.pass(*pass).run == Run::Once);
+        let once: f64 = once.filter_map(|(_, ms)| *ms).sum();
+        Some((frame.total_ms? - once).max(0.0))
+    };
+    median(frames.iter().filter_map(of_frame).collect())
 }
 
 #[cfg(test)]

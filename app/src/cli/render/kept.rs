@@ -84,7 +84,7 @@ mod tests {
             PassId(plan.passes.iter().position(|pass| pass.name == name).expect("a pass") as u32)
         };
         let frame = |ms: f64, prologue: bool| FrameResult {
-            total_ms: Some(ms),
+            total_ms: Some(if prologue { ms + 7.0 } else { ms }),
             pass_ms: prologue
                 .then(|| (id("scene.covariance"), Some(7.0)))
                 .into_iter()
@@ -116,6 +116,7 @@ mod tests {
         let mut kept = Kept::default();
         kept.add(frame(5.0, true), &plan, true);
         let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());
+        // The frame took 12 ms, of which the prologue took 7.
         assert_eq!((stats.frames, stats.gpu_ms, stats.busy, stats.passes.len()), (1, Some(5.0), None, 2));
     }
 
