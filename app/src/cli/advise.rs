@@ -4,8 +4,8 @@ use super::cameras;
 use super::console::Console;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
 use super::outcome::{Outcome, Usage};
-use crate::draw::fit;
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
+use crate::draw::{fit, planner};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::shell_word;
@@ -233,6 +233,13 @@ fn time(tried: &Tried) -> String {
 fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
+    for root in planner::settings().include_roots {
+        ["--include-root", &root.display().to_string()].into_iter().for_each(&mut add);
+    }
+    if args.load.ignore_tags {
+        add("--ignore-tags");
+    }
+    args.load.level.iter().for_each(|level| ["--level", &level.to_string()].into_iter().for_each(&mut add));
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
     args.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
     args.size.iter().for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
@@ -281,6 +288,22 @@ mod tests {
     use super::*;
     use crate::studies::measurement::noise::Share;
     use crate::studies::study::Setting;
+
+    #[test]
+    fn the_command_loads_the_scene_as_advise_did() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            args: Args,
+        }
+        let words = "advise lod-meta.json --ignore-tags --level 2 --size 8x4";
+        let args = <Line as clap::Parser>::parse_from(words.split(' ')).args;
+        let setting = Setting { name: "x".into(), pipeline: "splat".into(), set: Vec::new() };
+        let found = Tried { setting, psnr_db: vec![50.0], gpu_ms: None, share: None };
+        let text = command(&args, true, &found, &[]);
+        let wanted = "splatgraph render --ignore-tags --level 2 lod-meta.json --size 8x4 --pipeline splat -o advised.png";
+        assert!(text.contains(wanted), "{text}");
+    }
 
     #[test]
     fn without_a_setting_in_the_budget_the_nearest_are_told() {
