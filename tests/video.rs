@@ -187,6 +187,9 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     let one = "expected two cameras or more for a path, found 1";
     place.refuses(
         "video scene.ply -o film.gif",
-        &[("--cameras=cameras.json#0", 2, one), ("--fps=29.97", 2, "for instance 30 or 30000/1001")],
+        &[
+            ("--cameras=cameras.json#0", 2, one),
+            ("--fps=29.97", 2, "a whole number or a fraction, for instance 30 or 30000/1001"),
+        ],
     );
 }

@@ -41,14 +41,20 @@ pub struct Args {
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
     /// Factor by which the differences are amplified in --diff
-    #[arg(long, default_value_t = 10.0, value_parser = positive)]
+    #[arg(long, default_value_t = 10.0, value_parser = positive, requires = "diff")]
     gain: f32,
     /// Exit with code 1 if a picture's PSNR is below this
-    #[arg(long, value_name = "DB")]
+    #[arg(long, value_name = "DB", value_parser = least_psnr)]
     min_psnr: Option<f64>,
     /// In folders, match pictures by the number at the end of their names; pictures without one are skipped and listed
     #[arg(long)]
     by_number: bool,
+}
+
+/// Parses a PSNR. Infinity is that of equal pictures.
+fn least_psnr(text: &str) -> Result<f64, String> {
+    let db = text.parse().ok().filter(|db: &f64| !db.is_nan());
+    db.ok_or_else(|| "expected a number of decibels, for instance 70".into())
 }
 
 fn positive(text: &str) -> Result<f32, String> {

@@ -393,6 +393,8 @@ mod tests {
             ("splatgraph render -o a.png --inspect keys", "RESOURCE@PASS"),
             ("splatgraph render -o a.png --repeat 0", "--repeat"),
             ("splatgraph dump splat --format yaml", "yaml"),
+            ("splatgraph compare a.png b.png --min-psnr nan", "a number of decibels"),
+            ("splatgraph compare a.png b.png --gain 3", "--diff"),
         ] {
             let message = parse(line).unwrap_err();
             assert!(message.contains(expected), "{line}: {message}");

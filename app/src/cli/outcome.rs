@@ -45,6 +45,10 @@ pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     }
 }
 
+/// Returns true if messages have colours: standard error is a terminal that can show them, and `NO_COLOR` is not set.
 pub fn colour() -> bool {
-    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
+    let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty());
+    std::io::stderr().is_terminal()
+        && variable("NO_COLOR").is_none()
+        && variable("TERM").is_none_or(|term| term != "dumb")
 }

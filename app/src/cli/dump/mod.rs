@@ -66,8 +66,9 @@ pub struct Args {
     /// Size of the pictures
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "960x540", value_parser = options::size)]
     size: (u32, u32),
-    #[arg(long, value_enum, default_value_t = Form::Text)]
-    format: Form,
+    /// Format [default: by the ending of --output (.json, .dot, .html), or text]
+    #[arg(long, value_enum)]
+    format: Option<Form>,
     /// Show how this API runs the plan
     #[arg(long, value_enum, default_value_t = Api::Vulkan, conflicts_with = "diff")]
     backend: Api,
@@ -118,11 +119,24 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     Ok(guard)
 }
 
+impl Args {
+    fn format(&self) -> Form {
+        let extension = self.output.as_deref().and_then(Path::extension).unwrap_or_default();
+        self.format.unwrap_or(match extension.to_ascii_lowercase().to_str() {
+            Some("json") => Form::Json,
+            Some("dot") => Form::Dot,
+            Some("html") => Form::Html,
+            _ => Form::Text,
+        })
+    }
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
-    if args.diff.is_some() && matches!(args.format, Form::Dot | Form::Html) {
+    let format = args.format();
+    if args.diff.is_some() && matches!(format, Form::Dot | Form::Html) {
         return Err(Usage("expected --format text or json with --diff; leave out one of them".into()).into());
     }
-    if args.backend == Api::Metal && matches!(args.format, Form::Dot | Form::Html) {
+    if args.backend == Api::Metal && matches!(format, Form::Dot | Form::Html) {
         return Err(Usage(
             "expected --format text or json with --backend metal; leave out one of them".into(),
         )
@@ -150,7 +164,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let text = if let Some(other) = &args.diff {
         let b = dump_of(other, &[args.set.as_slice(), args.set_b.as_slice()].concat())?;
         let diff = dump::diff(&a, &b);
-        match args.format {
+        match format {
             Form::Json => format!("{:#}\n", serde_json::to_value(&diff)?),
             _ => dump::diff_text(&diff),
         }
@@ -158,7 +172,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         if let Some(times) = times {
             a = with_times(a, &times)?;
         }
-        match args.format {
+        match format {
             Form::Text => dump::encoders_text(&a).unwrap_or_else(|| dump::text(&a)),
             Form::Json => format!("{:#}\n", dump::json(&a)),
             Form::Dot => dump::dot(&a),
@@ -202,7 +216,11 @@ mod tests {
     }
 
     fn dumped(folder: &Path, words: &str) -> Result<String> {
-        let output = folder.join("out");
+        dumped_as(folder, "out", words)
+    }
+
+    fn dumped_as(folder: &Path, name: &str, words: &str) -> Result<String> {
+        let output = folder.join(name);
         let words = ["dump"].into_iter().chain(words.split(' '));
         let args = Line::try_parse_from(words)?.args;
         run(&Args { output: Some(output.clone()), ..args })?;
@@ -226,6 +244,20 @@ mod tests {
         assert_eq!((&same["passes"]["changed"], &same["parameters"]), (&json!([]), &json!([])));
         let text = dumped(folder.path(), "splat --diff digit4").expect("both have plans");
         assert!(text.contains("only in b (12): order.sort.histogram[4..7]"), "{text}");
+    }
+
+    #[test]
+    fn the_ending_of_the_file_chooses_the_format_unless_it_is_given() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let begins = |name: &str, words: &str| {
+            dumped_as(folder.path(), name, words).expect("it has a plan").chars().take(9).collect::<String>()
+        };
+        assert_eq!(begins("a.HTML", "unsorted").to_lowercase(), "<!doctype");
+        assert_eq!(begins("a.html", "unsorted --format json"), begins("a.json", "unsorted"));
+        assert!(begins("a.dot", "unsorted").starts_with("digraph"));
+        assert_eq!(begins("a.txt", "unsorted"), begins("a", "unsorted"));
+        let error = dumped_as(folder.path(), "b.html", "splat --diff digit4").unwrap_err().to_string();
+        assert!(error.contains("expected --format text or json with --diff"), "{error}");
     }
 
     #[test]

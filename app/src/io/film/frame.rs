@@ -63,6 +63,9 @@ impl FromStr for Rate {
         let parsed = frames.trim().parse().ok().zip(seconds.trim().parse().ok());
         let rate = parsed.map(|(frames, seconds)| Rate { frames, seconds });
         rate.filter(|rate| (0.1..=1000.0).contains(&rate.per_second()) && rate.frames <= 1_000_000)
-            .ok_or_else(|| "expected 0.1 to 1000 frames per second, for instance 30 or 30000/1001".into())
+            .ok_or_else(|| {
+                "expected 0.1 to 1000 frames per second as a whole number or a fraction, for instance 30 or 30000/1001"
+                    .into()
+            })
     }
 }
