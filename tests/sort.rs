@@ -8,6 +8,7 @@ use splatgraph::draw::planner::{GraphErrors, Planner};
 use splatgraph_api::{Device, FrameInputs, Inspect, NoScene};
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Value};
 use splatgraph_framework::plan::Plan;
+use splatgraph_reference::sort_pairs;
 
 use crate::common;
 
@@ -51,10 +52,8 @@ impl Run {
         (0..self.count).map(|i| (key(i) & mask, mixed(i))).collect()
     }
 
-    fn sorted(self, key_bits: u32) -> Vec<(u32, u32)> {
-        let mut pairs = self.pairs(key_bits);
-        pairs.sort_by_key(|(key, _)| *key);
-        pairs
+    fn sorted(self, key_bits: u32) -> (Vec<u32>, Vec<u32>) {
+        sort_pairs(self.pairs(key_bits))
     }
 }
 
@@ -125,7 +124,7 @@ impl Sorter<'_> {
         self.expect(run, &run.sorted(self.key_bits));
     }
 
-    fn expect(&mut self, run: Run, expected: &[(u32, u32)]) {
+    fn expect(&mut self, run: Run, (keys, values): &(Vec<u32>, Vec<u32>)) {
         let mut passes = self.plan.frame.iter().copied();
         let finish = passes.find(|pass| self.plan.pass(*pass).name == "finish").expect("the last pass");
         let fronts = ["Keys", "Values"].map(|block| {
@@ -140,17 +139,15 @@ impl Sorter<'_> {
         };
         let frame = self.device.submit(&inputs).expect("the frame is submitted");
         let result = self.device.wait(frame).expect("the frame is done");
-        let words = |bytes: &[u8]| -> Vec<u32> {
-            bytes
-                .chunks_exact(4)
-                .take(run.count as usize)
-                .map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]))
-                .collect()
-        };
-        let got: Vec<(u32, u32)> =
-            words(&result.inspected[0]).into_iter().zip(words(&result.inspected[1])).collect();
-        if let Some(at) = (0..expected.len()).find(|i| got[*i] != expected[*i]) {
-            panic!("{}: {run:?}: pair {at} is {:x?}, not {:x?}", self.name, got[at], expected[at]);
+        for (what, bytes, expected) in
+            [("key", &result.inspected[0], keys), ("value", &result.inspected[1], values)]
+        {
+            let got: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..4 * run.count as usize]);
+            if got != *expected {
+                let at = got.iter().zip(expected).position(|(got, expected)| got != expected);
+                let at = at.expect("a difference");
+                panic!("{}: {run:?}: {what} {at} is {:x}, not {:x}", self.name, got[at], expected[at]);
+            }
         }
         common::assert_silent(self.device, &self.name);
     }

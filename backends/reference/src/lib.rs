@@ -37,7 +37,7 @@ mod raster;
 mod rules;
 
 pub use gaussian::{Gaussian, Splats};
-pub use order::{depth_order, inversions};
+pub use order::{depth_order, inversions, sort_pairs};
 pub use pixel::{Fragment, Fragments, Projected, fragments, project};
 pub use raster::{Picture, Progress, Visible, largest, render, visible};
 pub use rules::{Depth, Extent, KeyOf, LowPass, RULES, RuleError, RuleInfo, Rules, ShDirection, Ties};

@@ -89,6 +89,12 @@ pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rul
     keys.into_iter().map(|(_, index)| index).collect()
 }
 
+/// Sorts pairs of a key and a value by key, stably; returns the keys and the values. Every radix sort must give the same.
+pub fn sort_pairs(mut pairs: Vec<(u32, u32)>) -> (Vec<u32>, Vec<u32>) {
+    pairs.sort_by_key(|(key, _)| *key);
+    pairs.into_iter().unzip()
+}
+
 /// Counts the pairs of splats that `given` and `truth` order differently: 0 for equal orders, n (n - 1) / 2 for
 /// reversed ones. `None` unless both hold the same indices, each once.
 pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
