@@ -19,8 +19,9 @@ use splatgraph_reference::metrics;
 pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = a.py();
     let (a, b) = (take_picture(a, "a", None)?, take_picture(b, "b", None)?);
-    let comparison =
-        py.detach(|| metrics::compare((&a).into(), (&b).into())).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let comparison = py
+        .detach(|| metrics::compare((&a).into(), (&b).into()))
+        .map_err(|e| PyValueError::new_err(e.to_string()))?;
     let json = serde_json::to_string(&comparison).map_err(|e| PyValueError::new_err(e.to_string()))?;
     errors::from_json(py, &json)
 }
