@@ -187,10 +187,16 @@ impl Drawer {
         batch.wait_for_pixels();
         // Drop the session's reference to the scene, so that the drop below frees it.
         let device = session.into_device();
+        let name = |name: &str| thread::Builder::new().name(name.into());
         thread::scope(|scope| {
-            scope.spawn(|| info_span!("free the scene").in_scope(|| drop(loaded)));
-            let finishing =
-                scope.spawn(|| Ok(serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?));
+            // Without a thread, the scene is dropped here.
+            _ = name("free").spawn_scoped(scope, || info_span!("free the scene").in_scope(|| drop(loaded)));
+            let finishing = name("files")
+                .spawn_scoped(scope, || {
+                    let done = batch.finish(&Progress::new("drawing"))?;
+                    Ok(serde_json::to_value(done)?)
+                })
+                .context("no thread can be started to finish the files")?;
             let messages = info_span!("close the device").in_scope(|| device.close());
             let stats: Result<Json> = finishing.join().unwrap_or_else(|panic| resume_unwind(panic));
             Ok((stats?, messages))
