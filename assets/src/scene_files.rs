@@ -33,7 +33,7 @@ pub(crate) fn document(path: &Path) -> Option<PathBuf> {
 /// a name, so the list may have files that the scene does not use. Unreadable documents name no files.
 pub fn scene_files(path: &Path) -> BTreeSet<PathBuf> {
     let mut files = BTreeSet::new();
-    add(document(path).unwrap_or_else(|| path.to_owned()), MAX_DEPTH, &mut files);
+    add(path.to_owned(), MAX_DEPTH, &mut files);
     files
 }
 

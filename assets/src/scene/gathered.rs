@@ -50,25 +50,22 @@ impl Dropped {
     }
 
     pub(crate) fn plus(self, other: &Self) -> Self {
-        Self {
-            position: self.position + other.position,
-            scale: self.scale + other.scale,
-            rotation: self.rotation + other.rotation,
-            zero_rotation: self.zero_rotation + other.zero_rotation,
-            opacity: self.opacity + other.opacity,
-            color: self.color + other.color,
-        }
+        self.with(other, |own, other| own + other)
     }
 
     /// Subtracts the counts of the scene that this one was derived from.
     pub fn since(&self, earlier: &Self) -> Self {
+        self.with(earlier, |own, earlier| own - earlier)
+    }
+
+    fn with(&self, other: &Self, of: impl Fn(u64, u64) -> u64) -> Self {
         Self {
-            position: self.position - earlier.position,
-            scale: self.scale - earlier.scale,
-            rotation: self.rotation - earlier.rotation,
-            zero_rotation: self.zero_rotation - earlier.zero_rotation,
-            opacity: self.opacity - earlier.opacity,
-            color: self.color - earlier.color,
+            position: of(self.position, other.position),
+            scale: of(self.scale, other.scale),
+            rotation: of(self.rotation, other.rotation),
+            zero_rotation: of(self.zero_rotation, other.zero_rotation),
+            opacity: of(self.opacity, other.opacity),
+            color: of(self.color, other.color),
         }
     }
 
