@@ -233,7 +233,7 @@ impl<D: Device> Shell<D> {
         for event in self.viewer.take_events() {
             self.report(event);
         }
-        let interface = (output.textures_delta, primitives.as_slice(), pixels_per_point);
+        let interface = (output.textures_delta, primitives, pixels_per_point);
         self.canvas.paused = drains || !self.is_free();
         let (drawn, picture) = self.paint(request, view, interface);
         if drawn {
@@ -311,7 +311,7 @@ impl<D: Device> Shell<D> {
         &mut self,
         request: FrameRequest,
         view: [u32; 4],
-        (textures, primitives, pixels_per_point): (TexturesDelta, &[ClippedPrimitive], f32),
+        (textures, primitives, pixels_per_point): (TexturesDelta, Vec<ClippedPrimitive>, f32),
     ) -> (bool, Option<Pixels>) {
         let inputs =
             PlanInputs { scene: None, catalog: self.catalog.clone(), size: request.size, share_memory: true };

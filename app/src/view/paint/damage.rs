@@ -7,7 +7,6 @@
 use super::Composition;
 use super::textures::Texture;
 use egui::epaint::Mesh;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// A rectangle, in pixels of the window.
@@ -22,16 +21,18 @@ pub struct Area {
 impl Area {
     const NONE: Area = Area { first: [f32::INFINITY; 2], beyond: [f32::NEG_INFINITY; 2] };
 
-    /// Returns the smallest area of whole pixels that contains these points.
-    pub fn around(points: impl Iterator<Item = [f32; 2]>) -> Area {
-        let mut area = Area::NONE;
-        for point in points {
-            for (axis, at) in point.into_iter().enumerate() {
-                area.first[axis] = area.first[axis].min(at.floor());
-                area.beyond[axis] = area.beyond[axis].max(at.ceil());
-            }
-        }
-        area
+    /// Returns the smallest area of whole pixels that contains a rectangle.
+    fn around(rectangle: egui::Rect) -> Area {
+        let egui::Rect { min, max } = rectangle;
+        Area { first: [min.x.floor(), min.y.floor()], beyond: [max.x.ceil(), max.y.ceil()] }
+    }
+
+    /// Returns true if a triangle with these corners cannot cover a pixel of the area.
+    pub fn misses(&self, [a, b, c]: [[f32; 2]; 3]) -> bool {
+        let least = |axis: usize| a[axis].min(b[axis]).min(c[axis]);
+        let most = |axis: usize| a[axis].max(b[axis]).max(c[axis]);
+        let beside = |axis: usize| most(axis) <= self.first[axis] || least(axis) >= self.beyond[axis];
+        beside(0) || beside(1)
     }
 
     pub fn and(self, other: Area) -> Area {
@@ -54,25 +55,35 @@ impl Area {
     }
 }
 
-/// A mesh, reduced to its area and a hash of its content.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A mesh of the interface, and the pixels that it may change.
+#[derive(Clone, Debug)]
 pub struct Piece {
-    /// Pixels that the mesh may change.
     pub bounds: Area,
     pub texture: Texture,
-    hash: u64,
+    pub mesh: Mesh,
+    pixels_per_point: f32,
 }
 
 impl Piece {
-    pub fn new(mesh: &Mesh, clip: Area, texture: Texture, pixels_per_point: f32) -> Piece {
-        let mut hasher = DefaultHasher::new();
-        (pixels_per_point.to_bits(), &mesh.indices).hash(&mut hasher);
-        for vertex in &mesh.vertices {
-            let place = [vertex.pos.x, vertex.pos.y, vertex.uv.x, vertex.uv.y];
-            (place.map(f32::to_bits), vertex.color).hash(&mut hasher);
-        }
-        let points = mesh.vertices.iter().map(|v| [v.pos.x * pixels_per_point, v.pos.y * pixels_per_point]);
-        Piece { bounds: Area::around(points).and(clip), texture, hash: hasher.finish() }
+    pub fn new(mesh: Mesh, clip: Area, texture: Texture, pixels_per_point: f32) -> Piece {
+        let bounds = Area::around(mesh.calc_bounds() * pixels_per_point).and(clip);
+        Piece { bounds, texture, mesh, pixels_per_point }
+    }
+
+    /// Returns the position of each vertex, in pixels of the window.
+    pub fn positions(&self) -> Vec<[f32; 2]> {
+        let pixels = |v: f32| v * self.pixels_per_point;
+        self.mesh.vertices.iter().map(|vertex| [pixels(vertex.pos.x), pixels(vertex.pos.y)]).collect()
+    }
+}
+
+impl PartialEq for Piece {
+    fn eq(&self, other: &Piece) -> bool {
+        let [a, b] = [self, other].map(|piece| bytemuck::cast_slice::<_, u8>(&piece.mesh.vertices));
+        (self.bounds, self.texture, self.pixels_per_point)
+            == (other.bounds, other.texture, other.pixels_per_point)
+            && self.mesh.indices == other.mesh.indices
+            && a == b
     }
 }
 
@@ -83,7 +94,7 @@ pub struct Interface {
     view: [u32; 4],
     background: [f32; 3],
     texels: Arc<Vec<u8>>,
-    pieces: Vec<Piece>,
+    pub pieces: Vec<Piece>,
 }
 
 impl Interface {
@@ -154,13 +165,15 @@ mod tests {
     use super::*;
     use crate::view::paint::Mode;
 
-    fn piece(rect: [f32; 4], hash: u64) -> Piece {
+    fn piece(rect: [f32; 4], index: u32) -> Piece {
         let [left, top, right, bottom] = rect;
         let texture = Texture { texels: 0, width: 1, height: 1, smoothing: 0 };
-        Piece { bounds: Area { first: [left, top], beyond: [right, bottom] }, texture, hash }
+        let mesh = Mesh { indices: vec![index], ..Mesh::default() };
+        let bounds = Area { first: [left, top], beyond: [right, bottom] };
+        Piece { bounds, texture, mesh, pixels_per_point: 1.0 }
     }
 
-    fn interface(view: [u32; 4], texels: &Arc<Vec<u8>>, pieces: &[Piece]) -> Interface {
+    fn interface(view: [u32; 4], texels: &Arc<Vec<u8>>, pieces: &[&Piece]) -> Interface {
         let under = Composition {
             window: [100, 50],
             view,
@@ -171,7 +184,7 @@ mod tests {
             amplification: 1.0,
             background: [0.0; 3],
         };
-        Interface::new(&under, texels.clone(), pieces.to_vec())
+        Interface::new(&under, texels.clone(), pieces.iter().copied().cloned().collect())
     }
 
     fn drawn(now: &Interface, former: Option<&Interface>) -> Vec<([f32; 4], bool)> {
@@ -202,9 +215,9 @@ mod tests {
         let left = piece([2.0, 12.0, 18.0, 20.0], 1);
         let right = piece([85.0, 12.0, 99.0, 20.0], 2);
         let over = piece([30.0, 5.0, 40.0, 30.0], 3);
-        let shown = interface(VIEW, &texels, &[left, right, over]);
+        let shown = interface(VIEW, &texels, &[&left, &right, &over]);
         assert_eq!(drawn(&shown, Some(&shown)), [VIEW_ALONE]);
-        let now = interface(VIEW, &texels, &[left, piece([85.0, 30.0, 90.0, 45.0], 4), over]);
+        let now = interface(VIEW, &texels, &[&left, &piece([85.0, 30.0, 90.0, 45.0], 4), &over]);
         let expected = [
             // From the old to the new position, clipped to the strips right of the view and below it.
             ([85.0, 12.0, 99.0, 40.0], true),
@@ -213,12 +226,12 @@ mod tests {
         ];
         assert_eq!(drawn(&now, Some(&shown)), expected);
         let above = ([30.0, 5.0, 40.0, 10.0], true);
-        let gone = interface(VIEW, &texels, &[left, right]);
+        let gone = interface(VIEW, &texels, &[&left, &right]);
         assert_eq!(drawn(&gone, Some(&shown)), [above, VIEW_ALONE]);
         assert_eq!(drawn(&shown, Some(&gone)), [above, VIEW_ALONE]);
-        let other = interface(VIEW, &texels, &[left, right, piece([30.0, 5.0, 40.0, 30.0], 9)]);
+        let other = interface(VIEW, &texels, &[&left, &right, &piece([30.0, 5.0, 40.0, 30.0], 9)]);
         assert_eq!(drawn(&other, Some(&shown)), [above, VIEW_ALONE]);
-        let turned = interface(VIEW, &texels, &[left, over, right]);
+        let turned = interface(VIEW, &texels, &[&left, &over, &right]);
         assert_eq!(drawn(&turned, Some(&shown)).len(), 3);
     }
 

@@ -12,7 +12,7 @@
 use bytemuck::{Pod, Zeroable};
 use damage::{Area, Interface, Piece};
 use egui::epaint::textures::TexturesDelta;
-use egui::epaint::{ClippedPrimitive, Mesh, Primitive};
+use egui::epaint::{ClippedPrimitive, Primitive};
 use splatgraph_api::BufferContents;
 use splatgraph_framework::ir::{Catalog, HostBuffer};
 use std::collections::BTreeMap;
@@ -122,7 +122,7 @@ impl Painter {
     pub fn paint(
         &mut self,
         mut changes: TexturesDelta,
-        primitives: &[ClippedPrimitive],
+        primitives: Vec<ClippedPrimitive>,
         pixels_per_point: f32,
         under: &Composition,
     ) -> Painted {
@@ -144,23 +144,17 @@ impl Painter {
             // Whole pixels, so that adjacent areas neither overlap nor leave gaps. Clamped, to exclude infinities.
             let pixel = |p: egui::Pos2| [p.x, p.y].map(|v| (v * pixels_per_point).round().clamp(-1e6, 1e6));
             let clip = Area { first: pixel(clip_rect.min), beyond: pixel(clip_rect.max) };
-            pieces.push((Piece::new(mesh, clip, texture, pixels_per_point), mesh));
+            pieces.push(Piece::new(mesh, clip, texture, pixels_per_point));
         }
         let texels = self.textures.texels();
-        let now = Interface::new(under, texels.clone(), pieces.iter().map(|(piece, _)| *piece).collect());
+        let now = Interface::new(under, texels.clone(), pieces);
         let mut meshes = Meshes::default();
         let [r, g, b] = under.background.map(|v| (v * 255.0).round() as u8);
         for (area, erased) in now.areas(self.shown.as_ref()) {
             if erased {
                 meshes.rectangle(area, [r, g, b, 255]);
             }
-            for (piece, mesh) in &pieces {
-                let clip = piece.bounds.and(area);
-                if !clip.is_empty() {
-                    let clip = Clip { first: clip.first, beyond: clip.beyond, texture: piece.texture };
-                    meshes.add(mesh, clip, pixels_per_point);
-                }
-            }
+            now.pieces.iter().for_each(|piece| meshes.add(piece, area));
         }
         self.packed = Some(now);
         let painted = Painted {
@@ -203,29 +197,27 @@ struct Meshes {
 }
 
 impl Meshes {
-    /// Adds the triangles of a mesh that touch its clip rectangle, and their vertices.
-    fn add(&mut self, mesh: &Mesh, clip: Clip, pixels_per_point: f32) {
+    /// Adds the triangles of a mesh that may cover a pixel of the area, and their vertices.
+    fn add(&mut self, piece: &Piece, area: Area) {
+        let visible = piece.bounds.and(area);
+        if visible.is_empty() {
+            return;
+        }
         let index = self.clips.len() as u32;
-        self.clips.push(clip);
-        let area = Area { first: clip.first, beyond: clip.beyond };
-        let position = |i: u32| {
-            let egui::Pos2 { x, y } = mesh.vertices[i as usize].pos;
-            [x * pixels_per_point, y * pixels_per_point]
-        };
-        let mut places: Vec<Option<u32>> = vec![None; mesh.vertices.len()];
-        for triangle in mesh.indices.as_chunks::<3>().0 {
-            if Area::around(triangle.iter().map(|i| position(*i))).and(area).is_empty() {
+        self.clips.push(Clip { first: visible.first, beyond: visible.beyond, texture: piece.texture });
+        let positions = piece.positions();
+        let mut places: Vec<Option<u32>> = vec![None; positions.len()];
+        for triangle in piece.mesh.indices.as_chunks::<3>().0 {
+            let position = |corner: usize| positions[triangle[corner] as usize];
+            if visible.misses([position(0), position(1), position(2)]) {
                 continue;
             }
             for i in triangle {
-                let place = *places[*i as usize].get_or_insert_with(|| {
-                    let vertex = mesh.vertices[*i as usize];
-                    self.vertices.push(Vertex {
-                        position: position(*i),
-                        uv: [vertex.uv.x, vertex.uv.y],
-                        colour: vertex.color.to_array(),
-                        clip: index,
-                    });
+                let i = *i as usize;
+                let place = *places[i].get_or_insert_with(|| {
+                    let egui::epaint::Vertex { uv, color, .. } = piece.mesh.vertices[i];
+                    let (position, uv) = (positions[i], [uv.x, uv.y]);
+                    self.vertices.push(Vertex { position, uv, colour: color.to_array(), clip: index });
                     self.vertices.len() as u32 - 1
                 });
                 self.indices.push(place);

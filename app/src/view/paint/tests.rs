@@ -2,7 +2,7 @@ use super::*;
 use crate::draw::facts;
 use crate::draw::planner::Planner;
 use egui::epaint::textures::TextureOptions;
-use egui::epaint::{ColorImage, ImageDelta, TextureId};
+use egui::epaint::{ColorImage, ImageDelta, Mesh, TextureId};
 use egui::{Color32, Pos2, Rect, pos2, vec2};
 use splatgraph_api::FrameInputs;
 use splatgraph_framework::ir::{DrawCall, Format, Shape, Source, Work};
@@ -38,7 +38,7 @@ fn whole_view() -> Composition {
 /// Makes a painter with a font texture of 2 x 2 texels.
 fn painter() -> Painter {
     let mut painter = Painter::default();
-    painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![(FONT, whole([2, 2], 0))], &[]), vec![], 1.0, &whole_view());
     painter
 }
 
@@ -72,7 +72,7 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
     let first = rectangle(Rect::EVERYTHING, Color32::BLACK, Rect::EVERYTHING, FONT);
     let painted = painter.paint(
         TexturesDelta::default(),
-        &[first, rectangle(rect, red, clip, FONT)],
+        vec![first, rectangle(rect, red, clip, FONT)],
         2.0,
         &whole_view(),
     );
@@ -102,7 +102,7 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
 
 #[test]
 fn an_empty_interface_draws_nothing_and_its_buffers_are_not_empty() {
-    let painted = Painter::default().paint(TexturesDelta::default(), &[], 1.0, &whole_view());
+    let painted = Painter::default().paint(TexturesDelta::default(), vec![], 1.0, &whole_view());
     assert_eq!(words(&painted.draw), [0, 1, 0, 0]);
     let mut given = BTreeMap::new();
     painted.give(&mut given);
@@ -126,7 +126,7 @@ fn what_cannot_be_drawn_is_counted() {
         mesh.indices[1] = 4;
     }
     let fine = rectangle(rect, Color32::RED, rect, FONT);
-    let painted = painter().paint(TexturesDelta::default(), &[strange, broken, fine], 1.0, &whole_view());
+    let painted = painter().paint(TexturesDelta::default(), vec![strange, broken, fine], 1.0, &whole_view());
     assert_eq!((painted.left_out, words(&painted.draw)[0]), (2, 6));
 }
 
@@ -134,9 +134,9 @@ fn what_cannot_be_drawn_is_counted() {
 fn a_part_of_a_texture_lands_at_its_texels() {
     let mut painter = painter();
     let id = TextureId::Managed(3);
-    painter.paint(changes(vec![(id, whole([4, 3], 1))], &[]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![(id, whole([4, 3], 1))], &[]), vec![], 1.0, &whole_view());
     let part = ImageDelta::partial([1, 1], image([2, 2], 2), TextureOptions::NEAREST);
-    painter.paint(changes(vec![(id, part)], &[]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![(id, part)], &[]), vec![], 1.0, &whole_view());
     let found: Vec<(u8, u8)> = texels(&painter, id).iter().map(|t| (t[1], t[0])).collect();
     let expected = [
         [(1, 0), (1, 1), (1, 2), (1, 3)],
@@ -153,8 +153,8 @@ fn a_part_that_sticks_out_of_its_texture_changes_nothing() {
     let mut painter = painter();
     let before = texels(&painter, FONT);
     let part = |at| ImageDelta::partial(at, image([2, 1], 9), TextureOptions::LINEAR);
-    painter.paint(changes(vec![(FONT, part([1, 0])), (FONT, part([0, 2]))], &[]), &[], 1.0, &whole_view());
-    painter.paint(changes(vec![(TextureId::User(1), part([0, 0]))], &[]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![(FONT, part([1, 0])), (FONT, part([0, 2]))], &[]), vec![], 1.0, &whole_view());
+    painter.paint(changes(vec![(TextureId::User(1), part([0, 0]))], &[]), vec![], 1.0, &whole_view());
     assert_eq!(texels(&painter, FONT), before);
     assert_eq!(painter.textures.get(TextureId::User(1)), None);
 }
@@ -163,16 +163,21 @@ fn a_part_that_sticks_out_of_its_texture_changes_nothing() {
 fn the_room_of_textures_that_are_freed_is_used_again() {
     let mut painter = painter();
     let [a, b, c] = [1, 2, 3].map(TextureId::Managed);
-    painter.paint(changes(vec![(a, whole([8, 8], 1)), (b, whole([4, 4], 2))], &[]), &[], 1.0, &whole_view());
+    painter.paint(
+        changes(vec![(a, whole([8, 8], 1)), (b, whole([4, 4], 2))], &[]),
+        vec![],
+        1.0,
+        &whole_view(),
+    );
     let (room, length) = (painter.textures.get(a).unwrap().texels, painter.textures.texels().len());
-    painter.paint(changes(vec![], &[a]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![], &[a]), vec![], 1.0, &whole_view());
     assert_eq!(painter.textures.get(a), None);
-    painter.paint(changes(vec![(c, whole([7, 9], 3))], &[]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![(c, whole([7, 9], 3))], &[]), vec![], 1.0, &whole_view());
     assert_eq!(painter.textures.get(c).unwrap().texels, room);
     assert_eq!(painter.textures.texels().len(), length);
     assert_eq!((texels(&painter, c)[62], texels(&painter, b)[15]), ([62, 3, 0, 255], [15, 2, 0, 255]));
     // A texture that does not fit the gap is appended, without changes to its neighbours.
-    painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), &[], 1.0, &whole_view());
+    painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), vec![], 1.0, &whole_view());
     assert_eq!((texels(&painter, c)[80], texels(&painter, b)[15]), ([80, 4, 0, 255], [15, 2, 0, 255]));
     assert_eq!(painter.textures.get(c).unwrap().texels, 4 + 64 + 16);
 }
@@ -182,18 +187,18 @@ fn a_texture_that_goes_after_a_frame_is_still_drawn_in_it() {
     let mut painter = painter();
     let rect = Rect::from_min_size(Pos2::ZERO, vec2(1.0, 1.0));
     let id = TextureId::Managed(5);
-    let mesh = || [rectangle(rect, Color32::WHITE, rect, id)];
-    let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), &mesh(), 1.0, &whole_view());
+    let mesh = || vec![rectangle(rect, Color32::WHITE, rect, id)];
+    let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), mesh(), 1.0, &whole_view());
     assert_eq!(painted.left_out, 0);
     let clips: Vec<Clip> = read(&painted.clips);
     assert_eq!(painted.texels[4 * clips[0].texture.texels as usize + 1], 7);
-    assert_eq!(painter.paint(TexturesDelta::default(), &mesh(), 1.0, &whole_view()).left_out, 1);
+    assert_eq!(painter.paint(TexturesDelta::default(), mesh(), 1.0, &whole_view()).left_out, 1);
 }
 
 #[test]
 fn texels_are_handed_over_anew_only_when_they_changed() {
     let mut painter = painter();
-    let texels = |painter: &mut Painter, changes| painter.paint(changes, &[], 1.0, &whole_view()).texels;
+    let texels = |painter: &mut Painter, changes| painter.paint(changes, vec![], 1.0, &whole_view()).texels;
     let first = texels(&mut painter, TexturesDelta::default());
     let held = first.to_vec();
     assert!(Arc::ptr_eq(&first, &texels(&mut painter, TexturesDelta::default())));
@@ -274,7 +279,7 @@ fn an_interface_that_is_shown_is_not_packed_again_until_it_is_forgotten() {
     let mut painter = painter();
     let packed = |painter: &mut Painter, colour| {
         let mesh = rectangle(rect, colour, Rect::EVERYTHING, FONT);
-        words(&painter.paint(TexturesDelta::default(), &[mesh], 1.0, &under).draw)[0]
+        words(&painter.paint(TexturesDelta::default(), vec![mesh], 1.0, &under).draw)[0]
     };
     let both = 12;
     assert_eq!(packed(&mut painter, Color32::RED), both, "the background and the rectangle");
