@@ -49,3 +49,21 @@ fn a_scene_that_is_loaded_for_b_is_exchanged_with_its_graph() {
     assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_of(id).count()), [200, 99]);
     script.close(&[]);
 }
+
+#[test]
+fn a_pick_in_another_viewport_drops_the_splat_of_the_former_at_once() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    script.viewer().choose_compare(Mode::Split);
+    let second = script.path("second.ply");
+    script.viewer().open_scene_in(RendererId::B, &second);
+    script.settle();
+    let center = [160.5, 90.5];
+    script.viewer().pick(RendererId::A, center);
+    script.until("A's splats", |script| script.viewer().picked.is_some());
+    script.viewer().pick(RendererId::B, center);
+    assert!(script.viewer().picked.is_none(), "an index into A's scene is not one into B's");
+    script.until("B's splats", |script| script.viewer().picked.is_some());
+    assert_eq!(script.viewer().picked_in(), RendererId::B);
+    script.close(&[]);
+}

@@ -93,8 +93,9 @@ pub struct Viewer<D: Device> {
     /// Folder for files that are named automatically.
     pub folder: PathBuf,
     /// Result of the last completed [`Viewer::pick`], without splats for a pixel of the background. `None` before the
-    /// first result, after a pick outside the picture, and after [`Viewer::forget_picked`].
+    /// viewport's first result, after a pick outside the picture, and after [`Viewer::forget_picked`].
     pub picked: Option<Picked>,
+    /// Viewport of `picked` and of the search.
     picked_in: RendererId,
     picker: Latest<Picked>,
     /// Marks to apply to the scenes that are being loaded for A and B.
@@ -351,13 +352,17 @@ impl<D: Device> Viewer<D> {
     /// Searches on another thread for the splats at a pixel of a viewport's picture.
     ///
     /// `at` is in picture pixels, from the top left; a position outside the picture picks nothing. A later frame stores
-    /// the result in [`Viewer::picked`]. The newest request replaces all earlier ones. The rules are those of
-    /// [`crate::draw::pick`], whatever the graph.
+    /// the result in [`Viewer::picked`]. The newest request replaces all earlier ones, and the result of another
+    /// viewport. The rules are those of [`crate::draw::pick`], whatever the graph.
     pub fn pick(&mut self, id: RendererId, at: [f32; 2]) {
         let (width, height) = self.asked;
         let inside = (0.0..width as f32).contains(&at[0]) && (0.0..height as f32).contains(&at[1]);
+        // Indices of another viewport's splats may be of another scene.
+        if !inside || self.picked_in != id {
+            self.forget_picked();
+        }
         if !inside {
-            return self.forget_picked();
+            return;
         }
         let pixel = at.map(|v| v as u32);
         let (subject, camera) = (self.subject_of(id), self.picture_camera_of(id));
