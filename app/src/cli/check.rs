@@ -346,10 +346,7 @@ fn is_same(a: &Plan, b: &Plan) -> bool {
 }
 
 fn nominal(splats: u64) -> (Catalog, SceneFacts) {
-    let mut catalog = options::nominal_catalog();
-    for attribute in catalog.attributes.values_mut() {
-        attribute.count = splats;
-    }
+    let catalog = facts::with_count(options::nominal_catalog(), splats);
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 

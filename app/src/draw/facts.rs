@@ -155,7 +155,25 @@ pub fn apple_device() -> DeviceFacts {
 
 /// Lists the imports of a graph that draws `scene`.
 pub fn catalog(scene: &Scene) -> Catalog {
-    catalog_of(scene, scene.count().into())
+    let attributes = ATTRIBUTES.iter().chain(&MESH_ATTRIBUTES).filter_map(|name| {
+        let info = scene.attribute(name)?;
+        Some((name.to_string(), Attribute { stride: info.stride, count: info.count, planes: info.planes }))
+    });
+    Catalog {
+        attributes: attributes.collect(),
+        uniforms: [(CAMERA.to_owned(), CAMERA_BYTES)].into(),
+        ..Catalog::default()
+    }
+}
+
+/// Sets the number of splats. The attributes of a mesh keep their counts.
+pub fn with_count(mut catalog: Catalog, splats: u64) -> Catalog {
+    for name in ATTRIBUTES {
+        if let Some(attribute) = catalog.attributes.get_mut(name) {
+            attribute.count = splats;
+        }
+    }
+    catalog
 }
 
 /// Lists the imports of a graph that draws the nominal scene.
@@ -169,23 +187,7 @@ pub fn nominal_catalog() -> Catalog {
     };
     // Strides depend only on the degree.
     let scene = Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat);
-    catalog_of(&scene, SceneFacts::NOMINAL.count)
-}
-
-fn catalog_of(scene: &Scene, count: u64) -> Catalog {
-    let of_splats = ATTRIBUTES.iter().filter_map(|name| {
-        let info = scene.attribute(name)?;
-        Some((name.to_string(), Attribute { stride: info.stride, count, planes: info.planes }))
-    });
-    let of_mesh = MESH_ATTRIBUTES.iter().filter_map(|name| {
-        let info = scene.attribute(name)?;
-        Some((name.to_string(), Attribute { stride: info.stride, count: info.count, planes: info.planes }))
-    });
-    Catalog {
-        attributes: of_splats.chain(of_mesh).collect(),
-        uniforms: [(CAMERA.to_owned(), CAMERA_BYTES)].into(),
-        ..Catalog::default()
-    }
+    with_count(catalog(&scene), SceneFacts::NOMINAL.count)
 }
 
 #[cfg(test)]

@@ -192,10 +192,7 @@ fn build(
     count: u64,
 ) -> Result<Plan, GraphErrors> {
     let scene = facts::SceneFacts { count, ..wanted.scene };
-    let mut catalog = wanted.catalog.clone();
-    for attribute in catalog.attributes.values_mut() {
-        attribute.count = count;
-    }
+    let catalog = facts::with_count(wanted.catalog.clone(), count);
     planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
 }
 
@@ -339,6 +336,7 @@ mod tests {
     use super::*;
     use crate::draw::builtin;
     use crate::draw::facts::SceneFacts;
+    use splatgraph_assets::synth;
 
     fn fit_of(graph: &str, count: u64, device: &Target) -> (Plan, Fit) {
         let catalog = facts::nominal_catalog();
@@ -368,6 +366,20 @@ mod tests {
         let most = fit.most_splats.unwrap();
         assert!((4_000_000..4_194_305).contains(&most), "1.4 M with harmonics in half floats, found {most}");
         assert!(fit_of("tiled", most, &Target::nominal()).1.fits);
+    }
+
+    #[test]
+    fn the_buffers_of_a_mesh_have_its_own_size() {
+        let scene = synth::generate("uniform", 500, 0).unwrap().with_mesh(Some(synth::mesh().into()));
+        let (of_scene, catalog) = (SceneFacts::of(&scene), facts::catalog(&scene));
+        let size = facts::DEFAULT_SIZE;
+        let wanted = Wanted { graph: "mesh", set: &[], scene: of_scene, catalog: &catalog, size };
+        let mut planner = Planner::default();
+        let (plan, _) = fit(&mut planner, &wanted, &Target::nominal(), None).unwrap();
+        let facts = facts::facts(&of_scene, &Target::nominal().facts, size);
+        let drawn = planner.plan("mesh", &[], &facts, &catalog).unwrap();
+        assert!(drawn.resources.iter().any(|r| r.name.contains("mesh")));
+        assert_eq!(plan.resources, drawn.resources);
     }
 
     #[test]
