@@ -129,6 +129,14 @@ fn a_scene_after_json_is_the_scene_and_not_the_file_to_write() {
 }
 
 #[test]
+fn a_window_on_the_demo_scene_does_not_overwrite_it() {
+    let place = Place::shipped();
+    // With such a folder, the place is a checkout.
+    place.write("assets/splats/demo.ply", "ply");
+    refused(&place, "view --events assets/splats/demo.ply", "--events would overwrite the demo scene");
+}
+
+#[test]
 fn a_dump_does_not_overwrite_a_shader_of_its_graph() {
     let line = "dump pipelines/splat.ron -o shaders/camera.glsl";
     refused(&Place::shipped(), line, "overwrite a file of the graph");

@@ -22,22 +22,21 @@ pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camer
         return Ok(Some(parse(spec)?));
     }
     let Some(file) = beside(spec, scene) else { return Ok(None) };
+    let Some(mut all) = load_beside(&file) else { return Ok(None) };
     let file_name = file.display();
-    match parse(&file.to_string_lossy()) {
-        Ok(mut all) => {
-            let others = match all.len() {
-                1 => String::new(),
-                count => format!(" of {count}; --cameras {file_name} takes all"),
-            };
-            say(format!("the camera is the first of {file_name}{others}"));
-            all.truncate(1);
-            Ok(Some(all))
-        }
-        Err(error) => {
-            say(format!("the cameras beside the scene are not used: {error}"));
-            Ok(None)
-        }
-    }
+    let others = match all.len() {
+        1 => String::new(),
+        count => format!(" of {count}; --cameras {file_name} takes all"),
+    };
+    say(format!("the camera is the first of {file_name}{others}"));
+    all.truncate(1);
+    Ok(Some(all))
+}
+
+/// Loads all cameras of a file beside the scene. Tells the user and returns `None` if they are not usable.
+pub fn load_beside(file: &Path) -> Option<Vec<Camera>> {
+    let told = |error: &CameraError| say(format!("the cameras beside the scene are not used: {error}"));
+    parse(&file.to_string_lossy()).inspect_err(told).ok()
 }
 
 /// Registers the camera file as an input, so that no output can overwrite it.

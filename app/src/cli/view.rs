@@ -11,7 +11,7 @@ use crate::draw::planner::Planner;
 use crate::draw::storage::Choice;
 use crate::io::image::Format;
 use crate::io::load::LoadOptions;
-use crate::io::output::{Log, OutputGuard, is_standard_output, say};
+use crate::io::output::{Log, is_standard_output, say};
 use crate::view::events::RendererId;
 use crate::view::kept;
 use crate::view::paint::Mode;
@@ -210,16 +210,7 @@ enum ShowPanel {
 }
 
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
-    let mut guard = OutputGuard::default();
-    if let Some(path) = &args.scene {
-        guard.scene("the scene", path)?;
-        if let Some(cameras) = camera::beside(path) {
-            guard.input("the cameras", &cameras)?;
-        }
-    }
-    if let Some(path) = &args.drawing.cameras {
-        cameras::claim_file(&mut guard, path)?;
-    }
+    let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     for graph in [Some(&args.drawing.pipeline), args.compare.as_ref()].into_iter().flatten() {
         guard.input("the graph", Path::new(graph))?;
     }
@@ -301,12 +292,9 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
 
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
     let (scene, path, own) = options::scene_or_demo(&options::NEVER, args.scene.as_deref(), &args.load)?;
-    let cameras = match (given, own, camera::beside(&path)) {
-        (Some(cameras), ..) => options::in_scene(&cameras, &scene),
-        (None, Some(own), _) => vec![own],
-        (None, None, Some(file)) => options::in_scene(&Camera::load(&file)?, &scene),
-        (None, None, None) => Vec::new(),
-    };
+    let beside = || camera::beside(&path).and_then(|file| cameras::load_beside(&file));
+    let cameras = given.or(own.map(|own| vec![own])).or_else(beside).unwrap_or_default();
+    let cameras = options::in_scene(&cameras, &scene);
     Ok(((scene, path), cameras))
 }
 
@@ -419,5 +407,31 @@ impl InitialState {
             viewer.a.look_at(&resource, &pass);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn all_cameras_beside_the_scene_are_opened_and_a_file_without_cameras_is_no_error() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            args: Args,
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let (scene, beside) = (folder.path().join("a.ply"), folder.path().join("cameras.json"));
+        synth::generate("uniform", 10, 0).unwrap().write_ply(&scene).unwrap();
+        let Line { args } = clap::Parser::parse_from(["view".as_ref(), scene.as_os_str()]);
+        let cameras = || scene_and_cameras(&args, None).expect("the scene opens").1;
+        assert_eq!(cameras(), []);
+        let saved = synth::demo_cameras();
+        Camera::save(&saved, &beside).unwrap();
+        assert_eq!(cameras(), saved);
+        std::fs::write(&beside, "{}").unwrap();
+        assert_eq!(cameras(), []);
     }
 }
