@@ -27,7 +27,7 @@ pub struct Written {
 
 /// Writer that runs on another thread. Dropping it waits for the file.
 pub struct Exporter {
-    work: Latest<Result<Written, String>>,
+    work: Latest<Written>,
     path: PathBuf,
     /// Progress of the write, in percent; 0 if unknown.
     percent: Arc<AtomicU64>,
@@ -98,16 +98,7 @@ impl Exporter {
 
     /// Takes the result of the finished write; `None` while it runs, or if none was started.
     pub fn take(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
-        if !self.busy() {
-            return None;
-        }
-        let result = match self.work.take() {
-            Some(result) => result,
-            None if self.busy() => return None,
-            // A thread that panicked leaves no result.
-            None => Err("internal error: the file was not written".to_owned()),
-        };
-        Some((self.path.clone(), result))
+        Some((self.path.clone(), self.work.take()?))
     }
 }
 

@@ -1,16 +1,18 @@
 //! Runs work on another thread. A new request cancels the previous one.
 //!
 //! Two requests of one worker never run at once: two copies of a scene may not fit in memory. A request cancelled while
-//! it waits for its turn is skipped.
+//! it waits for its turn is skipped. A panic of the work is its error.
 
 use super::renderer::Wake;
+use splatgraph_framework::reload::panic_message;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A request in progress. Dropping it cancels the work.
 struct Request<T> {
-    result: Receiver<T>,
+    result: Receiver<Result<T, String>>,
     cancelled: Arc<AtomicBool>,
 }
 
@@ -43,16 +45,22 @@ impl<T: Send + 'static> Latest<T> {
     /// The system cannot start a thread. The previous request then continues.
     pub fn start(
         &mut self,
-        work: impl FnOnce(&(dyn Fn() -> bool + Sync)) -> Option<T> + Send + 'static,
+        work: impl FnOnce(&(dyn Fn() -> bool + Sync)) -> Option<Result<T, String>> + Send + 'static,
     ) -> Result<(), String> {
         let (done, result) = channel();
         let request = Request { result, cancelled: Arc::default() };
         let (cancelled, turn, wake) = (request.cancelled.clone(), self.turn.clone(), self.wake.clone());
         let work = move || {
-            // The mutex guards no data, so a panic in earlier work leaves nothing inconsistent.
+            // The mutex guards no data, so a panic of `wake` leaves nothing inconsistent.
             let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
             let is_cancelled = || cancelled.load(Ordering::Relaxed);
-            let result = if is_cancelled() { None } else { work(&is_cancelled) };
+            if is_cancelled() {
+                return;
+            }
+            // A panic is a bug, but must not leave the caller without an answer.
+            let result = catch_unwind(AssertUnwindSafe(|| work(&is_cancelled)));
+            let result = result
+                .unwrap_or_else(|payload| Some(Err(format!("internal error: {}", panic_message(payload)))));
             // If the request was cancelled just now, its receiver is gone and the send fails.
             if result.is_some_and(|result| done.send(result).is_ok()) {
                 wake();
@@ -76,7 +84,9 @@ impl<T: Send + 'static> Latest<T> {
     }
 
     /// Takes the result of the newest request; `None` without a request, while it runs, or if it has no result.
-    pub fn take(&mut self) -> Option<T> {
+    ///
+    /// The error is that of the work, or its panic.
+    pub fn take(&mut self) -> Option<Result<T, String>> {
         let result = self.request.as_ref()?.result.try_recv();
         if !matches!(result, Err(TryRecvError::Empty)) {
             self.request = None;
@@ -85,7 +95,7 @@ impl<T: Send + 'static> Latest<T> {
     }
 
     /// Waits for the result of the newest request; `None` without a request, or if it has no result.
-    pub fn wait(&mut self) -> Option<T> {
+    pub fn wait(&mut self) -> Option<Result<T, String>> {
         self.request.take()?.result.recv().ok()
     }
 }
@@ -105,10 +115,10 @@ mod tests {
     fn a_result_wakes_the_window_and_is_taken_once() {
         let (mut worker, wakes) = worker();
         assert_eq!((worker.busy(), worker.take()), (false, None));
-        worker.start(|_| Some(7)).unwrap();
+        worker.start(|_| Some(Ok(7))).unwrap();
         assert!(worker.busy());
         wakes.recv_timeout(Duration::from_secs(60)).expect("a call of wake");
-        assert_eq!(worker.take(), Some(7));
+        assert_eq!(worker.take(), Some(Ok(7)));
         assert_eq!((worker.busy(), worker.take()), (false, None));
     }
 
@@ -116,15 +126,18 @@ mod tests {
     fn of_many_requests_only_the_newest_is_answered() {
         let (mut worker, wakes) = worker();
         let (ends, end) = channel();
+        let running = Arc::new(AtomicBool::new(false));
         for number in 0..30 {
-            let ends = ends.clone();
+            let (ends, running) = (ends.clone(), running.clone());
             let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
+                assert!(!running.swap(true, Ordering::SeqCst), "two requests run at once");
                 // All requests but the last run until the next one cancels them.
                 while number < 29 && !cancelled() {
                     std::thread::sleep(Duration::from_millis(1));
                 }
+                running.store(false, Ordering::SeqCst);
                 ends.send(()).unwrap();
-                Some(number)
+                Some(Ok(number))
             };
             worker.start(work).unwrap();
         }
@@ -141,8 +154,8 @@ mod tests {
                 break result;
             }
         };
-        assert_eq!(result, 29);
-        worker.start(|_| Some(1)).unwrap();
+        assert_eq!(result, Ok(29));
+        worker.start(|_| Some(Ok(1))).unwrap();
         worker.cancel();
         assert_eq!((worker.busy(), worker.take()), (false, None));
     }
@@ -155,5 +168,17 @@ mod tests {
             assert_eq!(worker.take(), None);
             std::thread::sleep(Duration::from_millis(1));
         }
+    }
+
+    #[test]
+    fn a_panic_is_the_result_of_its_request_and_the_next_one_runs() {
+        let (mut worker, wakes) = worker();
+        let mut result_of = |work: fn() -> u32| {
+            worker.start(move |_| Some(Ok(work()))).unwrap();
+            wakes.recv_timeout(Duration::from_secs(60)).expect("a call of wake");
+            worker.take()
+        };
+        assert_eq!(result_of(|| panic!("out of luck")), Some(Err("internal error: out of luck".to_owned())));
+        assert_eq!(result_of(|| 5), Some(Ok(5)));
     }
 }

@@ -1,28 +1,23 @@
 //! Reads scenes and cameras on other threads.
 //!
 //! A request cancels the previous one of its kind, so that a slow file never replaces one that was opened later. A
-//! cancelled load of a scene ends at its next report of progress.
+//! cancelled load of a scene ends at its next report of progress; only then does the next one begin.
 
 use super::events::RendererId;
+use super::latest::Latest;
 use super::renderer::Wake;
 use crate::draw::camera;
 use crate::io::load::LoadOptions;
 use splatgraph_assets::{Camera, Scene};
-use std::any::Any;
 use std::ops::ControlFlow;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
 /// The result of reading a file.
 pub struct Opened {
     /// Path of the file.
     pub path: PathBuf,
-    /// Loading time, in milliseconds.
-    pub load_ms: f64,
     /// Sequence number of the request, from 1.
     pub number: u64,
     /// Content of the file, or the error of reading it.
@@ -31,11 +26,20 @@ pub struct Opened {
 
 /// The content of a file.
 pub enum Content {
-    /// A scene for a viewport; and the cameras beside it, with the path of their file. There are no cameras if none
-    /// were found, or if the scene could not be read.
-    Scene(RendererId, Result<Box<Scene>, String>, Option<(PathBuf, Result<Vec<Camera>, String>)>),
+    /// A scene for a viewport.
+    Scene(RendererId, Result<OpenedScene, String>),
     /// Cameras, in the world's coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),
+}
+
+/// A scene, with the cameras beside it.
+pub struct OpenedScene {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// Path of the cameras' file, with the cameras or the error of reading them; `None` if there is no such file.
+    pub cameras: Option<(PathBuf, Result<Vec<Camera>, String>)>,
+    /// Loading time, in milliseconds.
+    pub load_ms: f64,
 }
 
 /// Use of a file's cameras.
@@ -49,16 +53,34 @@ pub enum CameraRole {
     Path,
 }
 
-/// A file that is being read. Dropping it cancels the read.
-struct Request {
+/// Reader of one kind of content, with its newest request.
+struct Slot<T> {
+    reader: Latest<T>,
     number: u64,
     path: PathBuf,
-    cancelled: Arc<AtomicBool>,
 }
 
-impl Drop for Request {
-    fn drop(&mut self) {
-        self.cancelled.store(true, Ordering::Relaxed);
+impl<T: Send + 'static> Slot<T> {
+    fn new(wake: &Wake) -> Slot<T> {
+        Slot { reader: Latest::new("read", wake.clone()), number: 0, path: PathBuf::new() }
+    }
+
+    fn start(
+        &mut self,
+        number: u64,
+        path: &Path,
+        read: impl FnOnce(&Path, &(dyn Fn() -> bool + Sync)) -> Result<T, String> + Send + 'static,
+    ) -> Result<(), String> {
+        // The previous file must not appear after a later one was opened, even if the later one fails.
+        self.reader.cancel();
+        (self.number, self.path) = (number, path.to_owned());
+        let path = path.to_owned();
+        self.reader.start(move |is_cancelled| Some(read(&path, is_cancelled)))
+    }
+
+    fn take(&mut self, content: impl FnOnce(Result<T, String>) -> Content) -> Option<Opened> {
+        let content = content(self.reader.take()?);
+        Some(Opened { path: self.path.clone(), number: self.number, content })
     }
 }
 
@@ -66,41 +88,40 @@ impl Drop for Request {
 pub struct Opening {
     /// Options of loading scenes.
     pub load: LoadOptions,
-    next: u64,
-    /// Requests for the scenes of A and B.
-    scenes: [Option<Request>; 2],
-    /// Requests for cameras, by [`CameraRole`].
-    cameras: [Option<Request>; 3],
-    finished: (Sender<Opened>, Receiver<Opened>),
-    wake: Wake,
+    /// Number of the newest request.
+    newest: u64,
+    /// Scenes of A and B.
+    scenes: [Slot<OpenedScene>; 2],
+    /// Cameras, by [`CameraRole`].
+    cameras: [Slot<Vec<Camera>>; 3],
 }
 
 impl Opening {
     /// Creates a reader that calls `wake` whenever a file has been read or has failed.
-    pub fn new(wake: Wake) -> Opening {
+    pub fn new(wake: &Wake) -> Opening {
         Opening {
             load: LoadOptions::default(),
-            next: 1,
-            scenes: [const { None }; 2],
-            cameras: [const { None }; 3],
-            finished: channel(),
-            wake,
+            newest: 0,
+            scenes: std::array::from_fn(|_| Slot::new(wake)),
+            cameras: std::array::from_fn(|_| Slot::new(wake)),
         }
     }
 
     /// Returns the path of the scene that is being read for a viewport.
     pub fn scene(&self, id: RendererId) -> Option<&Path> {
-        self.scenes[index(id)].as_ref().map(|request| request.path.as_path())
+        let slot = &self.scenes[index(id)];
+        slot.reader.busy().then_some(&slot.path)
     }
 
     /// Returns true while a file is being read.
     pub fn busy(&self) -> bool {
-        self.scenes.iter().chain(&self.cameras).any(Option::is_some)
+        self.scenes.iter().any(|slot| slot.reader.busy())
+            || self.cameras.iter().any(|slot| slot.reader.busy())
     }
 
     /// Cancels reading of a viewport's scene.
     pub fn cancel_scene(&mut self, id: RendererId) {
-        self.scenes[index(id)] = None;
+        self.scenes[index(id)].reader.cancel();
     }
 
     /// Reads a scene for a viewport, and the cameras beside it, if any; cancels the viewport's previous request.
@@ -108,24 +129,19 @@ impl Opening {
     /// # Errors
     /// The system cannot start a thread.
     pub fn open_scene(&mut self, id: RendererId, path: &Path) -> Result<(), String> {
-        self.scenes[index(id)] = None;
-        let failed = move |error| Content::Scene(id, Err(error), None);
+        self.newest += 1;
         let load = self.load;
-        let request = self.start(path, failed, move |path, cancelled| {
-            let progress = |_, _| match cancelled.load(Ordering::Relaxed) {
-                true => ControlFlow::Break(()),
-                false => ControlFlow::Continue(()),
-            };
-            let scene = load.scene(path, &progress).map(Box::new).map_err(|error| error.to_string());
-            if let Ok(scene) = &scene {
-                // Computed here rather than on the frame's thread; the scene caches it.
-                scene.identity();
-            }
-            let cameras = scene.as_ref().ok().and_then(|_| camera::beside(path));
-            Content::Scene(id, scene, cameras.map(|file| (file.clone(), load_cameras(&file))))
-        })?;
-        self.scenes[index(id)] = Some(request);
-        Ok(())
+        self.scenes[index(id)].start(self.newest, path, move |path, is_cancelled| {
+            let begun = Instant::now();
+            let progress =
+                |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            let scene = load.scene(path, &progress).map_err(|error| error.to_string())?;
+            // Computed here rather than on the frame's thread; the scene caches it.
+            scene.identity();
+            let cameras = camera::beside(path).map(|file| (file.clone(), load_cameras(&file)));
+            let load_ms = begun.elapsed().as_secs_f64() * 1e3;
+            Ok(OpenedScene { scene: Arc::new(scene), cameras, load_ms })
+        })
     }
 
     /// Reads cameras; cancels the previous request for the same role.
@@ -133,80 +149,30 @@ impl Opening {
     /// # Errors
     /// The system cannot start a thread.
     pub fn open_cameras(&mut self, role: CameraRole, path: &Path) -> Result<(), String> {
-        self.cameras[role as usize] = None;
-        let read = move |path: &Path, _: &AtomicBool| Content::Cameras(role, load_cameras(path));
-        let failed = move |error| Content::Cameras(role, Err(error));
-        self.cameras[role as usize] = Some(self.start(path, failed, read)?);
-        Ok(())
+        self.newest += 1;
+        self.cameras[role as usize].start(self.newest, path, |path, _| load_cameras(path))
     }
 
-    /// Restarts the loads in progress for the opposite viewports, after A and B were exchanged.
-    ///
-    /// # Errors
-    /// The system cannot start a thread.
-    pub fn exchange_scenes(&mut self) -> Result<(), String> {
-        let paths = [RendererId::A, RendererId::B].map(|id| (id, self.scene(id).map(Path::to_owned)));
-        for (id, path) in paths {
-            let other = if id == RendererId::A { RendererId::B } else { RendererId::A };
-            match path {
-                Some(path) => self.open_scene(other, &path)?,
-                None => self.cancel_scene(other),
-            }
-        }
-        Ok(())
+    /// Continues the loads in progress for the opposite viewports, after A and B were exchanged.
+    pub fn exchange_scenes(&mut self) {
+        self.scenes.swap(0, 1);
     }
 
     /// Takes the next result; `None` if there is none. Results of cancelled requests are dropped.
     pub fn take(&mut self) -> Option<Opened> {
-        loop {
-            let opened = self.finished.1.try_recv().ok()?;
-            for request in self.scenes.iter_mut().chain(&mut self.cameras) {
-                if request.as_ref().is_some_and(|request| request.number == opened.number) {
-                    *request = None;
-                    return Some(opened);
-                }
-            }
-        }
-    }
-
-    /// Reads a file on another thread. If `read` panics, `failed` converts the panic's message to content.
-    fn start(
-        &mut self,
-        path: &Path,
-        failed: impl FnOnce(String) -> Content + Send + 'static,
-        read: impl FnOnce(&Path, &AtomicBool) -> Content + Send + 'static,
-    ) -> Result<Request, String> {
-        let (number, cancelled) = (self.next, Arc::new(AtomicBool::new(false)));
-        self.next += 1;
-        let request = Request { number, path: path.to_owned(), cancelled: cancelled.clone() };
-        let (path, done, wake) = (path.to_owned(), self.finished.0.clone(), self.wake.clone());
-        let work = move || {
-            let begun = Instant::now();
-            // A panic is a bug in the reader, but must not end the program.
-            let content = catch_unwind(AssertUnwindSafe(|| read(&path, &cancelled)));
-            if cancelled.load(Ordering::Relaxed) {
-                return;
-            }
-            let content =
-                content.unwrap_or_else(|payload| failed(format!("internal error: {}", message(&*payload))));
-            let load_ms = begun.elapsed().as_secs_f64() * 1e3;
-            // If the viewer was closed meanwhile, the receiver is gone and the send fails.
-            let _ = done.send(Opened { path, load_ms, number, content });
-            wake();
-        };
-        let thread = std::thread::Builder::new().name("open".to_owned()).spawn(work);
-        thread.map(|_| request).map_err(|error| format!("no thread can be started to read it: {error}"))
+        use CameraRole::{Path, Selectable, Views};
+        // Cameras first: those of a scene that was opened later replace them.
+        let mut cameras = [Selectable, Views, Path].into_iter().zip(&mut self.cameras);
+        let mut scenes = [RendererId::A, RendererId::B].into_iter().zip(&mut self.scenes);
+        cameras
+            .find_map(|(role, slot)| slot.take(|cameras| Content::Cameras(role, cameras)))
+            .or_else(|| scenes.find_map(|(id, slot)| slot.take(|scene| Content::Scene(id, scene))))
     }
 }
 
 /// Returns the index of a viewport's scene. The window has no scene, so it maps to A.
 pub(super) fn index(id: RendererId) -> usize {
     usize::from(id == RendererId::B)
-}
-
-fn message(payload: &(dyn Any + Send)) -> String {
-    let text = payload.downcast_ref::<String>().map(String::as_str);
-    text.or(payload.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message").to_owned()
 }
 
 fn load_cameras(path: &Path) -> Result<Vec<Camera>, String> {
@@ -240,13 +206,16 @@ mod tests {
         let (slow, fast) = (folder.path().join("slow.ply"), folder.path().join("fast.ply"));
         synth::generate("demo", 200_000, 0).unwrap().write_ply(&slow).unwrap();
         synth::generate("demo", 100, 0).unwrap().write_ply(&fast).unwrap();
-        let mut opening = Opening::new(Arc::new(|| {}));
+        let mut opening = Opening::new(&(Arc::new(|| {}) as Wake));
         opening.open_scene(RendererId::A, &slow).unwrap();
         opening.open_scene(RendererId::A, &fast).unwrap();
         assert_eq!(opening.scene(RendererId::A), Some(fast.as_path()));
         let opened = waited(&mut opening);
         assert_eq!(opened.path, fast);
-        assert!(matches!(opened.content, Content::Scene(_, Ok(scene), None) if scene.count() == 100));
+        let Content::Scene(_, Ok(OpenedScene { scene, cameras: None, .. })) = opened.content else {
+            panic!("{} is no scene without cameras", fast.display());
+        };
+        assert_eq!(scene.count(), 100);
         assert!(!opening.busy());
         // The slow scene does not arrive later either.
         std::thread::sleep(Duration::from_millis(300));
@@ -258,7 +227,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe.ply");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        let mut opening = Opening::new(Arc::new(|| {}));
+        let mut opening = Opening::new(&(Arc::new(|| {}) as Wake));
         for (path, expected) in [
             (folder.path().to_owned(), "folder"),
             (pipe, "FIFO"),
@@ -266,7 +235,7 @@ mod tests {
             (folder.path().join("nothing.ply"), "No such file"),
         ] {
             opening.open_scene(RendererId::A, &path).unwrap();
-            let Content::Scene(_, Err(error), None) = waited(&mut opening).content else {
+            let Content::Scene(_, Err(error)) = waited(&mut opening).content else {
                 panic!("{} is a scene", path.display());
             };
             assert!(error.contains(expected), "{error}");

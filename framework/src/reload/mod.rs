@@ -21,5 +21,5 @@ pub mod watch;
 
 pub use crate::source::{Content, Wanted};
 pub use last_good::{Attempt, LastGood};
-pub use rebuild::{Panicked, Rebuilder};
+pub use rebuild::{Panicked, Rebuilder, panic_message};
 pub use watch::{FileChange, WatchError, WatchKind, Watcher};

@@ -150,7 +150,7 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
         let output = output.map_err(|payload| {
             // A second panic, in the drop, must not end the thread.
             let _ = catch_unwind(AssertUnwindSafe(|| build = None));
-            Panicked { message: message(payload) }
+            Panicked { message: panic_message(payload) }
         });
         let mut state = shared.state();
         state.building = None;
@@ -160,7 +160,8 @@ fn work<Job, Output, Build: FnMut(Job) -> Output>(
     }
 }
 
-fn message(payload: Box<dyn Any + Send>) -> String {
+/// Returns the message of a panic that [`catch_unwind`] caught.
+pub fn panic_message(payload: Box<dyn Any + Send>) -> String {
     match payload.downcast::<String>() {
         Ok(text) => *text,
         Err(payload) => {

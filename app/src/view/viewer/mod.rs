@@ -167,7 +167,7 @@ impl<D: Device> Viewer<D> {
             to_host: false,
             rests: false,
             asked: (0, 0),
-            opening: Opening::new(wake.clone()),
+            opening: Opening::new(&wake),
             placed,
             cameras_number: 0,
             comparing: Comparing::new(wake.clone()),
@@ -369,7 +369,7 @@ impl<D: Device> Viewer<D> {
         let (scene, hidden) = (subject.whole.clone(), subject.marks().hidden.clone());
         self.picked_in = id;
         let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
-            pick(&Masked { scene: &scene, hidden: &hidden }, &camera, pixel, cancelled)
+            pick(&Masked { scene: &scene, hidden: &hidden }, &camera, pixel, cancelled).map(Ok)
         };
         if let Err(error) = self.picker.start(work) {
             self.events.push(Event::Problem { text: error });
@@ -402,8 +402,10 @@ impl<D: Device> Viewer<D> {
             self.take(opened);
         }
         self.take_comparison();
-        if let Some(picked) = self.picker.take() {
-            self.picked = Some(picked);
+        match self.picker.take() {
+            None => {}
+            Some(Ok(picked)) => self.picked = Some(picked),
+            Some(Err(text)) => self.events.push(Event::Problem { text }),
         }
         self.take_splats();
         let now = Instant::now();

@@ -55,7 +55,7 @@ pub(super) enum Step {
 
 pub(super) struct Comparing {
     pub step: Step,
-    pub worker: Latest<Result<Comparison, String>>,
+    pub worker: Latest<Comparison>,
     pub newest: Option<(Comparison, Compared)>,
     /// Inputs of the comparison in progress.
     pub of: Option<Compared>,

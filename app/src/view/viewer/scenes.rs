@@ -10,7 +10,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Navigation;
-use crate::view::opening::{self, CameraRole, Content, Opened};
+use crate::view::opening::{self, CameraRole, Content, Opened, OpenedScene};
 use glam::DVec3;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, names_scenes};
@@ -114,9 +114,7 @@ impl<D: Device> Viewer<D> {
             self.other = Some(former);
             self.placed.exchange();
             self.restored.swap(0, 1);
-            if let Err(error) = self.opening.exchange_scenes() {
-                self.events.push(Event::Problem { text: error });
-            }
+            self.opening.exchange_scenes();
             self.forget_picked();
         }
     }
@@ -143,9 +141,9 @@ impl<D: Device> Viewer<D> {
     }
 
     pub(super) fn take(&mut self, opened: Opened) {
-        let Opened { path, load_ms, number, content } = opened;
+        let Opened { path, number, content } = opened;
         match content {
-            Content::Scene(id, Ok(scene), cameras) => {
+            Content::Scene(id, Ok(OpenedScene { scene, cameras, load_ms })) => {
                 let splats = scene.count();
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
                 let mut subject = Subject::new(scene, path, self.wake.clone());
@@ -169,7 +167,7 @@ impl<D: Device> Viewer<D> {
                     }
                 }
             }
-            Content::Scene(_, Err(error), _) => self.events.push(Event::SceneFailed { path, error }),
+            Content::Scene(_, Err(error)) => self.events.push(Event::SceneFailed { path, error }),
             Content::Cameras(role, cameras) => {
                 if role == CameraRole::Selectable {
                     self.cameras_number = number;

@@ -73,7 +73,7 @@ impl<D: Device> Viewer<D> {
         let (scene, hidden) = (subject.whole.clone(), subject.marks().hidden.clone());
         let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
             let masked = Masked { scene: &scene, hidden: &hidden };
-            Some((combine, select(&masked, &camera, &region, reach, cancelled)?))
+            Some(Ok((combine, select(&masked, &camera, &region, reach, cancelled)?)))
         };
         if let Err(text) = self.subject_mut(id).finder.start(work) {
             self.events.push(Event::Problem { text });
@@ -163,18 +163,22 @@ impl<D: Device> Viewer<D> {
     pub(super) fn take_splats(&mut self) {
         for id in [RendererId::A, RendererId::B] {
             let subject = self.subject_mut(id);
-            if let Some((combine, found)) = subject.finder.take() {
-                let Marks { selected, hidden } = subject.marks().clone();
-                let found = found.without(&hidden);
-                let selected = match combine {
-                    Combine::Replace => found,
-                    Combine::Add => selected.with(&found),
-                    Combine::Remove => selected.without(&found),
-                };
-                self.set_marks(id, Marks { selected: Arc::new(selected), hidden });
+            match subject.finder.take() {
+                None => {}
+                Some(Ok((combine, found))) => {
+                    let Marks { selected, hidden } = subject.marks().clone();
+                    let found = found.without(&hidden);
+                    let selected = match combine {
+                        Combine::Replace => found,
+                        Combine::Add => selected.with(&found),
+                        Combine::Remove => selected.without(&found),
+                    };
+                    self.set_marks(id, Marks { selected: Arc::new(selected), hidden });
+                }
+                Some(Err(text)) => self.events.push(Event::Problem { text }),
             }
-            if let Err(error) = self.subject_mut(id).take_drawn() {
-                self.events.push(Event::Problem { text: error.to_string() });
+            if let Err(text) = self.subject_mut(id).take_drawn() {
+                self.events.push(Event::Problem { text });
                 self.tell_marks(id);
             }
             self.search(id);

@@ -125,7 +125,7 @@ pub(super) struct Subject {
     pub path: PathBuf,
     /// The requested marks; `scene` shows them once it is made.
     marks: Marks,
-    maker: Latest<Result<MarkedScene, SceneMemoryError>>,
+    maker: Latest<MarkedScene>,
     /// The running search for splats in a region.
     pub finder: Latest<(Combine, SplatSet)>,
     /// Queued searches, oldest first.
@@ -199,7 +199,8 @@ impl Subject {
         } else {
             let (whole, of) = (self.whole.clone(), marks.clone());
             self.maker.start(move |_| {
-                Some(marked(&whole, &of).map(|scene| {
+                let marked = marked(&whole, &of).map_err(|error| error.to_string());
+                Some(marked.map(|scene| {
                     // Computed here rather than on the frame's thread; the scene caches it.
                     scene.identity();
                     MarkedScene::of(Arc::new(scene))
@@ -211,7 +212,7 @@ impl Subject {
     }
 
     /// Takes the marked scene once it is made. If it did not fit in memory, all splats are shown, and none is selected.
-    pub fn take_drawn(&mut self) -> Result<(), SceneMemoryError> {
+    pub fn take_drawn(&mut self) -> Result<(), String> {
         match self.maker.take() {
             None => {}
             Some(Ok(drawn)) => self.show(drawn),
