@@ -18,6 +18,7 @@ use serde_json::{Map, Value as Json, json};
 use splatgraph_api::Device;
 use splatgraph_framework::source::Content;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -127,7 +128,7 @@ impl Manifest {
     /// Writes the description into a folder, or checks that the folder has an equal one.
     ///
     /// # Errors
-    /// The folder has results of another request or without a description, or the file cannot be written.
+    /// The folder has results of another request or without a description, or the file cannot be read or written.
     fn claim(&self, folder: &Path) -> Result<()> {
         let path = folder.join(MANIFEST);
         let text = format!("{:#}\n", serde_json::to_value(self)?);
@@ -142,7 +143,8 @@ impl Manifest {
                     changes.join(" and ")
                 );
             }
-            Err(_) => {}
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(error).with_context(|| path.display().to_string()),
         }
         if let Some(file) =
             self.files.iter().flatten().map(|file| folder.join(file)).find(|file| file.exists())
@@ -426,5 +428,16 @@ mod tests {
         fs::remove_file(folder.path().join(MANIFEST)).unwrap();
         let error = job(&[3]).run(&[0]).unwrap_err().to_string();
         assert!(error.starts_with("expected an empty folder") && error.ends_with("0.json"), "{error}");
+    }
+
+    #[test]
+    fn a_description_that_cannot_be_read_is_an_error_and_does_not_count_as_absent() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join(MANIFEST)).unwrap();
+        let views = vec!["0".to_owned()];
+        let mut job = Job::new(Box::new(Some(folder.path().into(), views, &[], Cell::default())));
+        let error = job.run(&[0]).unwrap_err();
+        assert!(error.root_cause().is::<std::io::Error>(), "{error:#}");
+        assert!(error.to_string().ends_with(MANIFEST), "{error:#}");
     }
 }
