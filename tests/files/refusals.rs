@@ -137,9 +137,33 @@ fn a_window_on_the_demo_scene_does_not_overwrite_it() {
 }
 
 #[test]
-fn a_dump_does_not_overwrite_a_shader_of_its_graph() {
-    let line = "dump pipelines/splat.ron -o shaders/camera.glsl";
-    refused(&Place::shipped(), line, "overwrite a file of the graph");
+fn no_command_overwrites_a_shader_of_its_graph() {
+    let place = Place::shipped();
+    place.write("scene.ply", Place::new().bytes("scene.ply"));
+    place.done("synth --photograph scene.ply --dataset views --views 1 --size 32x18");
+    let stem = place.files("views/images").into_keys().next().expect("a photograph");
+    let stem = stem.trim_start_matches("views/images/").split('.').next().unwrap_or_default().to_owned();
+    let shader = "shaders/camera.glsl";
+    for output in ["ledger/ledger.csv", "sweep/sweep.csv", &format!("scores/renders/{stem}.png")] {
+        place.write(output, "");
+        fs::remove_file(place.at(output)).expect("removed");
+        fs::hard_link(place.at(shader), place.at(output)).expect("made");
+    }
+    let before = place.files(".");
+    for args in [
+        "dump pipelines/splat.ron -o shaders/camera.glsl",
+        "bench scene.ply --pipelines pipelines/splat.ron --sizes 32x18 --json=shaders/camera.glsl",
+        "advise scene.ply -p pipelines/splat.ron --size 32x18 --psnr 30 --json=shaders/camera.glsl",
+        "trade scene.ply -p pipelines/splat.ron --size 32x18",
+        "sweep scene.ply -p pipelines/splat.ron --size 32x18 --shard 0/1",
+        "evaluate scene.ply -c views -p pipelines/splat.ron -o scores",
+    ] {
+        let output = place.run(args);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(errors.contains("would overwrite a file of the graph"), "{args:?}: {errors}");
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {errors}");
+        assert!(place.files(".") == before, "{args:?} changes files");
+    }
 }
 
 #[test]

@@ -3,18 +3,18 @@
 use super::cameras;
 use super::console::Console;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
-use super::outcome::{Outcome, Usage};
+use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
 use crate::draw::{fit, planner};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::shell_word;
+use crate::io::output::{OutputGuard, shell_word};
 use crate::studies::advise::harmonics::Band;
 use crate::studies::advise::search::{Best, Budget, Tried};
 use crate::studies::advise::{Advice, Description, Wanted, describe, study};
 use crate::studies::measurement::noise::MIN_SAVING;
 use crate::studies::measurement::settings::EXACT;
-use crate::studies::study::Subject;
+use crate::studies::study::{Setting, Subject};
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     let stems =
         names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES);
-    claim_files(args)?;
+    let mut guard = guard(args)?;
     let sampled = args.cameras.is_none();
     let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);
     let (scene, mut cameras) =
@@ -110,6 +110,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
             fit::check_header(path, &args.load, device.info(), &args.pipeline, &args.set)?;
         }
         let subject = Subject { device: &device, name, scene: scene.into(), cameras };
+        let setting = Setting::of_graph(&args.pipeline, &args.set);
+        claim_graph_files(&mut guard, &subject.check(&[setting])?)?;
         let (pipeline, set) = (args.pipeline.clone(), args.set.clone());
         let wanted = Wanted { pipeline, set, budget, frames: args.effort.frames() };
         let advice = study(&subject, keys, &wanted, &mut Console::default())?;
@@ -134,13 +136,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
+pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;
     if let Some(path) = &args.json {
         guard.output("--json", path)?;
     }
-    Ok(())
+    Ok(guard)
 }
 
 /// Returns the depth mapping that needs the fewest key bits, the first of equals; `None` if none is sufficient.

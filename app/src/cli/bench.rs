@@ -3,7 +3,7 @@
 use super::cameras;
 use super::console::Console;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
-use super::outcome::{Outcome, Usage};
+use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{Planner, without_effect};
@@ -93,7 +93,7 @@ const CSV: &str = "bench.csv";
 const SORT_PLOT: &str = "sort";
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let work = prepare(args)?;
+    let mut work = prepare(args)?;
     let csv = args.output.iter().map(|folder| folder.join(CSV));
     csv.chain(args.json.clone()).try_for_each(|file| output::file::check(&file))?;
     let device = args.device.open()?;
@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let copy = copy_limit(&device, frames, &mut Console::default())?;
     let origin = Origin::new(device.info(), copy, frames, &args.set);
     let measured = match args.suite {
-        Suite::Frames => measure_frames(args, &device, origin, &work)?,
+        Suite::Frames => measure_frames(args, &device, origin, &mut work)?,
         Suite::Sort => measure_sorts(args, &device, origin)?,
     };
     let outcome = super::outcome::validated(args.device.validate, &device.close());
@@ -112,11 +112,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// Measures frames and writes the results. Returns false if no graph could be drawn.
-fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) -> Result<bool> {
+fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &mut Work) -> Result<bool> {
     let mut report = Report { origin, scenes: Vec::new(), rows: Vec::new() };
     for (index, given) in work.cameras.iter().enumerate() {
         let path = args.scenes.get(index).map(PathBuf::as_path);
-        measure_scene(args, device, (path, given.clone()), &mut report)?;
+        measure_scene(args, device, &mut work.guard, (path, given.clone()), &mut report)?;
     }
     show(args, &table::tables(&report))?;
     write_json(args, &report, true)?;
@@ -211,15 +211,18 @@ fn show(args: &Args, text: &str) -> Result<()> {
 fn measure_scene(
     args: &Args,
     device: &Backend,
+    guard: &mut OutputGuard,
     (path, given): (Option<&Path>, Option<Vec<Camera>>),
     report: &mut Report,
 ) -> Result<()> {
     let stems = names::unique(&options::camera_names(path, given.as_deref()), MAX_NAME_BYTES);
     let (scene, cameras) = options::scene_and_cameras(path, &args.load, given, &stems, None)?;
     let name = path.map_or_else(|| "demo".into(), |path| path.display().to_string());
-    let candidates = args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
-    let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };
+    let candidates: Vec<_> =
+        args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
     let subject = Subject { device, name, scene: scene.into(), cameras };
+    claim_graph_files(guard, &subject.files(&candidates)?)?;
+    let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };
     // An interrupted run keeps its results.
     let mut kept = |report: &Report| write_json(args, report, false);
     study(&subject, &wanted, report, &mut kept, &mut Console::default())?;
@@ -235,6 +238,7 @@ impl Args {
 
 #[derive(Debug)]
 pub(super) struct Work {
+    guard: OutputGuard,
     /// Cameras of each scene; `None` for the default camera. The demo scene has one entry.
     cameras: Vec<Option<Vec<Camera>>>,
     /// Unique file name stems, one per scene.
@@ -265,12 +269,12 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     };
     // `splats-NAME-32768x32768.svg` is the longest file name: 23 bytes besides the stem. One byte is spare.
     let stems = names::unique(&scene_names, MAX_NAME_BYTES - 24);
-    claim_files(args, &stems)?;
+    let guard = guard(args, &stems)?;
     let cameras = |index: usize| {
         let spec = args.cameras.get(index).or(args.cameras.first());
         cameras::load(spec.map(String::as_str), args.scenes.get(index).map(PathBuf::as_path))
     };
-    Ok(Work { cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
+    Ok(Work { guard, cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
 }
 
 /// Rejects duplicates in the values of an option; `text` formats a value for the message.
@@ -311,7 +315,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     }
 }
 
-fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
+fn guard(args: &Args, stems: &[String]) -> Result<OutputGuard, Usage> {
     let mut guard = match args.scenes.as_slice() {
         [] => options::claim_inputs(None, None)?,
         _ => OutputGuard::default(),
@@ -342,5 +346,5 @@ fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
             guard.output("--output", &folder.join(name))?;
         }
     }
-    Ok(())
+    Ok(guard)
 }

@@ -3,7 +3,7 @@
 use super::cameras;
 use super::job::{self, Manifest, ShardArgs};
 use super::options::{self, DeviceArgs};
-use super::outcome::{Outcome, Usage, validated};
+use super::outcome::{Outcome, Usage, claim_graph_files, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
@@ -89,6 +89,7 @@ struct View {
 
 #[derive(Debug)]
 pub(super) struct Work {
+    guard: OutputGuard,
     views: Vec<View>,
     stems: Vec<String>,
 }
@@ -163,7 +164,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         Ok(())
     };
     claim()?;
-    Ok(Work { views, stems })
+    Ok(Work { guard, views, stems })
 }
 
 fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
@@ -177,7 +178,7 @@ enum Drawer {
 
 impl Drawer {
     /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
-    fn open(args: &Args, scene: Option<Arc<Scene>>) -> Result<Drawer> {
+    fn open(args: &Args, work: &mut Work, scene: Option<Arc<Scene>>) -> Result<Drawer> {
         let load = |cancel: &_| {
             let load = || options::load_scene_unless(cancel, &args.scene, &args.load).map(Arc::new);
             scene.map_or_else(load, Ok)
@@ -191,7 +192,12 @@ impl Drawer {
             Ok(device)
         };
         let (device, scene) = options::open_and_load(open, load)?;
-        Ok(Drawer::Device(Box::new(Session::new(device, scene, &args.pipeline, &args.set))))
+        let mut session = Session::new(device, scene, &args.pipeline, &args.set);
+        if let Some(View { camera, .. }) = work.views.first() {
+            session.prepare((camera.width, camera.height), &mut |_| {})?;
+        }
+        claim_graph_files(&mut work.guard, &session.files())?;
+        Ok(Drawer::Device(Box::new(session)))
     }
 
     /// Draws a view from a camera in world coordinates.
@@ -253,9 +259,10 @@ fn as_json(mut request: Json, found: &Evaluation) -> String {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the dataset are reported before a large scene is loaded.
-    let Work { views, stems } = prepare(args)?;
+    let mut work = prepare(args)?;
     args.output.iter().try_for_each(|folder| Manifest::refuse(folder))?;
-    let mut drawer = Drawer::open(args, None)?;
+    let mut drawer = Drawer::open(args, &mut work, None)?;
+    let Work { views, stems, .. } = work;
     let mut progress = Progress::new("scoring");
     let mut scores = Vec::with_capacity(views.len());
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
@@ -310,7 +317,7 @@ impl job::Work for Views {
     }
 
     fn open(&mut self) -> Result<job::Origin> {
-        let mut drawer = Drawer::open(&self.args, self.scene.clone())?;
+        let mut drawer = Drawer::open(&self.args, &mut self.work, self.scene.clone())?;
         let cameras: Vec<_> = self.work.views.iter().map(|view| &view.camera).collect();
         let cameras = serde_json::to_value(cameras)?;
         let mut origin = match &mut drawer {
@@ -320,9 +327,6 @@ impl job::Work for Views {
             }
             Drawer::Device(session) => {
                 self.scene = Some(session.shared_scene());
-                if let Some(View { camera, .. }) = self.work.views.first() {
-                    session.prepare((camera.width, camera.height), &mut |_| {})?;
-                }
                 job::origin_of(session, &cameras, (&self.args.pipeline, &self.args.set))?
             }
         };

@@ -3,15 +3,15 @@
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
 use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
-use super::outcome::{Outcome, Usage};
+use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::draw::projection;
 use crate::io::image::Image;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{self, say};
-use crate::studies::study::Subject;
+use crate::io::output::{self, OutputGuard, say};
+use crate::studies::study::{Setting, Subject};
 use crate::studies::sweep::approach::Closer;
 use crate::studies::sweep::choice::Choice;
 use crate::studies::sweep::measure::Step;
@@ -73,7 +73,12 @@ struct Request {
 }
 
 impl Request {
-    fn load(args: &Args, device: &Backend, given: Option<Vec<Camera>>) -> Result<Request> {
+    fn load(
+        args: &Args,
+        device: &Backend,
+        guard: &mut OutputGuard,
+        given: Option<Vec<Camera>>,
+    ) -> Result<Request> {
         let stems = stems(args, given.as_deref());
         if let Some(path) = &args.scene {
             fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
@@ -90,7 +95,10 @@ impl Request {
             steps: args.steps,
             frames: args.effort.frames(),
         };
-        Ok(Request { name, scene: scene.into(), cameras, wanted })
+        let setting = Setting::of_graph(&wanted.pipeline, &wanted.set);
+        let request = Request { name, scene: scene.into(), cameras, wanted };
+        claim_graph_files(guard, &request.subject(device).check(&[setting])?)?;
+        Ok(request)
     }
 
     fn subject<'a>(&self, device: &'a Backend) -> Subject<'a, Backend> {
@@ -105,9 +113,9 @@ fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
     let given = args.drawing.cameras(args.scene.as_deref())?;
-    claim_files(args)?;
+    let mut guard = guard(args)?;
     let device = args.device.open()?;
-    let request = Request::load(args, &device, given)?;
+    let request = Request::load(args, &device, &mut guard, given)?;
     let (swept, shown) = study(&request.subject(&device), &request.wanted, &mut Console::default())?;
     save_pictures(&shown, &args.output)?;
     report(&swept, &shown, &args.output)?;
@@ -151,6 +159,7 @@ pub struct Part {
 
 pub struct Views {
     args: Args,
+    guard: OutputGuard,
     given: Option<Vec<Camera>>,
     stems: Vec<String>,
     open: Option<(Backend, Request, Study<Backend>)>,
@@ -161,8 +170,8 @@ impl Views {
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(&args, given.as_deref());
-        claim_files(&args)?;
-        Ok(Views { args, given, stems, open: None })
+        let guard = guard(&args)?;
+        Ok(Views { args, guard, given, stems, open: None })
     }
 }
 
@@ -173,7 +182,7 @@ impl Work for Views {
 
     fn open(&mut self) -> Result<Origin> {
         let device = self.args.device.open()?;
-        let request = Request::load(&self.args, &device, self.given.clone())?;
+        let request = Request::load(&self.args, &device, &mut self.guard, self.given.clone())?;
         let subject = request.subject(&device);
         let study = Study::new(&subject, &request.wanted, &mut Console::default())?;
         let Wanted { pipeline, set, steps, .. } = &request.wanted;
@@ -230,7 +239,7 @@ pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Pa
     report(&swept, &shown, output)
 }
 
-pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
+pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.drawing.pipeline))?;
     let plots = PLOTS.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}")));
@@ -238,5 +247,6 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
         guard.output("--output", &args.output.join(name))?;
     }
     // The numbers of splats are not known yet: this checks the folder.
-    Ok(guard.output("--output", &args.output.join(picture_of(None, 0)))?)
+    guard.output("--output", &args.output.join(picture_of(None, 0)))?;
+    Ok(guard)
 }

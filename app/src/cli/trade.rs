@@ -4,15 +4,15 @@ use super::cameras;
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
 use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, DrawingBackendArgs, EffortArgs};
-use super::outcome::{Outcome, Usage};
+use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::draw::projection;
 use crate::io::image::{Format, Image};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{self, say, shell_word};
-use crate::studies::study::{StudyError, Subject};
+use crate::io::output::{self, OutputGuard, say, shell_word};
+use crate::studies::study::{Setting, StudyError, Subject};
 use crate::studies::trade::ledger::Ledger;
 use crate::studies::trade::measure::Row;
 use crate::studies::trade::page::{page, plot};
@@ -104,6 +104,7 @@ impl Request {
     fn load(
         args: &Args,
         device: &Backend,
+        guard: &mut OutputGuard,
         given: Option<Vec<Camera>>,
         file: Option<PathBuf>,
     ) -> Result<Request> {
@@ -127,7 +128,10 @@ impl Request {
             opened: format!("validation {validate}, robustness {}", !no_robustness),
             file,
         };
-        Ok(Request { scene: scene.into(), cameras, wanted })
+        let request = Request { scene: scene.into(), cameras, wanted };
+        let setting = Setting::of_graph(&args.pipeline, &args.set);
+        claim_graph_files(guard, &request.subject(args, device).check(&[setting])?)?;
+        Ok(request)
     }
 
     fn subject<'a>(&self, args: &Args, device: &'a Backend) -> Subject<'a, Backend> {
@@ -143,9 +147,9 @@ fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
-    claim_files(args)?;
+    let mut guard = guard(args)?;
     let device = args.device.open()?;
-    let request = Request::load(args, &device, given, Some(args.output.join(LEDGER)))?;
+    let request = Request::load(args, &device, &mut guard, given, Some(args.output.join(LEDGER)))?;
     let subject = request.subject(args, &device);
     let ledger = study(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
     report(ledger, &args.output)?;
@@ -175,6 +179,7 @@ fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
 
 pub struct Views {
     args: Args,
+    guard: OutputGuard,
     given: Option<Vec<Camera>>,
     stems: Vec<String>,
     open: Option<(Backend, Request, Study<Backend>)>,
@@ -185,8 +190,8 @@ impl Views {
     pub fn new(args: Args) -> Result<Views> {
         let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
         let stems = stems(&args, given.as_deref());
-        claim_files(&args)?;
-        Ok(Views { args, given, stems, open: None })
+        let guard = guard(&args)?;
+        Ok(Views { args, guard, given, stems, open: None })
     }
 }
 
@@ -197,7 +202,7 @@ impl Work for Views {
 
     fn open(&mut self) -> Result<Origin> {
         let device = self.args.device.open()?;
-        let request = Request::load(&self.args, &device, self.given.clone(), None)?;
+        let request = Request::load(&self.args, &device, &mut self.guard, self.given.clone(), None)?;
         let subject = request.subject(&self.args, &device);
         let study = Study::new(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
         let origin = serde_json::to_value(study.origin())?;
@@ -265,7 +270,7 @@ fn usage(error: StudyError) -> anyhow::Error {
 }
 
 /// Returns an error if a file of the ledger would overwrite an input, or pictures would go into the `--truth` folder.
-pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
+pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;
     for name in [LEDGER, CSV, PAGE, SVG, PNG] {
@@ -283,7 +288,7 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
             "--truth {truth}: the settings' pictures would be written into this folder: choose another --output than {output}"
         )));
     }
-    Ok(())
+    Ok(guard)
 }
 
 fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {

@@ -116,7 +116,7 @@ impl<D: Device> Subject<'_, D> {
         format!("{} ({})", info.name, info.driver)
     }
 
-    /// Reads the graphs, to report mistakes before anything is measured. Returns the files that they depend on.
+    /// Reads the graphs, to report mistakes before anything is measured. Returns their [files](Subject::files).
     ///
     /// # Errors
     /// The subject has no camera, the device cannot create another context, or a graph has errors.
@@ -126,6 +126,20 @@ impl<D: Device> Subject<'_, D> {
         for setting in settings {
             session.set_graph(&setting.pipeline, &setting.set);
             session.controls((first.width, first.height))?;
+        }
+        self.files(settings)
+    }
+
+    /// Lists the files of graphs and their shaders; those of a graph with errors only as far as they can be read.
+    ///
+    /// # Errors
+    /// The subject has no camera, or the device cannot create another context.
+    pub fn files(&self, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
+        let first = self.first()?;
+        let mut session = self.session("", &[])?;
+        for setting in settings {
+            // Compiled shaders are shared, so the study does not compile them again.
+            let _ = session.plan_of(&setting.pipeline, &setting.set, (first.width, first.height));
         }
         Ok(session.files())
     }
