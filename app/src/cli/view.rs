@@ -21,7 +21,6 @@ use crate::view::shell::Shell;
 use crate::view::window::{self, WindowOptions};
 use anyhow::Result;
 use clap::ValueEnum;
-use indexmap::IndexMap;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use std::ops::RangeInclusive;
@@ -240,7 +239,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, mut set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
     set.extend(storage(args, &scene.0)?);
-    let initial = InitialState::of(args);
     let messages = window::run(WindowOptions {
         scene,
         pipeline,
@@ -255,7 +253,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         continuous: args.continuous,
         // Scripted runs neither restore nor save the window layout, so that each opens the same window.
         kept: if args.screenshot.is_some() || args.frames.is_some() { None } else { kept::path() },
-        setup: Box::new(move |shell, size| initial.apply(shell, size)),
+        setup: Box::new(|shell, size| set_up(args, shell, size)),
         events,
         screenshot: args.screenshot.clone(),
         frames: args.frames,
@@ -298,116 +296,76 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
     Ok(((scene, path), cameras))
 }
 
-struct InitialState {
-    background: [f32; 3],
-    compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,
-    compare_scene: Option<PathBuf>,
-    split: f32,
-    gain: f32,
-    scale: f32,
-    show: Vec<ShowPanel>,
-    inspect: Option<(String, String)>,
-    select: Option<Selection>,
-    pick: Option<[f32; 2]>,
-    select_box: Option<[f32; 4]>,
-    measure: bool,
-    theme: Option<Theme>,
-    load: LoadOptions,
-}
-
-impl InitialState {
-    fn of(args: &Args) -> InitialState {
-        let wanted = args.measure
-            || args.compare.is_some()
-            || args.compare_scene.is_some()
-            || !args.compare_set.is_empty()
-            || args.compare_as.is_some();
-        let mode = match args.compare_as {
+/// Sets the initial state of the shell. The pair is the window's size, in pixels.
+fn set_up(args: &Args, shell: &mut Shell<Backend>, (width, _): (u32, u32)) -> Result<()> {
+    let restored = shell.panels.is_restored() && args.show.is_empty();
+    let show = match args.show.as_slice() {
+        [] if width < SMALL => vec![ShowPanel::Parameters, ShowPanel::Hud],
+        [] => vec![ShowPanel::Parameters, ShowPanel::Times, ShowPanel::Timeline, ShowPanel::Hud],
+        show => show.to_vec(),
+    };
+    let has = |panel| show.contains(&panel);
+    let mut tools = Vec::new();
+    for (panel, tool) in [
+        (ShowPanel::Parameters, Tool::Parameters),
+        (ShowPanel::Cameras, Tool::Cameras),
+        (ShowPanel::Inspector, Tool::Inspector),
+        (ShowPanel::Times, Tool::Times),
+        (ShowPanel::Timeline, Tool::Timeline),
+    ] {
+        if has(panel) || (panel == ShowPanel::Inspector && args.inspect.is_some()) {
+            tools.push(tool);
+        }
+    }
+    if !restored {
+        shell.panels.open_tools(&tools);
+        shell.panels.hud = has(ShowPanel::Hud);
+    }
+    shell.panels.hidden = has(ShowPanel::None);
+    if let Some(selection) = &args.select {
+        shell.panels.select(selection.clone());
+    }
+    if let Some(place) = args.pick {
+        shell.panels.pick_first(place);
+    }
+    if let Some(corners) = args.select_box {
+        shell.panels.select_first(corners);
+    }
+    if let Some(theme) = args.theme {
+        shell.context().set_theme(match theme {
+            Theme::Dark => egui::Theme::Dark,
+            Theme::Light => egui::Theme::Light,
+        });
+    }
+    let viewer = &mut shell.viewer;
+    viewer.set_load_options(args.load);
+    viewer.background = args.background;
+    (viewer.split, viewer.gain, viewer.scale) = (args.split, args.gain, args.scale);
+    let compared = args.measure
+        || args.compare.is_some()
+        || args.compare_scene.is_some()
+        || !args.compare_set.is_empty()
+        || args.compare_as.is_some();
+    if compared {
+        viewer.set_compare(match args.compare_as {
             Some(CompareMode::Difference) => Mode::Difference,
             _ => Mode::Split,
-        };
-        let compare =
-            wanted.then(|| (mode, args.compare.clone(), args.compare_set.iter().cloned().collect()));
-        InitialState {
-            background: args.background,
-            compare,
-            compare_scene: args.compare_scene.clone(),
-            split: args.split,
-            gain: args.gain,
-            scale: args.scale,
-            show: args.show.clone(),
-            inspect: args.inspect.clone(),
-            select: args.select.clone(),
-            pick: args.pick,
-            select_box: args.select_box,
-            measure: args.measure,
-            theme: args.theme,
-            load: args.load,
+        })?;
+        if let Some(b) = viewer.viewport(RendererId::B) {
+            let graph = args.compare.clone().unwrap_or_else(|| b.renderer.graph().to_owned());
+            b.renderer.choose(&graph, args.compare_set.iter().cloned().collect());
+        }
+        if let Some(path) = &args.compare_scene {
+            viewer.open_scene_in(RendererId::B, path);
+        }
+        if args.measure {
+            viewer.measure();
         }
     }
-
-    fn apply(self, shell: &mut Shell<Backend>, (width, _): (u32, u32)) -> Result<()> {
-        let restored = shell.panels.is_restored() && self.show.is_empty();
-        let show = match self.show.as_slice() {
-            [] if width < SMALL => vec![ShowPanel::Parameters, ShowPanel::Hud],
-            [] => vec![ShowPanel::Parameters, ShowPanel::Times, ShowPanel::Timeline, ShowPanel::Hud],
-            show => show.to_vec(),
-        };
-        let has = |panel| show.contains(&panel);
-        let mut tools = Vec::new();
-        for (panel, tool) in [
-            (ShowPanel::Parameters, Tool::Parameters),
-            (ShowPanel::Cameras, Tool::Cameras),
-            (ShowPanel::Inspector, Tool::Inspector),
-            (ShowPanel::Times, Tool::Times),
-            (ShowPanel::Timeline, Tool::Timeline),
-        ] {
-            if has(panel) || (panel == ShowPanel::Inspector && self.inspect.is_some()) {
-                tools.push(tool);
-            }
-        }
-        if !restored {
-            shell.panels.open_tools(&tools);
-            shell.panels.hud = has(ShowPanel::Hud);
-        }
-        shell.panels.hidden = has(ShowPanel::None);
-        if let Some(selection) = self.select {
-            shell.panels.select(selection);
-        }
-        if let Some(place) = self.pick {
-            shell.panels.pick_first(place);
-        }
-        if let Some(corners) = self.select_box {
-            shell.panels.select_first(corners);
-        }
-        if let Some(theme) = self.theme {
-            shell.context().set_theme(match theme {
-                Theme::Dark => egui::Theme::Dark,
-                Theme::Light => egui::Theme::Light,
-            });
-        }
-        let viewer = &mut shell.viewer;
-        viewer.set_load_options(self.load);
-        viewer.background = self.background;
-        (viewer.split, viewer.gain, viewer.scale) = (self.split, self.gain, self.scale);
-        if let Some((mode, graph, set)) = self.compare {
-            viewer.set_compare(mode)?;
-            if let Some(b) = viewer.viewport(RendererId::B) {
-                let graph = graph.unwrap_or_else(|| b.renderer.graph().to_owned());
-                b.renderer.choose(&graph, set);
-            }
-            if let Some(path) = &self.compare_scene {
-                viewer.open_scene_in(RendererId::B, path);
-            }
-            if self.measure {
-                viewer.measure();
-            }
-        }
-        if let Some((resource, pass)) = self.inspect {
-            viewer.a.look_at(&resource, &pass);
-        }
-        Ok(())
+    if let Some((resource, pass)) = &args.inspect {
+        viewer.a.look_at(resource, pass);
     }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -63,10 +63,10 @@ const SLOW: Duration = Duration::from_secs(1);
 const MANY: u64 = 30;
 
 /// A function that sets the initial state of the shell. The pair is the window's size, in pixels.
-pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()>>;
+pub type Setup<'a> = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()> + 'a>;
 
 /// Options of the window.
-pub struct WindowOptions {
+pub struct WindowOptions<'a> {
     /// The scene to open and the path of its file.
     pub scene: (Scene, PathBuf),
     /// Built-in name or path of the graph.
@@ -90,7 +90,7 @@ pub struct WindowOptions {
     /// File that stores the arrangement between starts; `None` to use the default arrangement.
     pub kept: Option<PathBuf>,
     /// Function that sets the initial state of the shell.
-    pub setup: Setup,
+    pub setup: Setup<'a>,
     /// Destination of events, one JSON object per line.
     pub events: Option<Log>,
     /// File for a picture of the window, saved once everything is built; the window then closes.
@@ -122,9 +122,9 @@ pub fn run(options: WindowOptions) -> Result<Vec<String>> {
     }
 }
 
-struct App {
+struct App<'a> {
     proxy: EventLoopProxy<()>,
-    options: Option<WindowOptions>,
+    options: Option<WindowOptions<'a>>,
     running: Option<Running>,
     outcome: Result<Vec<String>>,
 }
@@ -164,7 +164,7 @@ struct Closing {
     frames: Option<u64>,
 }
 
-impl App {
+impl App<'_> {
     fn open(&mut self, target: &ActiveEventLoop, options: WindowOptions) -> Result<()> {
         let size = match options.exact_size {
             true => options.size,
@@ -243,7 +243,7 @@ impl App {
     }
 }
 
-impl ApplicationHandler<()> for App {
+impl ApplicationHandler<()> for App<'_> {
     fn resumed(&mut self, target: &ActiveEventLoop) {
         own(|| self.start(target));
     }
@@ -269,7 +269,7 @@ impl ApplicationHandler<()> for App {
     }
 }
 
-impl App {
+impl App<'_> {
     fn start(&mut self, target: &ActiveEventLoop) {
         if let Some(options) = self.options.take()
             && let Err(error) = self.open(target, options)
