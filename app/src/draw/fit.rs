@@ -4,8 +4,7 @@
 //! built for the device itself. If that fails, it is built without the buffer limit, to find how large the buffers
 //! would be.
 //!
-//! Buffer sizes at two numbers of splats show how the buffers grow, and give an estimate of the number that fits. The
-//! estimate and some larger numbers are then tried. The result is a lower bound: a few more splats might fit.
+//! Bisection then finds a number of splats that fits. The result is a lower bound: a few more splats might fit.
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
@@ -176,7 +175,7 @@ pub fn fit(
         loading_bytes: needs.loading,
         largest: largest.map(|(name, bytes)| (name.clone(), *bytes)),
         too_large: needs.too_large(device.facts.max_storage_bytes),
-        most_splats: if fits { None } else { most(planner, wanted, device, &needs) },
+        most_splats: if fits { None } else { most(planner, wanted, device) },
     };
     Ok((plan, fit))
 }
@@ -196,54 +195,17 @@ fn build(
     planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
 }
 
-/// Finds a number of splats that fits, rounded down: a lower bound.
-fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) -> Option<u64> {
-    let (count, half) = (wanted.scene.count, wanted.scene.count / 2);
-    let fewer = Needs::of(&build(planner, wanted, &boundless(&device.facts), half.max(1)).ok()?);
-    let room = |bytes: u64, fewer: u64, limit: u64| {
-        let slope = bytes.checked_sub(fewer).filter(|more| *more > 0)? as f64 / (count - half) as f64;
-        let fixed = (bytes as f64 - slope * count as f64).max(0.0);
-        Some(((limit as f64 - fixed) / slope).max(0.0) as u64)
-    };
-    let limit = device.facts.max_storage_bytes;
-    let of_storage =
-        needs.storage.iter().filter_map(|(name, bytes)| room(*bytes, *fewer.storage.get(name)?, limit));
-    let of_memory = available(&device.heap).and_then(|available| room(needs.total, fewer.total, available));
-    let mut most = of_storage.chain(of_memory).min()?.min(count);
-    let mut fits = |count: u64| {
-        build(planner, wanted, &device.facts, count).is_ok_and(|plan| {
-            available(&device.heap).is_none_or(|available| Needs::of(&plan).total <= available)
-        })
-    };
-    let round = |count: u64| if count > 10_000 { count / 1000 * 1000 } else { count };
-    // Sizes are rounded up to thread blocks and key digits, so the estimate is verified by building plans.
-    for _ in 0..4 {
-        most = round(most);
-        if most == 0 {
-            return None;
-        }
-        if fits(most) {
-            return Some(more(most, count, |count| fits(round(count))).map_or(most, round));
-        }
-        most -= most / 16 + 1;
-    }
-    None
-}
-
-/// Searches for larger numbers of splats that fit. `fit` is known to fit, and `none` is known not to.
-///
-/// The estimate alone is too low for a graph that chooses smaller formats when larger ones do not fit.
-fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Option<u64> {
-    let mut found = None;
-    for _ in 0..8 {
+/// Finds a number of splats that fits, within 0.1 % of the largest.
+fn most(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Option<u64> {
+    let (mut fit, mut none) = (0, wanted.scene.count);
+    while none - fit > (fit / 1000).max(1) {
         let middle = fit.midpoint(none);
-        if fits(middle) {
-            (fit, found) = (middle, Some(middle));
-        } else {
-            none = middle;
-        }
+        let fits = build(planner, wanted, &device.facts, middle).is_ok_and(|plan| {
+            available(&device.heap).is_none_or(|available| Needs::of(&plan).total <= available)
+        });
+        *(if fits { &mut fit } else { &mut none }) = middle;
     }
-    found
+    (fit > 0).then_some(fit)
 }
 
 /// Rejects a scene that cannot fit the device from its file's header, before its splats are loaded.
