@@ -86,22 +86,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let scene_facts = SceneFacts::of(&scene);
     let mut planner = Planner::default();
     let (mut set, limit) = (args.drawing.set.clone(), args.memory.memory);
-    let free = fit::available(&device.heap);
-    let chosen = limit.into_iter().chain(free).min().map(|memory| {
-        let facts = facts::facts(&scene_facts, &device.facts, size);
-        Choice::of(&set, memory, |set| planner.plan(&args.drawing.pipeline, set, &facts, &catalog))
-    });
-    let (chosen, built) = match chosen {
-        Some(Ok((choice, plan))) => {
-            (Some(choice).filter(|choice| limit.is_some() || choice.set.is_some()), Some(plan))
-        }
-        Some(Err(error)) if limit.is_some() => return Err(error.into_error()),
-        // Without a memory limit, report the parts that do not fit.
-        _ => (None, None),
-    };
+    let facts = facts::facts(&scene_facts, &device.facts, size);
+    let plan = |set: &[_]| planner.plan(&args.drawing.pipeline, set, &facts, &catalog);
+    let (chosen, built) = Choice::within(limit, &device.heap, &set, plan)?.unzip();
+    let chosen = chosen.filter(|choice| limit.is_some() || choice.set.is_some());
     set.extend(chosen.iter().filter_map(|choice| choice.set.clone()));
     if let Some(limit) = limit {
-        device.heap.available = Some(free.map_or(limit, |free| free.min(limit)));
+        device.heap.available = fit::available(&device.heap).into_iter().chain([limit]).min();
     }
     let wanted =
         Wanted { graph: &args.drawing.pipeline, set: &set, scene: scene_facts, catalog: &catalog, size };

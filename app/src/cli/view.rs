@@ -270,22 +270,12 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
         return Ok(None);
     }
     let device = args.device.open()?;
-    let free = fit::available(&device.heap());
-    let Some(memory) = limit.into_iter().chain(free).min() else { return Ok(None) };
     let facts = facts::facts(&SceneFacts::of(scene), &device.info().facts, size);
     let (mut planner, catalog) = (Planner::default(), facts::catalog(scene));
     let plan = |set: &[_]| planner.plan(&args.drawing.pipeline, set, &facts, &catalog);
-    match Choice::of(&args.drawing.set, memory, plan) {
-        Ok((choice, _)) => {
-            if limit.is_some() || choice.set.is_some() {
-                say(choice.to_string());
-            }
-            Ok(choice.set)
-        }
-        Err(error) if limit.is_some() => Err(error.into_error()),
-        // The window itself shows the error.
-        Err(_) => Ok(None),
-    }
+    let choice = Choice::within(limit, &device.heap(), &args.drawing.set, plan)?.map(|(choice, _)| choice);
+    choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
+    Ok(choice.and_then(|choice| choice.set))
 }
 
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {

@@ -5,11 +5,12 @@
 //! plan cannot be built are skipped. If the user sets one of these parameters, there is nothing to choose.
 
 use crate::draw::fit;
+use crate::draw::planner::GraphErrors;
 use serde_json::{Value as Json, json};
+use splatgraph_api::Heap;
 use splatgraph_assets::grouped;
 use splatgraph_assets::memory::display;
 use splatgraph_framework::plan::Plan;
-use std::error::Error;
 use std::fmt;
 
 /// Rung of the ladder: a value of a storage parameter.
@@ -43,10 +44,11 @@ pub struct Choice {
 
 /// Error while choosing a storage.
 #[derive(Debug, thiserror::Error)]
-pub enum StorageError<E: Error + 'static> {
+pub enum StorageError {
     /// No plan can be built.
-    #[error(transparent)]
-    Plan(E),
+    // Not transparent: the graph's errors are found among the causes, and printed with their source text.
+    #[error("{0}")]
+    Plan(#[from] GraphErrors),
     /// Even the smallest storage exceeds the available memory.
     #[error(
         "expected a plan of at most {memory} bytes, found that the smallest storage ({setting}) needs {needed} bytes: fewer splats or a smaller picture may fit"
@@ -61,16 +63,6 @@ pub enum StorageError<E: Error + 'static> {
     },
 }
 
-impl<E: Error + Send + Sync + 'static> StorageError<E> {
-    /// Converts the error for a command to report. Errors of the graph keep their type.
-    pub fn into_error(self) -> anyhow::Error {
-        match self {
-            StorageError::Plan(error) => error.into(),
-            error => error.into(),
-        }
-    }
-}
-
 impl Choice {
     /// Returns the setting with the smallest storage; `None` if the user's parameters `set` leave no choice.
     pub fn smallest(set: &[(String, String)]) -> Option<(String, String)> {
@@ -78,18 +70,34 @@ impl Choice {
         Some((last.set.0.to_owned(), last.set.1.to_owned()))
     }
 
-    /// Chooses the most accurate storage whose plan keeps at most `memory` bytes on the device, and returns its plan.
+    /// Chooses the most accurate storage whose plan fits in the heap's free memory, and returns its plan.
     ///
-    /// Bytes that are freed after the first frame do not count. `set` are the user's parameters. `plan` builds a plan
-    /// from a list of parameters.
+    /// The plan may keep at most `limit` bytes on the device. Bytes that are freed after the first frame do not count.
+    /// `set` are the user's parameters. `plan` builds a plan from a list of parameters.
+    ///
+    /// `None` if neither the limit nor the memory is known. Without a limit, also if no plan can be built or fits: the
+    /// caller reports why when it draws.
     ///
     /// # Errors
-    /// No plan can be built, or all plans need too much memory.
-    pub fn of<E: Error + 'static>(
+    /// There is a limit, and no plan can be built, or all plans need too much memory.
+    pub fn within(
+        limit: Option<u64>,
+        heap: &Heap,
+        set: &[(String, String)],
+        plan: impl FnMut(&[(String, String)]) -> Result<Plan, GraphErrors>,
+    ) -> Result<Option<(Choice, Plan)>, StorageError> {
+        let Some(memory) = limit.into_iter().chain(fit::available(heap)).min() else { return Ok(None) };
+        match Choice::of(set, memory, plan) {
+            Err(_) if limit.is_none() => Ok(None),
+            chosen => chosen.map(Some),
+        }
+    }
+
+    fn of(
         set: &[(String, String)],
         memory: u64,
-        mut plan: impl FnMut(&[(String, String)]) -> Result<Plan, E>,
-    ) -> Result<(Choice, Plan), StorageError<E>> {
+        mut plan: impl FnMut(&[(String, String)]) -> Result<Plan, GraphErrors>,
+    ) -> Result<(Choice, Plan), StorageError> {
         let ladder = if decided(set) { &[][..] } else { &LADDER[..] };
         let (mut tried, mut error) = (Vec::new(), None);
         for rung in [None].into_iter().chain(ladder.iter().map(Some)) {
@@ -177,9 +185,9 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
 mod tests {
     use super::*;
     use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::{GraphErrors, Planner};
+    use crate::draw::planner::Planner;
 
-    fn choose(graph: &str, set: &[(&str, &str)], memory: u64) -> Result<Choice, StorageError<GraphErrors>> {
+    fn choose(graph: &str, set: &[(&str, &str)], memory: u64) -> Result<Choice, StorageError> {
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
         let set: Vec<_> = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         let (mut planner, catalog) = (Planner::default(), facts::nominal_catalog());
@@ -212,7 +220,7 @@ mod tests {
 
     #[test]
     fn a_users_own_storage_is_kept_and_a_graph_that_packs_nothing_has_no_choice() {
-        let needed = |choice: Result<Choice, StorageError<GraphErrors>>| match choice {
+        let needed = |choice: Result<Choice, StorageError>| match choice {
             Err(StorageError::TooLarge { setting, needed, .. }) => (setting, needed),
             other => panic!("{other:?}"),
         };

@@ -115,12 +115,8 @@ impl Drawer {
         let sizes = loaded.cameras.iter().map(|camera| (camera.width, camera.height));
         let largest = sizes.max_by_key(|(width, height)| u64::from(*width) * u64::from(*height));
         let limit = args.memory.memory;
-        match session.choose_storage(limit, largest.unwrap_or(DEFAULT_SIZE)) {
-            Ok(Some(choice)) if limit.is_some() || choice.set.is_some() => say(choice.to_string()),
-            // Without a limit, the device itself rejects the plan.
-            Err(error) if limit.is_some() => return Err(error.into_error()),
-            _ => {}
-        }
+        let choice = session.choose_storage(limit, largest.unwrap_or(DEFAULT_SIZE))?;
+        choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
         let files: Vec<(String, PathBuf)> =
             args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
         let batch =

@@ -262,7 +262,7 @@ impl<D: Device> Session<D> {
     /// The graph or its shaders have errors.
     pub fn plan_for(&mut self, size: (u32, u32)) -> Result<Plan, SessionError> {
         let (pipeline, set) = (self.pipeline.clone(), self.set.clone());
-        self.plan_of(&pipeline, &set, size)
+        Ok(self.plan_of(&pipeline, &set, size)?)
     }
 
     /// Builds the plan of another graph for a picture size, without loading it.
@@ -274,39 +274,38 @@ impl<D: Device> Session<D> {
         pipeline: &str,
         set: &[(String, String)],
         size: (u32, u32),
-    ) -> Result<Plan, SessionError> {
+    ) -> Result<Plan, GraphErrors> {
         let (facts, catalog) = self.facts(size);
         let capacities = std::mem::take(&mut self.planner.capacities);
         let plan = self.planner.plan(pipeline, set, &facts, &catalog);
         self.planner.capacities = capacities;
-        Ok(plan?)
+        plan
     }
 
     /// Chooses the most accurate storage that fits in the device's memory, for pictures of this size.
     ///
-    /// The plan may use at most `limit` bytes, and at most the device's free memory. `None`, with unchanged storage, if
-    /// there is no limit and the scene is small for the device, or if neither the limit nor the memory is known.
+    /// See [`Choice::within`]. `None`, with unchanged storage, also if there is no limit and the scene is small for the
+    /// device.
     ///
     /// # Errors
-    /// The graph has errors, or no storage fits.
+    /// There is a limit, and the graph has errors, or no storage fits.
     pub fn choose_storage(
         &mut self,
         limit: Option<u64>,
         size: (u32, u32),
-    ) -> Result<Option<Choice>, StorageError<SessionError>> {
+    ) -> Result<Option<Choice>, StorageError> {
         let (count, heap) = (self.scene.count().into(), self.device.heap());
         if limit.is_none() && !fit::may_exceed(count, size, &self.device.info().facts, &heap) {
             return Ok(None);
         }
-        let free = fit::available(&heap);
-        let Some(memory) = limit.into_iter().chain(free).min() else { return Ok(None) };
         let (pipeline, mut set) = (self.pipeline.clone(), self.set.clone());
-        let (choice, _) = Choice::of(&set, memory, |set| self.plan_of(&pipeline, set, size))?;
-        if let Some(chosen) = &choice.set {
-            set.push(chosen.clone());
+        let choice = Choice::within(limit, &heap, &set, |set| self.plan_of(&pipeline, set, size))?;
+        let choice = choice.map(|(choice, _)| choice);
+        if let Some(chosen) = choice.as_ref().and_then(|choice| choice.set.clone()) {
+            set.push(chosen);
             self.set_graph(&pipeline, &set);
         }
-        Ok(Some(choice))
+        Ok(choice)
     }
 
     /// Returns the graph's name or path, and its parameters.

@@ -42,23 +42,13 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
 }
 
 /// Hashes the plans of a setting for pictures of all `sizes`; `None` if a graph has errors.
-///
-/// # Errors
-/// The device fails.
-fn of_setting<D: Device>(
-    session: &mut Session<D>,
-    setting: &Setting,
-    sizes: &[(u32, u32)],
-) -> Result<Option<u64>, SessionError> {
+fn of_setting<D: Device>(session: &mut Session<D>, setting: &Setting, sizes: &[(u32, u32)]) -> Option<u64> {
     let mut hash = DefaultHasher::new();
     for size in sizes {
-        match session.plan_of(&setting.pipeline, &setting.set, *size) {
-            Ok(plan) => fingerprint(&plan).hash(&mut hash),
-            Err(SessionError::Graph(_)) => return Ok(None),
-            Err(error) => return Err(error),
-        }
+        let plan = session.plan_of(&setting.pipeline, &setting.set, *size).ok()?;
+        fingerprint(&plan).hash(&mut hash);
     }
-    Ok(Some(hash.finish()))
+    Some(hash.finish())
 }
 
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
@@ -68,7 +58,7 @@ fn of_setting<D: Device>(
 /// Returns each setting with the hash of its plans, `None` if one cannot be built.
 ///
 /// # Errors
-/// The device fails, or the listener cancels.
+/// The exact settings are not prepared, or the listener cancels.
 pub fn to_measure<D: Device>(
     all: Vec<Setting>,
     exact: &mut Session<D>,
@@ -87,7 +77,7 @@ pub fn to_measure<D: Device>(
     let mut planned = Vec::new();
     for setting in all {
         steps.next(&setting.name)?;
-        let plan = of_setting(exact, &setting, &sizes)?;
+        let plan = of_setting(exact, &setting, &sizes);
         planned.push((setting, plan));
     }
     let (settings, lines) = distinct(planned);
