@@ -249,8 +249,7 @@ impl Pending {
         let json = serde_json::to_string(&stats).map_err(|error| Error::new_err(error.to_string()))?;
         *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(json);
         let pixels = pixels.ok_or_else(|| DeviceError::new_err("the device returned no picture"))?;
-        let image = py.detach(|| image_of(&pixels));
-        let image = image.ok_or_else(|| Error::new_err("the graph's output has no colours"))?;
+        let image = py.detach(|| image_of(&pixels)).map_err(|error| Error::new_err(error.to_string()))?;
         let by_name = PyDict::new(py);
         for Output { name, shape, words } in outputs {
             let shape: Vec<usize> = shape.into_iter().map(|length| length as usize).collect();

@@ -4,7 +4,7 @@
 //! graph binds as `Order`, after its last reader. The distance between two orders is Kendall's tau distance: the number
 //! of pairs of splats that they order differently.
 
-use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
+use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
 use crate::io::image::Image;
 use splatgraph_api::{Device, Inspect};
 use splatgraph_assets::Camera;
@@ -30,9 +30,9 @@ pub enum CaptureError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The graph's output, which has this name, has a format without colours.
-    #[error("the graph's output `{0}` has no colours")]
-    NoColours(String),
+    /// The graph's output is no picture.
+    #[error(transparent)]
+    Pixels(#[from] PixelsError),
 }
 
 /// Draws a frame of a prepared session, and reads its picture and order back.
@@ -42,11 +42,10 @@ pub enum CaptureError {
 pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capture, CaptureError> {
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();
-    let output = plan.resource(plan.output).name.clone();
     let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };
     let frame = session.submit(camera, &options)?;
     let result = session.wait(frame)?;
-    let image = result.output.as_ref().and_then(image_of).ok_or(CaptureError::NoColours(output))?;
+    let image = image_of(result.output.as_ref().ok_or(PixelsError::Missing)?)?;
     let visible = result.stats.iter().find(|(name, _)| name == "visible").map(|(_, count)| *count as usize);
     let word = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let order = match (result.inspected.first(), visible) {

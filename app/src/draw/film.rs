@@ -12,7 +12,7 @@ use crate::draw::session::{FrameOptions, Session, image_of};
 use crate::io::image::Image;
 use anyhow::{Context, Result};
 use rayon::prelude::*;
-use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
+use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
 
@@ -134,9 +134,9 @@ where
         let pixels = result.output.context("the device returned no picture")?;
         let (encode, bytes) = (self.encode.clone(), pictures::encoding_bytes(&pixels));
         let finished = match last {
-            Some(1) => self.pictures.start(bytes, move || encode(frame, colours(&pixels)?))?,
+            Some(1) => self.pictures.start(bytes, move || encode(frame, image_of(&pixels)?))?,
             _ => {
-                self.exposure.add(&colours(&pixels)?);
+                self.exposure.add(&image_of(&pixels)?);
                 if last.is_none() {
                     return Ok(());
                 }
@@ -153,10 +153,6 @@ where
         }
         Ok(self.ms)
     }
-}
-
-fn colours(pixels: &Pixels) -> Result<Image> {
-    image_of(pixels).context("the graph's output has no colours")
 }
 
 /// Sum of a frame's samples, in linear light.

@@ -22,7 +22,7 @@
 
 use crate::draw::capture::CaptureError;
 use crate::draw::inspect::{Finding, Words};
-use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
+use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
 use crate::io::image::{Format, Image, ImageError, save_values, save_words};
 use crate::io::output::OutputError;
 use splatgraph_api::{Device, Inspect};
@@ -81,11 +81,10 @@ pub fn draw<D: Device>(
     session.prepare((camera.width, camera.height), &mut |_| {})?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect = inspections(plan);
-    let output = plan.resource(plan.output).name.clone();
     let options = FrameOptions { background, read_output: true, inspect, ..FrameOptions::default() };
     let frame = session.submit(camera, &options)?;
     let result = session.wait(frame)?;
-    let colour = result.output.as_ref().and_then(image_of).ok_or(CaptureError::NoColours(output))?;
+    let colour = image_of(result.output.as_ref().ok_or(PixelsError::Missing)?)?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }

@@ -4,7 +4,6 @@
 //! other threads.
 
 use super::destination::{Destination, per_camera};
-use super::frames;
 use super::kept::Kept;
 use super::stdout::Stdout;
 use crate::draw::backend::Backend;
@@ -42,19 +41,6 @@ struct Flying {
     name: String,
     stem: String,
     size: (u32, u32),
-}
-
-/// A camera whose frames are finished, with its pictures to write.
-pub struct Shown {
-    pub stats: CameraStats,
-    /// The picture, if one is written.
-    pub output: Option<Pixels>,
-    /// Outputs besides the picture, in the order of the command line.
-    pub outputs: Vec<Output>,
-    /// Error message if the picture's format has no colours.
-    pub no_colours: String,
-    /// Stem of the picture's file name.
-    pub stem: String,
 }
 
 /// A camera whose files are written, with the line to print.
@@ -125,16 +111,22 @@ impl Batch {
         kept.add(result, plan, true);
         let output = kept.output();
         let stats = kept.stats((&name, size), plan, &info, count, memory);
-        let no_colours = frames::no_colours(session);
-        self.save(Shown { stats, output, outputs, no_colours, stem }, progress)
+        self.save(stats, output, &outputs, stem, progress)
     }
 
-    /// Starts to write a camera's picture, and reports the earlier pictures that are now written.
+    /// Starts to write the picture of a camera whose frames are finished, and its other outputs. Reports the earlier
+    /// pictures that are now written. `stem` is the stem of the picture's file name.
     ///
     /// # Errors
     /// The picture or an output is missing, or an earlier picture cannot be written.
-    pub fn save(&mut self, shown: Shown, progress: &Progress) -> Result<()> {
-        let Shown { stats, output, outputs, no_colours, stem } = shown;
+    pub fn save(
+        &mut self,
+        stats: CameraStats,
+        output: Option<Pixels>,
+        outputs: &[Output],
+        stem: String,
+        progress: &Progress,
+    ) -> Result<()> {
         if self.destination.is_some() && output.is_none() {
             bail!("the device returned no picture");
         }
@@ -155,8 +147,7 @@ impl Batch {
             others.iter().try_for_each(|(path, output)| output.save(path))?;
             let line = match (destination, output) {
                 (Some(destination), Some(pixels)) => {
-                    let image = info_span!("convert the pixels").in_scope(|| image_of(&pixels));
-                    let image = image.context(no_colours)?;
+                    let image = info_span!("convert the pixels").in_scope(|| image_of(&pixels))?;
                     // Return the readback memory to the device before encoding.
                     drop((pixels, pixels_held));
                     let path = destination.path(&stem);

@@ -1,7 +1,7 @@
 //! Draws views of a scene on a device or with the exact renderer, and writes their pictures.
 
 use super::args::{Args, Renderer, Work};
-use super::batch::{Batch, Shown};
+use super::batch::Batch;
 use super::destination::{Destination, per_camera};
 use super::frames::{self, Drawn, Wanted};
 use crate::cli::options;
@@ -229,8 +229,7 @@ fn draw(
     };
     let Drawn { stats, output, outputs, requests } = frames::draw(&wanted, session, camera, loaded)?;
     let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
-    let no_colours = frames::no_colours(session);
-    batch.save(Shown { stats, output, outputs, no_colours, stem: stem.to_owned() }, progress)?;
+    batch.save(stats, output, &outputs, stem.to_owned(), progress)?;
     batch.finish(progress)?;
     for (finding, inspect_request) in inspected {
         progress.suspend(|| args.stdout().line(&finding.text()))?;

@@ -153,11 +153,6 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
     Ok(loaded)
 }
 
-pub fn no_colours(session: &Session<Backend>) -> String {
-    let name = session.plan().map_or("", |plan| &plan.resource(plan.output).name);
-    format!("the graph's output `{name}` has no colours")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -18,16 +18,13 @@ use crate::draw::inspect::{self, InspectError};
 use crate::draw::planner::{self, GraphErrors, Planner};
 use crate::draw::projection::{self, ProjectionError};
 use crate::draw::storage::{Choice, StorageError};
-use crate::io::image::Image;
 use crate::io::output::say;
 use crate::io::timeline;
-use half::f16;
-use half::slice::HalfFloatSliceExt;
 use splatgraph_api::{
-    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Pixels, Progress, SceneData,
+    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{Catalog, Facts, Fallback, Format, Run, Source};
+use splatgraph_framework::ir::{Catalog, Facts, Fallback, Run, Source};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -36,6 +33,10 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tracing::info_span;
+
+mod pixels;
+
+pub use pixels::{PixelsError, image_of};
 
 /// Error of a session.
 #[derive(Debug, thiserror::Error)]
@@ -575,41 +576,6 @@ impl SceneData for Upload<'_> {
     fn identity(&self) -> u64 {
         self.0.map_or(0, Scene::identity)
     }
-}
-
-/// Converts pixels to an RGB image; `None` if the format has no colours, or the bytes do not match the size.
-pub fn image_of(pixels: &Pixels) -> Option<Image> {
-    let (width, height) = (pixels.width as usize, pixels.height as usize);
-    let rgb: Vec<[f32; 3]> = match pixels.format {
-        Format::Rgba8Unorm => {
-            pixels.bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect()
-        }
-        Format::Rgba16Float => {
-            // Whole rows are converted at once: several times as fast as single numbers.
-            let mut rgb = Vec::with_capacity(width * height);
-            let (mut halves, mut singles) = (vec![f16::ZERO; 4 * width], vec![0.0; 4 * width]);
-            for row in pixels.bytes.chunks_exact(8 * width.max(1)) {
-                let bytes = row.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]));
-                halves.iter_mut().zip(bytes).for_each(|(half, read)| *half = read);
-                halves.convert_to_f32_slice(&mut singles);
-                rgb.extend(singles.chunks_exact(4).map(|p| [p[0], p[1], p[2]]));
-            }
-            rgb
-        }
-        Format::Rgba32Float => {
-            let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-            pixels
-                .bytes
-                .chunks_exact(16)
-                .map(|p| [single(&p[..4]), single(&p[4..8]), single(&p[8..12])])
-                .collect()
-        }
-        Format::R32Float => {
-            pixels.bytes.chunks_exact(4).map(|p| [f32::from_le_bytes([p[0], p[1], p[2], p[3]]); 3]).collect()
-        }
-        Format::R32Uint | Format::Depth32Float => return None,
-    };
-    (rgb.len() == width * height).then_some(Image { width, height, rgb })
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! Tests of incomplete frames, on a device that executes nothing and returns one word for every statistic.
 
 use super::*;
-use splatgraph_api::PixelBytes;
 use splatgraph_assets::synth;
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Call, Config, Journal, Null, open};
@@ -121,21 +120,4 @@ fn a_scene_whose_buffers_fit_and_whose_plan_does_not_is_packed() {
     let (packed, mut session) = chosen(needed - 1);
     assert_eq!(packed, Some(("sh_storage".to_owned(), "q8".to_owned())));
     session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
-}
-
-#[test]
-fn pictures_of_every_colour_format_are_read() {
-    let image = |format, bytes: &[u8]| {
-        image_of(&Pixels { format, width: 1, height: 1, bytes: PixelBytes::new(bytes.to_vec()) })
-            .map(|i| i.rgb[0])
-    };
-    assert_eq!(image(Format::Rgba8Unorm, &[0, 51, 255, 7]), Some([0.0, 0.2, 1.0]));
-    let halves: Vec<u8> =
-        [0.5, -2.0, 1.5, 0.0].iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect();
-    assert_eq!(image(Format::Rgba16Float, &halves), Some([0.5, -2.0, 1.5]));
-    let singles: Vec<u8> = [0.1f32, -2.0, 1e9, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-    assert_eq!(image(Format::Rgba32Float, &singles), Some([0.1, -2.0, 1e9]));
-    assert_eq!(image(Format::R32Float, &0.25f32.to_le_bytes()), Some([0.25; 3]));
-    assert_eq!(image(Format::R32Uint, &[0; 4]), None);
-    assert_eq!(image(Format::Rgba8Unorm, &[0; 3]), None);
 }

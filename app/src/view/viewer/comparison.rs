@@ -126,7 +126,7 @@ impl<D: Device> Viewer<D> {
 
 /// Computes the differences of two pictures, in display-encoded colours clamped to 0..1.
 fn differences(a: &Pixels, b: &Pixels) -> Result<Comparison, String> {
-    let image = |pixels| image_of(pixels).ok_or("the output has no colours");
+    let image = |pixels| image_of(pixels).map_err(|error| error.to_string());
     let (a, b) = (image(a)?.clamped(), image(b)?.clamped());
     let found = metrics::compare((&a).into(), (&b).into()).map_err(|error| error.to_string())?;
     Ok(Comparison {

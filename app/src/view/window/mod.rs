@@ -21,7 +21,7 @@ use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
 use crate::draw::session::image_of;
 use crate::io::output::{Log, names, one_line, say};
-use anyhow::{Context as _, Result, anyhow, bail};
+use anyhow::{Context as _, Result, bail};
 pub use display::is_left_open;
 use display::own;
 use egui::RawInput;
@@ -535,10 +535,7 @@ impl Running {
     }
 
     fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
-        let saved = match image_of(pixels) {
-            Some(image) => image.save(path).map_err(Into::into),
-            None => Err(anyhow!("the graph's output has no colours")),
-        };
+        let saved = image_of(pixels).map_err(Into::into).and_then(|image| Ok(image.save(path)?));
         let path = path.to_owned();
         self.shell.report(match &saved {
             Ok(()) => Event::Screenshot { path },
