@@ -228,8 +228,9 @@ impl<'a> Projector<'a> {
                 let largest = middle + (middle * middle - det).max(0.1).sqrt();
                 [(3.0 * largest.sqrt()).ceil(); 2]
             }
-            // The bounding box of the ellipse extends sigma standard deviations in each coordinate.
-            Extent::Sigma(sigma) => [sigma * a.sqrt(), sigma * c.sqrt()],
+            // The bounding box of the ellipse extends sigma standard deviations in each coordinate. One pixel more: the
+            // rasteriser's rounding in `tiles` loses the last pixel of a half extent that is not a whole number.
+            Extent::Sigma(sigma) => [a, c].map(|variance| sigma * variance.sqrt() + 1.0),
             Extent::Unbounded => [f64::INFINITY; 2],
         }
     }
@@ -267,4 +268,46 @@ pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::Projection;
+
+    #[test]
+    fn every_pixel_within_the_extent_in_sigmas_has_a_fragment_wherever_the_tiles_end() {
+        let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (48, 48));
+        for projection in [Projection::Pinhole, Projection::Equirectangular] {
+            let camera = Camera { projection, ..camera.clone() };
+            for (step, sigma) in (0..400).flat_map(|step| [1.0, 1.5, 3.0].map(|sigma| (step, sigma))) {
+                let rules = Rules { extent: Extent::Sigma(sigma), ..Rules::PUBLISHED };
+                let projector = Projector::new(&camera, &rules, false);
+                // Across the tiles' edges, in steps of a fraction of a pixel.
+                let at = f64::from(step - 200) * 0.004;
+                let splat = Gaussian {
+                    position: [at, 0.7 * at, 2.0],
+                    rotation: [1.0, 0.0, 0.0, 0.0],
+                    scale: [1e-4; 3],
+                    opacity: 1.0,
+                    sh: [[0.0; 3]; 16],
+                };
+                let Some(ellipse) = projector.project(0, &splat) else { panic!("a splat in the picture") };
+                let [x0, y0, x1, y1] = ellipse.tiles.map(|edge| edge * TILE);
+                let reach = sigma * ellipse.footprint.covariance()[0].sqrt();
+                for (x, y) in (0..48u32).flat_map(|y| (0..48u32).map(move |x| (x, y))) {
+                    let [dx, dy] = [0, 1].map(|i| f64::from([x, y][i]) - ellipse.footprint.center[i]);
+                    let listed = (x0..x1).contains(&x) && (y0..y1).contains(&y);
+                    let drawn =
+                        listed && ellipse.footprint.alpha(f64::from(x), f64::from(y), &rules).is_some();
+                    assert_eq!(
+                        drawn,
+                        dx.hypot(dy) <= reach,
+                        "{sigma} sigmas of {:?} at {x}, {y}",
+                        ellipse.footprint.center
+                    );
+                }
+            }
+        }
+    }
 }
