@@ -230,12 +230,19 @@ impl Gpu for NullGpu {
         } else {
             self.journal.submit(&encoder.owned, std::mem::take(&mut encoder.used), hung.is_some());
         }
+        if self.journal.fails(Point::LateSubmit) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
         Ok(())
     }
 
     fn wait(&self, encoder: &mut Encoder, limit: Duration) -> Result<bool, BackendError> {
         self.journal.call(Call::Wait { encoder: encoder.owned.name.clone(), blocks: !limit.is_zero() });
         self.check_lost("wait")?;
+        if self.journal.fails(Point::Wait) {
+            let reason = "a fault prevents the wait".to_string();
+            return Err(BackendError::OutOfMemory { name: "a wait".to_string(), bytes: 0, reason });
+        }
         if self.journal.is_hung(Some(&encoder.owned)) {
             std::thread::sleep(limit);
             return Ok(false);

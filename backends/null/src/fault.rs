@@ -25,6 +25,10 @@ pub enum Point {
     /// The device hangs in a submission, and so in all later ones, until [`Journal::resume`](crate::Journal::resume).
     /// Half of the submission's timestamps are written.
     Hang,
+    /// The submitting thread is delayed: the call returns some milliseconds after the commands are in the queue.
+    LateSubmit,
+    /// A wait for a submission fails for lack of memory. The submission stays in flight.
+    Wait,
     /// The swapchain is out of date when an image is acquired.
     AcquireOutOfDate,
     /// The window gives no image within the time limit.
@@ -47,13 +51,15 @@ pub enum Point {
 
 impl Point {
     /// Every kind of call.
-    pub const ALL: [Point; 15] = [
+    pub const ALL: [Point; 17] = [
         Point::Allocate,
         Point::Create,
         Point::Compile,
         Point::Submit,
         Point::Execute,
         Point::Hang,
+        Point::LateSubmit,
+        Point::Wait,
         Point::AcquireOutOfDate,
         Point::AcquireTimeout,
         Point::AcquireLost,

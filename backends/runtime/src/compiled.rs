@@ -27,7 +27,8 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub bindings: Bindings<G>,
     pub synchronization: G::Synchronization,
     pub pipelines: G::Pipelines,
-    pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
+    /// The timestamps of each slot's frame (see [`queries`]); `None` if the queue has no timer.
+    pub timestamps: [Option<Arc<G::Timestamps>>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
     pub plan: Arc<Plan>,
     pub name: Arc<str>,
@@ -48,11 +49,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     readbacks: Vec<Arc<Buffer<G>>>,
     /// True until the first frame, which runs the prologue.
     pub prologue_due: bool,
-}
-
-pub(crate) struct PlanSlot<G: Gpu> {
-    /// The frame's timestamps (see [`queries`]); `None` if the queue has no timer.
-    pub timestamps: Option<Arc<G::Timestamps>>,
 }
 
 impl<G: Gpu> CompiledPlan<G> {
@@ -84,7 +80,9 @@ impl<G: Gpu> CompiledPlan<G> {
         once.find_room(&plan, available, &absent, taken.values().map(|buffer| buffer.bytes).sum())?;
         let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, (&taken, &once))?;
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &skipped)?;
-        let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
+        let count = queries(plan.prologue.len() + plan.frame.len());
+        let timestamps = || Ok(gpu.create_timestamps(count)?.map(Arc::new));
+        let timestamps = [timestamps()?, timestamps()?];
         drop(allocating);
         // The upload is last because it is slowest: a plan that cannot run is refused before it.
         upload(shared, scene, &missing, &planes, progress)?;
@@ -99,7 +97,7 @@ impl<G: Gpu> CompiledPlan<G> {
             bindings,
             synchronization,
             pipelines,
-            slots,
+            timestamps,
             resources,
             number: 0,
             identity,
@@ -219,12 +217,5 @@ impl<G: Gpu> CompiledPlan<G> {
             memory.push(("output readback".to_string(), readback));
         }
         memory
-    }
-}
-
-impl<G: Gpu> PlanSlot<G> {
-    fn new(gpu: &Arc<G>, plan: &Plan) -> Result<Self, BackendError> {
-        let timestamps = gpu.create_timestamps(queries(plan.prologue.len() + plan.frame.len()))?;
-        Ok(PlanSlot { timestamps: timestamps.map(Arc::new) })
     }
 }

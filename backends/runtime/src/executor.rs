@@ -196,7 +196,8 @@ impl<G: Gpu> Executor<G> {
             let compiled = plan(&self.compiled, &self.former, pending.plan)?;
             let names: Vec<&str> =
                 pending.passes.iter().map(|&pass| compiled.plan.pass(pass).name.as_str()).collect();
-            let finished = self.slots[slot].finished(&self.shared.gpu, &compiled.slots[slot]);
+            let timestamps = compiled.timestamps[slot].as_deref();
+            let finished = self.slots[slot].finished(&self.shared.gpu, timestamps);
             place = Some(lost_in(pending.frame, &names, finished.as_deref()));
             if !finished.is_some_and(|finished| finished.iter().all(|&done| done)) {
                 break;

@@ -3,13 +3,13 @@
 //! Each frame in flight has a slot: a reused encoder, and (with the plan, in [`crate::compiled`]) timestamps, readback
 //! memory and host buffers. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
 
-use crate::compiled::{CompiledPlan, PlanSlot};
+use crate::compiled::CompiledPlan;
 use crate::gpu::{Buffer, Gpu};
 use crate::outputs::SharedOutput;
 use crate::record::Recorder;
 use crate::shared::Shared;
 use crate::timing::Times;
-use crate::watch::{self, Submission, Ticket};
+use crate::watch::{self, Ticket};
 use crate::window::Swapchain;
 use crate::{inputs, inspect};
 use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, PixelBytes, Pixels};
@@ -90,25 +90,26 @@ impl<G: Gpu> Slot<G> {
         };
         let waited = waiting.elapsed();
         let show = swapchain.as_mut().zip(image).and_then(|(swapchain, image)| swapchain.show(image, slot));
-        info_span!("give to the queue").in_scope(|| gpu.submit(&mut self.encoder, show))?;
+        let passes: Arc<[PassId]> = recorded.passes.into();
+        let watched = watch::Frame {
+            plan: compiled.name.clone(),
+            names: compiled.pass_names.clone(),
+            passes: passes.clone(),
+            timestamps: compiled.timestamps[slot].clone().filter(|_| !inputs.untimed_passes),
+        };
+        let submit = || shared.watch.submit(Some(watched), || gpu.submit(&mut self.encoder, show));
+        let ticket = info_span!("give to the queue").in_scope(submit)?;
         if compiled.prologue_due {
             shared.results.add(compiled.results());
         }
         compiled.layouts = recorded.layouts;
         let prologue = std::mem::take(&mut compiled.prologue_due);
         compiled.carried.clear();
-        let passes: Arc<[PassId]> = recorded.passes.into();
-        let submission = watch::Frame {
-            plan: compiled.name.clone(),
-            names: compiled.pass_names.clone(),
-            passes: passes.clone(),
-            timestamps: compiled.slots[slot].timestamps.clone().filter(|_| !inputs.untimed_passes),
-        };
         self.pending = Some(Pending {
             frame: id,
             plan: compiled.number,
             passes,
-            ticket: shared.watch.enter(Submission { frame: Some(submission) }),
+            ticket,
             inspected,
             outputs: output.cloned().into_iter().chain(compiled.resources.take_outputs(slot)).collect(),
             readback,
@@ -137,8 +138,8 @@ impl<G: Gpu> Slot<G> {
             Some(_) => return Ok(None),
         }
         let Some(pending) = self.pending.take() else { return Ok(None) };
-        let (plan, own) = (&compiled.plan, &compiled.slots[slot]);
-        let times = Times::read(gpu, own.timestamps.as_deref(), pending.passes.len())?;
+        let (plan, timestamps) = (&compiled.plan, compiled.timestamps[slot].as_deref());
+        let times = Times::read(gpu, timestamps, pending.passes.len())?;
         let words = compiled.readback(slot).into_iter().flat_map(|buffer| buffer.mapped().chunks_exact(4));
         let words = words.map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]));
         let result = FrameResult {
@@ -156,10 +157,10 @@ impl<G: Gpu> Slot<G> {
 
     /// Returns, for each pass of the pending frame, whether it is known to be complete; `None` if no frame is pending
     /// or its passes' timestamps are unavailable.
-    pub fn finished(&self, gpu: &G, own: &PlanSlot<G>) -> Option<Vec<bool>> {
+    pub fn finished(&self, gpu: &G, timestamps: Option<&G::Timestamps>) -> Option<Vec<bool>> {
         let pending = self.pending.as_ref().filter(|pending| !pending.untimed_passes)?;
         let passes = pending.passes.len();
-        Times::read(gpu, own.timestamps.as_deref(), passes).ok()?.finished(passes)
+        Times::read(gpu, timestamps, passes).ok()?.finished(passes)
     }
 }
 

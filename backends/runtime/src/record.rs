@@ -36,7 +36,7 @@ impl<G: Gpu> Recorder<'_, G> {
         let mut recorded = Recorded { passes: Vec::new(), layouts: compiled.layouts.clone() };
         self.encoder.begin()?;
         self.encoder.push_label(format_args!("frame {}", self.frame.0));
-        if let Some(timestamps) = &compiled.slots[self.slot].timestamps {
+        if let Some(timestamps) = &compiled.timestamps[self.slot] {
             self.encoder.reset_timestamps(timestamps, queries(compiled.passes().count()));
         }
         self.timestamp(0);
@@ -80,7 +80,7 @@ impl<G: Gpu> Recorder<'_, G> {
 
     fn pass(&mut self, id: PassId, recorded: &mut Recorded) {
         let pass = self.compiled.plan.pass(id);
-        let is_timed = !self.inputs.untimed_passes && self.compiled.slots[self.slot].timestamps.is_some();
+        let is_timed = !self.inputs.untimed_passes && self.compiled.timestamps[self.slot].is_some();
         self.encoder.pass(&self.compiled.pipelines, id, is_timed);
         self.encoder.push_label(format_args!("{}", pass.name));
         self.synchronize(Some(id), &mut recorded.layouts);
@@ -208,7 +208,7 @@ impl<G: Gpu> Recorder<'_, G> {
     }
 
     fn timestamp(&mut self, index: u32) {
-        if let Some(timestamps) = &self.compiled.slots[self.slot].timestamps {
+        if let Some(timestamps) = &self.compiled.timestamps[self.slot] {
             self.encoder.timestamp(timestamps, index);
         }
     }

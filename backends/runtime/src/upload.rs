@@ -7,7 +7,7 @@
 use crate::attributes::{PlaneKey, Planes};
 use crate::gpu::{Buffer, BufferDesc, Encoder, Gpu, Location};
 use crate::shared::Shared;
-use crate::watch::{Submission, Ticket};
+use crate::watch::Ticket;
 use splatgraph_api::{BackendError, Progress, SceneData};
 use splatgraph_framework::ir::Usage;
 use std::ops::Range;
@@ -18,7 +18,7 @@ const CHUNK: u64 = 16 << 20;
 
 /// Uploads the `missing` planes of the scene.
 ///
-/// When it returns, even with an error, the device no longer uses the planes; planes of a copy that hangs are kept.
+/// When it returns, even with an error, the device no longer uses the planes; planes of a copy that may still run are kept.
 pub(crate) fn upload<G: Gpu>(
     shared: &Shared<G>,
     scene: &dyn SceneData,
@@ -113,8 +113,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         encoder.copy_buffer((staging, 0), (target, range.start), bytes);
         encoder.after_copy(target, range);
         encoder.end()?;
-        self.shared.gpu.submit(encoder, None)?;
-        *busy = Some(self.shared.watch.enter(Submission { frame: None }));
+        *busy = Some(self.shared.watch.submit(None, || self.shared.gpu.submit(encoder, None))?);
         Ok(())
     }
 
@@ -132,12 +131,12 @@ impl<'a, G: Gpu> Uploader<'a, G> {
 impl<G: Gpu> Drop for Uploader<'_, G> {
     /// Waits for copies still in flight, after an error or a panic of the scene.
     fn drop(&mut self) {
-        let mut stuck = false;
+        let mut in_use = false;
         for half in 0..self.halves.len() {
             // A lost device has no work left.
-            stuck |= matches!(self.wait(half), Err(BackendError::Stuck { .. }));
+            in_use |= !matches!(self.wait(half), Ok(()) | Err(BackendError::DeviceLost(_)));
         }
-        if stuck {
+        if in_use {
             let planes: Vec<_> = self.planes.values().cloned().collect();
             self.shared.abandon((std::mem::take(&mut self.halves), planes));
         }

@@ -25,17 +25,14 @@ pub(crate) struct Watch<G: Gpu> {
 
 struct State<G: Gpu> {
     next: u64,
-    submitted: BTreeMap<u64, Submission<G>>,
+    /// The frame of each submission; `None` for an upload.
+    submitted: BTreeMap<u64, Option<Frame<G>>>,
     /// The point reached at the last look, and the time of the first look that found it there.
     reached: Option<(Point, Instant)>,
 }
 
 /// A submission's number, and how many of its passes are complete.
 type Point = (u64, usize);
-
-pub(crate) struct Submission<G: Gpu> {
-    pub frame: Option<Frame<G>>,
-}
 
 pub(crate) struct Frame<G: Gpu> {
     pub plan: Arc<str>,
@@ -67,13 +64,19 @@ impl<G: Gpu> Watch<G> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers a submission. Call it right after [`Gpu::submit`], so that the numbers follow the queue's order.
-    pub fn enter(self: &Arc<Self>, submission: Submission<G>) -> Ticket<G> {
+    /// Calls `submit`, and registers the submission; `frame` is `None` for an upload. Both happen under one lock, so
+    /// that the numbers follow the queue's order.
+    pub fn submit(
+        self: &Arc<Self>,
+        frame: Option<Frame<G>>,
+        submit: impl FnOnce() -> Result<(), BackendError>,
+    ) -> Result<Ticket<G>, BackendError> {
         let mut state = self.state();
+        submit()?;
         let number = state.next;
         state.next += 1;
-        state.submitted.insert(number, submission);
-        Ticket { number, watch: self.clone() }
+        state.submitted.insert(number, frame);
+        Ok(Ticket { number, watch: self.clone() })
     }
 
     /// Returns the work that the device is executing. The caller knows that `own` is unfinished.
@@ -89,7 +92,7 @@ impl<G: Gpu> Watch<G> {
         Running { place, time: now - since }
     }
 
-    /// Blocks until the encoder's submission, entered as `ticket`, has completed.
+    /// Blocks until the encoder's submission, registered as `ticket`, has completed.
     ///
     /// # Errors
     /// [`BackendError::Stuck`] once the device has run one pass for longer than its patience.
@@ -112,8 +115,8 @@ impl<G: Gpu> State<G> {
     /// Finds the first unfinished submission up to `own`, and describes the work that the device is doing there.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (Point, String) {
         let live = gpu.limits().live_timestamps;
-        for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {
-            let Some(frame) = &submission.frame else { continue };
+        for (&number, frame) in self.submitted.range(..=own).filter(|_| live) {
+            let Some(frame) = frame else { continue };
             let passes = frame.passes.len();
             let Ok(times) = Times::read(gpu, frame.timestamps.as_deref(), passes) else { continue };
             let Some(finished) = times.finished(passes) else { continue };
@@ -123,8 +126,7 @@ impl<G: Gpu> State<G> {
                 return ((number, done), format!("pass `{pass}` of `{}`", frame.plan));
             }
         }
-        let done = self.submitted.get(&own).and_then(|submission| submission.frame.as_ref());
-        let place = match done {
+        let place = match self.submitted.get(&own).and_then(Option::as_ref) {
             Some(frame) if live && frame.timestamps.is_some() => {
                 format!("the end of a frame of `{}`", frame.plan)
             }

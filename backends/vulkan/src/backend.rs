@@ -115,8 +115,8 @@ impl Gpu for VulkanGpu {
             Err(_) => {
                 let _queue = self.queue();
                 // SAFETY: the device's only queue is locked.
-                let _ = unsafe { self.device.device_wait_idle() };
-                true
+                let answer = unsafe { self.device.device_wait_idle() };
+                matches!(answer, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST))
             }
         }
     }

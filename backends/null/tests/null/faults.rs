@@ -4,6 +4,7 @@ use crate::common::*;
 use crate::testing::plan;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Recovery, Windowed};
 use splatgraph_framework::ir::PassId;
+use splatgraph_framework::plan::Plan;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,7 @@ struct Script {
 }
 
 impl Script {
-    fn load(&mut self, plan: splatgraph_framework::plan::Plan) -> Result<(), BackendError> {
+    fn load(&mut self, plan: Plan) -> Result<(), BackendError> {
         // The identity differs from that of the current plan's scene, so each load uploads.
         let scene = Zeros { identity: self.frames.len() as u64, ..Zeros::default() };
         self.null.load(plan, &scene, &mut |_| {})
@@ -159,12 +160,13 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
         | Point::AcquireLost
         | Point::PresentOutOfDate
         | Point::PresentSuboptimal
-        | Point::PresentLost => None,
+        | Point::PresentLost
+        | Point::LateSubmit => None,
         // A lost surface is recreated, except while the device is being opened.
         Point::Surface if fault.after > 0 => None,
         Point::Submit | Point::Execute | Point::Present => Some(Recovery::DeviceEnded),
         Point::Hang | Point::Compile => Some(Recovery::Retry),
-        Point::Allocate | Point::Create | Point::Surface => Some(Recovery::User),
+        Point::Allocate | Point::Create | Point::Wait | Point::Surface => Some(Recovery::User),
     };
     let first = outcome.errors.first();
     // A hang in a frame that nobody waits for is not noticed.
@@ -286,6 +288,50 @@ fn an_executor_that_waits_for_another_names_the_pass_of_the_other() {
     second.wait(behind).expect("it is done");
     drop(second);
     finish(first, &journal);
+}
+
+#[test]
+fn a_frame_behind_one_whose_submission_returns_late_names_the_pass_of_that_one() {
+    let (null, journal) = open(&Config {
+        // Uploads come first, in the order of submission.
+        faults: [Point::LateSubmit, Point::Hang].map(|point| Fault { point, after: 1 }).to_vec(),
+        ..Config::default()
+    });
+    let mut first = null.expect("it opens");
+    load(&mut first, plan());
+    let mut second = first.new_context().expect("there can be another");
+    load(&mut second, Plan { name: "other".to_string(), ..plan() });
+    journal.take();
+    let (first, stuck) = std::thread::scope(|scope| {
+        let late = scope.spawn(|| {
+            let frame = submit(&mut first);
+            (first, frame)
+        });
+        while !journal.take().iter().any(|call| matches!(call, Call::Submit { .. })) {
+            std::thread::yield_now();
+        }
+        let behind = submit(&mut second);
+        let error = error_of(second.wait(behind));
+        assert!(error.to_string().starts_with("pass `scan[1]` of `test` has been running"), "{error}");
+        late.join().expect("no panic")
+    });
+    journal.resume();
+    let mut first = first;
+    first.wait(stuck).expect("it is done");
+    drop(second);
+    finish(first, &journal);
+}
+
+#[test]
+fn an_upload_that_cannot_be_waited_for_keeps_the_memory_that_the_device_may_use() {
+    let faults = (0..2).map(|after| Fault { point: Point::Wait, after }).collect();
+    let (null, journal) = open(&Config { faults, ..Config::default() });
+    let mut null = null.expect("it opens");
+    let error = error_of(null.load(plan(), &Zeros::default(), &mut |_| {}));
+    assert!(matches!(error, BackendError::OutOfMemory { .. }), "{error}");
+    load(&mut null, plan());
+    frame(&mut null, &inputs());
+    finish(null, &journal);
 }
 
 #[test]
