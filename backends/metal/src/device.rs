@@ -1,6 +1,6 @@
 //! Lists the machine's GPUs, with their limits and the facts that graphs can use.
 
-use crate::features::{self, Told};
+use crate::features::{self, ReportedLimits};
 use crate::objc;
 use metal::{Device, MTLGPUFamily};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
@@ -8,7 +8,7 @@ use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 pub(crate) struct Physical {
     pub raw: Device,
     pub info: DeviceInfo,
-    pub told: Told,
+    pub reported: ReportedLimits,
 }
 
 pub(crate) fn all() -> Vec<Physical> {
@@ -26,7 +26,7 @@ pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Phy
 
 fn describe(raw: Device, index: usize) -> Physical {
     let threads = raw.max_threads_per_threadgroup();
-    let told = Told {
+    let reported = ReportedLimits {
         max_buffer_bytes: objc::max_buffer_length(&raw),
         threadgroup_bytes: raw.max_threadgroup_memory_length() as u32,
         max_threads: [threads.width as u32, threads.height as u32, threads.depth as u32],
@@ -39,16 +39,16 @@ fn describe(raw: Device, index: usize) -> Physical {
         name: raw.name().to_string(),
         kind: if raw.has_unified_memory() { "integrated" } else { "discrete" }.to_string(),
         driver: format!("Metal, macOS {}", objc::system()),
-        facts: features::limits(&told).facts(),
+        facts: features::limits(&reported).facts(),
         // Buffer accesses are not checked, and no checks can be requested.
         robustness: Robustness::default(),
         heap: Heap {
-            bytes: told.working_set,
-            available: Some(told.working_set.saturating_sub(objc::allocated_bytes(&raw))),
+            bytes: reported.working_set,
+            available: Some(reported.working_set.saturating_sub(objc::allocated_bytes(&raw))),
         },
         unfit: (!fit).then(|| {
             "its family is older than Apple 7, the first family in Macs with Apple silicon".to_string()
         }),
     };
-    Physical { raw, info, told }
+    Physical { raw, info, reported }
 }

@@ -8,7 +8,7 @@ use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 
 /// The limits that a device reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+pub struct ReportedLimits {
     /// Metal's `maxBufferLength`, in bytes.
     pub max_buffer_bytes: u64,
     /// Metal's `maxThreadgroupMemoryLength`, in bytes.
@@ -21,9 +21,9 @@ pub struct Told {
     pub filters_floats: bool,
 }
 
-impl Told {
+impl ReportedLimits {
     /// Assumed limits of a small Mac of family Apple 7, for plans built without a device.
-    pub const APPLE_7: Told = Told {
+    pub const APPLE_7: ReportedLimits = ReportedLimits {
         max_buffer_bytes: 4 << 30,
         threadgroup_bytes: 32 << 10,
         max_threads: [1024; 3],
@@ -35,27 +35,27 @@ impl Told {
 /// Number of lanes of a SIMD group. The pipelines of shaders with subgroup operations are checked to have it.
 pub const LANES: u32 = 32;
 
-/// Returns the limits that plans are checked against, for a device that reports `told`.
-pub fn limits(told: &Told) -> Limits {
+/// Returns the limits that plans are checked against, for a device that reports `reported`.
+pub fn limits(reported: &ReportedLimits) -> Limits {
     // Push constants and the buffer sizes take one entry each.
     let buffers = Msl::MAX_BUFFERS - 2;
     Limits {
         // Shaders receive the sizes of buffers as 32-bit words.
-        max_storage_bytes: told.max_buffer_bytes.min(u64::from(u32::MAX)),
+        max_storage_bytes: reported.max_buffer_bytes.min(u64::from(u32::MAX)),
         max_uniform_bytes: 64 << 10,
-        max_buffer_bytes: told.max_buffer_bytes,
+        max_buffer_bytes: reported.max_buffer_bytes,
         max_push_bytes: Msl::MAX_PUSH_BYTES,
         // Metal documents no limit. Shaders split larger counts into x and y, on every backend.
         max_groups: [65535; 3],
-        max_local_size: told.max_threads,
-        max_invocations: told.max_threads[0],
-        shared_bytes: told.threadgroup_bytes,
+        max_local_size: reported.max_threads,
+        max_invocations: reported.max_threads[0],
+        shared_bytes: reported.threadgroup_bytes,
         max_image_size: 16384,
         max_targets: 8,
         max_storage_buffers: buffers,
         max_uniform_buffers: buffers,
         max_storage_images: Msl::MAX_TEXTURES,
-        heap_bytes: told.working_set,
+        heap_bytes: reported.working_set,
         device_memory_types: 1,
         // Buffers and images have no granularity beyond their own alignment.
         buffer_image_granularity: 1,
@@ -65,7 +65,7 @@ pub fn limits(told: &Told) -> Limits {
             min_size: LANES,
             max_size: LANES,
             selectable: false,
-            max_per_group: told.max_threads[0] / LANES,
+            max_per_group: reported.max_threads[0] / LANES,
         },
         // Not documented; docs/metal-mac.md says how to measure it. A plan for a device that does not round is correct
         // on every device.
@@ -81,25 +81,38 @@ pub fn limits(told: &Told) -> Limits {
 }
 
 /// Returns the shader features of Metal Shading Language 2.4 on family Apple 7.
+///
+/// Left out are features that the language lacks, and float atomics and 64-bit atomics, which need later versions or
+/// families.
 pub fn features() -> Features {
-    let missing = Features::FLOAT64
-        // Later families have only minimum and maximum.
-        | Features::BUFFER_INT64_ATOMICS
-        | Features::SHARED_INT64_ATOMICS
-        // These need version 3 of the language, or do not exist.
-        | Features::BUFFER_FLOAT_ATOMICS
-        | Features::BUFFER_FLOAT_ATOMIC_ADD
-        | Features::SHARED_FLOAT_ATOMICS
-        | Features::SHARED_FLOAT_ATOMIC_ADD
-        | Features::IMAGE_FLOAT_ATOMICS
-        | Features::IMAGE_FLOAT_ATOMIC_ADD
-        | Features::STORAGE_BUFFER_NONUNIFORM
-        | Features::UNIFORM_BUFFER_NONUNIFORM
-        | Features::STORAGE_IMAGE_NONUNIFORM
-        | Features::CULL_DISTANCE
-        | Features::SUBGROUP_CLUSTERED
-        | Features::SUBGROUPS_IN_VERTEX;
-    Features::all() - missing
+    Features::INT16
+        | Features::INT64
+        | Features::INT8
+        | Features::FLOAT16
+        | Features::STORAGE_16
+        | Features::UNIFORM_16
+        | Features::STORAGE_8
+        | Features::UNIFORM_8
+        | Features::SCALAR_LAYOUT
+        | Features::IMAGE_READ_WITHOUT_FORMAT
+        | Features::IMAGE_WRITE_WITHOUT_FORMAT
+        | Features::IMAGE_EXTENDED_FORMATS
+        | Features::STORAGE_BUFFER_INDEXING
+        | Features::UNIFORM_BUFFER_INDEXING
+        | Features::STORAGE_IMAGE_INDEXING
+        | Features::VERTEX_STORES
+        | Features::FRAGMENT_STORES
+        | Features::DRAW_PARAMETERS
+        | Features::CLIP_DISTANCE
+        | Features::SAMPLE_SHADING
+        | Features::SUBGROUP_BASIC
+        | Features::SUBGROUP_VOTE
+        | Features::SUBGROUP_ARITHMETIC
+        | Features::SUBGROUP_BALLOT
+        | Features::SUBGROUP_SHUFFLE
+        | Features::SUBGROUP_SHUFFLE_RELATIVE
+        | Features::SUBGROUP_QUAD
+        | Features::SUBGROUPS_IN_FRAGMENT
 }
 
 /// Returns the uses that images of a format support. Formats of 32-bit floats count as blendable if they can be
@@ -122,7 +135,7 @@ mod tests {
 
     #[test]
     fn graphs_are_told_of_simd_groups_of_32_lanes_and_32_kib() {
-        let facts = limits(&Told::APPLE_7).facts();
+        let facts = limits(&ReportedLimits::APPLE_7).facts();
         assert_eq!((facts.subgroup_size, facts.shared_bytes, facts.max_invocations), (32, 32768, 1024));
         assert!(facts.features.contains(Features::SUBGROUP_BALLOT | Features::SUBGROUP_SHUFFLE));
         assert!(!facts.features.intersects(Features::FLOAT64 | Features::BUFFER_INT64_ATOMICS));
@@ -130,14 +143,14 @@ mod tests {
 
     #[test]
     fn a_binding_is_never_longer_than_the_word_that_tells_its_size() {
-        let told = Told { max_buffer_bytes: 64 << 30, ..Told::APPLE_7 };
-        assert_eq!(limits(&told).max_storage_bytes, u64::from(u32::MAX));
-        assert_eq!(limits(&told).max_buffer_bytes, 64 << 30);
+        let reported = ReportedLimits { max_buffer_bytes: 64 << 30, ..ReportedLimits::APPLE_7 };
+        assert_eq!(limits(&reported).max_storage_bytes, u64::from(u32::MAX));
+        assert_eq!(limits(&reported).max_buffer_bytes, 64 << 30);
     }
 
     #[test]
     fn workgroups_run_in_simd_groups_of_the_known_size_for_certain() {
-        let subgroup = limits(&Told::APPLE_7).subgroup;
+        let subgroup = limits(&ReportedLimits::APPLE_7).subgroup;
         assert!(subgroup.has_certain_size([256, 1, 1]) && subgroup.has_certain_size([16, 16, 1]));
         assert!(!subgroup.can_request_size([256, 1, 1]));
     }

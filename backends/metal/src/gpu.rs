@@ -70,7 +70,7 @@ impl MetalGpu {
         window: Option<Arc<dyn Window>>,
         options: &Options,
     ) -> Result<MetalGpu, BackendError> {
-        let Physical { raw: device, told, .. } = physical;
+        let Physical { raw: device, reported, .. } = physical;
         let queue = objc::new_queue(&device).ok_or_else(|| no_object("newCommandQueue"))?;
         queue.set_label("queue");
         let surface = window.map(|window| Surface::new(window, &device)).transpose()?;
@@ -79,11 +79,11 @@ impl MetalGpu {
         Ok(MetalGpu {
             builtin: Builtin::new(&device)?,
             queue,
-            limits: features::limits(&told),
+            limits: features::limits(&reported),
             messages: Arc::default(),
             surface,
             timestamps: timestamps(&device),
-            filters_floats: told.filters_floats,
+            filters_floats: reported.filters_floats,
             labels: set.iter().any(|name| std::env::var_os(name).is_some_and(|value| value != "0")),
             patience: options.patience.unwrap_or(PATIENCE),
             compile_patience: options.compile_patience.unwrap_or(COMPILE_PATIENCE),

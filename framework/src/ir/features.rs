@@ -96,10 +96,6 @@ bitflags! {
         const SUBGROUPS_IN_VERTEX = 1 << 41;
         /// Subgroup operations in fragment shaders.
         const SUBGROUPS_IN_FRAGMENT = 1 << 42;
-        /// `GL_EXT_maximal_reconvergence`
-        const MAXIMAL_RECONVERGENCE = 1 << 43;
-        /// `GL_EXT_subgroup_uniform_control_flow`
-        const SUBGROUP_UNIFORM_CONTROL_FLOW = 1 << 44;
     }
 }
 
@@ -116,7 +112,7 @@ impl Features {
 
     /// Lists each feature with a description and its name in Vulkan.
     #[rustfmt::skip]
-    pub const LIST: [(Features, &str, &str); 45] = [
+    pub const LIST: [(Features, &str, &str); 43] = [
         (Features::INT16, "16-bit integers", "shaderInt16"),
         (Features::INT64, "64-bit integers", "shaderInt64"),
         (Features::INT8, "8-bit integers", "shaderInt8"),
@@ -160,8 +156,6 @@ impl Features {
         (Features::SUBGROUP_QUAD, "quad operations of subgroups", "VK_SUBGROUP_FEATURE_QUAD_BIT"),
         (Features::SUBGROUPS_IN_VERTEX, "subgroup operations in vertex shaders", "supportedStages"),
         (Features::SUBGROUPS_IN_FRAGMENT, "subgroup operations in fragment shaders", "supportedStages"),
-        (Features::MAXIMAL_RECONVERGENCE, "maximal reconvergence", "shaderMaximalReconvergence"),
-        (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, "subgroup-uniform control flow", "shaderSubgroupUniformControlFlow"),
     ];
 }
 

@@ -107,8 +107,6 @@ fn of_capability(capability: Capability) -> Option<Features> {
 /// Returns the features of a SPIR-V extension beyond those of its capabilities; `None` for an unsupported extension.
 fn of_extension(name: &str) -> Option<Features> {
     match name {
-        "SPV_KHR_maximal_reconvergence" => Some(Features::MAXIMAL_RECONVERGENCE),
-        "SPV_KHR_subgroup_uniform_control_flow" => Some(Features::SUBGROUP_UNIFORM_CONTROL_FLOW),
         "SPV_KHR_16bit_storage"
         | "SPV_KHR_8bit_storage"
         | "SPV_KHR_storage_buffer_storage_class"

@@ -361,6 +361,10 @@ fn capabilities_that_no_backend_enables_are_refused() {
         "#extension GL_EXT_shader_atomic_float2 : require\nshared float m;\n{IN_OUT}void main() {{ atomicMax(m, 1.0); }}"
     ));
     assert!(error.contains("AtomicFloat32MinMaxEXT are not supported"), "{error}");
+    let error = refused(&format!(
+        "#extension GL_EXT_maximal_reconvergence : require\nlayout(local_size_x = 64) in;\n{IN_OUT}void main() [[maximally_reconverges]] {{ b[0] = a[0]; }}"
+    ));
+    assert!(error.contains("SPV_KHR_maximal_reconvergence are not supported"), "{error}");
 }
 
 #[test]
