@@ -36,6 +36,7 @@ impl OptionalFeatures {
 
         let core = vk::PhysicalDeviceFeatures {
             independent_blend: has10.independent_blend,
+            draw_indirect_first_instance: has10.draw_indirect_first_instance,
             shader_int16: has10.shader_int16,
             shader_int64: has10.shader_int64,
             shader_float64: has10.shader_float64,

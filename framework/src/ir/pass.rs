@@ -164,7 +164,8 @@ pub enum DrawCall {
         /// Number of instances.
         instances: u32,
     },
-    /// Counts read by the GPU from four 32-bit words: vertices, instances, first vertex, first instance.
+    /// Counts read by the GPU from four 32-bit words: vertices, instances, first vertex, first instance. The last must
+    /// be 0 on a device without Vulkan's `drawIndirectFirstInstance`.
     Indirect {
         /// The buffer that contains the words.
         buffer: ResourceId,

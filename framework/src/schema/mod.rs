@@ -506,7 +506,8 @@ pub enum Call {
         /// Number of instances.
         instances: Number,
     },
-    /// Four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance.
+    /// Four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance. The last must be 0
+    /// on a device without Vulkan's `drawIndirectFirstInstance`.
     Indirect(Reference, Number),
 }
 
