@@ -170,7 +170,7 @@ impl Entry<'_> {
         let text = &sources.units[unit].text;
         let syntax = SyntaxError::parse(&self.message);
         let is_macro = |name: &str| {
-            sources.macros.contains(name) || request.defines.iter().any(|(define, _)| define == name)
+            sources.macros().contains(name) || request.defines.iter().any(|(define, _)| define == name)
         };
         let wanted = |token: &Token| match (&syntax, self.token) {
             (Some(syntax), _) => syntax.is_about(token, text),
@@ -191,9 +191,9 @@ impl Entry<'_> {
         let unknown = ["undeclared identifier", "no matching overloaded function found"];
         let label = match self.token.filter(|_| unknown.contains(&self.message.as_str())) {
             Some(name) => {
-                let known =
-                    sources.identifiers.iter().chain(request.defines.iter().map(|(define, _)| define));
-                let known: Vec<&str> = known.map(String::as_str).filter(|known| *known != name).collect();
+                let defines = request.defines.iter().map(|(define, _)| define.as_str());
+                let known = sources.identifiers().into_iter().chain(defines);
+                let known: Vec<&str> = known.filter(|known| *known != name).collect();
                 let same = known.iter().copied().find(|known| known.eq_ignore_ascii_case(name));
                 same.or(nearest(name, known)).map(|near| format!("did you mean `{near}`?"))
             }

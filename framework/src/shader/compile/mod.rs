@@ -31,6 +31,7 @@ use std::sync::Arc;
 use tracing::info_span;
 
 use generate::{Failure, Key};
+use scan::Scans;
 pub use serve::serve_if_asked;
 use sources::Sources;
 pub use worker::{Limits, Worker};
@@ -52,6 +53,7 @@ const MAX_CACHED: usize = 1024;
 #[derive(Debug, Default)]
 pub struct Glslang {
     cache: HashMap<Arc<Key>, Result<Compiled, Failure>>,
+    scans: Scans,
     store: Option<Arc<dyn SpirvStore>>,
     compiled: usize,
     worker: Option<worker::Parent>,
@@ -93,11 +95,12 @@ impl ShaderCompiler for Glslang {
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>> {
         let _span = info_span!("prepare a shader", shader = files.path(request.file)).entered();
-        let sources = info_span!("read GLSL").in_scope(|| Sources::gather(files, request))?;
+        let sources =
+            info_span!("read GLSL").in_scope(|| Sources::gather(files, request, &mut self.scans))?;
         if let Some(diagnostic) = sources.too_large(files, request) {
             return Err(vec![diagnostic]);
         }
-        let defines = request.defines.iter().filter(|(name, _)| sources.identifiers.contains(name));
+        let defines = request.defines.iter().filter(|(name, _)| sources.mentions(name));
         let defines: Vec<(String, String)> = defines.cloned().collect();
         let includes = sources.units.iter().map(|u| {
             u.includes
@@ -138,8 +141,9 @@ impl ShaderCompiler for Glslang {
             let span = sources.find_quoted(files, request, &problem);
             vec![Diagnostic::new(problem, span, "")]
         })?;
-        let reached = Arc::new(followed.map_or(sources.identifiers, |followed| followed.names));
-        let declared = Arc::new(sources.bindings);
+        let all = || sources.identifiers().into_iter().map(str::to_owned).collect();
+        let reached = Arc::new(followed.map_or_else(all, |followed| followed.names));
+        let declared = Arc::new(sources.bindings());
         let defines = key.defines.clone();
         let compiled = Compiled { spirv: Arc::new(spirv), defines, reached, reflection, declared };
         self.remember(key, Ok(compiled.clone()));
@@ -147,7 +151,9 @@ impl ShaderCompiler for Glslang {
     }
 
     fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
-        Sources::gather(files, request).map(|sources| sources.identifiers).unwrap_or_default()
+        let sources = Sources::gather(files, request, &mut self.scans);
+        let names = sources.map(|sources| sources.identifiers().into_iter().map(str::to_owned).collect());
+        names.unwrap_or_default()
     }
 
     fn is_cancelled(&self) -> bool {

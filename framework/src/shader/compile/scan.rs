@@ -2,8 +2,9 @@
 //!
 //! The lexer handles comments, line continuations and strings. It evaluates nothing: all branches of an `#if` count.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
+use std::sync::Arc;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TokenKind {
@@ -107,7 +108,10 @@ pub(super) fn lex(text: &str) -> Vec<Token> {
                 TokenKind::Foreign
             }
             _ => {
-                at += OPERATORS.iter().find(|o| rest.starts_with(o.as_bytes())).map_or(1, |o| o.len());
+                // Most symbols are followed by no other, so the table is rarely searched.
+                let longer = rest.get(1).is_some_and(u8::is_ascii_punctuation);
+                let operator = OPERATORS.iter().find(|o| longer && rest.starts_with(o.as_bytes()));
+                at += operator.map_or(1, |o| o.len());
                 TokenKind::Symbol
             }
         };
@@ -134,42 +138,59 @@ fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-#[derive(Debug, PartialEq)]
-pub(super) struct Scan<'t> {
-    pub identifiers: HashSet<&'t str>,
+/// What a text contains, in any branch of its `#if`s.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Scan {
+    pub identifiers: HashSet<String>,
     /// Names after `#include`, with their places (inside the quotes).
-    pub includes: Vec<(&'t str, Range<usize>)>,
-    pub macros: HashSet<&'t str>,
+    pub includes: Vec<(String, Range<usize>)>,
+    pub macros: HashSet<String>,
     /// All words, numbers and symbols after `#if` and `#elif`.
-    pub conditions: HashSet<&'t str>,
+    pub conditions: HashSet<String>,
     /// Names of blocks and other `uniform` declarations, without push constants.
-    pub bindings: Vec<&'t str>,
+    pub bindings: Vec<String>,
     /// Place of the number in the first `#version`, and true if it is 460 in the core profile.
     pub version: Option<(Range<usize>, bool)>,
     /// The first token with a character that GLSL allows in comments only, if any.
     pub foreign: Option<Range<usize>>,
 }
 
-pub(super) fn scan(text: &str) -> Scan<'_> {
+/// Maximum number of kept scans. If it is reached, all are dropped.
+const MAX_KEPT: usize = 1024;
+
+/// The scans of texts. Many shaders include the same texts, and most texts are unchanged from build to build.
+#[derive(Debug, Default)]
+pub(super) struct Scans(HashMap<Arc<str>, Arc<Scan>>);
+
+impl Scans {
+    /// Returns the text, shared with other shaders, and its scan.
+    pub fn of(&mut self, text: &str) -> (Arc<str>, Arc<Scan>) {
+        if let Some((text, scan)) = self.0.get_key_value(text) {
+            return (text.clone(), scan.clone());
+        }
+        if self.0.len() >= MAX_KEPT {
+            self.0.clear();
+        }
+        let new: (Arc<str>, Arc<Scan>) = (text.into(), Arc::new(scan(text)));
+        self.0.insert(new.0.clone(), new.1.clone());
+        new
+    }
+}
+
+fn scan(text: &str) -> Scan {
     let tokens = lex(text);
-    let mut scan = Scan {
-        identifiers: HashSet::new(),
-        includes: Vec::new(),
-        macros: HashSet::new(),
-        conditions: HashSet::new(),
-        bindings: Vec::new(),
-        version: None,
-        foreign: None,
-    };
+    let mut scan = Scan::default();
     let (mut line_starts, mut statement) = (true, 0);
     for (i, token) in tokens.iter().enumerate() {
         match token.kind {
             TokenKind::Identifier => {
                 let name = token.of(text);
-                scan.identifiers.insert(name);
+                if !scan.identifiers.contains(name) {
+                    scan.identifiers.insert(name.to_owned());
+                }
                 let is_push = || tokens[statement..i].iter().any(|t| t.of(text) == "push_constant");
                 if matches!(name, "buffer" | "uniform") && !is_push() {
-                    scan.bindings.extend(binding_name(text, &tokens[i + 1..]));
+                    scan.bindings.extend(binding_name(text, &tokens[i + 1..]).map(str::to_owned));
                 }
             }
             TokenKind::Foreign if scan.foreign.is_none() => scan.foreign = Some(token.range()),
@@ -178,12 +199,15 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
                 let directive = words.next();
                 let argument = words.next();
                 match directive.map(|t| t.of(text)) {
-                    Some("include") => scan.includes.extend(directive.and_then(|t| header_name(text, t.end))),
+                    Some("include") => {
+                        let found = directive.and_then(|t| header_name(text, t.end));
+                        scan.includes.extend(found.map(|(name, place)| (name.to_owned(), place)));
+                    }
                     Some("if" | "elif") => {
                         let rest = argument.into_iter().chain(words);
-                        scan.conditions.extend(rest.map(|token| token.of(text)));
+                        scan.conditions.extend(rest.map(|token| token.of(text).to_owned()));
                     }
-                    Some("define") => scan.macros.extend(argument.map(|t| t.of(text))),
+                    Some("define") => scan.macros.extend(argument.map(|t| t.of(text).to_owned())),
                     Some("version") if scan.version.is_none() => {
                         let number = argument.map_or(token.range(), Token::range);
                         let profile = words.next().map(|t| t.of(text));
@@ -232,6 +256,9 @@ fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
 /// Replaces a byte order mark, zeros and all non-ASCII bytes, which occur only in comments. The compiler gets ASCII,
 /// and byte offsets do not change.
 pub(super) fn to_ascii(text: &str) -> String {
+    if text.is_ascii() && !text.contains('\0') {
+        return text.to_owned();
+    }
     let mut bytes = text.as_bytes().to_vec();
     if text.starts_with('\u{feff}') {
         bytes[..3].fill(b' ');
@@ -246,8 +273,8 @@ mod tests {
     #[test]
     fn comments_hide_identifiers_and_includes() {
         let scan = scan("a /* b\n#include \"x\"\n */ c // d \\\n still\n#include \"y\"\ne");
-        assert_eq!(scan.identifiers, HashSet::from(["a", "c", "include", "e"]));
-        assert_eq!(scan.includes.iter().map(|i| i.0).collect::<Vec<_>>(), ["y"]);
+        assert_eq!(scan.identifiers, HashSet::from(["a", "c", "include", "e"].map(String::from)));
+        assert_eq!(scan.includes.iter().map(|i| i.0.as_str()).collect::<Vec<_>>(), ["y"]);
     }
 
     #[test]
@@ -265,8 +292,8 @@ mod tests {
     fn an_include_is_found_with_its_place_however_it_is_written() {
         let text = "  # /* so */ include   <a/b.glsl>\n#include \"c//d.glsl\" // why\nx #include \"no\"\n#include nothing\n";
         let scan = scan(text);
-        assert_eq!(scan.includes.iter().map(|i| i.0).collect::<Vec<_>>(), ["a/b.glsl", "c//d.glsl"]);
-        assert!(scan.includes.iter().all(|(name, range)| &text[range.clone()] == *name));
+        assert_eq!(scan.includes.iter().map(|i| i.0.as_str()).collect::<Vec<_>>(), ["a/b.glsl", "c//d.glsl"]);
+        assert!(scan.includes.iter().all(|(name, range)| text[range.clone()] == *name));
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::reached::{self, Reached};
-use super::scan;
+use super::scan::{self, Scan, Scans};
 use crate::ir::{FileId, Span};
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
@@ -16,19 +17,13 @@ pub(super) const MAX_FILES: usize = 256;
 pub(super) struct Sources {
     /// The shader itself first.
     pub units: Vec<Unit>,
-    /// Every identifier of every unit, in any branch.
-    pub identifiers: BTreeSet<String>,
-    pub macros: BTreeSet<String>,
-    /// The words, numbers and symbols of the units' `#if`s and `#elif`s.
-    pub conditions: BTreeSet<String>,
-    /// The names of the blocks and images that the units declare.
-    pub bindings: BTreeSet<String>,
 }
 
 /// A file or a generated text of a shader.
 pub(super) struct Unit {
     pub origin: UnitOrigin,
-    pub text: String,
+    pub text: Arc<str>,
+    pub scan: Arc<Scan>,
     /// Included files, by the name in the `#include`.
     pub includes: BTreeMap<String, Include>,
 }
@@ -51,36 +46,35 @@ impl Sources {
     ///
     /// Fails if the files exceed a limit, if one has a zero or a non-ASCII character outside comments, or if the shader
     /// is not declared GLSL 4.60.
-    pub fn gather(files: &mut SourceMap, request: &ShaderRequest) -> Result<Sources, Vec<Diagnostic>> {
-        let mut sources = Sources {
-            units: Vec::new(),
-            identifiers: BTreeSet::new(),
-            macros: BTreeSet::new(),
-            conditions: BTreeSet::new(),
-            bindings: BTreeSet::new(),
-        };
+    pub fn gather(
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+        scans: &mut Scans,
+    ) -> Result<Sources, Vec<Diagnostic>> {
+        let mut sources = Sources { units: Vec::new() };
         let mut origins = vec![UnitOrigin::File(request.file)];
         let mut bytes = 0;
         while let Some(&origin) = origins.get(sources.units.len()) {
             let text = match origin {
-                UnitOrigin::File(file) => files.text(file).to_string(),
-                UnitOrigin::Generated(index) => request.generated[index].1.clone(),
+                UnitOrigin::File(file) => files.text(file),
+                UnitOrigin::Generated(index) => &request.generated[index].1,
             };
+            bytes += text.len();
+            let within = bytes <= MAX_BYTES && sources.units.len() < MAX_FILES;
+            let scanned = within.then(|| scans.of(text));
             let span_of = |place: Range<usize>, files: &mut SourceMap| {
                 let file = origin.file(files, request);
                 Span::new(file, place)
             };
-            bytes += text.len();
-            if bytes > MAX_BYTES || sources.units.len() >= MAX_FILES {
+            let Some((text, scan)) = scanned else {
                 let span = span_of(0..0, files);
                 let message = format!(
                     "expected at most {MAX_FILES} files and {} KiB of text in a shader with its includes, found more",
                     MAX_BYTES >> 10
                 );
                 return Err(vec![Diagnostic::new(message, span, "the limit is exceeded with this file")]);
-            }
-            let scan = scan::scan(&text);
-            if let Some(place) = scan.foreign {
+            };
+            if let Some(place) = scan.foreign.clone() {
                 let span = span_of(place, files);
                 return Err(vec![Diagnostic::new(
                     "GLSL has only ASCII characters outside of comments",
@@ -100,16 +94,12 @@ impl Sources {
                     return Err(vec![diagnostic.with_help("its first line should be `#version 460`")]);
                 }
             }
-            sources.identifiers.extend(scan.identifiers.iter().map(|name| name.to_string()));
-            sources.macros.extend(scan.macros.iter().map(|name| name.to_string()));
-            sources.conditions.extend(scan.conditions.iter().map(|name| name.to_string()));
-            sources.bindings.extend(scan.bindings.iter().map(|name| name.to_string()));
             let mut includes = BTreeMap::new();
-            for (name, place) in scan.includes {
+            for (name, place) in &scan.includes {
                 if includes.contains_key(name) {
                     continue;
                 }
-                let found = match request.generated.iter().position(|g| g.0 == name) {
+                let found = match request.generated.iter().position(|g| g.0 == *name) {
                     Some(index) => Ok(UnitOrigin::Generated(index)),
                     None => {
                         // Includes of a generated text are resolved as if they were the shader's own.
@@ -129,11 +119,35 @@ impl Sources {
                         origins.len() - 1
                     })
                 });
-                includes.insert(name.to_string(), Include { place, target });
+                includes.insert(name.clone(), Include { place: place.clone(), target });
             }
-            sources.units.push(Unit { origin, text, includes });
+            sources.units.push(Unit { origin, text, scan, includes });
         }
         Ok(sources)
+    }
+
+    fn scans(&self) -> impl Iterator<Item = &Scan> {
+        self.units.iter().map(|unit| &*unit.scan)
+    }
+
+    /// Returns true if a unit contains the identifier, in any branch.
+    pub fn mentions(&self, name: &str) -> bool {
+        self.scans().any(|scan| scan.identifiers.contains(name))
+    }
+
+    /// Lists every identifier of every unit, in any branch.
+    pub fn identifiers(&self) -> BTreeSet<&str> {
+        self.scans().flat_map(|scan| &scan.identifiers).map(String::as_str).collect()
+    }
+
+    /// Lists the macros that the units define.
+    pub fn macros(&self) -> BTreeSet<&str> {
+        self.scans().flat_map(|scan| &scan.macros).map(String::as_str).collect()
+    }
+
+    /// Lists the names of the blocks and images that the units declare.
+    pub fn bindings(&self) -> BTreeSet<String> {
+        self.scans().flat_map(|scan| &scan.bindings).cloned().collect()
     }
 
     /// Finds the names that the shader reaches with `defines`; `None` if the branches cannot be followed.
@@ -169,19 +183,19 @@ impl Sources {
         let span = self.span(files, request, unit, place);
         let error =
             Diagnostic::new(format!("`{name}` is not defined"), span, "would count as 0 in this `#if`");
-        let defined = request.defines.iter().map(|(name, _)| name).chain(&self.macros).map(String::as_str);
+        let defined = request.defines.iter().map(|(name, _)| name.as_str()).chain(self.macros());
         error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
     }
 
     /// Returns the error for a mentioned constant that is too large, if any. Shaders have 32-bit numbers, and an `#if`
     /// has signed ones.
     pub fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
-        let unfit = request.unfit.iter().find(|(name, _)| self.identifiers.contains(name));
+        let unfit = request.unfit.iter().find(|(name, _)| self.mentions(name));
         let (name, value, limit) = match unfit {
             Some((name, value)) => (name, value.as_str(), "a number of 32 bits"),
             None => {
                 let unsigned = |(name, value): &&(String, String)| {
-                    value.ends_with('u') && self.conditions.contains(name)
+                    value.ends_with('u') && self.scans().any(|scan| scan.conditions.contains(name))
                 };
                 let (name, value) = request.defines.iter().find(unsigned)?;
                 (name, value.trim_end_matches('u'), "the `int` of an `#if`")

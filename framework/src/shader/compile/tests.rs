@@ -163,7 +163,7 @@ fn what_follows_an_error_in_its_line_is_left_out() {
     let file = bench.files.find(None, "a.comp", Kind::Shader).unwrap();
     let request =
         ShaderRequest { file, stage: ShaderStage::Compute, defines: &[], unfit: &[], generated: &[] };
-    let sources = Sources::gather(&mut bench.files, &request).unwrap();
+    let sources = Sources::gather(&mut bench.files, &request, &mut Scans::default()).unwrap();
     let found = log::diagnose(&mut bench.files, &request, &sources, log);
     assert_eq!(found.iter().map(|d| d.message.as_str()).collect::<Vec<_>>(), ["`x`: undeclared identifier"]);
 }
