@@ -25,7 +25,6 @@ use std::time::Duration;
 
 impl Gpu for MetalGpu {
     type Memory = Memory;
-    type Dedicated = ();
     type UnboundBuffer = UnboundBuffer;
     type UnboundImage = UnboundImage;
     type Buffer = Buffer;
@@ -88,21 +87,21 @@ impl Gpu for MetalGpu {
     fn create_buffer(
         self: &Arc<Self>,
         desc: &BufferDesc,
-    ) -> Result<(UnboundBuffer, Requirements<()>), BackendError> {
+    ) -> Result<(UnboundBuffer, Requirements), BackendError> {
         Ok(memory::create_buffer(self, desc))
     }
 
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
-    ) -> Result<(UnboundImage, Requirements<()>), BackendError> {
+    ) -> Result<(UnboundImage, Requirements), BackendError> {
         Ok(memory::create_image(self, desc))
     }
 
     fn allocate(
         self: &Arc<Self>,
         name: &str,
-        requirements: &Requirements<()>,
+        requirements: &Requirements,
         location: Location,
     ) -> Result<Memory, BackendError> {
         objc::pool(|| Memory::new(self, name, requirements, location))
@@ -171,8 +170,8 @@ impl Gpu for MetalGpu {
         encoder.wait(limit)
     }
 
-    fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
-        Ok((told.0 > 0 && told.1 > 0).then_some(told))
+    fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        Ok((wanted.0 > 0 && wanted.1 > 0).then_some(wanted))
     }
 
     /// Does nothing: a layer is never lost.

@@ -9,65 +9,10 @@
 //! The y axis of clip space points up in Metal and down in Vulkan. The translated vertex shaders negate it, so
 //! viewports and images are unchanged.
 
-use splatgraph_api::{BackendError, LimitExceeded, Unit};
+use splatgraph_api::BackendError;
 use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_runtime::{PipelineState, PipelineStates};
 use std::sync::Arc;
-
-/// State of a pipeline. Passes with equal states share a pipeline.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum PipelineState {
-    /// State of an `MTLComputePipelineDescriptor`.
-    Compute {
-        /// Shader of the kernel.
-        shader: ShaderId,
-        /// Threadgroup size in x, y and z. It is passed with each dispatch.
-        threads: [u32; 3],
-    },
-    /// State of an `MTLRenderPipelineDescriptor`.
-    Draw {
-        /// The vertex function.
-        vertex: ShaderId,
-        /// The fragment function.
-        fragment: ShaderId,
-        /// The primitive type, passed with each draw. The pipeline has only its class.
-        topology: Topology,
-        /// The colour attachments.
-        targets: Vec<TargetState>,
-        /// The use of the depth attachment; `None` without one.
-        depth: Option<DepthAccess>,
-    },
-}
-
-/// The state of a colour attachment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TargetState {
-    /// The format of the image.
-    pub format: Format,
-    /// Blending; `None` if the fragment replaces the target.
-    pub blend: Option<BlendState>,
-}
-
-/// The blend equation: `colour = source * source factor + target * target factor`, likewise for alpha.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BlendState {
-    /// Factors of the colour, for source and target.
-    pub color: (BlendFactor, BlendFactor),
-    /// Factors of alpha, for source and target.
-    pub alpha: (BlendFactor, BlendFactor),
-}
-
-/// The values of `MTLBlendFactor` that plans use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlendFactor {
-    /// Factor 0.
-    Zero,
-    /// Factor 1.
-    One,
-    /// Factor 1 - the fragment's alpha.
-    OneMinusSourceAlpha,
-    /// Factor equal to the target's alpha.
-    DestinationAlpha,
-}
 
 /// A shader stage. Each has its own argument tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,12 +48,10 @@ pub struct ArgumentSlot {
 }
 
 /// The pipelines and arguments of a whole plan.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lowered {
-    /// Pipelines of the plan, without duplicates.
-    pub pipelines: Vec<PipelineState>,
-    /// Index into [`Lowered::pipelines`], by pass; `None` if the pass has no pipeline or is not in the order.
-    pub of_pass: Vec<Option<usize>>,
+    /// Pipelines of the plan.
+    pub pipelines: PipelineStates<()>,
     /// The arguments of each pass, by stage; empty for passes without a pipeline.
     pub arguments: Vec<Vec<StageArguments>>,
 }
@@ -128,102 +71,30 @@ impl Lowered {
 /// Lowers a checked plan to pipelines and arguments.
 ///
 /// # Errors
-/// A shader was not translated, or needs more slots than an argument table has.
+/// A shader was not translated.
 pub fn lower(plan: &Plan) -> Result<Lowered, BackendError> {
-    let passes = plan.passes.len();
-    let mut lowered =
-        Lowered { of_pass: vec![None; passes], arguments: vec![Vec::new(); passes], ..Lowered::default() };
-    for id in plan.order() {
-        let pass = plan.pass(id);
-        let Some(state) = pipeline(plan, pass) else { continue };
-        let stages: &[(Stage, ShaderId)] = match state {
-            PipelineState::Compute { shader, .. } => &[(Stage::Compute, shader)],
-            PipelineState::Draw { vertex, fragment, .. } => {
-                &[(Stage::Vertex, vertex), (Stage::Fragment, fragment)]
-            }
-        };
-        let stages = stages.iter().map(|&(stage, shader)| arguments(plan.shader(shader), stage));
-        lowered.arguments[id.index()] = stages.collect::<Result<_, _>>()?;
-        let known = lowered.pipelines.iter().position(|other| *other == state);
-        lowered.of_pass[id.index()] = Some(known.unwrap_or_else(|| {
-            lowered.pipelines.push(state);
-            lowered.pipelines.len() - 1
-        }));
-    }
-    Ok(lowered)
-}
-
-fn pipeline(plan: &Plan, pass: &Pass) -> Option<PipelineState> {
-    match &pass.work {
-        Work::Dispatch { shader, .. } => Some(PipelineState::Compute {
-            shader: *shader,
-            threads: plan.shader(*shader).reflection.local_size,
-        }),
-        Work::Draw { vertex, fragment, topology, targets, depth, .. } => {
-            let targets = targets.iter().filter_map(|target| match plan.resource(target.image).shape {
-                Shape::Image { format, .. } => Some(TargetState { format, blend: blend(target.blend) }),
-                Shape::Buffer { .. } => None,
-            });
-            let targets = targets.collect();
-            let depth = depth.map(|depth| depth.access);
-            Some(PipelineState::Draw {
-                vertex: *vertex,
-                fragment: *fragment,
-                topology: *topology,
-                targets,
-                depth,
-            })
-        }
-        _ => None,
-    }
+    let pipelines = PipelineStates::new(plan, |_| ());
+    let stages = |pipeline: &Option<usize>| match *pipeline {
+        None => Ok(Vec::new()),
+        Some(pipeline) => match pipelines.states[pipeline].0 {
+            PipelineState::Compute(shader) => Ok(vec![arguments(plan.shader(shader), Stage::Compute)?]),
+            PipelineState::Draw { vertex, fragment, .. } => Ok(vec![
+                arguments(plan.shader(vertex), Stage::Vertex)?,
+                arguments(plan.shader(fragment), Stage::Fragment)?,
+            ]),
+        },
+    };
+    let arguments = pipelines.of_pass.iter().map(stages).collect::<Result<_, BackendError>>()?;
+    Ok(Lowered { pipelines, arguments })
 }
 
 fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendError> {
-    let name = &shader.name;
-    let Some(msl) = &shader.msl else {
-        return Err(BackendError::Invalid(format!(
-            "expected shaders in Metal's language, found shader `{name}` without a translation"
-        )));
-    };
-    let most = |texture: bool| {
-        let table =
-            msl.arguments.iter().filter(move |place| place.texture == texture).map(|place| place.index);
-        let own = [msl.push, msl.sizes].into_iter().flatten().filter(move |_| !texture);
-        table.chain(own).map(|index| index + 1).max().unwrap_or(0)
-    };
-    let tables = [("buffers", most(false), Msl::MAX_BUFFERS), ("textures", most(true), Msl::MAX_TEXTURES)];
-    for (what, needed, available) in tables {
-        if needed > available {
-            return Err(BackendError::Limit(LimitExceeded {
-                what: format!(
-                    "the number of {what} of shader `{name}`, including its push constants and sizes"
-                ),
-                needed: needed.into(),
-                available: available.into(),
-                unit: Unit::Count,
-            }));
-        }
-    }
-    Ok(StageArguments { stage, msl: msl.clone() })
-}
-
-/// Lowers a blend mode; `None` if the fragment replaces the target.
-pub fn blend(blend: Blend) -> Option<BlendState> {
-    use BlendFactor as F;
-    match blend {
-        Blend::Replace => None,
-        Blend::PremultipliedOver => Some(BlendState {
-            color: (F::One, F::OneMinusSourceAlpha),
-            alpha: (F::One, F::OneMinusSourceAlpha),
-        }),
-        Blend::TransmittanceOver => Some(BlendState {
-            color: (F::One, F::OneMinusSourceAlpha),
-            alpha: (F::Zero, F::OneMinusSourceAlpha),
-        }),
-        Blend::TransmittanceUnder => Some(BlendState {
-            color: (F::DestinationAlpha, F::One),
-            alpha: (F::Zero, F::OneMinusSourceAlpha),
-        }),
+    match &shader.msl {
+        Some(msl) => Ok(StageArguments { stage, msl: msl.clone() }),
+        None => Err(BackendError::Invalid(format!(
+            "expected shaders in Metal's language, found shader `{}` without a translation",
+            shader.name
+        ))),
     }
 }
 
@@ -313,31 +184,6 @@ mod tests {
     }
 
     #[test]
-    fn passes_of_one_shader_and_state_share_a_pipeline() {
-        let lowered = lower(&translated()).unwrap();
-        assert_eq!(lowered.pipelines.len(), 2);
-        // In pass order: a fill, two dispatches, a draw, the export and the host pass.
-        assert_eq!(lowered.of_pass, [None, Some(0), Some(0), Some(1), None, None]);
-        assert_eq!(lowered.pipelines[0], PipelineState::Compute { shader: ShaderId(0), threads: [64, 1, 1] });
-    }
-
-    #[test]
-    fn a_draws_state_holds_the_formats_and_blends_of_its_targets() {
-        let lowered = lower(&translated()).unwrap();
-        let factors = (BlendFactor::One, BlendFactor::OneMinusSourceAlpha);
-        let over = BlendState { color: factors, alpha: factors };
-        let state = PipelineState::Draw {
-            vertex: ShaderId(1),
-            fragment: ShaderId(2),
-            topology: Topology::TriangleStrip,
-            targets: vec![TargetState { format: Format::Rgba16Float, blend: Some(over) }],
-            depth: None,
-        };
-        assert_eq!(lowered.pipelines[1], state);
-        assert_eq!(blend(Blend::Replace), None);
-    }
-
-    #[test]
     fn a_binding_has_a_place_in_each_stage_that_reaches_it() {
         let plan = translated();
         let lowered = lower(&plan).unwrap();
@@ -359,19 +205,6 @@ mod tests {
         plan.shaders[2].msl = None;
         let error = lower(&plan).unwrap_err().to_string();
         assert!(error.contains("found shader `splat.frag` without a translation"), "{error}");
-    }
-
-    #[test]
-    fn more_arguments_than_a_table_holds_are_refused_with_both_numbers() {
-        let mut plan = translated();
-        plan.shaders[0].msl = msl(vec![argument(0, 0, false, 0)], Some(30), Some(31));
-        let error = lower(&plan).unwrap_err().to_string();
-        assert!(error.contains("buffers of shader `scan.comp`"), "{error}");
-        assert!(error.ends_with("expected at most 31, found 32"), "{error}");
-        plan.shaders[0].msl = msl(vec![argument(0, 0, true, 128)], None, None);
-        assert!(lower(&plan).unwrap_err().to_string().contains("expected at most 128, found 129"));
-        plan.shaders[0].msl = msl(vec![argument(0, 0, false, 0)], Some(29), Some(30));
-        assert!(lower(&plan).is_ok());
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::objc;
 use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;
-use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind};
+use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind, Requirements};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -27,9 +27,6 @@ enum Backing {
     /// A buffer, for mapped memory.
     Buffer(Buffer),
 }
-
-/// Memory requirements. The dedicated object is `()`, as no Metal object requires a dedicated allocation.
-pub(crate) type Requirements = splatgraph_runtime::Requirements<()>;
 
 impl Memory {
     pub(crate) fn new(
@@ -147,7 +144,7 @@ pub(crate) fn bind_image(image: &UnboundImage, memory: &Memory) -> Result<Textur
     Ok(raw)
 }
 
-fn requirements(needed: MTLSizeAndAlign, kind: MemoryKind<()>) -> Requirements {
+fn requirements(needed: MTLSizeAndAlign, kind: MemoryKind) -> Requirements {
     // There is a single memory type.
     Requirements {
         size: needed.size.next_multiple_of(needed.align.max(1)),

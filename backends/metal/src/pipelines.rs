@@ -2,17 +2,17 @@
 
 use crate::features::LANES;
 use crate::gpu::{self, MetalGpu};
-use crate::lower::{self, BlendFactor, Lowered, PipelineState, TargetState};
+use crate::lower::{self, Lowered};
 use crate::memory::format;
 use crate::objc;
 use crate::sync::Division;
 use crate::walk::Walked;
 use metal::*;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{DepthAccess, Format, Msl, PassId, ShaderId, Topology, Work};
+use splatgraph_framework::ir::{Blend, DepthAccess, Format, Msl, PassId, ShaderId, Topology, Work};
 use splatgraph_framework::msl::add_msl;
 use splatgraph_framework::plan::Plan;
-use splatgraph_runtime::NextPipeline;
+use splatgraph_runtime::{BlendFactor, BlendFactors, NextPipeline, PipelineState};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -62,22 +62,16 @@ impl Pipelines {
         let lowered = lower::lower(plan)?;
         let mut functions = HashMap::new();
         let mut pipelines = Vec::new();
-        for (done, state) in lowered.pipelines.iter().enumerate() {
-            let shaders = match *state {
-                PipelineState::Compute { shader, .. } => vec![shader],
-                PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
-            };
-            next(NextPipeline::new(&lowered.of_pass, done, lowered.pipelines.len(), shaders[0]))?;
+        for (done, (state, ())) in lowered.pipelines.states.iter().enumerate() {
+            next(lowered.pipelines.next(done))?;
             pipelines.push(objc::pool(|| {
-                for shader in shaders {
+                for shader in state.shaders() {
                     if let Entry::Vacant(entry) = functions.entry(shader) {
                         entry.insert(function(gpu, plan, shader)?);
                     }
                 }
                 match state {
-                    PipelineState::Compute { shader, threads } => {
-                        compute(gpu, plan, *shader, &functions[shader], *threads)
-                    }
+                    PipelineState::Compute(shader) => compute(gpu, plan, *shader, &functions[shader]),
                     PipelineState::Draw { vertex, fragment, topology, targets, depth } => {
                         let name = &plan.shader(*vertex).name;
                         let functions = [&*functions[vertex], &*functions[fragment]];
@@ -98,7 +92,7 @@ impl Pipelines {
     }
 
     pub(crate) fn of(&self, pass: PassId) -> Option<&Pipeline> {
-        self.lowered.of_pass[pass.index()].map(|pipeline| &self.pipelines[pipeline])
+        self.lowered.pipelines.of_pass[pass.index()].map(|pipeline| &self.pipelines[pipeline])
     }
 }
 
@@ -128,9 +122,9 @@ fn compute(
     plan: &Plan,
     shader: ShaderId,
     function: &FunctionRef,
-    threads: [u32; 3],
 ) -> Result<Pipeline, BackendError> {
     let shader = plan.shader(shader);
+    let threads = shader.reflection.local_size;
     let all: u64 = threads.iter().map(|&n| u64::from(n)).product();
     let (raw, lanes) = gpu::kernel(&gpu.device, function, &shader.name, all)?;
     if shader.reflection.has_subgroups() && lanes != u64::from(LANES) {
@@ -148,24 +142,24 @@ fn draw(
     name: &str,
     [vertex, fragment]: [&FunctionRef; 2],
     topology: Topology,
-    (targets, depth): (&[TargetState], Option<DepthAccess>),
+    (targets, depth): (&[(Format, Blend)], Option<DepthAccess>),
 ) -> Result<Pipeline, BackendError> {
     let descriptor = RenderPipelineDescriptor::new();
     descriptor.set_label(name);
     descriptor.set_vertex_function(Some(vertex));
     descriptor.set_fragment_function(Some(fragment));
     descriptor.set_input_primitive_topology(MTLPrimitiveTopologyClass::Triangle);
-    for (index, target) in targets.iter().enumerate() {
+    for (index, &(color, blend)) in targets.iter().enumerate() {
         let Some(attachment) = descriptor.color_attachments().object_at(index as u64) else { continue };
-        attachment.set_pixel_format(format(target.format));
-        let Some(blend) = target.blend else { continue };
+        attachment.set_pixel_format(format(color));
+        let Some(BlendFactors { color, alpha }) = BlendFactors::of(blend) else { continue };
         attachment.set_blending_enabled(true);
         attachment.set_rgb_blend_operation(MTLBlendOperation::Add);
         attachment.set_alpha_blend_operation(MTLBlendOperation::Add);
-        attachment.set_source_rgb_blend_factor(factor(blend.color.0));
-        attachment.set_destination_rgb_blend_factor(factor(blend.color.1));
-        attachment.set_source_alpha_blend_factor(factor(blend.alpha.0));
-        attachment.set_destination_alpha_blend_factor(factor(blend.alpha.1));
+        attachment.set_source_rgb_blend_factor(factor(color.0));
+        attachment.set_destination_rgb_blend_factor(factor(color.1));
+        attachment.set_source_alpha_blend_factor(factor(alpha.0));
+        attachment.set_destination_alpha_blend_factor(factor(alpha.1));
     }
     if depth.is_some() {
         descriptor.set_depth_attachment_pixel_format(format(Format::Depth32Float));
@@ -194,6 +188,6 @@ fn factor(factor: BlendFactor) -> MTLBlendFactor {
         BlendFactor::Zero => MTLBlendFactor::Zero,
         BlendFactor::One => MTLBlendFactor::One,
         BlendFactor::OneMinusSourceAlpha => MTLBlendFactor::OneMinusSourceAlpha,
-        BlendFactor::DestinationAlpha => MTLBlendFactor::DestinationAlpha,
+        BlendFactor::TargetAlpha => MTLBlendFactor::DestinationAlpha,
     }
 }

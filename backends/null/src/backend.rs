@@ -5,11 +5,11 @@ use crate::fault::Point;
 use crate::gpu::{Bindings, Config, Memory, NullGpu, Swapchain, Synchronization, Timestamps};
 use crate::journal::{Call, Hung, Object, Owned, Used};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options};
-use splatgraph_framework::ir::{Binding, Format, PassId, ShaderId, Work};
+use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, MemoryKind,
-    Messages, NextPipeline, Presented, Requirements, Show, Window, binding_copies,
+    Messages, NextPipeline, PipelineStates, Presented, Requirements, Show, Window, binding_copies,
 };
 use std::collections::HashMap;
 use std::sync::atomic::Ordering;
@@ -18,7 +18,6 @@ use std::time::Duration;
 
 impl Gpu for NullGpu {
     type Memory = Memory;
-    type Dedicated = ();
     type UnboundBuffer = Owned;
     type UnboundImage = Owned;
     type Buffer = Owned;
@@ -77,13 +76,13 @@ impl Gpu for NullGpu {
         true
     }
 
-    fn create_buffer(self: &Arc<Self>, desc: &BufferDesc) -> Result<(Owned, Requirements<()>), BackendError> {
+    fn create_buffer(self: &Arc<Self>, desc: &BufferDesc) -> Result<(Owned, Requirements), BackendError> {
         let buffer = self.create(Object::Buffer, desc.name)?;
         let kind = MemoryKind::Linear;
         Ok((buffer, Requirements { size: desc.bytes, alignment: 16, types: 1, kind }))
     }
 
-    fn create_image(self: &Arc<Self>, desc: &ImageDesc) -> Result<(Owned, Requirements<()>), BackendError> {
+    fn create_image(self: &Arc<Self>, desc: &ImageDesc) -> Result<(Owned, Requirements), BackendError> {
         let image = self.create(Object::Image, desc.name)?;
         let pixels = desc.size.0 as u64 * desc.size.1 as u64;
         let size = pixels * desc.format.bytes_per_pixel() as u64;
@@ -93,7 +92,7 @@ impl Gpu for NullGpu {
     fn allocate(
         self: &Arc<Self>,
         name: &str,
-        requirements: &Requirements<()>,
+        requirements: &Requirements,
         location: Location,
     ) -> Result<Memory, BackendError> {
         let (name, bytes) = (name.to_string(), requirements.size);
@@ -133,20 +132,9 @@ impl Gpu for NullGpu {
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Owned, BackendError> {
-        // Creates one pipeline per compute or vertex shader.
-        let passes = plan.order();
-        let mut pipelines: Vec<(ShaderId, PassId)> = Vec::new();
-        for pass in passes {
-            let (Work::Dispatch { shader, .. } | Work::Draw { vertex: shader, .. }) = plan.pass(pass).work
-            else {
-                continue;
-            };
-            if !pipelines.iter().any(|(known, _)| *known == shader) {
-                pipelines.push((shader, pass));
-            }
-        }
-        for (done, &(shader, pass)) in pipelines.iter().enumerate() {
-            next(NextPipeline { done, of: pipelines.len(), shader, pass })?;
+        let pipelines = PipelineStates::new(plan, |_| ());
+        for done in 0..pipelines.states.len() {
+            next(pipelines.next(done))?;
             self.journal.compile();
         }
         self.create(Object::Pipelines, &plan.name)
@@ -251,11 +239,11 @@ impl Gpu for NullGpu {
         Ok(true)
     }
 
-    fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+    fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
         if self.journal.fails(Point::Surface) {
             return Err(BackendError::SurfaceLost { call: "window_size" });
         }
-        Ok((told.0 > 0 && told.1 > 0).then_some(told))
+        Ok((wanted.0 > 0 && wanted.1 > 0).then_some(wanted))
     }
 
     fn renew_surface(&self) -> Result<(), BackendError> {

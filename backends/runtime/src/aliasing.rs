@@ -50,7 +50,7 @@ impl Member<'_> {
         }
     }
 
-    fn create<G: Gpu>(&self, gpu: &Arc<G>) -> Result<(Unbound<G>, Requirements<G::Dedicated>), BackendError> {
+    fn create<G: Gpu>(&self, gpu: &Arc<G>) -> Result<(Unbound<G>, Requirements), BackendError> {
         Ok(match self {
             Member::Buffer(desc) => {
                 let (buffer, requirements) = gpu.create_buffer(desc)?;
@@ -113,11 +113,7 @@ pub(crate) fn create_block<G: Gpu>(
 ///
 /// A block with both buffers and images fills whole pages of `granularity` bytes
 /// (`VkPhysicalDeviceLimits::bufferImageGranularity`), so that its neighbours are unaffected.
-fn combine<D: Copy + PartialEq>(
-    members: &[Requirements<D>],
-    device_types: u32,
-    granularity: u64,
-) -> Option<Requirements<D>> {
+fn combine(members: &[Requirements], device_types: u32, granularity: u64) -> Option<Requirements> {
     let (first, rest) = members.split_first()?;
     if rest.is_empty() {
         return Some(*first);
@@ -132,7 +128,7 @@ fn combine<D: Copy + PartialEq>(
             all.kind = MemoryKind::Optimal;
         }
     }
-    let plain = |needs: &Requirements<D>| matches!(needs.kind, MemoryKind::Linear | MemoryKind::Optimal);
+    let plain = |needs: &Requirements| matches!(needs.kind, MemoryKind::Linear | MemoryKind::Optimal);
     if all.types & device_types == 0 || !members.iter().all(plain) {
         return None;
     }
@@ -147,41 +143,41 @@ fn combine<D: Copy + PartialEq>(
 mod tests {
     use super::*;
 
-    type Needs = Requirements<()>;
-
-    const BUFFER: Needs = Needs { size: 1000, alignment: 16, types: 0b0111, kind: MemoryKind::Linear };
-    const IMAGE: Needs = Needs { size: 700, alignment: 256, types: 0b0110, kind: MemoryKind::Optimal };
+    const BUFFER: Requirements =
+        Requirements { size: 1000, alignment: 16, types: 0b0111, kind: MemoryKind::Linear };
+    const IMAGE: Requirements =
+        Requirements { size: 700, alignment: 256, types: 0b0110, kind: MemoryKind::Optimal };
     const ON_DEVICE: u32 = 0b0011;
 
     #[test]
     fn members_together_need_the_most_that_any_of_them_needs() {
-        let larger = Needs { size: 3000, types: 0b1101, ..BUFFER };
-        let together = Needs { size: 3000, types: 0b0101, ..BUFFER };
+        let larger = Requirements { size: 3000, types: 0b1101, ..BUFFER };
+        let together = Requirements { size: 3000, types: 0b0101, ..BUFFER };
         assert_eq!(combine(&[BUFFER, larger], ON_DEVICE, 1024), Some(together));
         assert_eq!(combine(&[larger, BUFFER, BUFFER], ON_DEVICE, 1024), Some(together));
     }
 
     #[test]
     fn a_block_of_buffers_and_images_fills_whole_pages() {
-        let together = Needs { size: 1024, alignment: 1024, types: 0b0110, kind: MemoryKind::Optimal };
+        let together = Requirements { size: 1024, alignment: 1024, types: 0b0110, kind: MemoryKind::Optimal };
         assert_eq!(combine(&[BUFFER, IMAGE], ON_DEVICE, 1024), Some(together));
         assert_eq!(combine(&[IMAGE, BUFFER], ON_DEVICE, 1024), Some(together));
-        let fine = Needs { size: 1000, alignment: 256, ..together };
+        let fine = Requirements { size: 1000, alignment: 256, ..together };
         assert_eq!(combine(&[IMAGE, BUFFER], ON_DEVICE, 1), Some(fine));
     }
 
     #[test]
     fn members_without_a_type_of_device_memory_in_common_do_not_share() {
-        let other = Needs { types: 0b1000, ..IMAGE };
+        let other = Requirements { types: 0b1000, ..IMAGE };
         assert_eq!(combine(&[BUFFER, other], ON_DEVICE, 1), None);
         // The only common type is host memory.
-        assert_eq!(combine(&[BUFFER, Needs { types: 0b0100, ..IMAGE }], ON_DEVICE, 1), None);
+        assert_eq!(combine(&[BUFFER, Requirements { types: 0b0100, ..IMAGE }], ON_DEVICE, 1), None);
         assert_eq!(combine(&[other], ON_DEVICE, 1), Some(other));
     }
 
     #[test]
     fn a_member_that_needs_a_dedicated_allocation_does_not_share() {
-        let alone = Needs { kind: MemoryKind::Dedicated(()), ..IMAGE };
+        let alone = Requirements { kind: MemoryKind::DedicatedImage(1), ..IMAGE };
         assert_eq!(combine(&[BUFFER, alone], ON_DEVICE, 1), None);
         assert_eq!(combine(&[alone, alone], ON_DEVICE, 1), None);
         assert_eq!(combine(&[alone], ON_DEVICE, 1), Some(alone));

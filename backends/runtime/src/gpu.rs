@@ -13,7 +13,7 @@ use crate::messages::Messages;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options};
 use splatgraph_framework::{ir::*, plan::*};
-use std::fmt::{Arguments, Debug};
+use std::fmt::Arguments;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
@@ -31,8 +31,6 @@ impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 pub trait Gpu: Sized + Send + Sync + 'static {
     /// A device memory allocation, freed when it is dropped.
     type Memory: Memory;
-    /// The object for which an allocation is dedicated, as in `VK_KHR_dedicated_allocation`.
-    type Dedicated: Copy + Debug + PartialEq;
     /// A buffer without memory.
     type UnboundBuffer;
     /// An image without memory.
@@ -93,20 +91,20 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     fn create_buffer(
         self: &Arc<Self>,
         desc: &BufferDesc,
-    ) -> Result<(Self::UnboundBuffer, Requirements<Self::Dedicated>), BackendError>;
+    ) -> Result<(Self::UnboundBuffer, Requirements), BackendError>;
 
     /// Creates an image without memory, and returns its memory requirements. The caller has checked that the format
     /// supports the usage.
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
-    ) -> Result<(Self::UnboundImage, Requirements<Self::Dedicated>), BackendError>;
+    ) -> Result<(Self::UnboundImage, Requirements), BackendError>;
 
     /// Allocates memory for an object; `name` names it in errors.
     fn allocate(
         self: &Arc<Self>,
         name: &str,
-        requirements: &Requirements<Self::Dedicated>,
+        requirements: &Requirements,
         location: Location,
     ) -> Result<Self::Memory, BackendError>;
 
@@ -177,9 +175,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// false once `limit` has passed.
     fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
 
-    /// Returns the size to create the swapchain with, in pixels; `None` while the window shows nothing. `told` is the
+    /// Returns the size to create the swapchain with, in pixels; `None` while the window shows nothing. `wanted` is the
     /// size reported to the program, used if the surface does not dictate one.
-    fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError>;
+    fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError>;
 
     /// Recreates the window's surface, after a call returned [`BackendError::SurfaceLost`]. The caller has dropped the
     /// swapchain.
@@ -211,7 +209,7 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     fn present(&self, show: Show<Self>) -> Result<Presented, BackendError>;
 }
 
-/// The pipeline about to be created, for progress and errors.
+/// The pipeline about to be created, for progress and errors; see [`crate::PipelineStates::next`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NextPipeline {
     /// Pipelines created so far.
@@ -222,18 +220,6 @@ pub struct NextPipeline {
     pub shader: ShaderId,
     /// The first pass that uses the pipeline.
     pub pass: PassId,
-}
-
-impl NextPipeline {
-    /// Describes pipeline number `done` of `of`. `of_pass` has each pass's pipeline index, or `None` for a pass
-    /// without a pipeline.
-    ///
-    /// # Panics
-    /// Panics if no pass uses pipeline `done`.
-    pub fn new(of_pass: &[Option<usize>], done: usize, of: usize, shader: ShaderId) -> NextPipeline {
-        let pass = of_pass.iter().position(|pipeline| *pipeline == Some(done));
-        NextPipeline { done, of, shader, pass: PassId(pass.expect("each pipeline is that of a pass") as u32) }
-    }
 }
 
 /// The swapchain image in which a frame is presented.
@@ -302,7 +288,7 @@ pub enum Location {
 
 /// The memory requirements of an object, or of several that share memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Requirements<D> {
+pub struct Requirements {
     /// Size, in bytes.
     pub size: u64,
     /// Alignment, in bytes; a power of two.
@@ -310,18 +296,20 @@ pub struct Requirements<D> {
     /// A bit for each suitable memory type.
     pub types: u32,
     /// The kind of allocation.
-    pub kind: MemoryKind<D>,
+    pub kind: MemoryKind,
 }
 
 /// The kind of an allocation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum MemoryKind<D> {
+pub enum MemoryKind {
     /// For buffers. Allocators keep them apart from images.
     Linear,
     /// For images, or for images and buffers.
     Optimal,
-    /// For a single object, as the driver requires.
-    Dedicated(D),
+    /// For a single buffer, as the driver requires: the API's handle of it.
+    DedicatedBuffer(u64),
+    /// For a single image, as the driver requires: the API's handle of it.
+    DedicatedImage(u64),
 }
 
 /// A buffer to create.

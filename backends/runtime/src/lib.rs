@@ -4,7 +4,7 @@
 //! implements. A plan passes through the crate in these steps:
 //!
 //! 1. `check` checks its consistency, and the device's `limits`.
-//! 2. `pipelines` compiles its pipelines, on a thread that can be abandoned. `resources` (with `aliasing`,
+//! 2. `states` lists its pipelines, and `pipelines` compiles them, on a thread that can be abandoned. `resources` (with `aliasing`,
 //!    `attributes`, `once` and `host_buffers`), `bindings` and `upload` create the rest of a `compiled` plan. `results`
 //!    reuses what another plan has computed once. A `loader` does all this on any thread.
 //! 3. The plan becomes the current one of an `executor`, and continues from the `history` of the previous one.
@@ -44,6 +44,7 @@ mod record;
 mod resources;
 mod results;
 mod shared;
+mod states;
 #[cfg(test)]
 mod testing;
 mod timing;
@@ -63,3 +64,4 @@ pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};
 pub use messages::Messages;
 pub use pipelines::abandoned_compilers;
+pub use states::{BlendFactor, BlendFactors, PipelineState, PipelineStates, position_or_push};

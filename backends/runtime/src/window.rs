@@ -22,13 +22,13 @@ pub(crate) struct Swapchain<G: Gpu> {
     // Dropped first, when the device is idle.
     raw: Option<G::Swapchain>,
     /// The window's size in pixels, as last reported by the caller.
-    told: (u32, u32),
+    wanted_size: (u32, u32),
     vsync: bool,
     stale: bool,
     /// True if an image was acquired and not yet presented.
     acquired: bool,
     /// True if the swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
-    is_best: bool,
+    rebuilt_for_suboptimal: bool,
     /// True if the swapchain must be dropped and the surface recreated.
     surface_lost: bool,
     gpu: Arc<G>,
@@ -39,11 +39,11 @@ impl<G: Gpu> Swapchain<G> {
     pub fn new(gpu: &Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
         let mut swapchain = Swapchain {
             raw: None,
-            told: size,
+            wanted_size: size,
             vsync: true,
             stale: true,
             acquired: false,
-            is_best: false,
+            rebuilt_for_suboptimal: false,
             surface_lost: false,
             gpu: gpu.clone(),
         };
@@ -52,15 +52,15 @@ impl<G: Gpu> Swapchain<G> {
     }
 
     pub fn resize(&mut self, size: (u32, u32)) {
-        if size != self.told {
-            (self.stale, self.is_best) = (true, false);
+        if size != self.wanted_size {
+            (self.stale, self.rebuilt_for_suboptimal) = (true, false);
         }
-        self.told = size;
+        self.wanted_size = size;
     }
 
     pub fn set_vsync(&mut self, vsync: bool) {
         if vsync != self.vsync {
-            (self.stale, self.is_best) = (true, false);
+            (self.stale, self.rebuilt_for_suboptimal) = (true, false);
         }
         self.vsync = vsync;
     }
@@ -107,12 +107,12 @@ impl<G: Gpu> Swapchain<G> {
 
     /// Marks the swapchain for a single rebuild: some window systems report `SUBOPTIMAL` for every swapchain.
     fn set_suboptimal(&mut self) {
-        self.stale |= !self.is_best;
-        self.is_best = true;
+        self.stale |= !self.rebuilt_for_suboptimal;
+        self.rebuilt_for_suboptimal = true;
     }
 
     fn set_out_of_date(&mut self) {
-        (self.stale, self.is_best) = (true, false);
+        (self.stale, self.rebuilt_for_suboptimal) = (true, false);
     }
 
     fn lose_surface(&mut self) {
@@ -166,7 +166,7 @@ impl<G: Gpu> Swapchain<G> {
             self.raw = None;
             self.gpu.renew_surface()?;
         }
-        let Some(size) = self.gpu.window_size(self.told)? else { return Ok(()) };
+        let Some(size) = self.gpu.window_size(self.wanted_size)? else { return Ok(()) };
         // The device must be idle when the old swapchain is destroyed. While it is busy for long, frames are drawn and
         // not shown.
         if !self.gpu.wait_idle(PATIENCE) {

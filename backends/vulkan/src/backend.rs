@@ -5,7 +5,7 @@ use crate::encoder::Encoder;
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
 use crate::instance::Instance;
-use crate::memory::{self, Dedicated, Image, Memory, UnboundImage};
+use crate::memory::{self, Image, Memory, UnboundImage};
 use crate::pipelines::Pipelines;
 use crate::swapchain::{self, Swapchain};
 use crate::sync::{self, Barriers};
@@ -25,7 +25,6 @@ use tracing::info_span;
 
 impl Gpu for VulkanGpu {
     type Memory = Memory;
-    type Dedicated = Dedicated;
     type UnboundBuffer = Owned<vk::Buffer>;
     type UnboundImage = UnboundImage;
     type Buffer = Owned<vk::Buffer>;
@@ -124,21 +123,21 @@ impl Gpu for VulkanGpu {
     fn create_buffer(
         self: &Arc<Self>,
         desc: &BufferDesc,
-    ) -> Result<(Owned<vk::Buffer>, Requirements<Dedicated>), BackendError> {
+    ) -> Result<(Owned<vk::Buffer>, Requirements), BackendError> {
         memory::create_buffer(self, desc)
     }
 
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
-    ) -> Result<(UnboundImage, Requirements<Dedicated>), BackendError> {
+    ) -> Result<(UnboundImage, Requirements), BackendError> {
         memory::create_image(self, desc)
     }
 
     fn allocate(
         self: &Arc<Self>,
         name: &str,
-        requirements: &Requirements<Dedicated>,
+        requirements: &Requirements,
         location: Location,
     ) -> Result<Memory, BackendError> {
         Memory::new(self, name, requirements, location)
@@ -231,8 +230,8 @@ impl Gpu for VulkanGpu {
         queue::wait(self, *encoder.fence, limit)
     }
 
-    fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
-        swapchain::window_size(self, told)
+    fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
+        swapchain::window_size(self, wanted)
     }
 
     fn renew_surface(&self) -> Result<(), BackendError> {

@@ -5,7 +5,7 @@
 use ash::vk;
 use splatgraph_framework::ir::Reflection;
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_runtime::SubgroupLimits;
+use splatgraph_runtime::{BlendFactor, PipelineStates, SubgroupLimits, position_or_push};
 use std::ops::BitOr;
 
 /// The layout of descriptor set 0, and the push constants. Passes with equal interfaces share a pipeline layout.
@@ -23,32 +23,6 @@ pub(crate) struct InterfaceBinding {
     pub count: u32,
 }
 
-/// The state of a pipeline. Passes with equal states share a pipeline.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum PipelineState {
-    Compute {
-        shader: ShaderId,
-        subgroups: Subgroups,
-    },
-    Draw {
-        vertex: ShaderId,
-        fragment: ShaderId,
-        topology: vk::PrimitiveTopology,
-        targets: Vec<TargetState>,
-        depth: Option<DepthAccess>,
-    },
-}
-
-impl PipelineState {
-    /// Lists the shaders in the order of their stages.
-    pub(crate) fn shaders(&self) -> Vec<ShaderId> {
-        match *self {
-            PipelineState::Compute { shader, .. } => vec![shader],
-            PipelineState::Draw { vertex, fragment, .. } => vec![vertex, fragment],
-        }
-    }
-}
-
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Subgroups {
     /// The subgroup size to request; `None` to let the driver choose.
@@ -57,46 +31,18 @@ pub(crate) struct Subgroups {
     pub full: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct TargetState {
-    pub format: vk::Format,
-    pub blend: Option<BlendState>,
-}
-
-/// The blend equation: `colour = source * source factor + target * target factor`, likewise for alpha.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct BlendState {
-    pub color: (vk::BlendFactor, vk::BlendFactor),
-    pub alpha: (vk::BlendFactor, vk::BlendFactor),
-}
-
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// The pipelines of a plan. Each has the index of its interface.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Lowered {
     pub interfaces: Vec<Interface>,
-    /// Pipelines, each with the index of its interface.
-    pub pipelines: Vec<(PipelineState, usize)>,
-    /// Index into [`Lowered::pipelines`], by pass; `None` if the pass has no pipeline or is not in the order.
-    pub of_pass: Vec<Option<usize>>,
+    pub pipelines: PipelineStates<usize>,
 }
 
 /// Lowers a checked plan to interfaces and pipelines, with equal ones merged.
-pub(crate) fn lower(plan: &Plan, subgroups: &SubgroupLimits) -> Lowered {
-    let mut lowered = Lowered { of_pass: vec![None; plan.passes.len()], ..Lowered::default() };
-    for id in plan.order() {
-        let pass = plan.pass(id);
-        let Some(state) = pipeline(plan, pass, subgroups) else { continue };
-        let interface = position_or_push(&mut lowered.interfaces, interface(pass));
-        let pipeline = position_or_push(&mut lowered.pipelines, (state, interface));
-        lowered.of_pass[id.index()] = Some(pipeline);
-    }
-    lowered
-}
-
-fn position_or_push<T: PartialEq>(list: &mut Vec<T>, item: T) -> usize {
-    list.iter().position(|other| *other == item).unwrap_or_else(|| {
-        list.push(item);
-        list.len() - 1
-    })
+pub(crate) fn lower(plan: &Plan) -> Lowered {
+    let mut interfaces = Vec::new();
+    let pipelines = PipelineStates::new(plan, |pass| position_or_push(&mut interfaces, interface(pass)));
+    Lowered { interfaces, pipelines }
 }
 
 fn interface(pass: &Pass) -> Interface {
@@ -117,31 +63,6 @@ fn interface(pass: &Pass) -> Interface {
         _ => vk::ShaderStageFlags::COMPUTE,
     };
     Interface { bindings, push_bytes: pass.push.len() as u32, stages }
-}
-
-fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<PipelineState> {
-    match &pass.work {
-        Work::Dispatch { shader, .. } => Some(PipelineState::Compute {
-            shader: *shader,
-            subgroups: subgroups(&plan.shader(*shader).reflection, limits),
-        }),
-        Work::Draw { vertex, fragment, topology, targets, depth, .. } => {
-            let targets = targets.iter().filter_map(|target| match plan.resource(target.image).shape {
-                Shape::Image { format: image, .. } => {
-                    Some(TargetState { format: format(image), blend: blend(target.blend) })
-                }
-                Shape::Buffer { .. } => None,
-            });
-            Some(PipelineState::Draw {
-                vertex: *vertex,
-                fragment: *fragment,
-                topology: self::topology(*topology),
-                targets: targets.collect(),
-                depth: depth.map(|depth| depth.access),
-            })
-        }
-        _ => None,
-    }
 }
 
 /// Requests the subgroup size that the graph assumes and full subgroups, each if the device and the workgroup size
@@ -190,22 +111,12 @@ pub(crate) fn descriptor(kind: DescriptorKind) -> vk::DescriptorType {
     }
 }
 
-/// Lowers a blend mode; `None` if the fragment replaces the target.
-pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
-    use vk::BlendFactor as F;
-    match blend {
-        Blend::Replace => None,
-        Blend::PremultipliedOver => Some(BlendState {
-            color: (F::ONE, F::ONE_MINUS_SRC_ALPHA),
-            alpha: (F::ONE, F::ONE_MINUS_SRC_ALPHA),
-        }),
-        Blend::TransmittanceOver => Some(BlendState {
-            color: (F::ONE, F::ONE_MINUS_SRC_ALPHA),
-            alpha: (F::ZERO, F::ONE_MINUS_SRC_ALPHA),
-        }),
-        Blend::TransmittanceUnder => {
-            Some(BlendState { color: (F::DST_ALPHA, F::ONE), alpha: (F::ZERO, F::ONE_MINUS_SRC_ALPHA) })
-        }
+pub(crate) fn factor(factor: BlendFactor) -> vk::BlendFactor {
+    match factor {
+        BlendFactor::Zero => vk::BlendFactor::ZERO,
+        BlendFactor::One => vk::BlendFactor::ONE,
+        BlendFactor::OneMinusSourceAlpha => vk::BlendFactor::ONE_MINUS_SRC_ALPHA,
+        BlendFactor::TargetAlpha => vk::BlendFactor::DST_ALPHA,
     }
 }
 
@@ -249,24 +160,16 @@ mod tests {
         SubgroupLimits { size: 32, min_size: 32, max_size: 64, selectable: true, max_per_group: 8 };
 
     #[test]
-    fn passes_of_one_shader_and_state_share_a_pipeline() {
-        let lowered = lower(&plan(), &LIMITS);
-        assert_eq!(lowered.pipelines.len(), 2);
-        // In pass order: a fill, two dispatches, a draw, the export and the host pass.
-        assert_eq!(lowered.of_pass, [None, Some(0), Some(0), Some(1), None, None]);
-    }
-
-    #[test]
     fn a_pass_that_binds_otherwise_has_a_pipeline_of_its_own() {
         let mut plan = plan();
         plan.passes[2].bindings[0].binding = 3;
-        assert_eq!(lower(&plan, &LIMITS).pipelines.len(), 3);
+        assert_eq!(lower(&plan).pipelines.states.len(), 3);
     }
 
     #[test]
     fn bindings_are_sorted_and_arrays_are_as_long_as_their_last_element() {
-        let lowered = lower(&plan(), &LIMITS);
-        let draw = &lowered.interfaces[lowered.pipelines[1].1];
+        let lowered = lower(&plan());
+        let draw = &lowered.interfaces[lowered.pipelines.states[1].1];
         let binding = |binding, kind, count| InterfaceBinding { binding, kind, count };
         assert_eq!(
             draw.bindings,
@@ -277,24 +180,6 @@ mod tests {
         );
         assert_eq!(draw.push_bytes, 8);
         assert_eq!(draw.stages, vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT);
-    }
-
-    #[test]
-    fn a_draws_state_holds_the_formats_and_blends_of_its_targets() {
-        let lowered = lower(&plan(), &LIMITS);
-        let over = BlendState {
-            color: (vk::BlendFactor::ONE, vk::BlendFactor::ONE_MINUS_SRC_ALPHA),
-            alpha: (vk::BlendFactor::ONE, vk::BlendFactor::ONE_MINUS_SRC_ALPHA),
-        };
-        let state = PipelineState::Draw {
-            vertex: ShaderId(1),
-            fragment: ShaderId(2),
-            topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
-            targets: vec![TargetState { format: vk::Format::R16G16B16A16_SFLOAT, blend: Some(over) }],
-            depth: None,
-        };
-        assert_eq!(lowered.pipelines[1].0, state);
-        assert_eq!(blend(Blend::Replace), None);
     }
 
     #[test]

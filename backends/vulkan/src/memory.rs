@@ -6,11 +6,11 @@
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
 use crate::lower;
-use ash::vk;
+use ash::vk::{self, Handle};
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use splatgraph_api::BackendError;
-use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind};
+use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind, Requirements};
 use std::sync::{Arc, PoisonError};
 
 /// A device memory allocation.
@@ -19,17 +19,6 @@ pub struct Memory {
     allocation: Option<Allocation>,
     gpu: Arc<VulkanGpu>,
 }
-
-/// The object that an allocation is dedicated to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Dedicated {
-    /// A buffer.
-    Buffer(vk::Buffer),
-    /// An image.
-    Image(vk::Image),
-}
-
-pub(crate) type Requirements = splatgraph_runtime::Requirements<Dedicated>;
 
 impl Memory {
     pub(crate) fn new(
@@ -51,14 +40,15 @@ impl Memory {
                 // Not `CpuToGpu`, which may be device memory: slow for the host to write.
                 Location::Staging | Location::Readback | Location::Host => MemoryLocation::GpuToCpu,
             },
-            linear: matches!(
-                requirements.kind,
-                MemoryKind::Linear | MemoryKind::Dedicated(Dedicated::Buffer(_))
-            ),
+            linear: matches!(requirements.kind, MemoryKind::Linear | MemoryKind::DedicatedBuffer(_)),
             allocation_scheme: match requirements.kind {
                 MemoryKind::Linear | MemoryKind::Optimal => AllocationScheme::GpuAllocatorManaged,
-                MemoryKind::Dedicated(Dedicated::Buffer(buffer)) => AllocationScheme::DedicatedBuffer(buffer),
-                MemoryKind::Dedicated(Dedicated::Image(image)) => AllocationScheme::DedicatedImage(image),
+                MemoryKind::DedicatedBuffer(buffer) => {
+                    AllocationScheme::DedicatedBuffer(vk::Buffer::from_raw(buffer))
+                }
+                MemoryKind::DedicatedImage(image) => {
+                    AllocationScheme::DedicatedImage(vk::Image::from_raw(image))
+                }
             },
         };
         let out_of_memory = |reason: String| BackendError::OutOfMemory {
@@ -123,7 +113,10 @@ pub(crate) fn create_buffer(
     // SAFETY: the buffer is alive, and the chain lives until the call returns.
     unsafe { gpu.device.get_buffer_memory_requirements2(&info, &mut answer) };
     let answer = answer.memory_requirements;
-    Ok((buffer, requirements(answer, &dedicated, MemoryKind::Linear, Dedicated::Buffer(raw))))
+    Ok((
+        buffer,
+        requirements(answer, &dedicated, MemoryKind::Linear, MemoryKind::DedicatedBuffer(raw.as_raw())),
+    ))
 }
 
 pub(crate) fn bind_buffer(
@@ -179,7 +172,10 @@ pub(crate) fn create_image(
     // SAFETY: the image is alive, and the chain lives until the call returns.
     unsafe { gpu.device.get_image_memory_requirements2(&info, &mut answer) };
     let answer = answer.memory_requirements;
-    Ok((image, requirements(answer, &dedicated, MemoryKind::Optimal, Dedicated::Image(raw))))
+    Ok((
+        image,
+        requirements(answer, &dedicated, MemoryKind::Optimal, MemoryKind::DedicatedImage(raw.as_raw())),
+    ))
 }
 
 pub(crate) fn bind_image(
@@ -221,14 +217,14 @@ pub(crate) const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers 
 fn requirements(
     answer: vk::MemoryRequirements,
     dedicated: &vk::MemoryDedicatedRequirements,
-    kind: MemoryKind<Dedicated>,
-    object: Dedicated,
+    shared: MemoryKind,
+    alone: MemoryKind,
 ) -> Requirements {
-    let alone = dedicated.requires_dedicated_allocation == vk::TRUE;
+    let must_be_alone = dedicated.requires_dedicated_allocation == vk::TRUE;
     Requirements {
         size: answer.size,
         alignment: answer.alignment,
         types: answer.memory_type_bits,
-        kind: if alone { MemoryKind::Dedicated(object) } else { kind },
+        kind: if must_be_alone { alone } else { shared },
     }
 }

@@ -2,12 +2,12 @@
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
-use crate::lower::{self, Interface, Lowered, PipelineState, Subgroups, TargetState};
+use crate::lower::{self, Interface, Lowered, Subgroups};
 use ash::vk;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{DepthAccess, Format, PassId, ShaderId};
+use splatgraph_framework::ir::{Blend, DepthAccess, Format, PassId, ShaderId, Topology};
 use splatgraph_framework::plan::Plan;
-use splatgraph_runtime::NextPipeline;
+use splatgraph_runtime::{BlendFactors, NextPipeline, PipelineState};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::num::NonZero;
@@ -26,7 +26,7 @@ pub struct PipelineLayout {
 pub struct Pipeline {
     pub(crate) raw: Owned<vk::Pipeline>,
     pub(crate) bind_point: vk::PipelineBindPoint,
-    /// Index into [`Pipelines::layouts`].
+    /// Index into [`Pipelines::layouts`], and of its interface.
     layout: usize,
 }
 
@@ -44,22 +44,16 @@ impl Pipelines {
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Pipelines, BackendError> {
-        let lowered = lower::lower(plan, &gpu.limits.subgroup);
+        let lowered = lower::lower(plan);
         let layouts: Vec<PipelineLayout> =
             lowered.interfaces.iter().map(|interface| layout(gpu, interface)).collect::<Result<_, _>>()?;
         let modules = modules(gpu, plan, &lowered)?;
-        let create = |at: usize| create(gpu, plan, (&lowered.pipelines[at], &modules), &layouts);
-        let raw = in_parallel(lowered.pipelines.len(), create, |done| {
-            next(NextPipeline::new(
-                &lowered.of_pass,
-                done,
-                lowered.pipelines.len(),
-                lowered.pipelines[done].0.shaders()[0],
-            ))
-        })?;
-        let pipelines = raw.into_iter().zip(&lowered.pipelines).map(|(raw, (state, interface))| {
+        let states = &lowered.pipelines.states;
+        let create = |at: usize| create(gpu, plan, (&states[at], &modules), &layouts);
+        let raw = in_parallel(states.len(), create, |done| next(lowered.pipelines.next(done)))?;
+        let pipelines = raw.into_iter().zip(states).map(|(raw, (state, interface))| {
             let bind_point = match state {
-                PipelineState::Compute { .. } => vk::PipelineBindPoint::COMPUTE,
+                PipelineState::Compute(_) => vk::PipelineBindPoint::COMPUTE,
                 PipelineState::Draw { .. } => vk::PipelineBindPoint::GRAPHICS,
             };
             Pipeline { raw, bind_point, layout: *interface }
@@ -69,13 +63,13 @@ impl Pipelines {
     }
 
     pub(crate) fn find(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
-        let pipeline = &self.pipelines[self.lowered.of_pass[pass.index()]?];
+        let pipeline = &self.pipelines[self.lowered.pipelines.of_pass[pass.index()]?];
         Some((pipeline, &self.layouts[pipeline.layout]))
     }
 
     pub(crate) fn interface(&self, pass: PassId) -> Option<&Interface> {
-        let pipeline = self.lowered.of_pass[pass.index()]?;
-        Some(&self.lowered.interfaces[self.lowered.pipelines[pipeline].1])
+        let pipeline = &self.pipelines[self.lowered.pipelines.of_pass[pass.index()]?];
+        Some(&self.lowered.interfaces[pipeline.layout])
     }
 }
 
@@ -127,7 +121,7 @@ fn modules(
     lowered: &Lowered,
 ) -> Result<HashMap<ShaderId, Owned<vk::ShaderModule>>, BackendError> {
     let mut modules = HashMap::new();
-    for shader in lowered.pipelines.iter().flat_map(|(state, _)| state.shaders()) {
+    for shader in lowered.pipelines.states.iter().flat_map(|(state, _)| state.shaders()) {
         if let Entry::Vacant(entry) = modules.entry(shader) {
             entry.insert(module(gpu, plan, shader)?);
         }
@@ -143,7 +137,10 @@ fn create(
 ) -> Result<Owned<vk::Pipeline>, BackendError> {
     let layout = *layouts[*interface].raw;
     let raw = match state {
-        PipelineState::Compute { shader, subgroups } => compute(gpu, *modules[shader], *subgroups, layout),
+        PipelineState::Compute(shader) => {
+            let subgroups = lower::subgroups(&plan.shader(*shader).reflection, &gpu.limits.subgroup);
+            compute(gpu, *modules[shader], subgroups, layout)
+        }
         PipelineState::Draw { vertex, fragment, topology, targets, depth } => {
             let modules = [*modules[vertex], *modules[fragment]];
             draw(gpu, modules, *topology, (targets, *depth), layout)
@@ -228,8 +225,8 @@ fn compute(
 fn draw(
     gpu: &VulkanGpu,
     [vertex, fragment]: [vk::ShaderModule; 2],
-    topology: vk::PrimitiveTopology,
-    (targets, depth): (&[TargetState], Option<DepthAccess>),
+    topology: Topology,
+    (targets, depth): (&[(Format, Blend)], Option<DepthAccess>),
     layout: vk::PipelineLayout,
 ) -> Result<vk::Pipeline, vk::Result> {
     let stage = |stage, module| {
@@ -238,7 +235,7 @@ fn draw(
     let stages =
         [stage(vk::ShaderStageFlags::VERTEX, vertex), stage(vk::ShaderStageFlags::FRAGMENT, fragment)];
     let no_vertices = vk::PipelineVertexInputStateCreateInfo::default();
-    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(topology);
+    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(lower::topology(topology));
     let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
     let raster = vk::PipelineRasterizationStateCreateInfo::default()
         .polygon_mode(vk::PolygonMode::FILL)
@@ -246,7 +243,7 @@ fn draw(
         .line_width(1.0);
     let samples =
         vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
-    let attachments: Vec<_> = targets.iter().map(attachment).collect();
+    let attachments: Vec<_> = targets.iter().map(|&(_, blend)| attachment(blend)).collect();
     let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments);
     // Reversed: the near plane has depth 1, and nearer fragments greater depths.
     let tests = vk::PipelineDepthStencilStateCreateInfo::default()
@@ -255,7 +252,7 @@ fn draw(
         .depth_compare_op(vk::CompareOp::GREATER);
     let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
-    let formats: Vec<_> = targets.iter().map(|target| target.format).collect();
+    let formats: Vec<_> = targets.iter().map(|&(format, _)| lower::format(format)).collect();
     let mut rendering = vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&formats);
     if depth.is_some() {
         rendering = rendering.depth_attachment_format(lower::format(Format::Depth32Float));
@@ -276,18 +273,18 @@ fn draw(
     single(unsafe { gpu.device.create_graphics_pipelines(gpu.pipeline_cache, &[info], None) })
 }
 
-fn attachment(target: &TargetState) -> vk::PipelineColorBlendAttachmentState {
+fn attachment(blend: Blend) -> vk::PipelineColorBlendAttachmentState {
     let state =
         vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA);
-    match target.blend {
+    match BlendFactors::of(blend) {
         None => state,
-        Some(blend) => state
+        Some(BlendFactors { color, alpha }) => state
             .blend_enable(true)
-            .src_color_blend_factor(blend.color.0)
-            .dst_color_blend_factor(blend.color.1)
+            .src_color_blend_factor(lower::factor(color.0))
+            .dst_color_blend_factor(lower::factor(color.1))
             .color_blend_op(vk::BlendOp::ADD)
-            .src_alpha_blend_factor(blend.alpha.0)
-            .dst_alpha_blend_factor(blend.alpha.1)
+            .src_alpha_blend_factor(lower::factor(alpha.0))
+            .dst_alpha_blend_factor(lower::factor(alpha.1))
             .alpha_blend_op(vk::BlendOp::ADD),
     }
 }

@@ -126,16 +126,19 @@ pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::P
 
 /// Returns the size of the swapchain's images; `None` while the window has no pixels.
 ///
-/// On some window systems the images determine the window's size. There, the size is `told`, the one last reported to
+/// On some window systems the images determine the window's size. There, the size is `wanted`, the one last reported to
 /// the program, clamped to the surface's limits.
-pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent2D) -> Option<vk::Extent2D> {
+pub(crate) fn extent(
+    capabilities: &vk::SurfaceCapabilitiesKHR,
+    wanted: vk::Extent2D,
+) -> Option<vk::Extent2D> {
     const ANY: vk::Extent2D = vk::Extent2D { width: u32::MAX, height: u32::MAX };
     let (least, most) = (capabilities.min_image_extent, capabilities.max_image_extent);
     let extent = match capabilities.current_extent {
-        _ if told.width == 0 || told.height == 0 => return None,
+        _ if wanted.width == 0 || wanted.height == 0 => return None,
         ANY => vk::Extent2D {
-            width: told.width.min(most.width).max(least.width),
-            height: told.height.min(most.height).max(least.height),
+            width: wanted.width.min(most.width).max(least.width),
+            height: wanted.height.min(most.height).max(least.height),
         },
         current => current,
     };
