@@ -35,6 +35,7 @@ mod pixel;
 mod project;
 mod raster;
 mod rules;
+mod srgb;
 
 pub use gaussian::{Gaussian, Splats};
 pub use order::{depth_order, inversions, sort_pairs};

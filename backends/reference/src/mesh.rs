@@ -8,6 +8,7 @@
 use crate::gaussian::Splats;
 use crate::project::{cross, dot};
 use crate::rules::{KeyOf, Rules};
+use crate::srgb::{decode, encode};
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Mesh, MeshMaterial, Texture};
 use std::f64::consts::PI;
@@ -311,16 +312,6 @@ impl<'a> Caster<'a> {
             encode(lit.clamp(0.0, 1.0))
         })
     }
-}
-
-/// Decodes a display-encoded value to linear light (IEC 61966-2-1).
-fn decode(v: f64) -> f64 {
-    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
-}
-
-/// Encodes a linear-light value for display (IEC 61966-2-1).
-fn encode(v: f64) -> f64 {
-    if v <= 0.0031308 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
 #[cfg(test)]

@@ -79,7 +79,6 @@ pub fn fragments(
     let mut list = Vec::new();
     let transmittance = raster::blend(
         ellipses.iter().take_while(|ellipse| ellipse.depth < limit),
-        |ellipse| &ellipse.footprint,
         [x.into(), y.into()],
         rules,
         |Ellipse { index, depth, footprint, .. }, alpha, transmittance| {

@@ -3,7 +3,7 @@
 use crate::gaussian::Splats;
 use crate::mesh::{Surface, Surfaces};
 use crate::order;
-use crate::project::{Ellipse, Footprint, Projector, TILE};
+use crate::project::{Ellipse, Projector, TILE};
 use crate::rules::Rules;
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
@@ -118,10 +118,10 @@ pub fn render(
     progress: Progress,
 ) -> Picture {
     let projector = Projector::new(camera, rules, splats.is_wide());
-    let goes_on = &|| false;
+    let never = &|| false;
     let area = [0, 0, camera.width, camera.height];
     let (Some(ellipses), Some(surfaces)) =
-        (projector.sorted(splats, |_| true, goes_on), Surfaces::find(splats, camera, rules, area, goes_on))
+        (projector.sorted(splats, |_| true, never), Surfaces::find(splats, camera, rules, area, never))
     else {
         unreachable!("nothing cancels it")
     };
@@ -221,8 +221,7 @@ fn tile_row(
                 let pixel_at = [first + x, y];
                 let limit = surfaces.limit(pixel_at);
                 blended.transmittance = blend(
-                    splats.iter().take_while(|splat| splat.depth < limit),
-                    |splat| &splat.footprint,
+                    splats.iter().copied().take_while(|splat| splat.depth < limit),
                     pixel_at.map(|v| v as f64),
                     rules,
                     |splat, alpha, transmittance| {
@@ -235,20 +234,18 @@ fn tile_row(
     }
 }
 
-/// Blends footprints, near to far, at one pixel (`renderCUDA` in forward.cu). Returns the remaining transmittance.
+/// Blends splats, near to far, at one pixel (`renderCUDA` in forward.cu). Returns the remaining transmittance.
 /// Calls `fragment` for each blended splat with the splat, its alpha, and the transmittance before it.
 #[inline(always)]
-pub(crate) fn blend<'a, T: 'a>(
-    splats: impl IntoIterator<Item = &'a T>,
-    footprint: impl Fn(&'a T) -> &'a Footprint,
+pub(crate) fn blend<'a>(
+    splats: impl IntoIterator<Item = &'a Ellipse>,
     [x, y]: [f64; 2],
     rules: &Rules,
-    mut fragment: impl FnMut(&'a T, f64, f64),
+    mut fragment: impl FnMut(&'a Ellipse, f64, f64),
 ) -> f64 {
     let mut transmittance = 1.0;
     for splat in splats {
-        let footprint = footprint(splat);
-        let Some(alpha) = footprint.alpha(x, y, rules) else { continue };
+        let Some(alpha) = splat.footprint.alpha(x, y, rules) else { continue };
         let left = transmittance * (1.0 - alpha);
         if rules.stop.is_some_and(|stop| left < stop) {
             break;
@@ -371,18 +368,18 @@ mod tests {
             })
             .collect();
         let picture = draw(&splats, &Rules::PUBLISHED);
-        let goes_on = &|| false;
+        let never = &|| false;
         for [left, top, right, bottom] in
             [[0, 0, 65, 49], [17, 3, 40, 33], [15, 15, 16, 17], [64, 48, 65, 49]]
         {
             let area = [left, top, right, bottom];
-            let found = largest(splats.as_slice(), &camera, area, &Rules::PUBLISHED, goes_on);
+            let found = largest(splats.as_slice(), &camera, area, &Rules::PUBLISHED, never);
             let expected = (top..bottom).flat_map(|y| (left..right).map(move |x| y * 65 + x));
             let expected: Vec<u32> = expected.map(|at| picture.index[at as usize]).collect();
             assert_eq!(found, Some(expected), "{area:?}");
         }
         assert!(picture.index.iter().filter(|index| **index != u32::MAX).count() > 1000);
-        let none = largest(splats.as_slice(), &camera, [5, 5, 5, 9], &Rules::PUBLISHED, goes_on);
+        let none = largest(splats.as_slice(), &camera, [5, 5, 5, 9], &Rules::PUBLISHED, never);
         assert_eq!(none, Some(Vec::new()));
     }
 

@@ -10,6 +10,7 @@
 //! difference or amplifies it to a whole step.
 
 use super::ImageRef;
+use crate::srgb;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -75,7 +76,7 @@ impl Seen {
     fn of(image: ImageRef) -> Seen {
         let opponent: Vec<[f64; 3]> = (0..image.rgb.len())
             .into_par_iter()
-            .map(|at| to_opponent(image.rgb.at(at).map(|value| linear(super::shown(value)))))
+            .map(|at| to_opponent(image.rgb.at(at).map(|value| srgb::decode(super::shown(value)))))
             .collect();
         let plane = |channel: usize| Plane {
             width: image.width,
@@ -99,11 +100,6 @@ impl Seen {
         let [edge, point] = [0, 1].map(|kind| (self.features[at][kind] - other.features[at][kind]).abs());
         (edge.max(point) / 2f64.sqrt()).sqrt().min(1.0)
     }
-}
-
-/// Converts a channel from display encoding (IEC 61966-2-1) to linear light.
-fn linear(value: f64) -> f64 {
-    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
 /// Matrix from linear RGB to XYZ (IEC 61966-2-1). The sums of its rows are the white point D65.
