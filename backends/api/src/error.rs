@@ -154,15 +154,11 @@ pub enum Unit {
 impl fmt::Display for LimitExceeded {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let LimitExceeded { what, needed, available, unit } = self;
-        match unit {
-            Unit::Bytes => {
-                let (available, needed) = (display_bytes(*available), display_bytes(*needed));
-                write!(f, "{what} exceeds the device's limit: expected at most {available}, found {needed}")
-            }
-            Unit::Count => {
-                write!(f, "{what} exceeds the device's limit: expected at most {available}, found {needed}")
-            }
-        }
+        let [available, needed] = [*available, *needed].map(|amount| match unit {
+            Unit::Bytes => display_bytes(amount),
+            Unit::Count => amount.to_string(),
+        });
+        write!(f, "{what} exceeds the device's limit: expected at most {available}, found {needed}")
     }
 }
 
