@@ -34,7 +34,7 @@ use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
 use splatgraph_framework::plan::Plan;
-use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, WatchError, WatchKind, Watcher};
+use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, WatchKind, Watcher};
 use state::{BuildState, Crowded, DeviceState, Fault, Pause, PendingBuild, ends_device};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -132,12 +132,7 @@ impl<D: Device> Renderer<D> {
     ///
     /// # Errors
     /// The file watcher or the build thread cannot be started.
-    pub fn new(
-        device: D,
-        graph: &str,
-        set: &[(String, String)],
-        wake: Wake,
-    ) -> Result<Renderer<D>, WatchError> {
+    pub fn new(device: D, graph: &str, set: &[(String, String)], wake: Wake) -> std::io::Result<Renderer<D>> {
         let woken = wake.clone();
         let watcher = Watcher::new(move || woken())?;
         let woken = wake;

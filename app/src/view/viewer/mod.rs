@@ -20,7 +20,6 @@ use crate::draw::splat_set::Masked;
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, names_scenes};
-use splatgraph_framework::reload::WatchError;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -46,8 +45,8 @@ pub enum ViewerError {
     #[error(transparent)]
     Backend(#[from] BackendError),
     /// The system cannot start a thread that watches files or builds plans.
-    #[error(transparent)]
-    Watch(#[from] WatchError),
+    #[error("no thread can be started to watch files or to build plans: {0}")]
+    Thread(#[from] std::io::Error),
     /// The device is lost, and has not been replaced yet.
     #[error("the device is lost")]
     NoDevice,

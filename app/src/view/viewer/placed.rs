@@ -3,7 +3,7 @@
 use crate::view::events::RendererId;
 use crate::view::opening;
 use crate::view::renderer::Wake;
-use splatgraph_framework::reload::{Content, Wanted, WatchError, Watcher};
+use splatgraph_framework::reload::{Content, Wanted, Watcher};
 use std::path::{Path, PathBuf};
 
 #[derive(Default)]
@@ -16,7 +16,7 @@ pub(super) struct PlacedFiles {
 
 impl PlacedFiles {
     /// Watches a viewport's scene file from now on, if it is a placement file; stops watching the previous one.
-    pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> Result<(), WatchError> {
+    pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> std::io::Result<()> {
         let places = splatgraph_assets::names_scenes(path);
         let wanted = places.then(|| Wanted { path: path.to_owned(), content: Content::at(path) });
         if wanted.is_none() && self.watcher.is_none() {

@@ -51,14 +51,6 @@ pub struct FileChange {
     pub first_seen: Instant,
 }
 
-/// The reason why a watcher cannot start.
-#[derive(Debug, thiserror::Error)]
-pub enum WatchError {
-    /// The system refuses to start a thread.
-    #[error("no thread can be started to watch files: {0}")]
-    Thread(#[from] std::io::Error),
-}
-
 /// The mechanism by which a watcher notices changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WatchKind {
@@ -111,23 +103,18 @@ type Handler = Box<dyn FnMut(notify::Result<notify::Event>) + Send>;
 
 impl Watcher {
     /// Starts a watcher without files. `wake` is called on the watcher's thread when there is a change to take, and
-    /// when the [kind](Watcher::kind) changes.
-    pub fn new(wake: impl Fn() + Send + 'static) -> Result<Watcher, WatchError> {
+    /// when the [kind](Watcher::kind) changes. Fails if the system cannot create a thread.
+    pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Watcher> {
         let native =
             |handler| -> notify::Result<Native> { Ok(Box::new(notify::recommended_watcher(handler)?)) };
         Watcher::start(PATIENCE, native, wake)
-    }
-
-    /// Starts a watcher that polls, for file systems without reliable events.
-    pub fn polling(wake: impl Fn() + Send + 'static) -> Result<Watcher, WatchError> {
-        Watcher::start(PATIENCE, |_| Err(notify::Error::generic(ON_DEMAND)), wake)
     }
 
     fn start(
         patience: Patience,
         native: impl FnOnce(Handler) -> notify::Result<Native>,
         wake: impl Fn() + Send + 'static,
-    ) -> Result<Watcher, WatchError> {
+    ) -> std::io::Result<Watcher> {
         let (inbox, messages) = channel();
         let events = inbox.clone();
         let native = native(Box::new(move |event| {
@@ -203,8 +190,6 @@ impl Drop for Watcher {
 
 const PATIENCE: Patience =
     Patience { quiet: QUIET, moving: MOVING, gone: GONE, gather: GATHER, rounds: Some(ROUNDS) };
-
-const ON_DEMAND: &str = "that is wanted";
 
 /// Maximum number of messages read before the next look at the files.
 const MAX_AT_ONCE: usize = 1000;

@@ -32,7 +32,7 @@ impl Desk {
             if events {
                 Ok(Box::new(notify::recommended_watcher(handler)?))
             } else {
-                Err(notify::Error::generic(ON_DEMAND))
+                Err(notify::Error::generic("that is wanted"))
             }
         };
         let watcher = Watcher::start(patience, native, wake).expect("a watcher");
