@@ -369,6 +369,7 @@ impl SourceMap {
             Ok(file) => file,
             Err(why) => return (Content::Unusable, Err(why)),
         };
+        let unsaved = self.library.unsaved.get(&canonical).cloned();
         let identity = Identity::Disk(canonical);
         if let Some(file) = self.known.get(&identity) {
             let content = self.file(*file).and_then(|f| f.disk.as_ref()).map(|disk| disk.content);
@@ -382,11 +383,7 @@ impl SourceMap {
             Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
         };
         let content = Content::of(&bytes);
-        let unsaved = match &identity {
-            Identity::Disk(path) => self.library.unsaved.get(path),
-            _ => None,
-        };
-        let text = match unsaved.map_or_else(|| as_text(bytes), |text| Ok(text.clone())) {
+        let text = match unsaved.map_or_else(|| as_text(bytes), Ok) {
             Ok(text) => text,
             Err(why) => return (content, Err(why)),
         };
