@@ -153,6 +153,20 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
+    /// Lists the settings that `graph` rejects; see [`lower::rejected_settings`].
+    pub fn rejected_settings(
+        &mut self,
+        graph: &str,
+        set: &[(String, String)],
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Vec<String>, GraphErrors> {
+        let capacities = self.capacities.values();
+        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
+        lower::rejected_settings(&request, &mut self.files)
+            .map_err(|found| GraphErrors::new(&self.files, &found))
+    }
+
     /// Returns the graphs of a choice that a device cannot run, and the unmet requirements if none is left.
     pub fn standing(
         &mut self,

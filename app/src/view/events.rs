@@ -51,12 +51,23 @@ pub enum Event {
         /// Renderer that works again.
         renderer: RendererId,
     },
-    /// Parameters were dropped because the new graph does not have them.
+    /// Settings were dropped: the new graph lacks their parameters, or excludes their values.
     Dropped {
         /// Renderer with the new graph.
         renderer: RendererId,
-        /// Names of the dropped parameters.
+        /// Names of the parameters.
         parameters: Vec<String>,
+        /// The reasons.
+        text: String,
+    },
+    /// Dropped settings apply again, because the new graph accepts them.
+    Restored {
+        /// Renderer with the new graph.
+        renderer: RendererId,
+        /// Names of the parameters.
+        parameters: Vec<String>,
+        /// The values.
+        text: String,
     },
     /// A scene was loaded.
     Scene {
@@ -194,7 +205,8 @@ impl Event {
             RendererEvent::Swapped(swap) => Event::Swapped { renderer, swap },
             RendererEvent::Failed(text) => Event::Failed { renderer, text },
             RendererEvent::Mended => Event::Mended { renderer },
-            RendererEvent::Dropped(parameters) => Event::Dropped { renderer, parameters },
+            RendererEvent::Dropped { parameters, text } => Event::Dropped { renderer, parameters, text },
+            RendererEvent::Restored { parameters, text } => Event::Restored { renderer, parameters, text },
         }
     }
 
@@ -220,8 +232,8 @@ impl fmt::Display for Event {
                 write!(f, "{renderer}: {}", text.lines().next().unwrap_or_default())
             }
             Event::Mended { renderer } => write!(f, "{renderer}: mended"),
-            Event::Dropped { renderer, parameters } => {
-                write!(f, "{renderer}: this graph has no parameter {}", parameters.join(", "))
+            Event::Dropped { renderer, text, .. } | Event::Restored { renderer, text, .. } => {
+                write!(f, "{renderer}: {text}")
             }
             Event::Scene { path, splats, load_ms } => {
                 let splats = splatgraph_assets::grouped((*splats).into());

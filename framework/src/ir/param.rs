@@ -1,6 +1,7 @@
 //! Defines the parameters of a graph: their values, how they reach the shaders, and their effects on the plan.
 
 use std::collections::BTreeSet;
+use std::fmt;
 
 use super::{Origin, PassId, Reason, Value};
 
@@ -70,6 +71,17 @@ pub enum Domain {
     },
     /// One of these names.
     Choice(Vec<String>),
+}
+
+impl fmt::Display for Domain {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Domain::Bool => f.write_str("true or false"),
+            Domain::Int { min, max } => write!(f, "an integer from {min} to {max}"),
+            Domain::Float { min, max, .. } => write!(f, "a number from {min:?} to {max:?}"),
+            Domain::Choice(of) => write!(f, "one of {}", of.join(", ")),
+        }
+    }
 }
 
 /// The path by which a parameter's value reaches the shaders.

@@ -61,7 +61,7 @@ pub struct Control {
 pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
     let mut walk = Lowering::new(request, files);
     let Root { chosen, parameters, resolved } =
-        Root::open(request, walk.files, &mut walk.choices, &mut walk.known)?;
+        Root::open(request, walk.files, &mut walk.choices, &mut walk.known, None)?;
     let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
     let (names, params) = (resolved.names, resolved.params.clone());
     let scope = Scope { names, params, exposed: parameters.exposed.clone() };
@@ -139,11 +139,12 @@ impl Root {
         files: &mut SourceMap,
         choices: &mut Choices,
         known: &mut Known,
+        rejected: Option<&mut Vec<String>>,
     ) -> Result<Root, Vec<Diagnostic>> {
         let chosen = choices.root(files)?;
         let parameters = declared::parameters(&chosen.opened, choices, files, known)?;
         let mut errors = Vec::new();
-        let resolved = params::resolve(&chosen.opened, &parameters, request, files, &mut errors);
+        let resolved = params::resolve(&chosen.opened, &parameters, request, files, rejected, &mut errors);
         if !errors.is_empty() {
             return Err(require::explained(errors, &chosen.fallbacks));
         }
@@ -157,7 +158,7 @@ impl Root {
 /// Those of [`lower`] about the request's settings, files, parameters and requirements.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let Root { chosen, parameters, resolved } =
-        Root::open(request, files, &mut Choices::new(request), &mut Known::default())?;
+        Root::open(request, files, &mut Choices::new(request), &mut Known::default(), None)?;
     let control = |(param, declared): (Param, &Declared)| {
         let (label, help) = params::texts(declared.declaration());
         let label = if label.is_empty() { param.name.replace('_', " ") } else { folded(label) };
@@ -170,6 +171,17 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
     };
     let controls = resolved.params.into_iter().zip(&parameters.all).map(control).collect();
     Ok((folded(&chosen.opened.summary), controls))
+}
+
+/// Lists the settings of a request that its graph rejects: the parameter is unknown, or its type or range excludes the
+/// value. The range may depend on other settings, of which the rejected ones do not count.
+///
+/// # Errors
+/// Those of [`lower`] about the graph's files, parameters and requirements.
+pub fn rejected_settings(request: &Request, files: &mut SourceMap) -> Result<Vec<String>, Vec<Diagnostic>> {
+    let mut rejected = Vec::new();
+    Root::open(request, files, &mut Choices::new(request), &mut Known::default(), Some(&mut rejected))?;
+    Ok(rejected)
 }
 
 /// The names that a graph's expressions can use, with values: facts, constant parameters and `let`s.
@@ -203,7 +215,7 @@ pub fn expression_names(
     files: &mut SourceMap,
 ) -> Result<ExpressionNames, Vec<Diagnostic>> {
     let Root { chosen, resolved: Resolved { mut names, .. }, .. } =
-        Root::open(request, files, &mut Choices::new(request), &mut Known::default())?;
+        Root::open(request, files, &mut Choices::new(request), &mut Known::default(), None)?;
     for (name, number) in &chosen.opened.graph.lets {
         let place = chosen.opened.root.field("let").field(name);
         if let Ok(value) = names.evaluate(number, &place) {

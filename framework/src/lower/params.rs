@@ -29,12 +29,15 @@ struct Text<'a> {
     span: Span,
 }
 
-/// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings.
+/// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings. A setting of an
+/// unknown parameter, or outside the parameter's domain, is an error; with `rejected`, its name is added there instead,
+/// and the parameter has the value that it has without the setting.
 pub(super) fn resolve(
     root: &Opened,
     parameters: &Parameters,
     request: &Request,
     files: &mut SourceMap,
+    mut rejected: Option<&mut Vec<String>>,
     errors: &mut Vec<Diagnostic>,
 ) -> Resolved {
     let unknown_here = |name: &str| !parameters.contains(name) && !parameters.elsewhere.contains(name);
@@ -45,7 +48,10 @@ pub(super) fn resolve(
     for (name, value) in request.set {
         let file = files.add("--set", format!("{name}={value}"));
         if !parameters.contains(name) {
-            errors.push(parameters.unknown(name, Span::new(file, 0..name.len()), "set here"));
+            match &mut rejected {
+                Some(rejected) => rejected.push(name.clone()),
+                None => errors.push(parameters.unknown(name, Span::new(file, 0..name.len()), "set here")),
+            }
         }
         let span = Span::new(file, name.len() + 1..name.len() + 1 + value.len());
         texts.push((name.as_str(), Text { value, span }));
@@ -68,7 +74,13 @@ pub(super) fn resolve(
             continue;
         }
         let text = texts.iter().rev().find(|(n, _)| n == name).map(|(_, t)| t);
-        let made = one(declared, root.set.get(name), text, &names, live_bytes(index), files);
+        let mut made = one(declared, root.set.get(name), text, &names, live_bytes(index), files);
+        if let (Err(error), Some(text), Some(rejected)) = (&made, text, &mut rejected)
+            && error.primary.span == text.span
+        {
+            rejected.push(name.clone());
+            made = one(declared, root.set.get(name), None, &names, live_bytes(index), files);
+        }
         let made = made.and_then(|made| Ok((made, grows(declared)?)));
         match made {
             Ok((Made { mut param, params: mut behind, range, skipped: others }, grows)) => {
@@ -405,16 +417,7 @@ fn within(value: Value, domain: &Domain) -> Result<Value, String> {
             };
             Err(format!("`{v}` is not one of {}{near}", of.join(", ")))
         }
-        (domain, value, _) => Err(format!("{} is not {}", describe(&value), wanted(domain))),
-    }
-}
-
-fn wanted(domain: &Domain) -> String {
-    match domain {
-        Domain::Bool => "true or false".into(),
-        Domain::Int { min, max } => format!("an integer from {min} to {max}"),
-        Domain::Float { min, max, .. } => format!("a number from {min:?} to {max:?}"),
-        Domain::Choice(of) => format!("one of {}", of.join(", ")),
+        (domain, value, _) => Err(format!("{} is not {domain}", describe(&value))),
     }
 }
 
@@ -429,7 +432,7 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
         Domain::Float { .. } => text.parse().ok().filter(|v: &f64| v.is_finite()).map(Value::Float),
         Domain::Choice(_) => Some(Value::Text(text.into())),
     };
-    within(parsed.ok_or_else(|| format!("is not {}", wanted(domain)))?, domain)
+    within(parsed.ok_or_else(|| format!("is not {domain}"))?, domain)
 }
 
 /// Evaluates a parameter of an included graph, and finds the parameters of the root graph that it depends on.

@@ -388,6 +388,34 @@ fn a_settings_text_is_read_as_the_parameters_domain() {
 }
 
 #[test]
+fn the_settings_that_a_graph_rejects_are_listed_and_do_not_count_for_the_ranges_of_others() {
+    let graph = r#"Graph(version: 1, summary: "", output: "missing", passes: [],
+        params: {
+            "width": Const(Int(default: 8, range: (1, 11))),
+            "rows": Const(Int(default: 2, range: (1, "width"))),
+            "cutoff": Live(Float(default: 1.0, range: (0.0, 2.0))),
+        })"#;
+    let memory = [("graph.ron".to_string(), graph.to_string())].into();
+    let mut files = SourceMap::new(Library { memory, ..Library::default() });
+    let (facts, catalog) = (crate::testing::facts(), crate::testing::catalog());
+    let mut rejected = |set: &[(&str, &str)]| {
+        let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+        let request = Request {
+            graph: "graph.ron",
+            set: &set,
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
+        crate::lower::rejected_settings(&request, &mut files).expect("the graph itself is sound")
+    };
+    assert!(rejected(&[("width", "4"), ("rows", "4"), ("cutoff", "2")]).is_empty());
+    assert_eq!(rejected(&[("rows", "8"), ("width", "12"), ("wdth", "4")]), ["wdth", "width"]);
+    assert_eq!(rejected(&[("width", "4"), ("rows", "8"), ("cutoff", "high")]), ["rows", "cutoff"]);
+}
+
+#[test]
 fn the_names_of_a_graphs_expressions_have_values_without_its_passes() {
     let graph = r#"Graph(version: 1, summary: "", output: "missing",
         params: { "width": Const(Int(default: 8, range: (1, 11))), "cutoff": Live(Float(default: 1.0, range: (0.0, 2.0))) },

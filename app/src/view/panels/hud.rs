@@ -83,7 +83,9 @@ impl Toasts {
             | Event::DeviceOpened { .. } => {
                 self.done(event.to_string());
             }
-            Event::Dropped { .. } => self.add(event.to_string(), Kind::Done, STAY_LONG),
+            Event::Dropped { .. } | Event::Restored { .. } => {
+                self.add(event.to_string(), Kind::Done, STAY_LONG)
+            }
             Event::SceneFailed { .. } | Event::FileFailed { .. } | Event::Problem { .. } => {
                 self.add(event.to_string(), Kind::Failed, STAY_LONG);
             }

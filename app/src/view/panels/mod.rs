@@ -188,7 +188,7 @@ impl Panels {
         }
         self.toasts.tell(event);
         match event {
-            Event::Dropped { .. } | Event::Scene { .. } => self.by_program = true,
+            Event::Dropped { .. } | Event::Restored { .. } | Event::Scene { .. } => self.by_program = true,
             // Both would compare the plans of different graphs.
             Event::Exchanged => (self.compared, self.changed) = (None, None),
             Event::Swapped { renderer, swap } if *renderer != RendererId::Window => {

@@ -189,8 +189,20 @@ pub enum RendererEvent {
     Failed(String),
     /// A plan was built, or a frame drawn, for the first time after a failure.
     Mended,
-    /// Settings of these parameters were dropped, because the graph does not have them.
-    Dropped(Vec<String>),
+    /// The graph rejects the settings of these parameters since its files changed.
+    Dropped {
+        /// Names of the parameters.
+        parameters: Vec<String>,
+        /// The reasons.
+        text: String,
+    },
+    /// The graph accepts dropped settings of these parameters again.
+    Restored {
+        /// Names of the parameters.
+        parameters: Vec<String>,
+        /// The values.
+        text: String,
+    },
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
     pub capacities: Capacities,
-    /// True to reject unknown settings; false to drop them.
+    /// True if a setting that the graph rejects is an error; false to build without it.
     pub strict: bool,
     pub inputs: PlanInputs,
     pub device: DeviceFacts,
@@ -33,7 +33,6 @@ pub(super) struct Job<L> {
 pub(super) struct Built<R> {
     pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
     pub wanted: Vec<Wanted>,
-    pub dropped: Vec<String>,
     pub capacities: Capacities,
     pub inputs: PlanInputs,
     pub causes: Causes,
@@ -62,11 +61,8 @@ fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Buil
         Some(scene) => facts::facts(&SceneFacts::of(scene), &device, inputs.size),
         None => facts::without_scene(&device, inputs.size),
     };
-    let mut dropped = Vec::new();
-    if !strict && let Ok(declared) = planner.controls(&graph, &[], &facts, &inputs.catalog) {
-        let known = |name: &str| declared.iter().any(|control| control.param.name == name);
-        dropped.extend(set.iter().filter(|(name, _)| !known(name)).map(|(name, _)| name.clone()));
-        set.retain(|(name, _)| known(name));
+    if !strict && let Ok(rejected) = planner.rejected_settings(&graph, &set, &facts, &inputs.catalog) {
+        set.retain(|(name, _)| !rejected.contains(name));
     }
     let plan = planner.plan(&graph, &set, &facts, &inputs.catalog);
     let plan = plan.and_then(|plan| Ok((plan, planner.controls(&graph, &set, &facts, &inputs.catalog)?)));
@@ -85,7 +81,7 @@ fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Buil
     // After cancellation, any error is irrelevant.
     let outcome = outcome.map_err(|failure| if cancel.is_requested() { Failure::Cancelled } else { failure });
     let prepare_ms = milliseconds(begun);
-    Built { outcome, wanted, dropped, capacities, inputs, causes, asked, plan_ms, prepare_ms }
+    Built { outcome, wanted, capacities, inputs, causes, asked, plan_ms, prepare_ms }
 }
 
 fn set_progress(progress: &Mutex<String>, text: String) {

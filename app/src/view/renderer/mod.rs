@@ -92,6 +92,8 @@ pub struct Renderer<D: Device> {
     epoch: u64,
     graph: String,
     set: IndexMap<String, String>,
+    /// Settings that the graph rejects since its files changed. Each build tries them again.
+    rejected: IndexMap<String, String>,
     /// Minimum values of the parameters that grow with overflows.
     capacities: Capacities,
     /// Capacities of the current plan.
@@ -148,6 +150,7 @@ impl<D: Device> Renderer<D> {
             epoch: 0,
             graph: graph.to_owned(),
             set: set.iter().cloned().collect(),
+            rejected: IndexMap::new(),
             capacities: Capacities::default(),
             drawn_with: Capacities::default(),
             crowded: None,
@@ -303,6 +306,7 @@ impl<D: Device> Renderer<D> {
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.graph = graph.to_owned();
         self.set = set;
+        self.rejected.clear();
         self.capacities = Capacities::default();
         self.want(Cause::Graph, Instant::now());
     }
@@ -324,6 +328,7 @@ impl<D: Device> Renderer<D> {
             }
         }
         param.value = value.unwrap_or_else(|| param.default.clone());
+        self.rejected.shift_remove(name);
         self.capacities.forget(name);
         if param.binding == ParamBinding::Const {
             self.want(Cause::Parameter(name.to_owned()), Instant::now());
@@ -332,6 +337,7 @@ impl<D: Device> Renderer<D> {
 
     /// Restores the default of every parameter.
     pub fn reset_params(&mut self) {
+        self.rejected.clear();
         let names: Vec<String> = self.set.keys().cloned().collect();
         for name in names {
             self.set_param(&name, None);
@@ -397,7 +403,7 @@ impl<D: Device> Renderer<D> {
             self.asked = Some(inputs.clone());
             let replaced = self.builder.submit(Job {
                 graph: self.graph.clone(),
-                set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
+                set: self.set.clone().into_iter().chain(self.rejected.clone()).collect(),
                 capacities: self.capacities.clone(),
                 strict: self.strict,
                 inputs: inputs.clone(),
@@ -454,12 +460,6 @@ impl<D: Device> Renderer<D> {
 
     fn take(&mut self, built: Built<Ready<D>>) {
         self.watcher.watch(&built.wanted);
-        if !built.dropped.is_empty() {
-            for name in &built.dropped {
-                self.set.shift_remove(name);
-            }
-            self.events.push(RendererEvent::Dropped(built.dropped));
-        }
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
             Err(Failure::Cancelled) => {
@@ -501,7 +501,40 @@ impl<D: Device> Renderer<D> {
         if let Some(attempt) = self.build.running.take() {
             self.state.succeeded(attempt, Arc::new(plan));
         }
+        // A newer request may be for another graph.
+        if self.build.requested.is_none() {
+            self.sort_settings();
+        }
         self.apply_set();
+    }
+
+    /// Sets aside the settings that the new plan's graph rejects, and takes back those that it accepts again.
+    fn sort_settings(&mut self) {
+        let control = |name: &str| self.controls.iter().find(|control| control.param.name == name);
+        let fits = |name: &String, text: &mut String| {
+            control(name).is_some_and(|control| parse_value(text, &control.param.domain).is_ok())
+        };
+        let restored: IndexMap<_, _> = self.rejected.extract_if(.., fits).collect();
+        let dropped: IndexMap<_, _> = self.set.extract_if(.., |name, text| !fits(name, text)).collect();
+        if !dropped.is_empty() {
+            let reason = |(name, text): (&String, &String)| match control(name) {
+                None => format!("this graph has no parameter {name}"),
+                Some(Control { param, .. }) => {
+                    format!("{name} is now {}: expected {}, found {text}", param.value, param.domain)
+                }
+            };
+            let text = dropped.iter().map(reason).collect::<Vec<_>>().join("; ");
+            let parameters = dropped.keys().cloned().collect();
+            self.events.push(RendererEvent::Dropped { parameters, text });
+        }
+        if !restored.is_empty() {
+            let value = |(name, text): (&String, &String)| format!("{name} is {text} again");
+            let text = restored.iter().map(value).collect::<Vec<_>>().join("; ");
+            let parameters = restored.keys().cloned().collect();
+            self.events.push(RendererEvent::Restored { parameters, text });
+        }
+        self.set.extend(restored);
+        self.rejected.extend(dropped);
     }
 
     /// Sets the new plan's parameters to the settings that changed after the build was requested.

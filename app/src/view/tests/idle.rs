@@ -100,6 +100,52 @@ fn undoing_skips_a_parameter_that_the_file_no_longer_declares() {
 }
 
 #[test]
+fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_builds_and_restored_with_it() {
+    let mut script = resting();
+    let graph = script.path("graph.ron");
+    let text = std::fs::read_to_string(&graph).expect("the graph");
+    let digits = |script: &mut Script| {
+        let renderer = &script.viewer().a.renderer;
+        let param = renderer.plan().expect("a plan").params[0].clone();
+        (param.value.to_string(), renderer.set().get("digits").cloned())
+    };
+    script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+    script.settle();
+    // A declaration without its uses is an error; the former plan keeps its setting.
+    let save = |script: &mut Script, from: &str, to: &str| {
+        script.events.clear();
+        std::fs::write(&graph, text.replace(from, to)).expect("it is written");
+        script.until("the save", |script| {
+            script.has_event(|event| matches!(event, Event::Swapped { .. } | Event::Failed { .. }))
+        });
+        script.settle_in_part();
+        let text = |event: &Event| match event {
+            Event::Dropped { .. } | Event::Restored { .. } => Some(event.to_string()),
+            _ => None,
+        };
+        script.events.iter().filter_map(text).collect::<Vec<_>>()
+    };
+    assert!(save(&mut script, "\"digits\"", "\"numbers\"").is_empty());
+    assert!(script.viewer().a.renderer.failure().is_some());
+    assert_eq!(digits(&mut script), ("5".to_owned(), Some("5".to_owned())));
+    assert!(save(&mut script, "digits", "digits").is_empty());
+    assert_eq!(digits(&mut script), ("5".to_owned(), Some("5".to_owned())));
+    // A range that excludes the setting is no error.
+    let excluded = save(&mut script, "default: 4, range: (1, 8)", "default: 2, range: (1, 3)");
+    assert_eq!(excluded, ["A: digits is now 2: expected an integer from 1 to 3, found 5"]);
+    assert_eq!(digits(&mut script), ("2".to_owned(), None));
+    assert_eq!(script.panels().undo_steps(), 1);
+    assert_eq!(save(&mut script, "digits", "digits"), ["A: digits is 5 again"]);
+    assert_eq!(digits(&mut script), ("5".to_owned(), Some("5".to_owned())));
+    assert_eq!(save(&mut script, "digits", "figures"), ["A: this graph has no parameter digits"]);
+    // Another setting of the parameter, or a reset, is the newer wish.
+    script.viewer().a.renderer.reset_params();
+    assert!(save(&mut script, "digits", "digits").is_empty());
+    assert_eq!(digits(&mut script), ("4".to_owned(), None));
+    script.close(&[]);
+}
+
+#[test]
 fn the_window_alone_is_submitted_after_a_change_of_the_window() {
     let mut script = resting();
     script.panels().hidden = false;
