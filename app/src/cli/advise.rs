@@ -2,7 +2,7 @@
 
 use super::cameras;
 use super::console::Console;
-use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
+use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
 use crate::draw::{fit, planner};
@@ -34,6 +34,7 @@ use std::path::{Path, PathBuf};
 /// as too noisy to tell. If the defaults are within the budget, it recommends them unless another setting is better beyond the
 /// noise.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("backend", options::that_draws))]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # a report on the scene
   splatgraph advise scene.ply -c cameras.json --psnr 45      # the fastest setting with 45 dB in every view
@@ -69,7 +70,7 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: DrawingBackendArgs,
+    device: BackendArgs,
     #[command(flatten)]
     load: LoadOptions,
 }

@@ -2,7 +2,7 @@
 
 use super::cameras;
 use super::console::Console;
-use super::options::{self, DrawingBackendArgs};
+use super::options::{self, BackendArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
@@ -49,6 +49,7 @@ enum Kind {
 
 /// The options of every experiment.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("backend", options::that_draws))]
 struct Common {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
@@ -62,7 +63,7 @@ struct Common {
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    device: DrawingBackendArgs,
+    device: BackendArgs,
     #[command(flatten)]
     load: LoadOptions,
 }

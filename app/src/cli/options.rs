@@ -313,30 +313,6 @@ impl BackendArgs {
     pub fn open(&self) -> Result<Backend, BackendError> {
         Backend::open(self.backend, &self.device.options())
     }
-}
-
-impl std::ops::Deref for BackendArgs {
-    type Target = DeviceArgs;
-
-    fn deref(&self) -> &DeviceArgs {
-        &self.device
-    }
-}
-
-/// Options of the device, and its API, for commands that compare pictures.
-#[derive(Debug, clap::Args)]
-pub struct DrawingBackendArgs {
-    /// Graphics API: `vulkan`, or `metal` on Apple's systems
-    #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse_drawing)]
-    backend: Api,
-    #[command(flatten)]
-    device: DeviceArgs,
-}
-
-impl DrawingBackendArgs {
-    pub fn open(&self) -> Result<Backend, BackendError> {
-        Backend::open(self.backend, &self.device.options())
-    }
 
     /// Returns the command-line words that select this device again.
     pub fn words(&self) -> Vec<String> {
@@ -347,12 +323,18 @@ impl DrawingBackendArgs {
     }
 }
 
-impl std::ops::Deref for DrawingBackendArgs {
+impl std::ops::Deref for BackendArgs {
     type Target = DeviceArgs;
 
     fn deref(&self) -> &DeviceArgs {
         &self.device
     }
+}
+
+/// Restricts `--backend` to the APIs that draw, for commands that compare pictures.
+pub fn that_draws(backend: clap::Arg) -> clap::Arg {
+    let help = "Graphics API: `vulkan`, or `metal` on Apple's systems";
+    backend.help(help).value_parser(Api::parse_drawing)
 }
 
 /// Options of a plan: graph, parameters, cameras and picture size.

@@ -2,7 +2,7 @@
 
 use super::cameras;
 use super::console::Console;
-use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
+use super::options::{self, BackendArgs, DEFAULT_PIPELINE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::fit;
 use crate::io::load::LoadOptions;
@@ -35,6 +35,7 @@ use std::path::{Path, PathBuf};
 /// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short orbit
 /// around the middle of the scene.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("backend", options::that_draws))]
 #[command(after_help = "Examples:
   splatgraph popping                                        # the demo scene, every built-in graph
   splatgraph popping scene.ply -c path.json -o popping/     # popping.csv, popping.svg and popping.png
@@ -68,7 +69,7 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    device: DrawingBackendArgs,
+    device: BackendArgs,
     #[command(flatten)]
     load: LoadOptions,
 }

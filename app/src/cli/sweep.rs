@@ -2,7 +2,7 @@
 
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
-use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
+use super::options::{self, BackendArgs, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
@@ -36,6 +36,7 @@ use std::sync::Arc;
 ///
 /// The output folder gets a page (sweep.html), all numbers (sweep.csv and .json), plots as .svg and .png, and the pictures.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("backend", options::that_draws))]
 #[command(after_help = "Examples:
   splatgraph sweep                                       # the demo scene; sweep/sweep.html shows the result
   splatgraph sweep scene.ply -c cameras.json --steps 8 -o garden/
@@ -56,7 +57,7 @@ pub struct Args {
     #[command(flatten)]
     pub shard: ShardArgs,
     #[command(flatten)]
-    pub device: DrawingBackendArgs,
+    pub device: BackendArgs,
     #[command(flatten)]
     load: LoadOptions,
 }

@@ -3,7 +3,7 @@
 use super::cameras;
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
-use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, DrawingBackendArgs, EffortArgs};
+use super::options::{self, BackendArgs, DEFAULT_PIPELINE, DeviceArgs, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
@@ -47,6 +47,7 @@ use std::sync::Arc;
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("backend", options::that_draws))]
 #[command(after_help = "Examples:
   splatgraph trade                                        # the demo scene; ledger/ledger.html shows the result
   splatgraph trade scene.ply -c cameras.json -o biker/    # an interrupted run goes on
@@ -83,7 +84,7 @@ pub struct Args {
     #[command(flatten)]
     pub shard: ShardArgs,
     #[command(flatten)]
-    pub device: DrawingBackendArgs,
+    pub device: BackendArgs,
     #[command(flatten)]
     load: LoadOptions,
 }
