@@ -5,6 +5,7 @@ use super::outcome::{Outcome, Usage};
 use crate::io::image::{Depth, Format, Image, npz_names, split_member};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
+use crate::io::report::text;
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use splatgraph_reference::metrics::{self, Comparison, MetricError, flip};
@@ -322,27 +323,21 @@ fn digits(difference: f64) -> String {
 }
 
 fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
-    let width =
-        pairs.iter().map(|p| one_line(&p.name).chars().count()).max().unwrap_or(0).max("picture".len());
-    let mut text = format!(
-        "{:width$} {:>10} {:>10} {:>10} {:>11} {:>12}  at\n",
-        "picture", "PSNR dB", "SSIM", "FLIP", "FLIP 8 bits", "worst pixel"
-    );
-    for (pair, found) in pairs.iter().zip(found) {
-        let c = &found.all;
-        text += &format!(
-            "{:width$} {:>10} {:>10} {:>10.6} {:>11.6} {:>12}  ({}, {})\n",
-            one_line(&pair.name),
+    let head = ["picture", "PSNR dB", "SSIM", "FLIP", "FLIP 8 bits", "worst pixel", "at"];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    rows.extend(pairs.iter().zip(found).map(|(pair, found)| {
+        let (c, worst) = (&found.all, &found.all.worst);
+        vec![
+            one_line(&pair.name).into_owned(),
             decibels(c),
             similarity(c),
-            found.flip,
-            found.flip_8_bits,
-            digits(c.worst.difference),
-            c.worst.x,
-            c.worst.y
-        );
-    }
-    text + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
+            format!("{:.6}", found.flip),
+            format!("{:.6}", found.flip_8_bits),
+            digits(worst.difference),
+            format!("({}, {})", worst.x, worst.y),
+        ]
+    }));
+    text::table(&rows) + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
 /// Makes the JSON report. An infinite PSNR becomes `null`.

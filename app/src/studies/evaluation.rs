@@ -2,6 +2,7 @@
 
 use crate::io::image::Image;
 use crate::io::output::one_line;
+use crate::io::report::text;
 use serde::{Deserialize, Serialize};
 use splatgraph_reference::metrics::{self, MetricError, flip};
 
@@ -75,23 +76,21 @@ impl Evaluation {
 
     /// Formats the scores as a table with a row per view and the mean below.
     pub fn table(&self) -> String {
-        let names: Vec<String> = self.views.iter().map(|score| one_line(&score.view).into_owned()).collect();
-        let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max("view".len());
-        let row = |name: &str, psnr: Option<f64>, ssim: Option<f64>, flip: Option<f64>, size: &str| {
+        let row = |name: &str, psnr: Option<f64>, ssim: Option<f64>, flip: Option<f64>, size: String| {
             let [psnr, ssim, flip] = [(psnr, 2), (ssim, 4), (flip, 4)]
                 .map(|(value, digits)| value.map_or("-".into(), |value| format!("{value:.digits$}")));
-            format!("{name:width$} {psnr:>8} {ssim:>8} {flip:>8}  {size}").trim_end().to_owned() + "\n"
+            vec![one_line(name).into_owned(), psnr, ssim, flip, size]
         };
-        let mut text =
-            format!("{:width$} {:>8} {:>8} {:>8}  {}\n", "view", "PSNR dB", "SSIM", "FLIP", "size");
-        for (name, score) in names.iter().zip(&self.views) {
+        let mut rows = vec![["view", "PSNR dB", "SSIM", "FLIP", "size"].map(String::from).to_vec()];
+        rows.extend(self.views.iter().map(|score| {
             let size = format!("{} x {}", score.width, score.height);
-            text += &row(name, score.psnr_db.or(Some(f64::INFINITY)), score.ssim, Some(score.flip), &size);
-        }
+            row(&score.view, score.psnr_db.or(Some(f64::INFINITY)), score.ssim, Some(score.flip), size)
+        }));
         let Mean { psnr_db, ssim, flip } = self.mean;
         let views =
             if self.views.len() == 1 { "1 view".into() } else { format!("{} views", self.views.len()) };
-        text + &row("mean", psnr_db, ssim, flip, &views)
+        rows.push(row("mean", psnr_db, ssim, flip, views));
+        text::table(&rows)
     }
 }
 
@@ -119,6 +118,6 @@ mod tests {
         let equal = score("c.jpg", &grey(0.5), &grey(0.5)).unwrap();
         let all = Evaluation::new(vec![scores[0].clone(), equal]);
         assert_eq!((all.mean.psnr_db, all.views[1].flip), (None, 0.0));
-        assert!(all.table().contains("c.jpg      inf   1.0000   0.0000"), "{}", all.table());
+        assert!(all.table().contains("c.jpg      inf  1.0000  0.0000"), "{}", all.table());
     }
 }
