@@ -6,7 +6,7 @@
 use std::cmp::Ordering;
 
 /// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
-pub(crate) const SH_C0: f64 = 0.282_094_791_773_878_14;
+pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// Computes the exponential of a finite logarithm.
 ///

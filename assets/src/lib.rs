@@ -59,6 +59,7 @@ mod uri;
 mod usd;
 mod words;
 
+pub use activation::SH_C0;
 pub use attributes::ATTRIBUTES;
 pub use bounds::Bounds;
 pub use camera::Camera;

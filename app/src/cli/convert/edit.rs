@@ -8,13 +8,10 @@ use crate::io::output::say;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-use splatgraph_assets::{Scene, Similarity, grouped};
+use splatgraph_assets::{SH_C0, Scene, Similarity, grouped};
 use splatgraph_framework::expr::{Expr, ExprError, Scope};
 use splatgraph_framework::ir::Value;
 use std::path::PathBuf;
-
-/// Constant of band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
-const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// The changes, applied in the order of these options.
 #[derive(Debug, clap::Args)]

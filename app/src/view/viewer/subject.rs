@@ -7,8 +7,9 @@ use crate::draw::facts;
 use crate::draw::select::{Reach, Region};
 use crate::draw::splat_set::SplatSet;
 use crate::view::latest::Latest;
+use crate::view::navigation::Navigation;
 use crate::view::renderer::Wake;
-use splatgraph_assets::{Camera, Scene, SceneMemoryError, ScenePart, Splat};
+use splatgraph_assets::{Camera, SH_C0, Scene, SceneMemoryError, ScenePart, Splat};
 use splatgraph_framework::ir::Catalog;
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -19,9 +20,6 @@ const TINT: [f32; 3] = [1.0, 0.62, 0.0];
 
 /// Weight of the tint in a selected splat's colour, from 0 to 1.
 const SHARE: f32 = 0.75;
-
-/// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
-const SH_C0: f32 = 0.282_094_8;
 
 /// The selected and the hidden splats of a scene. No splat is both.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -161,6 +159,13 @@ impl Subject {
         (copy, Ok(()))
     }
 
+    /// Creates the navigation for the scene as drawn, without cameras: the whole scene is in view.
+    pub fn navigation(&self) -> Navigation {
+        let (width, height) = facts::DEFAULT_SIZE;
+        let camera = Camera::framing(&self.scene, width, height);
+        Navigation::new(&self.scene.robust_bounds(), &camera, self.scene.up().into())
+    }
+
     pub fn marks(&self) -> &Marks {
         &self.marks
     }
@@ -237,7 +242,7 @@ fn marked(whole: &Scene, marks: &Marks) -> Result<Scene, SceneMemoryError> {
 
 fn tinted(mut splat: Splat) -> Splat {
     for (at, value) in splat.sh.iter_mut().enumerate() {
-        let tint = if at < 3 { (TINT[at] - 0.5) / SH_C0 } else { 0.0 };
+        let tint = if at < 3 { (TINT[at] - 0.5) / SH_C0 as f32 } else { 0.0 };
         *value += SHARE * (tint - *value);
     }
     splat
