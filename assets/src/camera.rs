@@ -111,6 +111,11 @@ impl Camera {
         Self { position: std::array::from_fn(|axis| self.position[axis] - origin[axis]), ..self.clone() }
     }
 
+    /// Converts the camera from a scene's coordinates to the world's. `origin` is the scene's [`Scene::offset`].
+    pub fn in_world(&self, origin: [f64; 3]) -> Self {
+        self.relative_to(origin.map(|v| -v))
+    }
+
     /// Returns the camera's axes in world coordinates: right, down and forward.
     pub fn axes(&self) -> [[f64; 3]; 3] {
         std::array::from_fn(|axis| std::array::from_fn(|row| self.rotation[row][axis]))

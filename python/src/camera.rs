@@ -108,7 +108,7 @@ impl Camera {
     fn framing(scene: &Bound<'_, Scene>, size: (u32, u32)) -> Camera {
         let scene = &scene.get().0;
         let camera = assets::Camera::framing(scene, size.0, size.1);
-        Camera(camera.relative_to(scene.offset().map(|v| -v)))
+        Camera(camera.in_world(scene.offset()))
     }
 
     /// Loads cameras: a `cameras.json`, a `transforms.json`, a glTF file, or a folder with one of the first two or with

@@ -7,7 +7,7 @@ use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
 use crate::draw::{fit, planner};
 use crate::io::load::LoadOptions;
-use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{OutputGuard, shell_word};
 use crate::studies::advise::harmonics::Band;
 use crate::studies::advise::search::{Best, Budget, Tried};
@@ -84,18 +84,17 @@ const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
-    let stems =
-        names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES);
     let mut guard = guard(args)?;
     let sampled = args.cameras.is_none();
     let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);
+    let scene = args.scene.as_deref();
     let (scene, mut cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), &args.load, given, &stems, args.size)?;
+        options::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.size)?;
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
     let found = describe(&scene, &cameras, args.errors);
-    let name = args.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
+    let name = options::scene_name(args.scene.as_deref());
     let silent = args.json.as_deref().is_some_and(crate::io::output::is_standard_output);
     let tell = |text: &str| if silent { Ok(()) } else { options::write_text(None, text) };
     let Description { report, keys, bands } = &found;
@@ -140,9 +139,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;
-    if let Some(path) = &args.json {
-        guard.output("--json", path)?;
-    }
+    args.json.iter().try_for_each(|path| guard.output("--json", path))?;
     Ok(guard)
 }
 

@@ -10,7 +10,6 @@ use crate::draw::planner::{Planner, without_effect};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, say};
-use crate::io::report::plot::Plot;
 use crate::studies::bench::report::{Origin, Report, size_text};
 use crate::studies::bench::{Wanted, copy_limit, plot, sort, study, table};
 use crate::studies::study::{Setting, Subject};
@@ -125,17 +124,12 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &mut Work
         for (scene, stem) in report.scenes.iter().zip(&work.stems) {
             let plots = plot::plots(&report, &scene.scene, &args.splats, &args.sizes());
             for (name, plot) in plot::names(stem, &args.splats, &args.sizes()).iter().zip(plots) {
-                write_plot(folder, name, &plot)?;
+                options::write_plot(&plot, folder, name)?;
             }
         }
         say(format!("all numbers are in {}", folder.join(CSV).display()));
     }
     Ok(report.drawn().next().is_some())
-}
-
-fn write_plot(folder: &Path, name: &str, plot: &Plot) -> Result<()> {
-    output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
-    Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
 }
 
 /// Measures sorts and writes the results. Returns false if no sort could be run.
@@ -148,7 +142,7 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     if let Some(folder) = &args.output {
         output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
         if let Some(plot) = report.plot() {
-            write_plot(folder, SORT_PLOT, &plot)?;
+            options::write_plot(&plot, folder, SORT_PLOT)?;
         }
         say(format!("all numbers are in {}", folder.join(CSV).display()));
     }
@@ -215,9 +209,8 @@ fn measure_scene(
     (path, given): (Option<&Path>, Option<Vec<Camera>>),
     report: &mut Report,
 ) -> Result<()> {
-    let stems = names::unique(&options::camera_names(path, given.as_deref()), MAX_NAME_BYTES);
-    let (scene, cameras) = options::scene_and_cameras(path, &args.load, given, &stems, None)?;
-    let name = path.map_or_else(|| "demo".into(), |path| path.display().to_string());
+    let (scene, cameras) = options::scene_and_cameras(path, &args.load, given, MAX_NAME_BYTES, None)?;
+    let name = options::scene_name(path);
     let candidates: Vec<_> =
         args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
     let subject = Subject { device, name, scene: scene.into(), cameras };
@@ -332,9 +325,7 @@ fn guard(args: &Args, stems: &[String]) -> Result<OutputGuard, Usage> {
     for pipeline in &args.pipelines {
         guard.input("the graph", Path::new(pipeline))?;
     }
-    if let Some(path) = &args.json {
-        guard.output("--json", path)?;
-    }
+    args.json.iter().try_for_each(|path| guard.output("--json", path))?;
     if let Some(folder) = &args.output {
         guard.output("--output", &folder.join(CSV))?;
         let curves = stems.iter().flat_map(|stem| plot::names(stem, &args.splats, &args.sizes()));
@@ -342,9 +333,7 @@ fn guard(args: &Args, stems: &[String]) -> Result<OutputGuard, Usage> {
             Suite::Frames => curves.collect(),
             Suite::Sort => vec![SORT_PLOT.into()],
         };
-        for name in all.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}"))) {
-            guard.output("--output", &folder.join(name))?;
-        }
+        all.iter().try_for_each(|name| options::claim_plot(&mut guard, folder, name))?;
     }
     Ok(guard)
 }

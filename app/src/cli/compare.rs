@@ -146,12 +146,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         let file = split_member(path).map_or_else(|| path.clone(), |(archive, _)| archive);
         guard.input("a compared picture", &file).map_err(Usage::from)?;
     }
-    for path in &diffs {
-        guard.output("--diff", path).map_err(Usage::from)?;
-    }
-    if let Some(path) = &args.json {
-        guard.output("--json", path).map_err(Usage::from)?;
-    }
+    diffs.iter().try_for_each(|path| guard.output("--diff", path)).map_err(Usage::from)?;
+    args.json.iter().try_for_each(|path| guard.output("--json", path)).map_err(Usage::from)?;
     Ok(Work { pairs, folders, diffs })
 }
 

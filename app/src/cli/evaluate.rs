@@ -148,9 +148,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         for view in &views {
             guard.input("a photograph", &view.photograph)?;
         }
-        if let Some(path) = &args.json {
-            guard.output("--json", path)?;
-        }
+        args.json.iter().try_for_each(|path| guard.output("--json", path))?;
         if let Some(output) = &args.output {
             if is_standard_output(output) {
                 return Err(Usage("expected a folder for --output, found `-`".into()));

@@ -7,7 +7,7 @@ use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::io::load::LoadOptions;
-use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, one_line, say};
 use crate::studies::experiment;
 use crate::studies::experiment::exact::GRAPH;
@@ -96,22 +96,20 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let common = args.kind.common();
     let output = args.output();
     let given = cameras::load(common.cameras.as_deref(), common.scene.as_deref())?;
-    let names = options::camera_names(common.scene.as_deref(), given.as_deref());
-    let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut guard = guard(args)?;
     output::file::check(&output)?;
     let device = common.device.open()?;
     if let Some(path) = &common.scene {
         fit::check_header(path, &common.load, device.info(), GRAPH, &[])?;
     }
+    let scene = common.scene.as_deref();
     let (scene, cameras) =
-        options::scene_and_cameras(common.scene.as_deref(), &common.load, given, &stems, common.size)?;
+        options::scene_and_cameras(scene, &common.load, given, MAX_NAME_BYTES, common.size)?;
     let cameras: Vec<Camera> = match common.size {
         Some(_) => cameras,
         None => cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect(),
     };
-    let name =
-        common.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
+    let name = options::scene_name(common.scene.as_deref());
     let subject = Subject { device: &device, name, scene: scene.into(), cameras };
     claim_graph_files(&mut guard, &subject.check(&[Setting::of_graph(GRAPH, &[])])?)?;
     let kind = match &args.kind {

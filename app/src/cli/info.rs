@@ -51,9 +51,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome> {
     let mut guard = options::claim_inputs(Some(&args.scene), args.drawing.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.drawing.pipeline)).map_err(Usage::from)?;
-    if let Some(path) = &args.json {
-        guard.output("--json", path).map_err(Usage::from)?;
-    }
+    args.json.iter().try_for_each(|path| guard.output("--json", path)).map_err(Usage::from)?;
     let scene = options::load_scene(&args.scene, &args.load)?;
     let given = args.drawing.cameras(Some(&args.scene))?;
     let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));

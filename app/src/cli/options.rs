@@ -10,8 +10,9 @@ use crate::draw::interleaved::Frames;
 use crate::draw::storage;
 use crate::io::demo;
 use crate::io::load::LoadOptions;
-use crate::io::output::{self, OutputGuard, is_standard_output, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
 use crate::io::progress::Progress;
+use crate::io::report::plot::Plot;
 use crate::studies::bench;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{BackendError, Heap};
@@ -189,25 +190,31 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
     given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
 }
 
+/// Returns the name of the scene at `path`, or of the demo scene.
+pub fn scene_name(path: Option<&Path>) -> String {
+    path.map_or_else(|| demo::NAME.to_owned(), |path| path.display().to_string())
+}
+
 /// Loads the scene and its cameras, and resizes the cameras' pictures to `size`.
 ///
-/// A camera with an empty or duplicate name gets its entry of `stems` as its name.
+/// A camera with an empty or duplicate name gets a unique one, as a file name of at most `room` bytes.
 pub fn scene_and_cameras(
     path: Option<&Path>,
     load: &LoadOptions,
     given: Option<Vec<Camera>>,
-    stems: &[String],
+    room: usize,
     size: Option<(u32, u32)>,
 ) -> Result<(Scene, Vec<Camera>)> {
+    let stems = names::unique(&camera_names(path, given.as_deref()), room);
     let (scene, _, own) = scene_or_demo(&NEVER, path, load)?;
-    let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), stems, size);
+    let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), &stems, size);
     Ok((scene, cameras))
 }
 
 /// Converts cameras to the scene's coordinates and to the requested size; without cameras, frames the scene at that
 /// size.
 ///
-/// Cameras are renamed as in [`scene_and_cameras`].
+/// A camera with an empty or duplicate name gets its entry of `stems` as its name.
 pub fn cameras_of(
     scene: &Scene,
     given: Option<Vec<Camera>>,
@@ -366,6 +373,11 @@ impl Drawing {
     }
 }
 
+/// Returns the number of pictures in work at once: `wanted`, or two for each core.
+pub fn jobs(wanted: Option<u16>) -> usize {
+    wanted.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
+}
+
 /// The memory for a graph and its scene.
 #[derive(Debug, clap::Args)]
 pub struct MemoryArgs {
@@ -435,6 +447,18 @@ pub fn refuse_json_apart(arguments: &[OsString]) -> Result<(), Usage> {
         }
     }
     Ok(())
+}
+
+/// Registers the files of [`write_plot`].
+pub fn claim_plot(guard: &mut OutputGuard, folder: &Path, name: &str) -> Result<(), Usage> {
+    let files = ["svg", "png"].map(|format| folder.join(format!("{name}.{format}")));
+    Ok(files.iter().try_for_each(|file| guard.output("--output", file))?)
+}
+
+/// Writes a plot as `NAME.svg` and `NAME.png`.
+pub fn write_plot(plot: &Plot, folder: &Path, name: &str) -> Result<()> {
+    output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
+    Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
 }
 
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {

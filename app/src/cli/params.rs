@@ -3,13 +3,14 @@
 use super::options;
 use super::outcome::Outcome;
 use crate::draw::facts::{self, SceneFacts};
+use crate::draw::fit::Target;
 use crate::draw::planner::Planner;
 use crate::io::load::LoadOptions;
 use crate::io::output::say;
 use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_assets::grouped;
-use splatgraph_framework::ir::{DeviceFacts, ParamBinding};
+use splatgraph_framework::ir::ParamBinding;
 use splatgraph_framework::lower::Control;
 use std::path::{Path, PathBuf};
 
@@ -54,7 +55,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome> {
     let files = [Some(Path::new(&args.graph)), args.scene.as_deref(), args.device.as_deref().map(Path::new)];
     options::claim_json(args.json.as_deref(), files.into_iter().flatten().map(|file| ("an input", file)))?;
-    let (device_name, device) = device(args.device.as_deref())?;
+    let Target { name: device_name, facts: device, .. } = device(args.device.as_deref())?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
             let scene = options::load_scene(path, &args.load)?;
@@ -81,16 +82,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Returns the name and the facts of the `wanted` or the default device, or else of the least capable supported one.
-fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
+/// Returns the `wanted` or the default device, or else the least capable supported one.
+fn device(wanted: Option<&str>) -> Result<Target> {
     match options::target(wanted) {
-        Ok(target) => Ok((target.name, target.facts)),
-        Err(error) if wanted.is_some() => Err(error),
-        Err(_) => {
+        Err(_) if wanted.is_none() => {
             say("no device was found: the defaults are those of the least capable supported one");
-            let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-            Ok(("the least capable supported device".to_owned(), facts))
+            Ok(Target::nominal())
         }
+        found => found,
     }
 }
 

@@ -6,7 +6,7 @@ use super::options::{self, BackendArgs, DEFAULT_PIPELINE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::fit;
 use crate::io::load::LoadOptions;
-use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, is_standard_output};
 use crate::studies::measurement::settings;
 use crate::studies::popping::report::{self, Summary};
@@ -77,8 +77,7 @@ pub struct Args {
 const FRAMES: u32 = 12;
 const WIDTH: u32 = 480;
 const CSV: &str = "popping.csv";
-const SVG: &str = "popping.svg";
-const PNG: &str = "popping.png";
+const PLOT: &str = "popping";
 
 /// Parses parameter values of a graph, `NAME=VALUE,...`.
 fn variant(text: &str) -> Result<Setting, String> {
@@ -96,8 +95,6 @@ fn degrees(text: &str) -> Result<f64, String> {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
-    let names = options::camera_names(args.scene.as_deref(), given.as_deref());
-    let stems = names::unique(&names, MAX_NAME_BYTES);
     let mut guard = guard(args)?;
     let csv = args.output.iter().map(|folder| folder.join(CSV));
     csv.chain(args.json.clone()).try_for_each(|file| output::file::check(&file))?;
@@ -108,11 +105,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
             fit::check_header(path, &args.load, device.info(), &variant.pipeline, &variant.set)?;
         }
     }
-    let (scene, cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), &args.load, given, &stems, args.size)?;
+    let scene = args.scene.as_deref();
+    let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.size)?;
     let cameras = path(args, &scene, cameras)?;
     measure::check(&cameras)?;
-    let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
+    let name = options::scene_name(args.scene.as_deref());
     let subject = Subject { device: &device, name, scene: scene.into(), cameras };
     // Drawing the true pictures takes time, so errors in the graphs are reported first.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
@@ -136,10 +133,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_json(file, &json!({ "origin": origin, "variants": rows, "notes": report::NOTES }))?;
     }
     if let Some(folder) = &args.output {
-        let plot = report::plot(&tracks);
         output::write_bytes(&folder.join(CSV), report::csv(&tracks).as_bytes())?;
-        output::write_bytes(&folder.join(SVG), plot.svg()?.as_bytes())?;
-        plot.image()?.save(&folder.join(PNG))?;
+        options::write_plot(&report::plot(&tracks), folder, PLOT)?;
     }
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
@@ -183,13 +178,10 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     for graph in &args.pipeline {
         guard.input("a graph", Path::new(graph))?;
     }
-    if let Some(json) = &args.json {
-        guard.output("--json", json)?;
-    }
-    for name in [CSV, SVG, PNG] {
-        if let Some(folder) = &args.output {
-            guard.output("--output", &folder.join(name))?;
-        }
+    args.json.iter().try_for_each(|path| guard.output("--json", path))?;
+    if let Some(folder) = &args.output {
+        guard.output("--output", &folder.join(CSV))?;
+        options::claim_plot(&mut guard, folder, PLOT)?;
     }
     Ok(guard)
 }

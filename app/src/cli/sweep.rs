@@ -80,13 +80,11 @@ impl Request {
         guard: &mut OutputGuard,
         given: Option<Vec<Camera>>,
     ) -> Result<Request> {
-        let stems = stems(args, given.as_deref());
         if let Some(path) = &args.scene {
             fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
         }
         let scene = args.scene.as_deref();
-        let (scene, cameras) =
-            options::scene_and_cameras(scene, &args.load, given, &stems, args.drawing.size)?;
+        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, ROOM, args.drawing.size)?;
         let cameras = projection::convert_all(cameras, &args.drawing.pipeline, &args.drawing.set, &scene)?;
         let file = args.scene.as_deref().and_then(Path::file_stem);
         let name = file.map_or("demo".into(), |stem| stem.to_string_lossy()).into_owned();
@@ -107,8 +105,11 @@ impl Request {
     }
 }
 
+/// Maximum length of a camera's file name, in bytes, without what is added to it.
+const ROOM: usize = MAX_NAME_BYTES - 40;
+
 fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
-    names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 40)
+    names::unique(&options::camera_names(args.scene.as_deref(), given), ROOM)
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -142,8 +143,7 @@ fn report(swept: &SweepResult, shown: &[Shown], output: &Path) -> Result<()> {
     output::write_bytes(&file(CSV), swept.csv().as_bytes())?;
     options::write_json(&file(JSON), &serde_json::to_value(swept)?)?;
     for (name, plot, _) in swept.plots() {
-        output::write_bytes(&file(&format!("{name}.svg")), plot.svg()?.as_bytes())?;
-        plot.image()?.save(&file(&format!("{name}.png")))?;
+        options::write_plot(&plot, output, name)?;
     }
     output::write_bytes(&file(PAGE), swept.page(shown)?.as_bytes())?;
     say(format!("{} shows the result", file(PAGE).display()));
@@ -243,10 +243,10 @@ pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Pa
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.drawing.pipeline))?;
-    let plots = PLOTS.iter().flat_map(|name| ["svg", "png"].map(|format| format!("{name}.{format}")));
-    for name in [PAGE, CSV, JSON].map(String::from).into_iter().chain(plots) {
+    for name in [PAGE, CSV, JSON] {
         guard.output("--output", &args.output.join(name))?;
     }
+    PLOTS.iter().try_for_each(|name| options::claim_plot(&mut guard, &args.output, name))?;
     // The numbers of splats are not known yet: this checks the folder.
     guard.output("--output", &args.output.join(picture_of(None, 0)))?;
     Ok(guard)

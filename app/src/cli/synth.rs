@@ -153,8 +153,7 @@ fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
         camera.img_name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Truth::draw(&scene, camera, [0.0; 3], &Rules::of(&scene)).image().save(path)?;
     }
-    let world: Vec<Camera> =
-        cameras.iter().map(|camera| camera.relative_to(scene.offset().map(|v| -v))).collect();
+    let world: Vec<Camera> = cameras.iter().map(|camera| camera.in_world(scene.offset())).collect();
     for (name, text) in Dataset::colmap_text(&world, "png")? {
         output::write_bytes(&folder.join("sparse/0").join(name), text.as_bytes())?;
     }
@@ -197,7 +196,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     ));
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
         // The scene file is in world coordinates, and so are COLMAP cameras.
-        let world = cameras.iter().map(|camera| camera.relative_to(scene.offset().map(|v| -v)));
+        let world = cameras.iter().map(|camera| camera.in_world(scene.offset()));
         options::write_json(path, &serde_json::to_value(world.collect::<Vec<_>>())?)?;
         tell(format!("{}: {} cameras", path.display(), cameras.len()));
     }

@@ -31,7 +31,7 @@ use std::sync::Arc;
 /// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's defaults,
 /// and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render --backend reference`),
 /// or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a change of the device's clock
-/// affects both. A parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
+/// affects both. A parameter whose declaration has no `exact` value keeps its default. A parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
 /// earlier one is not measured either.
 ///
 /// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; that share in milliseconds on
@@ -92,8 +92,7 @@ pub struct Args {
 const LEDGER: &str = "ledger.json";
 const CSV: &str = "ledger.csv";
 const PAGE: &str = "ledger.html";
-const SVG: &str = "ledger.svg";
-const PNG: &str = "ledger.png";
+const PLOT: &str = "ledger";
 
 struct Request {
     scene: Arc<Scene>,
@@ -114,7 +113,7 @@ impl Request {
             fit::check_header(path, &args.load, device.info(), &args.pipeline, &args.set)?;
         }
         let scene = args.scene.as_deref();
-        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, &stems, args.size)?;
+        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, ROOM, args.size)?;
         let cameras = projection::convert_all(cameras, &args.pipeline, &args.set, &scene)?;
         let truths = |folder: &PathBuf| -> Result<_> {
             Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))
@@ -136,13 +135,16 @@ impl Request {
     }
 
     fn subject<'a>(&self, args: &Args, device: &'a Backend) -> Subject<'a, Backend> {
-        let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
+        let name = options::scene_name(args.scene.as_deref());
         Subject { device, name, scene: self.scene.clone(), cameras: self.cameras.clone() }
     }
 }
 
+/// Maximum length of a camera's file name, in bytes, without the extension.
+const ROOM: usize = MAX_NAME_BYTES - 5;
+
 fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
-    names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 5)
+    names::unique(&options::camera_names(args.scene.as_deref(), given), ROOM)
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -171,8 +173,7 @@ fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     let album = Album::beside(&file(LEDGER));
     output::write_bytes(&file(PAGE), page(&ledger, &lines, &failed, &album)?.as_bytes())?;
     if let Some(plot) = plot(&ledger, &lines) {
-        output::write_bytes(&file(SVG), plot.svg()?.as_bytes())?;
-        plot.image()?.save(&file(PNG))?;
+        options::write_plot(&plot, output, PLOT)?;
     }
     say(format!("{} shows the result", file(PAGE).display()));
     Ok(())
@@ -266,6 +267,7 @@ fn usage(error: StudyError) -> anyhow::Error {
             let known = known.join(", ");
             Usage(format!("--only {name}: expected a prefix of one of these settings' names: {known}")).into()
         }
+        StudyError::NoExactValue(_) => Usage(format!("--only: {error}")).into(),
         error => error.into(),
     }
 }
@@ -274,9 +276,10 @@ fn usage(error: StudyError) -> anyhow::Error {
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;
-    for name in [LEDGER, CSV, PAGE, SVG, PNG] {
+    for name in [LEDGER, CSV, PAGE] {
         guard.output("--output", &args.output.join(name))?;
     }
+    options::claim_plot(&mut guard, &args.output, PLOT)?;
     let pictures = args.output.join(pictures::FOLDER);
     // The settings are not known yet: this checks the folder.
     guard.output("--output", &pictures.join("defaults.png"))?;

@@ -136,7 +136,7 @@ mod tests {
         let scene = synth::generate("demo", 30, 0).expect("it is generated");
         let camera = Camera::framing(&scene, 32, 24);
         let far = [1e7, 0.0, 0.0];
-        let cameras = [camera.relative_to(far.map(|v: f64| -v))];
+        let cameras = [camera.in_world(far)];
         let prices = measure(scene.with_offset(far).with_mesh(Some(synth::mesh().into())), &cameras);
         let prices = prices.expect("prices");
         let json = serde_json::to_value(&prices).expect("JSON");

@@ -40,8 +40,7 @@ impl PriceArgs {
     pub(super) fn run(&self, scene: Scene, path: &Path) -> Result<Outcome> {
         let given = cameras::load(self.cameras.as_deref(), Some(path))?;
         // Use world coordinates: a format may or may not keep the scene's origin.
-        let cameras =
-            given.unwrap_or_else(|| vec![options::framing(&scene).relative_to(scene.offset().map(|v| -v))]);
+        let cameras = given.unwrap_or_else(|| vec![options::framing(&scene).in_world(scene.offset())]);
         let sized = |camera: splatgraph_assets::Camera| match self.size {
             Some((width, height)) => camera.resized(width, height),
             None => camera,

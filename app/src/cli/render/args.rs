@@ -280,10 +280,6 @@ impl Args {
         Stdout::of(picture.into_iter().chain(self.json.as_deref()).chain(others))
     }
 
-    pub(super) fn jobs(&self) -> usize {
-        self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
-    }
-
     pub(super) fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
         let outputs = self.named().map(|(_, file)| ("--output", file));

@@ -119,8 +119,8 @@ impl Drawer {
         choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
         let files: Vec<(String, PathBuf)> =
             args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
-        let batch =
-            Batch::new(args.jobs(), work.destination.clone(), (files, loaded.cameras.len()), args.stdout());
+        let (jobs, files) = (options::jobs(args.jobs), (files, loaded.cameras.len()));
+        let batch = Batch::new(jobs, work.destination.clone(), files, args.stdout());
         let with =
             With::Device { session: Box::new(session), batch: batch.into(), guard: work.guard.clone() };
         Ok(Drawer { loaded, stems, with })

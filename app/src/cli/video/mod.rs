@@ -278,8 +278,7 @@ struct Job<'a> {
 
 impl Job<'_> {
     fn options(&self) -> DrawOptions {
-        let jobs = self.args.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from);
-        DrawOptions { background: self.args.background, jobs }
+        DrawOptions { background: self.args.background, jobs: options::jobs(self.args.jobs) }
     }
 
     /// Writes the film to one file. Returns the number of frames and their GPU time in milliseconds.

@@ -44,7 +44,7 @@ impl<D: Device> Viewer<D> {
     }
 
     fn world_camera_of(&self, (width, height): (u32, u32)) -> Camera {
-        self.navigation.camera(width, height).relative_to(self.scene().offset().map(|v| -v))
+        self.navigation.camera(width, height).in_world(self.scene().offset())
     }
 
     /// Applies the user's input to the camera, or advances the path; returns true if the camera moved.
