@@ -146,11 +146,7 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Vec<Control>, GraphErrors> {
-        let capacities = self.capacities.values();
-        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
-        lower::controls(&request, &mut self.files)
-            .map(|(_, controls)| controls)
-            .map_err(|found| GraphErrors::new(&self.files, &found))
+        self.ask((graph, set), facts, catalog, lower::controls).map(|(_, controls)| controls)
     }
 
     /// Lists the settings that `graph` rejects; see [`lower::rejected_settings`].
@@ -161,10 +157,7 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Vec<String>, GraphErrors> {
-        let capacities = self.capacities.values();
-        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
-        lower::rejected_settings(&request, &mut self.files)
-            .map_err(|found| GraphErrors::new(&self.files, &found))
+        self.ask((graph, set), facts, catalog, lower::rejected_settings)
     }
 
     /// Returns the graphs of a choice that a device cannot run, and the unmet requirements if none is left.
@@ -174,9 +167,7 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Standing, GraphErrors> {
-        let share_memory = self.share_memory;
-        let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory };
-        lower::standing(&request, &mut self.files).map_err(|found| GraphErrors::new(&self.files, &found))
+        self.ask((graph, &[]), facts, catalog, lower::standing)
     }
 
     /// Drops the cached files, so that the next plan reads them again. Unchanged shaders are not recompiled.
@@ -197,10 +188,19 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<ExpressionNames, GraphErrors> {
-        let share_memory = self.share_memory;
-        let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory };
-        lower::expression_names(&request, &mut self.files)
-            .map_err(|found| GraphErrors::new(&self.files, &found))
+        self.ask((graph, &[]), facts, catalog, lower::expression_names)
+    }
+
+    fn ask<T>(
+        &mut self,
+        (graph, set): (&str, &[(String, String)]),
+        facts: &Facts,
+        catalog: &Catalog,
+        ask: impl FnOnce(&Request, &mut SourceMap) -> Result<T, Vec<Diagnostic>>,
+    ) -> Result<T, GraphErrors> {
+        let (capacities, share_memory) = (self.capacities.values(), self.share_memory);
+        let request = Request { graph, set, capacities, facts, catalog, share_memory };
+        ask(&request, &mut self.files).map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
     /// Returns the text of a graph; `None` if it cannot be read.
