@@ -33,7 +33,7 @@ pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
 /// Result of checking the order of sorted keys.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyOrder {
-    /// Number of compared keys: as many as the frame sorted, or all if that number is unknown.
+    /// Number of compared keys: as many as the frame sorted, or all if that number is unknown and all ascend.
     pub keys: u64,
     /// Number of lowest bits that are not compared: the sort leaves them to a later pass.
     #[serde(skip_serializing_if = "is_zero")]
@@ -66,9 +66,9 @@ impl fmt::Display for KeyOrder {
 }
 
 impl KeyOrder {
-    /// Checks the first `count` keys, or all if it is unknown, without their lowest `ignored_bits`.
-    pub(super) fn of(keys: &[u32], count: Option<u64>, ignored_bits: u32) -> KeyOrder {
-        let count = count.map_or(keys.len(), |n| keys.len().min(n as usize));
+    /// Checks the first `count` keys, or all if there are fewer, without their lowest `ignored_bits`.
+    pub(super) fn of(keys: &[u32], count: u64, ignored_bits: u32) -> KeyOrder {
+        let count = keys.len().min(count as usize);
         let compared = |i: usize| keys[i].checked_shr(ignored_bits).unwrap_or(0);
         let descents = || (1..count).filter(|&i| compared(i) < compared(i - 1));
         let first_descent = descents().next().map(|i| i as u64);
@@ -101,6 +101,20 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
     };
     let pairs = plan.resource(args.resource).name.ends_with("pair_args");
     at(KEYS_BYTE).or_else(|| value(if pairs { "entries_needed" } else { "visible" }))
+}
+
+/// Says why the order is unknown: after `ascending` keys comes a smaller one, which the frame may not have sorted.
+pub(super) fn unknown_order(plan: &Plan, pass: &Pass, ascending: u64) -> String {
+    let statistic = match pass.bindings.iter().find(|binding| binding.name == "Args") {
+        Some(args) => {
+            format!("`stats: {{ \"visible\": (\"{}\", {KEYS_BYTE}) }}`", plan.resource(args.resource).name)
+        }
+        None => "a statistic `visible` with that number".to_owned(),
+    };
+    format!(
+        "unknown order: the first {ascending} keys ascend, and no statistic tells how many keys the frame sorted; \
+         add {statistic} to the graph"
+    )
 }
 
 /// Returns the lowest key bit that a sort reads: the smallest push constant `shift` of its iterations, or 0.
@@ -183,7 +197,17 @@ mod tests {
         assert!(
             order.to_string().ends_with("(without the lowest 5 bits, which the sort leaves to a later pass)")
         );
-        let order = Finding::new(&plan, &target, &bytes, &[]).order.expect("an order");
-        assert_eq!((order.keys, order.first_descent), (5, Some(4)), "all, where their number is unknown");
+        // The last word may be unused where the number of pairs is unknown.
+        let found = Finding::new(&plan, &target, &bytes, &[]);
+        assert_eq!((found.order, found.counted), (None, None));
+        let reason = "unknown order: the first 4 keys ascend, and no statistic tells how many keys the frame sorted; \
+            add `stats: { \"visible\": (\"bins.pair_args\", 12) }` to the graph";
+        assert_eq!(found.unknown_order.as_deref(), Some(reason));
+        let order = Finding::new(&plan, &target, &bytes[..16], &[]).order.expect("an order");
+        assert_eq!(
+            (order.keys, order.ascending),
+            (4, true),
+            "all ascend, so that their number does not matter"
+        );
     }
 }

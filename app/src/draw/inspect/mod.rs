@@ -125,9 +125,12 @@ pub struct Finding {
     pub pass: String,
     /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted.
     pub shape: Vec<u64>,
-    /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]).
+    /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]) and the order is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
+    /// Says why the order of the keys is unknown.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknown_order: Option<String>,
     /// Number of compared keys, as in [`KeyOrder::keys`]; `None` like `order`.
     #[serde(skip)]
     pub counted: Option<u64>,
@@ -145,16 +148,33 @@ impl Finding {
         let resource = plan.resource(target.resource);
         let (shape, words) = words(resource, bytes);
         let pass = plan.pass(target.after);
-        let order = match &words {
-            Words::Uint(words) if holds_keys(&resource.name) => {
-                Some(KeyOrder::of(words, keys::count(plan, pass, stats), keys::lowest_bit(plan, pass)))
+        let (mut order, mut unknown_order) = (None, None);
+        if let Words::Uint(words) = &words
+            && holds_keys(&resource.name)
+        {
+            let count = keys::count(plan, pass, stats);
+            let found =
+                KeyOrder::of(words, count.unwrap_or(words.len() as u64), keys::lowest_bit(plan, pass));
+            match found.first_descent {
+                Some(ascending) if count.is_none() => {
+                    unknown_order = Some(keys::unknown_order(plan, pass, ascending));
+                }
+                _ => order = Some(found),
             }
-            _ => None,
-        };
+        }
         let pass = pass.name.clone();
         let is_image = matches!(resource.shape, Shape::Image { .. });
         let counted = order.as_ref().map(|order: &KeyOrder| order.keys);
-        Finding { resource: resource.name.clone(), pass, shape, order, counted, is_image, words }
+        Finding {
+            resource: resource.name.clone(),
+            pass,
+            shape,
+            order,
+            unknown_order,
+            counted,
+            is_image,
+            words,
+        }
     }
 
     /// Saves the words as a NumPy array: uint32 for buffers and integer images, float32 for float images.
@@ -177,6 +197,9 @@ impl Finding {
             if let Some(at) = order.first_descent {
                 text += &format!(": {} after {}", keys[at as usize], keys[at as usize - 1]);
             }
+        }
+        if let Some(reason) = &self.unknown_order {
+            text += &format!("\n  {reason}");
         }
         match &self.words {
             Words::Uint(words) => text + &ends(words),
@@ -317,12 +340,18 @@ mod tests {
             KeyOrder { keys: 3, ignored_bits: 0, ascending: true, descents: 0, first_descent: None }
         );
         assert!(found(Some(3)).text().contains("monotonic: the first 3 keys ascend"));
-        let order = found(None).order.unwrap();
+        let order = found(Some(6)).order.unwrap();
         assert_eq!(
             order,
             KeyOrder { keys: 6, ignored_bits: 0, ascending: false, descents: 2, first_descent: Some(3) }
         );
-        assert!(found(None).text().contains("the first at 3: 3 after 4"), "{}", found(None).text());
+        assert!(found(Some(6)).text().contains("the first at 3: 3 after 4"), "{}", found(Some(6)).text());
+        assert_eq!(found(None).order, None);
+        assert!(
+            found(None).text().contains("\n  unknown order: the first 3 keys ascend"),
+            "{}",
+            found(None).text()
+        );
         assert!(found(Some(0)).order.unwrap().ascending);
     }
 

@@ -114,6 +114,9 @@ impl State {
                 self.first = (at as usize).saturating_sub(LINES / 2);
             }
         }
+        if let Some(reason) = &finding.unknown_order {
+            ui.label(reason);
+        }
         // An element is a pixel of an image (two outer dimensions), or an element of a buffer (one).
         let inner = if finding.is_image { 2 } else { 1 };
         let per_element = finding.shape.iter().skip(inner).product::<u64>().max(1) as usize;
