@@ -71,6 +71,27 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
 }
 
 #[test]
+fn the_keys_of_the_sorting_step_ascend_and_without_its_statistic_their_order_is_unknown() {
+    let place = Place::demo(20000);
+    let text = std::fs::read_to_string(tutorial().join("sorted.ron")).expect("there");
+    let stats = "  stats: { \"in_view\": (\"order.args\", 12) },\n";
+    assert!(text.contains(stats));
+    for shader in ["ellipses.comp", "renderer.vert", "renderer.frag"] {
+        place.write(shader, std::fs::read(tutorial().join(shader)).expect("there"));
+    }
+    place.write("sorted.ron", &text);
+    place.write("bare.ron", text.replace(stats, ""));
+    let look = |graph: &str| {
+        place.done(&format!("render scene.ply -p {graph} --size 64x36 --inspect keys@scatter -o k.png"))
+    };
+    let sorted = look("sorted.ron");
+    assert!(sorted.contains("\n  monotonic: the first "), "{sorted}");
+    let bare = look("bare.ron");
+    assert!(bare.contains("\n  unknown order: the first "), "{bare}");
+    assert!(bare.contains("add `stats: { \"visible\": (\"order.args\", 12) }` to the graph"), "{bare}");
+}
+
+#[test]
 fn every_start_is_written_checked_and_drawn() {
     let place = Place::demo(20000);
     for (start, name) in [("splat", "my.ron"), ("compute", "rings.ron"), ("post", "new/grey.ron")] {
