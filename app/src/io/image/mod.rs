@@ -49,12 +49,12 @@ impl Image {
     /// The path has another extension, or the file cannot be read, is damaged or is too large.
     pub fn load(path: &Path) -> Result<Image, ImageError> {
         if let Some((archive, array)) = split_member(path) {
-            return npy::load_member(&archive, &array).map(|(image, _)| image);
+            return npy::load_member(&archive, &array).map(|(image, _)| image.narrow());
         }
         match Format::of(path) {
             Some(Format::Png) => png::load(path).map(|(image, _)| image),
             Some(Format::Exr) => exr::load(path),
-            Some(Format::Npy) => npy::load(path).map(|(image, _)| image),
+            Some(Format::Npy) => npy::load(path).map(|(image, _)| image.narrow()),
             None => Err(no_picture(path)),
         }
     }

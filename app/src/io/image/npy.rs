@@ -79,7 +79,7 @@ fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
     NpyFile::new(io::Cursor::new(start).chain(reader))
 }
 
-pub(super) fn load<C: Value>(path: &Path) -> Result<(Image<C>, Depth), ImageError> {
+pub(super) fn load(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
     read(path, header(open(path)?).map_err(|e| ImageError::because(path, e))?)
 }
 
@@ -87,7 +87,7 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     shape(path, &header(open(path)?).map_err(|e| ImageError::because(path, e))?).map(|(size, _)| size)
 }
 
-pub(super) fn load_member<C: Value>(archive: &Path, array: &str) -> Result<(Image<C>, Depth), ImageError> {
+pub(super) fn load_member(archive: &Path, array: &str) -> Result<(Image<f64>, Depth), ImageError> {
     let mut npz = open_npz(archive)?;
     let member = member(archive, &mut npz, array)?;
     read(archive, header(member).map_err(|e| ImageError::because(archive, e))?)
@@ -141,33 +141,7 @@ fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usiz
     Ok((check_size(path, width, height)?, channels as usize))
 }
 
-/// A channel type to which an array's values are converted.
-pub(super) trait Value: Copy + Default {
-    fn of_double(value: f64) -> Self;
-    fn of_single(value: f32) -> Self;
-}
-
-impl Value for f32 {
-    fn of_double(value: f64) -> f32 {
-        value as f32
-    }
-
-    fn of_single(value: f32) -> f32 {
-        value
-    }
-}
-
-impl Value for f64 {
-    fn of_double(value: f64) -> f64 {
-        value
-    }
-
-    fn of_single(value: f32) -> f64 {
-        value.into()
-    }
-}
-
-fn read<C: Value, R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<C>, Depth), ImageError> {
+fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<f64>, Depth), ImageError> {
     let ((width, height), channels) = shape(path, &npy)?;
     let kind = match npy.dtype() {
         npyz::DType::Plain(kind) => (kind.type_char(), kind.size_field()),
@@ -180,10 +154,10 @@ fn read<C: Value, R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<C>, De
     };
     let size = (width, height, channels);
     match kind {
-        (TypeChar::Float, 4) => Ok((pixels(path, npy, size, C::of_single)?, Depth::Single)),
-        (TypeChar::Float, 8) => Ok((pixels(path, npy, size, C::of_double)?, Depth::Double)),
+        (TypeChar::Float, 4) => Ok((pixels(path, npy, size, |value: f32| value.into())?, Depth::Single)),
+        (TypeChar::Float, 8) => Ok((pixels(path, npy, size, |value: f64| value)?, Depth::Double)),
         (TypeChar::Uint, 1) => {
-            let level = |v: u8| C::of_single(f32::from(v) / 255.0);
+            let level = |v: u8| f64::from(f32::from(v) / 255.0);
             Ok((pixels(path, npy, size, level)?, Depth::Levels(u8::MAX.into())))
         }
         _ => Err(ImageError::new(
@@ -194,17 +168,17 @@ fn read<C: Value, R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<C>, De
 }
 
 /// Reads the pixels of an array; a fourth channel is dropped.
-fn pixels<R: Read, T: npyz::Deserialize, C: Value>(
+fn pixels<R: Read, T: npyz::Deserialize>(
     path: &Path,
     npy: NpyFile<R>,
     (width, height, channels): (usize, usize, usize),
-    convert: impl Fn(T) -> C,
-) -> Result<Image<C>, ImageError> {
+    convert: impl Fn(T) -> f64,
+) -> Result<Image<f64>, ImageError> {
     let mut values = npy.data::<T>().map_err(|e| ImageError::because(path, e))?;
     let mut rgb = room(path, width * height)?;
     let missing = || ImageError::new(path, "the file ends before its last pixel");
     for _ in 0..width * height {
-        let mut pixel = [C::default(); 4];
+        let mut pixel = [0.0; 4];
         for value in &mut pixel[..channels] {
             let read = values.next().ok_or_else(missing)?;
             *value = convert(read.map_err(|e| ImageError::because(path, e))?);
@@ -219,11 +193,11 @@ mod tests {
     use super::*;
 
     fn load(path: &Path) -> Result<Image, ImageError> {
-        super::load(path).map(|(image, _)| image)
+        Image::load(path)
     }
 
     fn load_member(archive: &Path, array: &str) -> Result<Image, ImageError> {
-        super::load_member(archive, array).map(|(image, _)| image)
+        super::load_member(archive, array).map(|(image, _)| image.narrow())
     }
 
     #[test]

@@ -32,6 +32,12 @@ pub enum Depth {
 }
 
 impl Image<f64> {
+    /// Rounds every channel to f32. Values that were read from f32 are unchanged.
+    pub fn narrow(&self) -> Image {
+        let rgb = self.rgb.iter().map(|pixel| pixel.map(|value| value as f32)).collect();
+        Image { width: self.width, height: self.height, rgb }
+    }
+
     /// Clamps every channel to 0..1, as a screen or an 8-bit file does.
     pub fn clamped(mut self) -> Image<f64> {
         self.rgb.as_flattened_mut().iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
