@@ -111,21 +111,10 @@ impl Image {
         self.rgb.as_flattened().iter().map(|&value| level(value)).collect()
     }
 
-    /// Shrinks the picture to at most `width` columns, by averaging squares of pixels that are as small as possible.
+    /// Shrinks the picture to at most `width` columns, as [`Image::averaged`] does. Its proportions stay.
     pub fn reduced(&self, width: usize) -> Image {
-        let by = self.width.div_ceil(width.max(1)).max(1);
-        let side = |of: usize| of.div_ceil(by);
-        Image::from_fn(side(self.width), side(self.height), |x, y| {
-            let (mut sum, mut count) = ([0.0; 3], 0.0);
-            for row in (y * by..self.height).take(by) {
-                for column in (x * by..self.width).take(by) {
-                    let pixel = self.at(column, row);
-                    sum = std::array::from_fn(|c| sum[c] + pixel[c]);
-                    count += 1.0;
-                }
-            }
-            sum.map(|channel| channel / count)
-        })
+        let width = width.min(self.width);
+        self.averaged(width, (self.height * width).div_ceil(self.width))
     }
 }
 

@@ -44,11 +44,10 @@ impl Album {
         if ledger.farthest(&row.setting).is_some_and(|(_, psnr_db)| squared_error(psnr_db) >= of_row) {
             return Ok(());
         }
-        let reduced = |image: &Image| if image.width > WIDTH { image.reduced(WIDTH) } else { image.clone() };
         let difference = Image::difference(picture, truth, gain(found.error.psnr_db) as f32);
         let [of_picture, of_difference] = files(&row.setting);
         let all = [(truth_file(&row.camera), truth), (of_picture, picture), (of_difference, &difference)];
-        all.into_par_iter().try_for_each(|(file, image)| reduced(image).save(&folder.join(file)))
+        all.into_par_iter().try_for_each(|(file, image)| image.reduced(WIDTH).save(&folder.join(file)))
     }
 
     /// Copies the pictures of a setting in the view of `camera` from another album. Missing pictures are skipped.
