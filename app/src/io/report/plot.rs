@@ -1,5 +1,6 @@
 //! Draws plots as SVG and as pictures, with the same marks. Pictures use an embedded font.
 
+use super::text;
 use crate::io::image::Image;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
@@ -25,6 +26,13 @@ pub struct Axis {
     pub label: String,
     /// True for a logarithmic scale. Points at or below 0 are then omitted.
     pub logarithmic: bool,
+}
+
+impl Axis {
+    /// Converts a value to the coordinate on the axis.
+    fn on(&self, value: f64) -> f64 {
+        if self.logarithmic { value.log10() } else { value }
+    }
 }
 
 /// The form of a series' marks.
@@ -133,13 +141,7 @@ impl Plot {
     pub fn svg(&self) -> Result<String, PlotError> {
         let mut text = String::new();
         self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
-        // Without a view box, a page cannot scale the plot.
-        let (width, height) = SIZE;
-        let sized = format!("width=\"{width}\" height=\"{height}\"");
-        if text.contains("viewBox") {
-            return Ok(text);
-        }
-        Ok(text.replacen(&sized, &format!("{sized} viewBox=\"0 0 {width} {height}\""), 1))
+        Ok(text)
     }
 
     /// Draws the plot as a picture.
@@ -263,16 +265,14 @@ impl Plot {
     }
 
     fn shown_bars(&self) -> Vec<(f64, f64, f64)> {
-        let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
-        let bar = |bar: &Bar| (on(&self.x, bar.x.0), on(&self.x, bar.x.1), on(&self.y, bar.y));
+        let bar = |bar: &Bar| (self.x.on(bar.x.0), self.x.on(bar.x.1), self.y.on(bar.y));
         let is_finite = |(low, high, y): &(f64, f64, f64)| [low, high, y].iter().all(|v| v.is_finite());
         self.bars.iter().map(bar).filter(is_finite).collect()
     }
 
     /// Lists the points of a series that the scales can show, in axis coordinates.
     fn shown<'a>(&self, series: &'a Series) -> Vec<(f64, f64, &'a str)> {
-        let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
-        let point = |point: &'a Point| (on(&self.x, point.x), on(&self.y, point.y), point.name.as_str());
+        let point = |point: &'a Point| (self.x.on(point.x), self.y.on(point.y), point.name.as_str());
         series.points.iter().map(point).filter(|(x, y, _)| x.is_finite() && y.is_finite()).collect()
     }
 }
@@ -341,19 +341,14 @@ impl Ticks {
             return format!("{at:.*}", self.digits);
         }
         let value = 10f64.powf(at);
-        match value {
-            1e9.. => {
-                format!("{:.3}", value / 1e9).trim_end_matches('0').trim_end_matches('.').to_owned() + " G"
-            }
-            1e6.. => {
-                format!("{:.3}", value / 1e6).trim_end_matches('0').trim_end_matches('.').to_owned() + " M"
-            }
-            1e4.. => {
-                format!("{:.3}", value / 1e3).trim_end_matches('0').trim_end_matches('.').to_owned() + " k"
-            }
+        let (scale, digits, suffix) = match value {
+            1e9.. => (1e9, 3, " G"),
+            1e6.. => (1e6, 3, " M"),
+            1e4.. => (1e3, 3, " k"),
             // Six decimals distinguish the ticks, and hide the rounding of the logarithm.
-            _ => format!("{:.6}", value).trim_end_matches('0').trim_end_matches('.').to_owned(),
-        }
+            _ => (1.0, 6, ""),
+        };
+        text::decimals(value / scale, digits) + suffix
     }
 }
 

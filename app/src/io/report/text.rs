@@ -1,4 +1,4 @@
-//! Formats tables for terminals, and cells of CSV.
+//! Formats tables for terminals, cells of CSV, and numbers.
 
 /// Formats rows as a table. The first column is left-aligned; the others hold numbers and are right-aligned.
 pub fn table(rows: &[Vec<String>]) -> String {
@@ -18,6 +18,12 @@ pub fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
+/// Formats a number with at most `digits` decimals, without trailing zeros.
+pub fn decimals(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    if digits == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
+}
+
 /// Quotes a cell of CSV (RFC 4180).
 pub fn quoted(cell: &str) -> String {
     format!("\"{}\"", cell.replace('"', "\"\""))
@@ -31,5 +37,12 @@ mod tests {
     fn names_stand_to_the_left_and_numbers_to_the_right() {
         let rows = [["name", "ms"], ["é", "10.5"], ["longer", ""]].map(|row| row.map(String::from).to_vec());
         assert_eq!(table(&rows), "name      ms\né       10.5\nlonger\n");
+    }
+
+    #[test]
+    fn only_zeros_after_the_point_are_dropped() {
+        let texts =
+            [(1.25, 4), (10.0, 2), (100.0, 0), (0.0, 3), (-0.5, 1)].map(|(v, digits)| decimals(v, digits));
+        assert_eq!(texts, ["1.25", "10", "100", "0", "-0.5"]);
     }
 }

@@ -105,7 +105,7 @@ pub fn table(summaries: &[Summary]) -> String {
 }
 
 fn shown_degrees(degrees: f64) -> String {
-    format!("{degrees:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
+    text::decimals(degrees, 4)
 }
 
 /// Writes every step of every variant as CSV (RFC 4180), with all digits; missing values are empty.

@@ -6,6 +6,7 @@
 use super::controls::Controls;
 use super::theme::{self, Palette, ROW};
 use super::widgets::{self, hint};
+use crate::io::report::text::decimals;
 use crate::view::renderer::Renderer;
 use egui::{Align, ComboBox, DragValue, Layout, Response, RichText, Slider, SliderClamping, Ui};
 use indexmap::IndexSet;
@@ -449,8 +450,7 @@ impl Scale {
             return "0".to_owned();
         }
         let digits = (3.0 - value.abs().log10().floor()).clamp(0.0, 12.0) as usize;
-        let text = format!("{value:.digits$}");
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+        decimals(value, digits)
     }
 }
 
