@@ -17,7 +17,7 @@ pub fn json(recording: &Recording, command: &str) -> Json {
     let mut events = vec![name("process_name", 0, command)];
     for (thread, text) in recording.threads.iter().enumerate() {
         events.push(name("thread_name", thread, text));
-        events.push(sorted(thread, thread));
+        events.push(sorted(thread));
     }
     let mut spans: Vec<_> = recording.spans.iter().collect();
     // Puts each span before the spans inside it.
@@ -39,7 +39,7 @@ fn frames(frames: &[Frame]) -> Vec<Json> {
     let mut events = Vec::new();
     let track = |events: &mut Vec<Json>, index: usize, text: &str| {
         events.push(name("thread_name", FIRST_TRACK + index, text));
-        events.push(sorted(FIRST_TRACK + index, FIRST_TRACK + index));
+        events.push(sorted(FIRST_TRACK + index));
     };
     if frames.is_empty() {
         return events;
@@ -105,6 +105,7 @@ fn name(what: &str, track: usize, text: &str) -> Json {
     json!({ "ph": "M", "pid": PROCESS, "tid": track, "name": what, "args": { "name": text } })
 }
 
-fn sorted(track: usize, place: usize) -> Json {
-    json!({ "ph": "M", "pid": PROCESS, "tid": track, "name": "thread_sort_index", "args": { "sort_index": place } })
+/// Places a track in the order of the tracks' numbers.
+fn sorted(track: usize) -> Json {
+    json!({ "ph": "M", "pid": PROCESS, "tid": track, "name": "thread_sort_index", "args": { "sort_index": track } })
 }

@@ -3,7 +3,7 @@
 //! A comparison starts once both viewports draw the requested state. Its result is outdated when the camera or a
 //! setting has changed since.
 
-use super::parts::{Compared, Comparison, Side, Step};
+use super::comparing::{Compared, Comparison, Side, Step};
 use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
 use crate::view::events::{Event, RendererId};

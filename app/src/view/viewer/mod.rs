@@ -24,16 +24,16 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 mod camera;
+mod comparing;
 mod comparison;
 mod copy;
-mod parts;
 mod placed;
 mod scenes;
 mod splats;
 mod subject;
 
-pub use parts::Comparison;
-use parts::{Comparing, at_start};
+use comparing::Comparing;
+pub use comparing::Comparison;
 use placed::PlacedFiles;
 use subject::Subject;
 pub use subject::{Combine, Marks, Part};
@@ -132,17 +132,17 @@ impl<D: Device> Viewer<D> {
         set: &[(String, String)],
         wake: Wake,
     ) -> Result<Viewer<D>, ViewerError> {
-        let navigation = at_start(&scene);
         let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
         let renderer = Renderer::new(device, graph, set, wake.clone())?;
         let mut placed = PlacedFiles::default();
         placed.follow(RendererId::A, &path, &wake)?;
+        let subject = Subject::new(scene, path, wake.clone());
         Ok(Viewer {
-            subject: Subject::new(scene, path, wake.clone()),
+            navigation: subject.navigation(),
+            subject,
             other: None,
             cameras: Vec::new(),
             camera: None,
-            navigation,
             views: Views::default(),
             path: path_of_camera,
             play: Playback::default(),

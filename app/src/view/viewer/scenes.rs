@@ -3,7 +3,6 @@
 //! The camera is in the coordinates of A's scene. B's pictures use the same camera in the world.
 
 use super::Viewer;
-use super::parts::at_start;
 use super::subject::{Marks, Subject};
 use crate::draw::camera_path;
 use crate::io::load::LoadOptions;
@@ -208,7 +207,7 @@ impl<D: Device> Viewer<D> {
             return;
         }
         let former = self.scene().offset();
-        self.navigation = at_start(&subject.scene);
+        self.navigation = subject.navigation();
         self.path.set_radian(camera_path::length_of_radian(&subject.scene));
         self.subject = subject;
         match cameras {

@@ -1,18 +1,9 @@
 //! Defines the state of a comparison.
 
-use crate::draw::facts;
 use crate::view::latest::Latest;
-use crate::view::navigation::Navigation;
 use crate::view::renderer::Wake;
 use indexmap::IndexMap;
-use splatgraph_assets::{Camera, Scene};
-
-/// Creates the navigation for a scene without cameras, with the whole scene in view.
-pub(super) fn at_start(scene: &Scene) -> Navigation {
-    let (width, height) = facts::DEFAULT_SIZE;
-    let camera = Camera::framing(scene, width, height);
-    Navigation::new(&scene.robust_bounds(), &camera, scene.up().into())
-}
+use splatgraph_assets::Camera;
 
 /// Differences between the pictures of A and B.
 #[derive(Clone, Debug, PartialEq)]
