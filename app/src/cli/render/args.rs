@@ -1,10 +1,9 @@
 //! Defines the arguments of `splatgraph render`, and checks them before anything is loaded.
 
 use super::destination::{self, Destination, Output, per_camera, stem};
-use super::exact;
-use super::frames::{InspectRequest, inspect_request};
 use super::stdout::Stdout;
 use crate::cli::cameras;
+use crate::cli::help;
 use crate::cli::job::ShardArgs;
 use crate::cli::look_at::LookAtArgs;
 use crate::cli::options::{self, DeviceArgs, Drawing, MAX_SIDE, MemoryArgs};
@@ -12,6 +11,7 @@ use crate::cli::outcome::Usage;
 use crate::cli::scenes::ScenesArgs;
 use crate::draw::backend::Api;
 use crate::draw::outputs::NAMES;
+use crate::draw::truth::rule_list;
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line};
@@ -59,7 +59,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     pub(super) backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated
-    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = exact::rule_help())]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = rule_help())]
     pub(super) rule: Vec<(String, String)>,
     /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
@@ -224,6 +224,34 @@ pub fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { given, destination, stems, guard })
 }
 
+/// Parsed value `RESOURCE@PASS[=FILE.npy]` of `--inspect`.
+#[derive(Clone, Debug)]
+pub struct InspectRequest {
+    pub resource: String,
+    pub pass: String,
+    /// File for the contents; `None` to print only a summary.
+    pub file: Option<PathBuf>,
+}
+
+pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
+    let (target, file) = match text.split_once('=') {
+        Some((target, file)) if Format::of(Path::new(file)) == Some(Format::Npy) => {
+            (target, Some(file.into()))
+        }
+        Some(_) => return Err("expected a file name with the extension .npy".into()),
+        None => (text, None),
+    };
+    let (resource, pass) = options::inspect_target(target)?;
+    Ok(InspectRequest { resource, pass, file })
+}
+
+fn rule_help() -> String {
+    format!(
+        "Change a rule of the exact renderer; may be repeated\n\nThe rules, with their values and their place in the published rasteriser:\n{}",
+        help::two_columns(rule_list())
+    )
+}
+
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     if let Renderer::Reference = args.backend {
         let more = [
@@ -321,6 +349,14 @@ mod tests {
     struct Line {
         #[command(flatten)]
         args: Args,
+    }
+
+    #[test]
+    fn what_to_inspect_is_a_resource_a_pass_and_perhaps_a_file() {
+        let found = inspect_request("keys#1@sort.scatter[2]=a/b.npy").unwrap();
+        assert_eq!((found.resource.as_str(), found.pass.as_str()), ("keys#1", "sort.scatter[2]"));
+        assert_eq!(found.file, Some("a/b.npy".into()));
+        assert!(inspect_request("keys@scatter=keys.txt").is_err());
     }
 
     #[test]

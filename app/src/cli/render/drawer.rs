@@ -3,7 +3,7 @@
 use super::args::{Args, Renderer, Work};
 use super::batch::Batch;
 use super::destination::{Destination, per_camera};
-use super::frames::{self, Drawn, Wanted};
+use super::frames::{self, Drawn};
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
 use crate::draw::backend::Backend;
@@ -221,13 +221,9 @@ fn draw(
     if args.repeat == 1 && args.inspect.is_empty() {
         return batch.submit(session, args.background, (camera, stem), progress);
     }
-    let wanted = Wanted {
-        repeat: args.repeat,
-        background: args.background,
-        read_output: batch.destination.is_some(),
-        inspect: &args.inspect,
-    };
-    let Drawn { stats, output, outputs, requests } = frames::draw(&wanted, session, camera, loaded)?;
+    let read_output = batch.destination.is_some();
+    let Drawn { stats, output, outputs, requests } =
+        frames::draw(args, read_output, session, camera, loaded)?;
     let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
     batch.save(stats, output, &outputs, stem.to_owned(), progress)?;
     batch.finish(progress)?;

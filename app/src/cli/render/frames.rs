@@ -1,53 +1,20 @@
 //! Draws the frames of one camera, and reads resources back.
 
+use super::args::{Args, InspectRequest};
 use super::kept::Kept;
-use crate::cli::options;
 use crate::draw::backend::Backend;
 use crate::draw::inspect::{self, Finding};
 use crate::draw::interleaved;
 use crate::draw::outputs::{self, Output};
 use crate::draw::session::{FrameOptions, Session};
 use crate::draw::stats::CameraStats;
-use crate::io::image::Format;
 use crate::io::progress::Progress;
 use anyhow::{Context, Result};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, Inspect, Pixels};
 use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// Parsed value `RESOURCE@PASS[=FILE.npy]` of `--inspect`.
-#[derive(Clone, Debug)]
-pub struct InspectRequest {
-    pub resource: String,
-    pub pass: String,
-    /// File for the contents; `None` to print only a summary.
-    pub file: Option<PathBuf>,
-}
-
-pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
-    let (target, file) = match text.split_once('=') {
-        Some((target, file)) if Format::of(Path::new(file)) == Some(Format::Npy) => {
-            (target, Some(file.into()))
-        }
-        Some(_) => return Err("expected a file name with the extension .npy".into()),
-        None => (text, None),
-    };
-    let (resource, pass) = options::inspect_target(target)?;
-    Ok(InspectRequest { resource, pass, file })
-}
-
-/// Frames to draw for each camera, and the results to read back.
-pub struct Wanted<'a> {
-    /// Number of frames whose times are measured.
-    pub repeat: u32,
-    /// Display-encoded RGB.
-    pub background: [f32; 3],
-    pub read_output: bool,
-    pub inspect: &'a [InspectRequest],
-}
 
 pub struct Drawn {
     pub stats: CameraStats,
@@ -59,16 +26,19 @@ pub struct Drawn {
 }
 
 /// Draws the frames of one camera with the prepared plan. `loaded`: its prologue has not run yet.
-pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, loaded: bool) -> Result<Drawn> {
+pub fn draw(
+    args: &Args,
+    read_output: bool,
+    session: &mut Session<Backend>,
+    camera: &Camera,
+    loaded: bool,
+) -> Result<Drawn> {
     let plan = session.plan().context("no plan after `prepare`")?.clone();
     let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
         inspect::resolve(plan, &inspect_request.resource, &inspect_request.pass)
     };
-    let targets: Vec<Inspect> = wanted
-        .inspect
-        .iter()
-        .map(|inspect_request| resolve(&plan, inspect_request))
-        .collect::<Result<_, _>>()?;
+    let targets: Vec<Inspect> =
+        args.inspect.iter().map(|request| resolve(&plan, request)).collect::<Result<_, _>>()?;
 
     let mut kept = Kept::default();
     let mut outputs = Vec::new();
@@ -83,7 +53,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
             kept = Kept::default();
         }
         for (bytes, &index) in result.inspected.iter().zip(&asked) {
-            let target = resolve(plan, &wanted.inspect[index])?;
+            let target = resolve(plan, &args.inspect[index])?;
             findings[index] = Some(Finding::new(plan, &target, bytes, &result.stats));
         }
         outputs = outputs::read(plan, &result.inspected[asked.len()..]);
@@ -92,18 +62,18 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
     };
     // If several frames are measured, they follow warm-up frames, because an idle device may run at a lower clock.
     let begun = Instant::now();
-    let mut warm = wanted.repeat == 1;
+    let mut warm = args.repeat == 1;
     let (mut counted, mut first) = (0, true);
-    while counted < wanted.repeat {
+    while counted < args.repeat {
         counted += u32::from(warm);
-        let last = counted == wanted.repeat;
+        let last = counted == args.repeat;
         // Results of the prologue can be read only in the frame that runs it.
         let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
         let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
         let outputs_of = |last| outputs::inspections(&plan).into_iter().filter(move |_| last);
         let request = FrameOptions {
-            background: wanted.background,
-            read_output: wanted.read_output && last,
+            background: args.background,
+            read_output: read_output && last,
             inspect: asked.iter().map(|&i| targets[i]).chain(outputs_of(last)).collect(),
             untimed_passes: false,
         };
@@ -151,17 +121,4 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
         }
     })?;
     Ok(loaded)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_to_inspect_is_a_resource_a_pass_and_perhaps_a_file() {
-        let found = inspect_request("keys#1@sort.scatter[2]=a/b.npy").unwrap();
-        assert_eq!((found.resource.as_str(), found.pass.as_str()), ("keys#1", "sort.scatter[2]"));
-        assert_eq!(found.file, Some("a/b.npy".into()));
-        assert!(inspect_request("keys@scatter=keys.txt").is_err());
-    }
 }

@@ -10,7 +10,6 @@ mod args;
 mod batch;
 mod destination;
 mod drawer;
-mod exact;
 mod frames;
 mod kept;
 mod stdout;
