@@ -4,6 +4,8 @@
 use crate::common;
 use crate::images::psnr;
 use crate::place::Place;
+use splatgraph::draw::facts;
+use splatgraph::draw::planner::Planner;
 
 const TEST: &str = "serial_tiles::serial_tiles_draw_a_stack_deeper_than_one_pass_like_the_other_renderers";
 
@@ -41,4 +43,16 @@ fn serial_tiles_draw_the_same_stack_with_subgroups_of_4_lanes() {
 #[test]
 fn serial_tiles_draw_the_same_stack_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, TEST);
+}
+
+#[test]
+fn the_lists_of_serial_tiles_hold_at_most_what_the_device_can_bind() {
+    let (facts, catalog) = (common::facts_of(&facts::portable_device(4)), common::catalog());
+    let plan = |entries: &str| {
+        let set = [("entries".to_string(), entries.to_string())];
+        Planner::default().plan("tiled_cpu", &set, &facts, &catalog)
+    };
+    assert!(plan("33554432").is_ok(), "128 MiB");
+    let error = plan("33554433").expect_err("more than 128 MiB").to_string();
+    assert!(error.contains("33554433 is not in 1 to 33554432"), "{error}");
 }
