@@ -10,6 +10,7 @@
 #include "camera.glsl"
 #include "depth_key.glsl"
 #include "groups.glsl"
+#include "thread_index.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -22,7 +23,7 @@ shared uint visible_in_subgroup[256 / DEVICE_SUBGROUP_SIZE];
 
 void main() {
     uint group = group_index();
-    uint i = group * gl_WorkGroupSize.x + gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID;
+    uint i = group * gl_WorkGroupSize.x + thread_index();
     float z = i < uint(SCENE_COUNT) ? depth[i] : -1.0;
     bool is_visible = z > 0.0;
 

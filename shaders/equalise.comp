@@ -18,6 +18,7 @@ const uint THREADS = 256u;
 const uint PER_THREAD = CLASSES / THREADS;
 const uint SUBGROUPS = THREADS / uint(DEVICE_SUBGROUP_SIZE);
 
+#include "thread_index.glsl"
 #include "workgroup_sum.glsl"
 
 // Returns the key before which `count` of `all` splats come. Like `stretch` of depth_key.glsl: the factor is rounded, but it is the
@@ -35,7 +36,7 @@ uint key_after(uint count, uint all) {
 }
 
 void main() {
-    uint thread = gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID;
+    uint thread = thread_index();
     uint count[PER_THREAD];
     uint sum = 0u;
     for (uint j = 0u; j < PER_THREAD; j++) {

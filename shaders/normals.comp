@@ -5,6 +5,7 @@
 
 #include "camera.glsl"
 #include "groups.glsl"
+#include "rotation.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -25,18 +26,17 @@ void main() {
     if (i >= uint(SCENE_COUNT)) {
         return;
     }
-    // The columns of the rotation (see covariance.comp) are the axes.
-    vec4 q = rotation[i];
-    float w = q.x, x = q.y, y = q.z, z = q.w;
+    // The columns of the rotation are the axes.
+    mat3 axes = transpose(rows_of_rotation(rotation[i]));
     Vector3 s = scale[i];
-    vec3 normal = vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y));
+    vec3 normal = axes[0];
     float shortest = s.x;
     if (s.y < shortest) {
-        normal = vec3(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x));
+        normal = axes[1];
         shortest = s.y;
     }
     if (s.z < shortest) {
-        normal = vec3(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+        normal = axes[2];
     }
     Position3 p = position[i];
 #if SCENE_WIDE

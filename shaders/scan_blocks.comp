@@ -20,6 +20,7 @@ const uint THREADS = 256u;
 const uint PER_THREAD = 16u;
 const uint SUBGROUPS = THREADS / uint(DEVICE_SUBGROUP_SIZE);
 
+#include "thread_index.glsl"
 #include "workgroup_sum.glsl"
 
 void write_args(uint visible) {
@@ -42,7 +43,7 @@ void write_args(uint visible) {
 }
 
 void main() {
-    uint thread = gl_SubgroupID * gl_SubgroupSize + gl_SubgroupInvocationID;
+    uint thread = thread_index();
     uint carry = 0u;
     uint round = 0u;
     for (uint first = 0u; first < BLOCKS; first += THREADS * PER_THREAD) {

@@ -71,8 +71,8 @@ void main() {
     float nh = max(dot(n, between), 0.0);
     float vh = max(dot(to_camera, between), 0.0);
 
-    float alpha = max(roughness, LEAST_ROUGHNESS);
-    float alpha2 = alpha * alpha * alpha * alpha;
+    float rough = max(roughness, LEAST_ROUGHNESS);
+    float alpha2 = rough * rough * rough * rough;
     // GGX, the height-correlated Smith term over 4 nl nv, and Schlick's Fresnel term.
     float spread = nh * nh * (alpha2 - 1.0) + 1.0;
     float distribution = alpha2 / (PI * spread * spread);

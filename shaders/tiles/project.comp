@@ -150,7 +150,8 @@ void main() {
         // Unpacked, because a panorama's rectangle may wrap around the edge.
         pairs = bins_in(unpack_bins(splat_bins[thread]));
     }
-    // Invocations return from project_to_bins at different places; the barrier makes their subgroups whole again.
+    // Invocations return from project_to_bins at different places. Below, exclusive_sum needs whole subgroups: that they reconverge at the
+    // barrier is relied on, not guaranteed.
     barrier();
     if (pairs > 0u) {
         atomicAdd(visible_count, 1u);
