@@ -24,7 +24,7 @@ use crate::common::{self, long};
 use crate::numbers::Random;
 
 /// Number of broken files: in a long run, and by default.
-const CASES: (usize, usize) = (10_000, 1_000);
+const CASES: (usize, usize) = (10_000, 600);
 
 const TIME_LIMIT: Duration = Duration::from_secs(120);
 

@@ -13,8 +13,8 @@ use crate::common::{OPEN, OPEN_TILES};
 use crate::place::Place;
 use crate::{common, images};
 use cases::{Bounds, Case};
+use splatgraph::draw::{backend::Backend, builtin, session::Session, truth};
 use splatgraph::io::image::Image;
-use splatgraph::{draw::builtin, draw::truth};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::metrics;
@@ -124,20 +124,25 @@ impl Way {
 
 fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     let mut session = images::session(scene, "splat", &[]);
+    let drawn = draw_with(&mut session, camera, ways);
+    images::close(session, "the extremes");
+    drawn
+}
+
+fn draw_with(session: &mut Session<Backend>, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     let mut drawn = Vec::new();
     for way in ways {
         session.set_graph(way.preset, &way.set);
         let mut image = None;
         // `stale_order` draws in the order of the previous frame.
         for _ in 0..if way.preset == "stale_order" { 2 } else { 1 } {
-            let found = images::picture(&mut session, camera, BACKGROUND);
+            let found = images::picture(session, camera, BACKGROUND);
             let wrong = found.rgb.as_flattened().iter().filter(|v| !v.is_finite()).count();
             assert_eq!(wrong, 0, "{}: values that are not finite", way.name());
             image = Some(found);
         }
         drawn.push((way, image.expect("a frame was drawn")));
     }
-    images::close(session, "the extremes");
     drawn
 }
 
@@ -290,6 +295,7 @@ fn a_device_says_truly_whether_its_fma_rounds_once() {
 fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
     let (layers, camera) = (cases::find("floor").scene)();
     let floor = (1.0f32 / 255.0).to_bits();
+    let mut session = images::session(Scene::generate(1, 0, cases::plain), "splat", &[]);
     for (steps, scale) in [(-1, 1e6), (0, 1e6), (1, 1e6), (2, 1e6), (8, 1e6), (8, 2e4), (600, 200.0)] {
         let splat = |index: usize| Splat {
             opacity: f32::from_bits(floor.saturating_add_signed(steps)),
@@ -308,7 +314,8 @@ fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
             Way::new("tiled_exact", &OPEN_TILES, |_| 110.0),
             Way::new("tiled", &exact, |_| 110.0),
         ];
-        for (way, image) in draw(scene, &camera, ways) {
+        session.set_scene(scene);
+        for (way, image) in draw_with(&mut session, &camera, ways) {
             let what = format!("{steps} floats from the floor, scale {scale}, {}", way.name());
             let error = Error::of(&what, &image, &truth);
             println!("{what}: {:.1} dB", error.db);
@@ -316,6 +323,7 @@ fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
             assert!(error.db >= bound, "{what}: {:.1} dB, expected {bound} or more", error.db);
         }
     }
+    images::close(session, "the extremes");
     if common::lanes_are_usual() {
         for bits in [128, 512] {
             common::again_with_vectors_of(

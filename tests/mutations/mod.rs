@@ -304,10 +304,9 @@ fn the_validation_layer_catches_every_mutant_that_it_can_see() {
         let layer = Layer::new(plan);
         let mut tally = Tally::default();
         for mutation in mutations(plan, &barriers) {
-            // Presets share most of their passes: a mutation that was already drawn is skipped, except in `splat` and in a
-            // long run.
+            // Presets share most of their passes: a mutation that was already drawn is skipped, except in a long run.
             let fresh = met.insert(text(plan, &barriers, &mutation));
-            if !fresh && !common::long() && plan.name != "splat" {
+            if !fresh && !common::long() {
                 continue;
             }
             let mutant = apply(&barriers, &mutation);

@@ -237,12 +237,11 @@ fn every_order_of_a_frame_gives_the_same_bytes() {
     const MAX_ORDERS: usize = 12;
     on_device("orders", SMALL, 300, |bench, _, _, plan| {
         let expected = bench.frames(plan)?;
-        for order in orders(plan, MAX_ORDERS) {
-            for share_memory in [true, false] {
-                let other = reorder(plan, &order, share_memory);
-                let found = bench.frames(&other).map_err(|e| format!("{e}\n{}", shown(&other)))?;
-                same(&expected, &found, &other, "in another order")?;
-            }
+        for (number, order) in orders(plan, MAX_ORDERS).into_iter().enumerate() {
+            let share_memory = number % 2 == 0;
+            let other = reorder(plan, &order, share_memory);
+            let found = bench.frames(&other).map_err(|e| format!("{e}\n{}", shown(&other)))?;
+            same(&expected, &found, &other, "in another order")?;
         }
         Ok(())
     });

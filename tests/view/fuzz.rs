@@ -34,7 +34,7 @@ const NARROW: (&str, i64) = ("key_bits", 8);
 /// Number of viewers that share the cases.
 const VIEWERS: u64 = 4;
 
-const SHORT: usize = 160;
+const SHORT: usize = 80;
 const LONG: usize = 2_000;
 
 /// One case in this many relies on the viewer's watcher to notice the damage, and on the delay for broken files. In the

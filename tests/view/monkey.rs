@@ -302,7 +302,7 @@ impl<D: Device> Monkey<D> {
 #[test]
 fn random_actions_leave_the_tools_whole_on_every_preset() {
     let presets = builtin::names();
-    let each = if common::long() { 10_000 } else { 2_000 / presets.len() + 1 };
+    let each = if common::long() { 10_000 } else { 1_000 / presets.len() + 1 };
     let turn = AtomicUsize::new(0);
     let walkers = if common::long() { available_parallelism().map_or(1, usize::from) } else { 1 };
     std::thread::scope(|scope| {
@@ -330,11 +330,11 @@ fn walk_on_null(preset: &str, actions: usize) {
 }
 
 #[test]
-fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() {
+fn after_two_hundred_random_actions_the_picture_is_the_one_that_render_draws() {
     let canvas = common::open(&common::options(Validation::Synchronization));
     let device = canvas.new_context().expect("a second executor");
     let mut monkey = Monkey::new([canvas, device], "auto", 4);
-    monkey.play(500, || {});
+    monkey.play(200, || {});
     // The watcher reports a changed file with a delay.
     let begun = Instant::now();
     while monkey.viewer.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
