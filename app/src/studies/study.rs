@@ -182,6 +182,9 @@ pub enum StudyError {
     /// The inputs cannot be measured, for the given reason.
     #[error("{0}")]
     Input(String),
+    /// A setting was asked for whose parameter has no exact value.
+    #[error("`{0}` is not measured: its declaration has no `exact` value to compare other values with")]
+    NoExactValue(String),
     /// No setting has a name that begins with the given text.
     #[error("expected a prefix of one of these settings' names: {}; found `{name}`", known.join(", "))]
     UnknownSetting {

@@ -14,6 +14,7 @@ use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::lower::Control;
 use std::collections::VecDeque;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
@@ -226,6 +227,10 @@ fn chosen<D: Device>(
     let all = settings::measured(&wanted.pipeline, &wanted.set, &controls);
     for name in &wanted.only {
         if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
+            let is_named = |control: &&Control| control.param.name == name.split(' ').next().unwrap_or(name);
+            if controls.iter().find(is_named).is_some_and(|control| control.param.exact.is_none()) {
+                return Err(StudyError::NoExactValue(name.clone()));
+            }
             let known = all.into_iter().map(|setting| setting.name).collect();
             return Err(StudyError::UnknownSetting { name: name.clone(), known });
         }
