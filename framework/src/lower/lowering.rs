@@ -49,7 +49,8 @@ pub(super) struct Lowering<'a> {
     pub shape: ParamSet,
     /// Parameters that the results depend on; see [`Lowered::results`](super::Lowered::results).
     pub results: ParamSet,
-    pub stats: Vec<(Stat, Span)>,
+    /// Statistics, each with the place of its declaration and its include: an index into [`Self::included`].
+    pub stats: Vec<(Stat, Span, Option<usize>)>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
     pub included: Vec<LoweredInclude>,

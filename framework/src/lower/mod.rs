@@ -92,7 +92,8 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
     let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
     let live = walk.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
     walk.end_histories();
-    let (stats, stat_spans) = std::mem::take(&mut walk.stats).into_iter().unzip();
+    let stats = std::mem::take(&mut walk.stats).into_iter();
+    let (stats, stat_spans) = stats.map(|(stat, span, _)| (stat, span)).unzip();
     match output {
         Some((output, output_span)) if walk.errors.is_empty() => Ok(Lowered {
             live_glsl: params::live_glsl(&resolved.params),

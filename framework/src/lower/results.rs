@@ -101,21 +101,61 @@ impl<'a> Lowering<'a> {
             let word = format!("the word of `{name}` does not fit");
             let found = self.words(level, (buffer, offset), (4, &word), &at).and_then(|found| {
                 self.of_this_frame(found.map(|(id, _)| id), &at.index(0))?;
-                match self.stats.iter().find(|(stat, _)| stat.name == *name) {
+                match self.stats.iter().find(|(stat, ..)| stat.name == *name) {
                     None => Ok(found),
-                    Some((_, first)) => {
-                        let message = format!("two statistics are called `{name}`");
-                        Err(Diagnostic::new(message, at.key(), "the second").with_label(*first, "the first"))
+                    Some((_, first, include)) => {
+                        Err(self.two_statistics(name, (*first, *include), (at.key(), level.include)))
                     }
                 }
             });
             match found {
                 Ok(Some((buffer, offset))) => {
-                    self.stats.push((Stat { name: name.clone(), buffer, offset }, at.key()));
+                    let stat = Stat { name: name.clone(), buffer, offset };
+                    self.stats.push((stat, at.key(), level.include));
                 }
                 Ok(None) => {}
                 Err(diagnostic) => self.errors.push(diagnostic),
             }
         }
+    }
+
+    /// Describes two statistics of one name, each with the place of its declaration and its include. Points at the
+    /// outermost includes that tell them apart.
+    fn two_statistics(
+        &self,
+        name: &str,
+        (first, of_first): (Span, Option<usize>),
+        (second, of_second): (Span, Option<usize>),
+    ) -> Diagnostic {
+        let around = |include: Option<usize>| {
+            let mut all: Vec<usize> =
+                std::iter::successors(include, |index| self.included[*index].parent).collect();
+            all.reverse();
+            all
+        };
+        let (around_first, around_second) = (around(of_first), around(of_second));
+        let place = |own: &[usize], other: &[usize], declared: Span, which: &str| match own
+            .iter()
+            .find(|index| !other.contains(index))
+            .map(|index| &self.included[*index])
+        {
+            Some(include) => (include.span, format!("`{}` has the {which}", include.name)),
+            None => (declared, format!("the {which}")),
+        };
+        let (first_place, first_label) = place(&around_first, &around_second, first, "first");
+        let (second_place, second_label) = place(&around_second, &around_first, second, "second");
+        let message = format!("two statistics are called `{name}`");
+        let mut error = Diagnostic::new(message, second_place, second_label);
+        if first_place != second_place {
+            error = error.with_label(first_place, first_label);
+        }
+        let declared = if first == second { vec![first] } else { vec![first, second] };
+        for declared in declared.into_iter().filter(|span| ![first_place, second_place].contains(span)) {
+            error = error.with_label(declared, "declared here");
+        }
+        error.with_help(match first == second {
+            true => "statistics of an include cannot be renamed, so a graph that has some can be included only once",
+            false => "rename one of them",
+        })
     }
 }
