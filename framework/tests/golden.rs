@@ -102,6 +102,8 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
                     match name.as_str() {
                         "device.max_storage_bytes" => facts.device.max_storage_bytes = value.into(),
                         "device.shared_bytes" => facts.device.shared_bytes = value,
+                        "device.max_push_bytes" => facts.device.max_push_bytes = value,
+                        "device.max_targets" => facts.device.max_targets = value,
                         "device.max_invocations" => facts.device.max_invocations = value,
                         _ => drop(facts.host.insert(name, Value::Int(value.into()))),
                     }

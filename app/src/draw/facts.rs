@@ -109,6 +109,9 @@ pub const MAX_STORAGE_BUFFERS: usize = 20;
 /// Subgroup sizes for which the built-in graphs are checked, ascending.
 pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
 
+/// Largest subgroup size of any device: Adreno's.
+pub const MAX_SUBGROUP_SIZE: u32 = 128;
+
 /// Subgroup size that plans without a device assume: that of most GPUs.
 pub const USUAL_SUBGROUP_SIZE: u32 = 32;
 
@@ -133,6 +136,8 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
         max_groups_z: 65_535,
         shared_bytes: 16 << 10,
         max_invocations: 256,
+        max_push_bytes: 128,
+        max_targets: 8,
         rounds_half: false,
         fused_fma: false,
         features: PORTABLE_FEATURES,
@@ -151,6 +156,52 @@ pub fn apple_device() -> DeviceFacts {
         fused_fma: true,
         ..portable_device(USUAL_SUBGROUP_SIZE)
     }
+}
+
+/// Sets a fact of a device, by the name that graphs use.
+///
+/// # Errors
+/// The name is unknown, or the value has another type or is out of range.
+pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> Result<(), String> {
+    let number = || match value {
+        Value::Int(number @ 0..) => Ok(*number as u64),
+        _ => Err(format!("expected a natural number for `{name}`, found {value}")),
+    };
+    let short = || u32::try_from(number()?).map_err(|_| format!("`{name}` is larger than 4294967295"));
+    let truth = || match value {
+        Value::Bool(truth) => Ok(*truth),
+        _ => Err(format!("expected true or false for `{name}`, found {value}")),
+    };
+    let feature = match name {
+        "device.int64" => Features::INT64,
+        "device.float64" => Features::FLOAT64,
+        "device.subgroup_arithmetic" => Features::SUBGROUP_ARITHMETIC,
+        "device.subgroup_ballot" => Features::SUBGROUP_BALLOT,
+        "device.subgroup_shuffle" => Features::SUBGROUP_SHUFFLE,
+        "device.subgroup_vote" => Features::SUBGROUP_VOTE,
+        _ => Features::empty(),
+    };
+    match name {
+        _ if !feature.is_empty() => device.features.set(feature, truth()?),
+        "device.subgroup_size" => {
+            let lanes = short()?;
+            if !lanes.is_power_of_two() || !(SUBGROUP_SIZES[0]..=MAX_SUBGROUP_SIZE).contains(&lanes) {
+                return Err(format!("expected a power of two from 4 to 128 for `{name}`, found {lanes}"));
+            }
+            device.subgroup_size = lanes;
+        }
+        "device.max_storage_bytes" => device.max_storage_bytes = number()?,
+        "device.max_groups_x" => device.max_groups_x = short()?,
+        "device.max_invocations" => device.max_invocations = short()?,
+        "device.shared_bytes" => device.shared_bytes = short()?,
+        "device.rounds_half" => device.rounds_half = truth()?,
+        "device.fused_fma" => device.fused_fma = truth()?,
+        _ => {
+            let known: Vec<&str> = device.named().iter().map(|(name, _)| *name).collect();
+            return Err(format!("expected one of {}, found `{name}`", known.join(", ")));
+        }
+    }
+    Ok(())
 }
 
 /// Lists the imports of a graph that draws `scene`.

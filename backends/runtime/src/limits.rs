@@ -99,6 +99,8 @@ impl Limits {
             max_groups_z: self.max_groups[2],
             shared_bytes: self.shared_bytes,
             max_invocations: self.max_invocations,
+            max_push_bytes: self.max_push_bytes,
+            max_targets: self.max_targets,
             rounds_half: self.rounds_half,
             fused_fma: self.fused_fma,
             features: self.features,

@@ -21,6 +21,10 @@ pub struct DeviceFacts {
     pub shared_bytes: u32,
     /// Maximum number of invocations of a workgroup.
     pub max_invocations: u32,
+    /// Maximum size of the push constants of a pass, in bytes.
+    pub max_push_bytes: u32,
+    /// Maximum number of colour targets of a draw.
+    pub max_targets: u32,
     /// True if blending into half-precision targets rounds to nearest; false if it truncates.
     pub rounds_half: bool,
     /// True if `fma` in shaders rounds once; false if it also rounds the product.
@@ -41,6 +45,8 @@ impl DeviceFacts {
             shared_bytes: 32 << 10,
             max_invocations: 1024,
             rounds_half: true,
+            max_push_bytes: 256,
+            max_targets: 8,
             fused_fma: true,
             features: Features::all(),
         }

@@ -257,8 +257,8 @@ impl Linker<'_> {
             (ReflectedKind::StorageImage { format }, Shape::Image { format: ours, .. }) => {
                 if let Some(theirs) = format.filter(|f| *f != ours) {
                     wrong = wrong.or(error(
-                        format!("`{name}` of `{shader}` has the format {theirs:?}"),
-                        format!("`{}` has the format {ours:?}", first.name),
+                        format!("`{name}` of `{shader}` has the format {}", theirs.name()),
+                        format!("`{}` has the format {}", first.name, ours.name()),
                     ));
                 }
                 DescriptorKind::StorageImage
@@ -325,6 +325,13 @@ impl Linker<'_> {
             let message = "the two shaders declare different push constants";
             self.error(message, pass.span, "in this draw");
         } else if let Some((first, block)) = blocks.first() {
+            let most = self.device.max_push_bytes;
+            if block.bytes > most {
+                let message = format!("the device has at most {most} bytes of push constants");
+                let found = format!("`{first}` declares {}", block.bytes);
+                let error = Diagnostic::new(message, pass.span, found);
+                self.errors.push(error.with_help("pass the values in a buffer, or as live parameters"));
+            }
             bytes.resize(block.bytes as usize, 0);
             for member in &block.members {
                 // The shader that reads the member, if any does.

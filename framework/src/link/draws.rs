@@ -45,6 +45,11 @@ impl Linker<'_> {
             self.errors.push(outputs_and_targets(&shader.name, outputs, targets.len(), pass.span));
             return;
         }
+        let most = self.device.max_targets;
+        if let Some(span) = pass.target_spans.get(most as usize) {
+            let message = format!("the device has at most {most} targets in a draw");
+            self.error(message, *span, format!("this draw has {}", targets.len()));
+        }
         let mut size = None;
         for (i, (target, span)) in targets.iter().zip(&pass.target_spans).enumerate() {
             let image = self.resource(target.image).clone();
