@@ -221,7 +221,7 @@ fn totals(dump: &Dump) -> Vec<(&'static str, u64)> {
         ("saved bytes", t.saved_bytes),
         ("transient bytes", t.transient_bytes),
         ("scene bytes", t.scene_bytes),
-        ("bytes freed after the prologue", t.freed_bytes),
+        ("freed bytes", t.freed_bytes),
         ("host bytes", t.host_bytes),
     ]
 }
