@@ -35,7 +35,8 @@ impl Scene {
 
     /// Copies splats like [`Scene::picked`], and changes each with `change`.
     ///
-    /// `change` gets each splat with its index in this scene. It must not change the position.
+    /// `change` gets each splat with its index in this scene. It must not change the position, and must keep the
+    /// quaternion at unit length.
     ///
     /// # Errors
     /// The copy does not fit in memory.
@@ -259,6 +260,18 @@ mod tests {
         assert!((joined.world_position(4)[0] - 2e6 - f64::from(far[0])).abs() < 1e-6);
         assert_eq!(joined.splat(1).sh[12..], [0.0; 36]);
         assert_eq!(joined.splat(4).sh, splat(1).sh);
+    }
+
+    #[test]
+    fn copies_have_the_bits_of_their_splats() {
+        let scene = Scene::generate(500, 3, |index| {
+            let wave = |k: usize| ((index * 7 + k * 13) as f32 * 0.37).sin();
+            Splat { rotation: std::array::from_fn(wave), ..splat(index) }
+        });
+        let all: Vec<u32> = (0..scene.count()).collect();
+        for copy in [scene.picked(&all), scene.cut_to_degree(3)] {
+            assert_eq!(copy.unwrap().identity(), scene.identity());
+        }
     }
 
     #[test]

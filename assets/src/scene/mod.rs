@@ -196,17 +196,16 @@ impl Scene {
     }
 
     /// Generates a scene with the offset, tags and mesh of this one. Its positions are wide if this scene's are.
+    ///
+    /// As with [`Scene::try_generate_wide`], quaternions must have unit length: they are copied bit by bit.
     pub(crate) fn derived(
         &self,
         count: u32,
         degree: u32,
         splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let derived = match self.is_wide() {
-            true => Self::try_generate_wide(count, degree, splat),
-            false => Self::try_generate(count, degree, |index| splat(index).0),
-        };
-        Ok(derived?.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone()))
+        let derived = Self::try_generate_at(count, degree, self.is_wide(), splat)?;
+        Ok(derived.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone()))
     }
 
     /// Sets the scene's origin in the world without changing the positions, which are relative to it.
