@@ -357,15 +357,15 @@ impl Scene {
         spz::write(self, version, out)
     }
 
-    /// Computes the largest rounding error of a coordinate in a format that stores positions as f32, in world units.
+    /// Computes the largest error of a coordinate that is rounded to f32 in a format, in world units.
     ///
-    /// Returns 0 for formats that store positions exactly, and for those that quantise them, whose steps
-    /// [`SceneFormat::losses`] describes.
+    /// Returns 0 for formats that round no position to f32. Formats that also quantise positions have a further error,
+    /// whose steps [`SceneFormat::losses`] describes.
     pub fn position_rounding(&self, format: SceneFormat) -> f64 {
         let stored: fn(&Self, usize) -> [f64; 3] = match format {
             // The node's translation is the offset.
             SceneFormat::Gltf if self.is_wide() => Self::position,
-            SceneFormat::Splat => Self::world_position,
+            SceneFormat::Splat | SceneFormat::CompressedPly | SceneFormat::Sog => Self::world_position,
             _ => return 0.0,
         };
         let indices = (0..self.count() as usize).into_par_iter();

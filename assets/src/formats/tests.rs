@@ -362,6 +362,13 @@ fn the_rounding_of_positions_is_that_of_the_file() {
         let expected = two_clouds.position_rounding(format);
         assert!(largest > 0.1 && (largest - expected).abs() < 1e-6, "{format:?}: {largest}, {expected}");
     }
+    // Quantised positions are read as f32, too.
+    for format in [SceneFormat::CompressedPly, SceneFormat::Sog] {
+        let back = read(&written(&two_clouds, format)).unwrap();
+        assert!(!back.is_wide() && back.offset() == [0.0; 3], "{format:?}");
+        let expected = two_clouds.position_rounding(SceneFormat::Splat);
+        assert_eq!(two_clouds.position_rounding(format), expected, "{format:?}");
+    }
     assert_eq!(two_clouds.position_rounding(SceneFormat::Ply), 0.0);
     let near = varied(40, 0);
     assert!(SceneFormat::ALL.iter().all(|format| near.position_rounding(*format) == 0.0));
