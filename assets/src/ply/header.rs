@@ -130,18 +130,24 @@ impl Element {
     }
 
     /// Computes the size breakdown of the element. `sizes` has the bytes of each property, summed over all rows;
-    /// `bytes` is the total with separators.
-    pub(crate) fn size(&self, sizes: &[u64], bytes: u64, used: impl Fn(usize) -> bool) -> ElementSize {
+    /// `bytes` is the total with separators. Words of text vary in length, like lists.
+    pub(crate) fn size(
+        &self,
+        encoding: Encoding,
+        sizes: &[u64],
+        bytes: u64,
+        used: impl Fn(usize) -> bool,
+    ) -> ElementSize {
         let columns = self.properties.iter().zip(sizes).enumerate();
-        let field = |(column, (property, bytes)): (usize, (&Property, &u64))| {
-            let per_row = bytes.checked_div(self.count);
-            FieldSize {
-                name: property.name.clone(),
-                kind: property.kind.name(),
-                bytes_per_row: per_row.filter(|size| size * self.count == *bytes),
-                bytes: *bytes,
-                used: used(column),
-            }
+        let field = |(column, (property, bytes)): (usize, (&Property, &u64))| FieldSize {
+            name: property.name.clone(),
+            kind: property.kind.name(),
+            bytes_per_row: match property.kind {
+                PropertyType::Scalar(scalar) if encoding != Encoding::Ascii => Some(scalar.size() as u64),
+                _ => None,
+            },
+            bytes: *bytes,
+            used: used(column),
         };
         ElementSize {
             name: self.name.clone(),

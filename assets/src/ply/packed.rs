@@ -130,8 +130,8 @@ impl Packed {
                 _ => {}
             }
             let bytes = sizes.iter().sum::<u64>();
-            elements
-                .push(element.size(&sizes, bytes, |column| used(&element.name, &element.properties[column])));
+            let used = |column: usize| used(&element.name, &element.properties[column]);
+            elements.push(element.size(header.encoding, &sizes, bytes, used));
             at += bytes;
         }
         let (Some(chunks), Some((vertex, count))) = (chunks, vertex) else {

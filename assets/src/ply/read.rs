@@ -123,7 +123,8 @@ impl File<'_> {
             if element.name == "vertex" {
                 body = Some(self.binary_splats::<BIG>(at, element.count)?);
             }
-            elements.push(element.size(&sizes, total, |column| self.uses(element, column)));
+            let used = |column| self.uses(element, column);
+            elements.push(element.size(self.header.encoding, &sizes, total, used));
             at += total;
         }
         let splats = body.expect("the caller found `vertex` among the elements");
@@ -187,7 +188,8 @@ impl File<'_> {
                 ascii::skip(&mut lines, element)?
             };
             let bytes = lines.place().at - start;
-            elements.push(element.size(&sizes, bytes, |column| self.uses(element, column)));
+            let used = |column| self.uses(element, column);
+            elements.push(element.size(self.header.encoding, &sizes, bytes, used));
         }
         let splats = body.expect("the caller found `vertex` among the elements");
         Ok((splats, elements, lines.place().at))

@@ -144,6 +144,19 @@ fn every_encoding_order_and_type_gives_the_same_scene() {
 }
 
 #[test]
+fn only_scalars_of_binary_files_have_a_size_per_row() {
+    let per_row = |made: Made| {
+        let scene = parse(&made.bytes()).unwrap();
+        let fields = &scene.size_breakdown().elements[0].fields;
+        fields.iter().map(|field| (field.bytes, field.bytes_per_row)).collect::<Vec<_>>()
+    };
+    // Lists of 3 and 4 indices have 13 and 17 bytes.
+    let faces = Made { faces: true, ..PLAIN };
+    assert_eq!(per_row(Made { ..faces }), [(30, None), (2, Some(1))]);
+    assert_eq!(per_row(Made { format: "ascii", ..faces }), [(9, None), (2, None)]);
+}
+
+#[test]
 fn values_are_activated_and_harmonics_interleaved() {
     let scene = parse(&Made { degree: 2, ..PLAIN }.bytes()).unwrap();
     let s = scene.splat(3);
