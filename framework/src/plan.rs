@@ -394,3 +394,10 @@ pub struct LayoutChange {
     /// of the frame that accesses the image.
     pub handover: bool,
 }
+
+impl LayoutChange {
+    /// Returns the image and its layouts.
+    pub fn transition(&self) -> Transition {
+        Transition { image: self.image, old: self.old, new: self.new }
+    }
+}

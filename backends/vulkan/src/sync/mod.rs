@@ -29,7 +29,7 @@ pub use barrier::{Barrier, Barriers};
 use needs::Requirement;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Hazard, Masks, PassId};
-use splatgraph_framework::plan::{LayoutChange, Plan, Transition};
+use splatgraph_framework::plan::{Plan, Transition};
 use state::{Inputs, SyncState};
 
 /// Maximum number of rounds of the walk before it is treated as cyclic.
@@ -85,8 +85,7 @@ fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Ba
     for change in inputs.plan.layout_changes.iter().filter(|change| change.handover) {
         let needs = start.change_needs(change, inputs, true);
         let masks = needs::least_source(&needs);
-        let LayoutChange { image, old, new, before, .. } = *change;
-        call.images.push((Transition { image, old, new }, masks, needs, before));
+        call.images.push((change.transition(), masks, needs, change.before));
     }
     // Every round adds what the previous one missed.
     loop {

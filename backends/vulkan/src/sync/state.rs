@@ -242,7 +242,7 @@ impl SyncState {
     }
 
     fn change(&self, change: &LayoutChange, inputs: &Inputs) -> Change {
-        let LayoutChange { image, old, new, before, .. } = *change;
+        let LayoutChange { image, old, before, .. } = *change;
         let mut target = Masks::default();
         for touch in inputs.plan.pass(before).uses.iter().filter(|touch| touch.resource == image) {
             target.target_stages |= touch.stages;
@@ -258,7 +258,7 @@ impl SyncState {
             }
         });
         needs.iter_mut().for_each(|n| n.reason.hazard = hazard);
-        Change { transition: Transition { image, old, new }, before, needs, target }
+        Change { transition: change.transition(), before, needs, target }
     }
 
     /// Lists the requirements of a layout change, with empty targets. The change counts as a write.

@@ -380,8 +380,7 @@ pub fn barriers_everywhere(plan: &Plan) -> Barriers {
     };
     let changes = |at: Option<PassId>, target: &dyn Fn(ResourceId) -> Side| -> Vec<Barrier> {
         let change = |change: &LayoutChange| {
-            let LayoutChange { image, old, new, .. } = *change;
-            Barrier { image: Some(Transition { image, old, new }), ..barrier(anything, target(image)) }
+            Barrier { image: Some(change.transition()), ..barrier(anything, target(change.image)) }
         };
         plan.layout_changes_at(at).map(change).collect()
     };

@@ -134,11 +134,7 @@ fn call(plan: &Plan, at: Option<PassId>) -> Vec<DumpBarrier> {
     let barrier = |image: Option<&LayoutChange>, of: Vec<&Dependency>| DumpBarrier {
         id: 0,
         before: at.map(|pass| Declared::pass(plan, pass)),
-        image: image.map(|change| Transition {
-            image: plan.resource(change.image).name.clone(),
-            old: change.old,
-            new: change.new,
-        }),
+        image: image.map(|change| change.transition().map(|id| plan.resource(*id).name.clone())),
         masks: of[0].masks,
         dependencies: of.iter().map(|dependency| cause(plan, dependency)).collect(),
     };
