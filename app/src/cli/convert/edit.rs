@@ -36,7 +36,7 @@ pub struct EditArgs {
     ///
     /// The names are x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red, green,
     /// blue (band 0, 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs.
-    #[arg(long = "where", value_name = "EXPRESSION", value_parser = condition)]
+    #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true, value_parser = condition)]
     condition: Option<Condition>,
     /// Order of the splats: `file`, or `morton`, which stores neighbours in space near each other
     #[arg(long, value_name = "ORDER", default_value = "file", value_parser = ["file", "morton"])]
@@ -275,6 +275,8 @@ mod tests {
         let half = edit(&["--crop", "box:100,-100,100,-100,100,0"]).unwrap();
         assert_eq!(half.count(), expected(&|i| whole.positions()[i][2] >= 0.0));
         assert_eq!(edit(&["--where", "index % 2 == 0", "--order", "morton"]).unwrap().count(), 200);
+        let left = edit(&["--where", "-x > 0"]).unwrap();
+        assert_eq!(left.count(), expected(&|i| whole.positions()[i][0] < 0.0));
     }
 
     #[test]
