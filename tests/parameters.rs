@@ -80,6 +80,32 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
 }
 
 #[test]
+fn a_cutoff_is_half_the_sides_of_a_quad_whose_corners_are_drawn() {
+    let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
+    let scale = [0.25, 0.1, 0.1];
+    let splat = Splat {
+        position: [0.0, 0.0, 2.0],
+        scale,
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity: 1.0,
+        sh: [1.0; 48],
+    };
+    let mut session = Session::new(common::device(), Scene::generate(1, 0, |_| splat), "splat", &[]);
+    let whole = drawn(&mut session, &camera, &[]);
+    let cut = drawn(&mut session, &camera, &[("cutoff", "1.5")]);
+    let deviation = |scale: f32| (f64::from(scale) * camera.fx / 2.0).hypot(0.3f64.sqrt());
+    let mut corners = 0;
+    for (x, y) in (0..48).flat_map(|y| (0..64).map(move |x| (x, y))) {
+        let [u, v] = [(x as f64 - 31.5) / deviation(scale[0]), (y as f64 - 23.5) / deviation(scale[1])];
+        let in_quad = u.abs() <= 1.5 && v.abs() <= 1.5;
+        corners += u32::from(in_quad && u.hypot(v) > 1.5);
+        assert_eq!(cut.at(x, y), if in_quad { whole.at(x, y) } else { [0.0; 3] }, "pixel {x}, {y}");
+    }
+    assert!(corners > 0);
+    common::assert_silent(session.device(), "the cutoff");
+}
+
+#[test]
 fn fewer_bits_cost_some_accuracy_and_change_nothing_else() {
     let (scene, camera) = scene();
     let mut session = Session::new(common::device(), scene, "splat", &[]);
