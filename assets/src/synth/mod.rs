@@ -112,8 +112,12 @@ const GENERATORS: [Generator; 26] = [
         "splats at the near plane, a float before and behind it, and around the camera",
         extremes::near_plane,
     ),
-    extreme("logits", "opacities of 0 and 1, and of the logits -40 and 40", extremes::logits),
-    extreme("quaternions", "quaternions of lengths from denormal to the end of f32", extremes::quaternions),
+    extreme("logits", "opacities of 0, 4e-18 (the logit -40), 0.5 and 1", extremes::logits),
+    extreme(
+        "quaternions",
+        "quaternions of lengths from denormal to the end of f32; a file holds them normalised",
+        extremes::quaternions,
+    ),
     extreme(
         "harmonics",
         "spherical harmonics of degree 3 with coefficients of up to 10,000",
@@ -126,7 +130,11 @@ const GENERATORS: [Generator; 26] = [
         extremes::layers_faint,
     ),
     layered("layers-dark", "black layers across the view, as faint", extremes::layers_dark),
-    layered("floor", "layers whose opacities are the floats around the floor of 1/255", extremes::floor),
+    layered(
+        "floor",
+        "layers whose opacities are the eight floats around the floor of 1/255; a file's logits hold two",
+        extremes::floor,
+    ),
     extreme("bright", "spherical harmonics of degree 3 with coefficients of up to 100,000", extremes::bright),
     Generator {
         default_count: 18,
