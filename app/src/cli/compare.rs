@@ -22,6 +22,9 @@ use std::path::{Path, PathBuf};
 /// pictures. It is computed from the values themselves and from the values in 8 bits, as in `trade`. The worst pixel has the largest
 /// difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are clamped to 0..1.
 ///
+/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey: depths, for instance, whose values
+/// beyond 0..1 count only for the worst pixel.
+///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -45,7 +48,7 @@ pub struct Args {
     #[arg(long, default_value_t = 10.0, value_parser = positive, requires = "diff")]
     gain: f32,
     /// Exit with code 1 if a picture's PSNR is below this
-    #[arg(long, value_name = "DB", value_parser = least_psnr)]
+    #[arg(long, value_name = "DB", allow_hyphen_values = true, value_parser = least_psnr)]
     min_psnr: Option<f64>,
     /// In folders, match pictures by the number at the end of their names; pictures without one are skipped and listed
     #[arg(long)]
@@ -278,6 +281,15 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
+    for (path, image) in [(&pair.a, &a), (&pair.b, &b)] {
+        if Image::has_alpha(path)? {
+            say(format!("{}: its alpha is not compared", path.display()));
+        }
+        let is_grey = image.rgb.iter().all(|[r, g, b]| r == g && g == b);
+        if is_grey && image.rgb.iter().any(|pixel| !(0.0..=1.0).contains(&pixel[0])) {
+            say(format!("{}: grey values beyond 0..1 count only for the worst pixel", path.display()));
+        }
+    }
     // Each integer level becomes the nearest float of the other picture's precision.
     Ok(match (a_depth, b_depth) {
         (Depth::Levels(greatest), Depth::Double) => (a.levels(greatest).clamped(), b.clamped()),
@@ -426,6 +438,17 @@ mod tests {
             assert!(said(name, "levels.png", &[]).ends_with(": identical"), "{name}");
         }
         assert!(!said("a.npy", "single.npy", &[]).contains("identical"));
+    }
+
+    #[test]
+    fn depths_and_counts_of_the_program_s_own_outputs_are_compared() {
+        let root = tempfile::tempdir().unwrap();
+        let (a, b) = (root.path().join("a.npy"), root.path().join("b.npy"));
+        crate::io::image::save_words(&a, &[12, 12], &[3u32; 144]).unwrap();
+        crate::io::image::save_words(&b, &[12, 12], &[5u32; 144]).unwrap();
+        let line = ["compare", a.to_str().unwrap(), b.to_str().unwrap()];
+        let text = compare(&Line::parse_from(line).args).unwrap().0;
+        assert!(text.contains("worst pixel 2.000000 at (0, 0)") && !text.contains("identical"), "{text}");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Reads and writes OpenEXR files: float32, channels R, G, B.
+//! Reads and writes OpenEXR files: float32, channels R, G, B. A file with a single channel is read as grey.
 //!
 //! By default, programs interpret the values of an EXR as linear light, but ours are display-encoded. Two attributes
 //! declare this: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
@@ -7,7 +7,7 @@
 use super::pixels::{Image, ImageError, check_size, open};
 use crate::io::output::{self, file::Cause};
 use exr::prelude as x;
-use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
+use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel, WritableImage};
 use std::cell::Cell;
 use std::io::{Cursor, Write};
 use std::panic::{self, AssertUnwindSafe};
@@ -65,30 +65,68 @@ pub fn save_values(
     })?)
 }
 
-/// Checks the sizes of all layers, and returns the size of the first one with R, G and B.
-pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+/// The layer of a file that is read as the picture: the first one with R, G and B, else the first one with the only
+/// channel of a layer.
+struct Found {
+    size: (usize, usize),
+    /// Name of the only channel; `None` for R, G and B.
+    grey: Option<x::Text>,
+    has_alpha: bool,
+}
+
+/// Finds the layer of the picture, and checks the sizes of all layers.
+fn find(path: &Path) -> Result<Found, ImageError> {
     let file = open(path)?;
     let meta = quietly(|| exr::meta::MetaData::read_from_buffered(file, false))
         .ok_or_else(|| {
             ImageError::new(path, "expected the header of an OpenEXR file, found one that cannot be read")
         })?
         .map_err(|e| ImageError::because(path, e))?;
-    let mut found = None;
+    let mut sizes = Vec::new();
     for header in &meta.headers {
-        let size = check_size(path, header.layer_size.width() as u64, header.layer_size.height() as u64)?;
-        let has = |name: &str| header.channels.find_index_of_channel(&x::Text::from(name)).is_some();
-        if found.is_none() && ["R", "G", "B"].into_iter().all(has) {
-            found = Some(size);
-        }
+        let size = header.layer_size;
+        sizes.push(check_size(path, size.width() as u64, size.height() as u64)?);
     }
-    found.ok_or_else(|| ImageError::new(path, "expected a layer with the channels R, G and B, found none"))
+    let first = |names: &[&x::Text]| {
+        let has = |name: &&x::Text, at: usize| {
+            meta.headers[at].channels.list.iter().any(|channel| channel.name == **name)
+        };
+        (0..sizes.len()).find(|&at| names.iter().all(|name| has(name, at)))
+    };
+    let [r, g, b] = ["R", "G", "B"].map(x::Text::from);
+    if let Some(at) = first(&[&r, &g, &b]) {
+        let mut channels = meta.headers[at].channels.list.iter();
+        let has_alpha = channels.any(|channel| channel.name == x::Text::from("A"));
+        return Ok(Found { size: sizes[at], grey: None, has_alpha });
+    }
+    let only = meta.headers.iter().find(|header| header.channels.list.len() == 1);
+    let grey = only.map(|header| header.channels.list[0].name.clone());
+    match grey.as_ref().and_then(|name| first(&[name])) {
+        Some(at) => Ok(Found { size: sizes[at], grey, has_alpha: false }),
+        None => Err(ImageError::new(
+            path,
+            "expected a layer with the channels R, G and B, or with a single channel, found none",
+        )),
+    }
 }
 
-/// Loads the data window of the first layer with R, G and B.
+pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
+    find(path).map(|found| found.size)
+}
+
+pub(super) fn has_alpha(path: &Path) -> Result<bool, ImageError> {
+    find(path).map(|found| found.has_alpha)
+}
+
+/// Loads the data window of the picture's layer.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
-    size(path)?;
+    let Found { grey, .. } = find(path)?;
     let damaged = || ImageError::new(path, "expected compressed pixels, found bytes that cannot be unpacked");
-    quietly(|| read(path)).unwrap_or_else(|| Err(damaged()))
+    quietly(|| match grey {
+        None => read(path),
+        Some(channel) => read_grey(path, channel),
+    })
+    .unwrap_or_else(|| Err(damaged()))
 }
 
 thread_local! {
@@ -114,17 +152,39 @@ fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
     result.ok()
 }
 
+fn black(size: x::Vec2<usize>) -> Image {
+    let (width, height) = (size.width(), size.height());
+    Image { width, height, rgb: vec![[0.0; 3]; width * height] }
+}
+
+fn read_grey(path: &Path, channel: x::Text) -> Result<Image, ImageError> {
+    let fail = |e: exr::error::Error| ImageError::because(path, e);
+    let file = x::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .specific_channels()
+        .required::<f32>(channel)
+        .collect_pixels(
+            |size, _| black(size),
+            |image: &mut Image, at: x::Vec2<usize>, (value,): (f32,)| {
+                image.rgb[at.y() * image.width + at.x()] = [value; 3];
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(open(path)?)
+        .map_err(fail)?;
+    Ok(file.layer_data.channel_data.pixels)
+}
+
 fn read(path: &Path) -> Result<Image, ImageError> {
     let fail = |e: exr::error::Error| ImageError::because(path, e);
     let file = x::read()
         .no_deep_data()
         .largest_resolution_level()
         .rgb_channels(
-            |size, _| Image {
-                width: size.width(),
-                height: size.height(),
-                rgb: vec![[0.0; 3]; size.width() * size.height()],
-            },
+            |size, _| black(size),
             |image, at, (r, g, b): (f32, f32, f32)| image.rgb[at.y() * image.width + at.x()] = [r, g, b],
         )
         .first_valid_layer()
@@ -139,6 +199,22 @@ fn read(path: &Path) -> Result<Image, ImageError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_single_channel_is_grey_and_two_are_no_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        save_values(&path, &["Z"], (3, 2), &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
+        let image = Image::load(&path).unwrap();
+        assert_eq!((image.width, image.height, image.at(1, 1)), (3, 2, [4.0; 3]));
+        assert!(!Image::has_alpha(&path).unwrap());
+        save_values(&path, &["A", "Z"], (3, 1), &[0.0; 6]).unwrap();
+        let message = Image::load(&path).unwrap_err().to_string();
+        assert!(message.ends_with("R, G and B, or with a single channel, found none"), "{message}");
+        save_values(&path, &["A", "B", "G", "R"], (1, 1), &[0.0, 3.0, 2.0, 1.0]).unwrap();
+        assert_eq!(Image::load(&path).unwrap().rgb, [[1.0, 2.0, 3.0]]);
+        assert!(Image::has_alpha(&path).unwrap());
+    }
 
     #[test]
     fn the_file_says_that_its_values_are_not_linear() {

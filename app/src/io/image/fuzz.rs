@@ -226,7 +226,10 @@ fn damaged_exr_files_are_pictures_or_errors() {
         Blocks, Compression, Encoding, Layer, LayerAttributes, LineOrder, SpecificChannels, Vec2,
         WritableImage, f16,
     };
-    let mut seeds = vec![saved("a.exr")];
+    let folder = tempfile::tempdir().expect("a folder");
+    let grey = folder.path().join("grey.exr");
+    super::save_values(&grey, &["Z"], (9, 5), &[0.5; 45]).expect("it is saved");
+    let mut seeds = vec![saved("a.exr"), fs::read(grey).expect("it is there")];
     for compression in
         [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::PIZ, Compression::B44]
     {

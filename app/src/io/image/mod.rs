@@ -43,7 +43,23 @@ impl Image {
         }
     }
 
-    /// Loads a picture from `.png`, `.exr`, `.npy`, or `archive.npz#array`.
+    /// Returns true if the file has an alpha channel, which [`Image::load`] drops.
+    ///
+    /// # Errors
+    /// See [`Image::size_of`].
+    pub fn has_alpha(path: &Path) -> Result<bool, ImageError> {
+        if let Some((archive, array)) = split_member(path) {
+            return npy::member_has_alpha(&archive, &array);
+        }
+        match Format::of(path) {
+            Some(Format::Png) => png::has_alpha(path),
+            Some(Format::Exr) => exr::has_alpha(path),
+            Some(Format::Npy) => npy::has_alpha(path),
+            None => Err(no_picture(path)),
+        }
+    }
+
+    /// Loads a picture from `.png`, `.exr`, `.npy`, or `archive.npz#array`. A picture with one channel is grey.
     ///
     /// # Errors
     /// The path has another extension, or the file cannot be read, is damaged or is too large.

@@ -1,7 +1,8 @@
 //! Reads and writes NumPy's `.npy` arrays, and reads `.npz` archives of them.
 //!
 //! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as float32, float64, or
-//! bytes of 0 to 255, with 3 channels, or with 4 channels, of which the last is ignored.
+//! bytes of 0 to 255, with 3 channels, or with 4 channels, of which the last is ignored. Arrays of shape
+//! `[height, width]`, also of uint32, are grey.
 
 use super::pixels::{Depth, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
@@ -99,6 +100,18 @@ pub(super) fn member_size(archive: &Path, array: &str) -> Result<(usize, usize),
     shape(archive, &header(member).map_err(|e| ImageError::because(archive, e))?).map(|(size, _)| size)
 }
 
+pub(super) fn has_alpha(path: &Path) -> Result<bool, ImageError> {
+    shape(path, &header(open(path)?).map_err(|e| ImageError::because(path, e))?)
+        .map(|(_, channels)| channels == 4)
+}
+
+pub(super) fn member_has_alpha(archive: &Path, array: &str) -> Result<bool, ImageError> {
+    let mut npz = open_npz(archive)?;
+    let member = member(archive, &mut npz, array)?;
+    let header = header(member).map_err(|e| ImageError::because(archive, e))?;
+    shape(archive, &header).map(|(_, channels)| channels == 4)
+}
+
 /// Finds an array in an archive, to be read as far as its own header says.
 fn member<'a>(
     archive: &Path,
@@ -129,14 +142,17 @@ fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
 /// Checks the shape of an array, and returns the picture's size and its number of channels.
 fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usize), ImageError> {
     let shape = npy.shape();
-    let (&[height, width, channels @ (3 | 4)], Order::C) = (shape, npy.order()) else {
-        return Err(ImageError::new(
-            path,
-            format!(
-                "expected an array of shape [height, width, 3], found shape {shape:?} ({:?} order)",
-                npy.order()
-            ),
-        ));
+    let (height, width, channels) = match (shape, npy.order()) {
+        (&[height, width], Order::C) => (height, width, 1),
+        (&[height, width, channels @ (3 | 4)], Order::C) => (height, width, channels),
+        (_, order) => {
+            return Err(ImageError::new(
+                path,
+                format!(
+                    "expected an array of shape [height, width, 3] or [height, width], found shape {shape:?} ({order:?} order)"
+                ),
+            ));
+        }
     };
     Ok((check_size(path, width, height)?, channels as usize))
 }
@@ -160,6 +176,10 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<f64>, Depth), Im
             let level = |v: u8| f64::from(f32::from(v) / 255.0);
             Ok((pixels(path, npy, size, level)?, Depth::Levels(u8::MAX.into())))
         }
+        // Counts and indices.
+        (TypeChar::Uint, 4) if channels == 1 => {
+            Ok((pixels(path, npy, size, |value: u32| value.into())?, Depth::Double))
+        }
         _ => Err(ImageError::new(
             path,
             format!("expected values of type float32, float64 or uint8, found {}", npy.dtype().descr()),
@@ -167,7 +187,7 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<f64>, Depth), Im
     }
 }
 
-/// Reads the pixels of an array; a fourth channel is dropped.
+/// Reads the pixels of an array; a single channel is grey, a fourth channel is dropped.
 fn pixels<R: Read, T: npyz::Deserialize>(
     path: &Path,
     npy: NpyFile<R>,
@@ -183,7 +203,7 @@ fn pixels<R: Read, T: npyz::Deserialize>(
             let read = values.next().ok_or_else(missing)?;
             *value = convert(read.map_err(|e| ImageError::because(path, e))?);
         }
-        rgb.push([pixel[0], pixel[1], pixel[2]]);
+        rgb.push(if channels == 1 { [pixel[0]; 3] } else { [pixel[0], pixel[1], pixel[2]] });
     }
     Ok(Image { width, height, rgb })
 }
@@ -204,9 +224,9 @@ mod tests {
     fn arrays_of_other_shapes_and_types_are_errors_that_say_what_they_are() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
-        save_words(&path, &[2, 6], &[0.0f32; 12]).unwrap();
+        save_words(&path, &[2, 3, 2], &[0.0f32; 12]).unwrap();
         let message = load(&path).unwrap_err().to_string();
-        assert!(message.contains("shape [2, 6]"), "{message}");
+        assert!(message.contains("shape [2, 3, 2]"), "{message}");
         save_words(&path, &[2, 2, 3], &[0u32; 12]).unwrap();
         let message = load(&path).unwrap_err().to_string();
         assert!(message.ends_with("found '<u4'"), "{message}");
@@ -258,8 +278,20 @@ mod tests {
         let path = folder.path().join("a.npy");
         save_words(&path, &[1, 1, 3], &[0.25f64, 0.5, 2.0]).unwrap();
         assert_eq!(load(&path).unwrap().rgb, [[0.25, 0.5, 2.0]]);
+        assert!(!Image::has_alpha(&path).unwrap());
         save_words(&path, &[1, 1, 4], &[0u8, 51, 255, 7]).unwrap();
         assert_eq!(load(&path).unwrap().rgb, [[0.0, 0.2, 1.0]]);
+        assert!(Image::has_alpha(&path).unwrap());
+    }
+
+    #[test]
+    fn arrays_of_one_value_per_pixel_are_grey() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        save_words(&path, &[1, 2], &[0.25f32, 7.5]).unwrap();
+        assert_eq!(load(&path).unwrap().rgb, [[0.25; 3], [7.5; 3]]);
+        save_words(&path, &[2, 1], &[3u32, u32::MAX]).unwrap();
+        assert_eq!(super::load(&path).unwrap().0.rgb, [[3.0; 3], [f64::from(u32::MAX); 3]]);
     }
 
     #[test]

@@ -34,6 +34,12 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     header(path).map(|(_, size)| size)
 }
 
+/// Returns true if the file has an alpha channel or a transparent colour.
+pub(super) fn has_alpha(path: &Path) -> Result<bool, ImageError> {
+    let reader = header(path)?.0.read_info().map_err(|e| ImageError::because(path, e))?;
+    Ok(matches!(reader.output_color_type().0, png::ColorType::GrayscaleAlpha | png::ColorType::Rgba))
+}
+
 /// Loads a file without its alpha. Also returns the level of white: 255 or 65535.
 pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     load_over(path, None)
@@ -116,8 +122,10 @@ mod tests {
 
         write(&path, Grayscale, One, &[0b0100_0000], None);
         assert_eq!(load(&path).unwrap().0.rgb, grey);
+        assert!(!has_alpha(&path).unwrap());
         write(&path, GrayscaleAlpha, Eight, &[0, 9, 255, 9], None);
         assert_eq!(load(&path).unwrap().0.rgb, grey);
+        assert!(has_alpha(&path).unwrap());
         write(&path, Rgba, Eight, &[0, 51, 255, 9, 255, 51, 0, 9], None);
         assert_eq!(load(&path).unwrap().0.rgb, colour);
         write(&path, Rgb, Sixteen, &[0, 0, 51, 51, 255, 255, 255, 255, 51, 51, 0, 0], None);
