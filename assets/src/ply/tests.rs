@@ -4,7 +4,6 @@ use super::write::property_names;
 use crate::input::{Input, OpenFile, Source};
 use crate::testing::{captures, golden, parse, splat, written};
 use crate::{Scene, SceneFormat, sh_floats};
-use proptest::prelude::*;
 use std::path::PathBuf;
 
 struct Made {
@@ -547,45 +546,4 @@ fn the_captures_load_whole_and_their_size_breakdowns_sum_to_their_sizes() {
     let Some(captures) = captures(test) else { return };
     check(captures.join("biker.ply"), 152_746, (0, 0));
     check(captures.join("playbot-31k.ply"), 31_000, (3, 2));
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
-
-    #[test]
-    fn mutated_files_never_panic(
-        format in prop::sample::select(vec!["ascii", "binary_little_endian", "binary_big_endian"]),
-        faces in any::<bool>(),
-        degree in 0u32..=3,
-        edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0u8..4), 1..6),
-    ) {
-        let mut bytes = Made { format, faces, degree, count: 4, ..PLAIN }.bytes();
-        for (at, byte, kind) in edits {
-            if bytes.is_empty() {
-                break;
-            }
-            let at = at.index(bytes.len());
-            match kind {
-                0 => bytes[at] = byte,
-                1 => bytes.insert(at, byte),
-                2 => { bytes.remove(at); }
-                _ => bytes.truncate(at),
-            }
-        }
-        match parse(&bytes) {
-            Ok(scene) => prop_assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64),
-            Err(error) => prop_assert!(!error.to_string().is_empty()),
-        }
-    }
-
-    #[test]
-    fn header_words_swapped_about_never_panic(
-        words in prop::collection::vec(prop::sample::select(vec![
-            "element", "property", "format", "list", "vertex", "face", "uchar", "int", "double", "float", "ascii", "1.0",
-            "binary_big_endian", "x", "rot_0", "f_rest_0", "0", "3", "4294967296", "\n", "\n", "end_header\n", "comment",
-        ]), 0..40),
-    ) {
-        let text = format!("ply\nformat ascii 1.0\n{}\nend_header\n1 2 3\n", words.join(" "));
-        let _ = parse(text.as_bytes());
-    }
 }

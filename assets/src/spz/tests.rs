@@ -233,9 +233,6 @@ fn damage_of_version_4_names_the_byte_and_the_field() {
     let mut promise = streams(0, &[]);
     promise[8..12].fill(0x7F);
     assert!(said(&promise).starts_with("byte 8, `numPoints`: expected at most "));
-    for end in 1..promise.len() {
-        assert!(parse(&streams(0, &[])[..end]).is_err(), "{end}");
-    }
 }
 
 #[test]
