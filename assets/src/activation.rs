@@ -8,6 +8,12 @@ use std::cmp::Ordering;
 /// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
+/// Converts a colour to the coefficient of band 0.
+#[inline]
+pub(crate) fn dc(color: f64) -> f32 {
+    ((color - 0.5) / SH_C0) as f32
+}
+
 /// Computes the exponential of a finite logarithm.
 ///
 /// An infinite logarithm of either sign is an error of the file and gives NaN, although `e^-inf` would be 0.

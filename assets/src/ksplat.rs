@@ -13,12 +13,12 @@
 //! lengths of the other buckets come before the centres. Format: <https://github.com/mkkellogg/GaussianSplats3D>,
 //! `SplatBuffer.js`.
 
-use crate::activation::{self, SH_C0};
+use crate::activation;
 use crate::error::{SceneError, field};
 use crate::input::{self, Done, Input, SceneHeader, Source, grow};
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
-use crate::words::{bytes_at, word};
+use crate::words::{bytes_at, float, word};
 use half::f16;
 
 /// Bytes of the file's header, and of each section's.
@@ -29,10 +29,6 @@ const ROWS: usize = 4096;
 
 fn half_word(bytes: &[u8], at: usize) -> u16 {
     u16::from_le_bytes(bytes_at(bytes, at))
-}
-
-fn float(bytes: &[u8], at: usize) -> f32 {
-    f32::from_bits(word(bytes, at))
 }
 
 /// Returns true if the fields of a `.ksplat` header are plausible. The format has no magic number.
@@ -200,7 +196,7 @@ impl Header {
             sh: [0.0; 48],
         };
         for channel in 0..3 {
-            splat.sh[channel] = ((part(channel) - 0.5) / SH_C0) as f32;
+            splat.sh[channel] = activation::dc(part(channel));
         }
         let harmonics = &row[self.plain()..];
         let harmonic = |index: usize| match self.level {
@@ -335,6 +331,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::activation::SH_C0;
     use crate::testing::parse as read;
 
     /// Builds a file of one section with three splats. At levels 1 and 2, a full bucket has two, a partial one has one.

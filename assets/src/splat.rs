@@ -14,14 +14,10 @@ use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::scene::{FileNotes, Scene, Splat};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
-use crate::words::word;
+use crate::words::float;
 use std::io::{Result as IoResult, Write};
 
 pub(crate) const STRIDE: usize = 32;
-
-fn float(row: &[u8], at: usize) -> f32 {
-    f32::from_bits(word(row, at))
-}
 
 /// Returns true if all whole rows of `head` can be splats, and most have quaternions of about unit length.
 ///
@@ -96,7 +92,7 @@ fn splat(row: &[u8]) -> (Splat, f64) {
         sh: [0.0; 48],
     };
     for channel in 0..3 {
-        splat.sh[channel] = ((part(channel) - 0.5) / SH_C0) as f32;
+        splat.sh[channel] = activation::dc(part(channel));
     }
     (splat, norm)
 }

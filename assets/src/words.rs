@@ -26,6 +26,11 @@ pub(crate) fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(bytes_at(bytes, at))
 }
 
+/// Reads the little-endian float at offset `at`.
+pub(crate) fn float(bytes: &[u8], at: usize) -> f32 {
+    f32::from_bits(word(bytes, at))
+}
+
 /// Writes words from a byte offset on, and zeros beyond their end.
 pub(crate) fn write_words(words: &[u32], offset: u64, out: &mut [u8]) {
     let words = words.iter().skip(offset as usize / 4).copied().chain(std::iter::repeat(0));

@@ -13,7 +13,7 @@
 
 use super::binary;
 use super::header::{Element, Encoding, Header, Property, PropertyType, Scalar};
-use crate::activation::{self, SH_C0};
+use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, Table};
 use crate::memory;
@@ -202,7 +202,7 @@ impl Packed {
             sh: [0.0; 48],
         };
         for (axis, shift) in [24, 16, 8].into_iter().enumerate() {
-            splat.sh[axis] = ((lerp(12, axis, channel(shift)) - 0.5) / SH_C0) as f32;
+            splat.sh[axis] = activation::dc(lerp(12, axis, channel(shift)));
         }
         let bands = self.rest.len() / 3;
         for (index, offset) in self.rest.iter().enumerate() {

@@ -3,7 +3,7 @@
 use super::chunk::{Arrays, Chunks};
 use super::column::Column;
 use super::document::Name;
-use crate::activation::{self, SH_C0};
+use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::memory::SceneMemoryError;
@@ -80,7 +80,7 @@ fn splat(chunk: &Arrays, palette: &[Option<Column>; 3], row: usize) -> (Splat, f
         sh: [0.0; 48],
     };
     for (value, color) in splat.sh.iter_mut().zip(vector(&chunk.rgb)) {
-        *value = ((f64::from(color) - 0.5) / SH_C0) as f32;
+        *value = activation::dc(color.into());
     }
     for (band, first) in [3, 12, 27].into_iter().enumerate() {
         let (column, row) = match (&chunk.harmonics[band], &palette[band], &chunk.label) {
