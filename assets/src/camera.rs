@@ -8,6 +8,7 @@
 use crate::bounds::Bounds;
 use crate::projection::Projection;
 use crate::scene::{FileNotes, Scene};
+use crate::similarity::Similarity;
 use serde::{Deserialize, Serialize};
 
 /// A camera. Unknown fields of the file are ignored.
@@ -197,9 +198,6 @@ impl Camera {
         /// Minimum focal length, in pixels; its inverse is the maximum. Both, times 2^32 pixels, are within the range
         /// of f32.
         const MIN_FOCAL: f64 = 1e-20;
-        /// Maximum coordinate, in world units. The squared distance between two such positions is within the range of
-        /// f32.
-        const FARTHEST: f64 = 1e18;
         if self.width == 0 || self.height == 0 {
             return Some(format!("the image is {} x {} pixels", self.width, self.height));
         }
@@ -215,9 +213,10 @@ impl Camera {
             }
         }
         for (axis, value) in ["x", "y", "z"].into_iter().zip(self.position) {
-            if value.is_nan() || value.abs() > FARTHEST {
+            if value.is_nan() || value.abs() > Similarity::FARTHEST {
                 return Some(format!(
-                    "expected a position within {FARTHEST:e} of the origin, found {axis} = {value:e}"
+                    "expected a position within {:e} of the origin, found {axis} = {value:e}",
+                    Similarity::FARTHEST
                 ));
             }
         }

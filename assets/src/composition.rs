@@ -93,7 +93,7 @@ fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError>
     let wrong = |message: String| {
         Err(SceneError::Scenes { message: format!("scene {index}, {}: {message}", part.file.display()) })
     };
-    if !(1e-9..=1e9).contains(&part.scale) {
+    if !Similarity::SCALES.contains(&part.scale) {
         return wrong(format!("expected a scale of 1e-9 to 1e9, found {}", part.scale));
     }
     let Rotation { axis, degrees } = part.rotate;
@@ -102,8 +102,7 @@ fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError>
     };
     let rotation = DQuat::from_axis_angle(unit, degrees.to_radians());
     let translation = DVec3::from(part.translate);
-    // The same limit as for camera positions.
-    if !part.translate.iter().all(|v| v.abs() <= 1e18) {
+    if !part.translate.iter().all(|v| v.abs() <= Similarity::FARTHEST) {
         return wrong(format!("expected a translation within 1e18, found {:?}", part.translate));
     }
     Ok(Placed { file: folder.join(part.file), by: Similarity { rotation, scale: part.scale, translation } })

@@ -1,12 +1,10 @@
 //! Defines similarity transforms of the world: a rotation, a uniform scale and a translation.
 
 use glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
+use std::ops::RangeInclusive;
 
 /// Maximum deviation from the identity of `R * transpose(R)`, where `R` is the matrix divided by its scale.
 const TOLERANCE: f64 = 1e-4;
-
-/// Maximum absolute coordinate of a translation in a file, in world units.
-const FARTHEST: f64 = 1e18;
 
 /// A rotation, a uniform scale and a translation of the world: maps `p` to `scale * rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +21,13 @@ impl Similarity {
     /// The similarity that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
+    /// Maximum absolute coordinate of a translation or a camera's position in a file, in world units. The squared
+    /// distance between two such positions is within the range of f32.
+    pub(crate) const FARTHEST: f64 = 1e18;
+
+    /// Scales in a file.
+    pub(crate) const SCALES: RangeInclusive<f64> = 1e-9..=1e9;
+
     /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range.
     pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, &'static str> {
         const SKEWED: &str =
@@ -32,7 +37,8 @@ impl Similarity {
         }
         let linear = DMat3::from_mat4(matrix);
         let (scale, translation) = (linear.determinant().cbrt(), matrix.w_axis.truncate());
-        if !(1e-9..=1e9).contains(&scale) || !translation.to_array().iter().all(|v| v.abs() <= FARTHEST) {
+        let is_near = translation.to_array().iter().all(|v| v.abs() <= Self::FARTHEST);
+        if !Self::SCALES.contains(&scale) || !is_near {
             return Err(SKEWED);
         }
         let turn = linear * (1.0 / scale);
