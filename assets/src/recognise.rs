@@ -61,7 +61,7 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     if head.starts_with(sog::MAGIC) || sog::begins_as_json(head) {
         return Ok(SceneFormat::Sog);
     }
-    if head.starts_with(gltf::MAGIC) || extension == "gltf" || gltf::begins_as_json(head) {
+    if extension == "gltf" || gltf::begins_as_gltf(head) {
         return Ok(SceneFormat::Gltf);
     }
     let magic = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));

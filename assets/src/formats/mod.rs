@@ -4,7 +4,7 @@ use crate::composition::{self, Placed};
 use crate::error::{LoadError, SceneError};
 use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
-use crate::mesh::{self, Mesh};
+use crate::mesh::Mesh;
 use crate::recognise;
 use crate::scene::{FileNotes, Filter, Scene, SortKey};
 use crate::scene_files::document;
@@ -75,7 +75,7 @@ fn open<T>(
         let head = source.head(HEAD)?;
         let content = if composition::begins_as_scenes(&head) {
             placed(&source, path).map(Found::Several)
-        } else if !sog::begins_as_json(&head) && mesh::begins_as_gltf(&head) && is_mesh(&source, &head)? {
+        } else if !sog::begins_as_json(&head) && gltf::begins_as_gltf(&head) && is_mesh(&source, &head)? {
             mesh(&source, path).map(Found::Mesh)
         } else {
             one(&source, path).map(Found::One)
@@ -100,7 +100,7 @@ fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
 
 fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     const MAX_SEARCHED: u64 = 1 << 26;
-    let binary = head.starts_with(b"glTF");
+    let binary = head.starts_with(gltf::MAGIC);
     // GLB has a header of 12 bytes, followed by the length and the type of the JSON chunk.
     let length = head.get(12..16).map_or(0, |b| u64::from(word(b, 0)));
     let end = if binary { length.saturating_add(20) } else { source.length() };

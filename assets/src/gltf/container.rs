@@ -12,9 +12,12 @@ pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 /// Maximum size of the JSON, in bytes: parsing takes several times as much memory.
 const MAX_JSON: u64 = 16 << 20;
 
-pub(crate) fn begins_as_json(head: &[u8]) -> bool {
+/// Returns true if a file begins as glTF: with its magic number, or with a JSON object that has its keys.
+pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
-    text.trim_start().starts_with('{') && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key))
+    let is_json = text.trim_start().starts_with('{')
+        && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key));
+    head.starts_with(MAGIC) || is_json
 }
 
 enum Bytes<'a> {

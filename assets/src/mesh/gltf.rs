@@ -9,6 +9,7 @@ use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::SceneError;
 use crate::file;
+use crate::gltf::MAGIC;
 use crate::uri::{self, Resource};
 use crate::words::word;
 use glam::{DMat3, DMat4, DVec3};
@@ -25,15 +26,6 @@ const MAX_BYTES: u64 = 1 << 30;
 
 /// Maximum number of triangles, and of vertices, over all nodes.
 const MAX_ELEMENTS: usize = 1 << 26;
-
-/// Returns true if a file begins as glTF: with its magic number, or with a JSON object that has an `asset`.
-pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
-    head.starts_with(b"glTF") || (head.trim_ascii_start().starts_with(b"{") && mentions(head, b"\"asset\""))
-}
-
-fn mentions(text: &[u8], word: &[u8]) -> bool {
-    text.windows(word.len()).any(|window| window == word)
-}
 
 fn wrong(part: impl ToString, message: impl ToString) -> SceneError {
     SceneError::Part { part: part.to_string(), message: message.to_string() }
@@ -92,7 +84,7 @@ impl Mesh {
 
 /// Checks that a binary file (`.glb`) is at least as long as its header says.
 fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
-    if !bytes.starts_with(b"glTF") {
+    if !bytes.starts_with(MAGIC) {
         return Ok(());
     }
     let found = bytes.len();

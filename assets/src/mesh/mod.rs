@@ -13,7 +13,6 @@ mod image;
 mod write;
 
 pub use data::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
-pub(crate) use gltf::begins_as_gltf;
 
 #[cfg(test)]
 mod tests;
