@@ -23,7 +23,7 @@ const UNKNOWN_MEMORY: u64 = 4 << 30;
 /// Maximum number of splats per byte of a file of other splats: 20 bytes of texels per splat, compressed 1032 to 1.
 const MAX_PER_BYTE: u64 = 1032 / 20;
 
-/// Maximum number of splats: the texels of the largest WebP image.
+/// Maximum number of splats: the texels of the largest lossless WebP image.
 const MAX_COUNT: u32 = 16_384 * 16_384;
 
 fn meta(files: &mut Container) -> Result<Meta, SceneError> {

@@ -16,7 +16,7 @@ use zip::{CompressionMethod, ZipWriter};
 
 const ENTRIES_PER_ROW: usize = 64;
 
-/// Maximum width and height of a WebP picture, in pixels.
+/// Maximum width and height of a picture in libwebp, in pixels: one less than in the lossless format.
 const MAX_SIDE: usize = 16_383;
 
 /// Bounds of the weights of splats in codebooks: no weight is 0, and no sum of squares overflows.

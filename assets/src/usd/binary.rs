@@ -294,8 +294,8 @@ impl<'a, 'b> Sections<'a, 'b> {
                         }
                     }
                     // A prim whose parent is neither a prim nor the root belongs to a variant.
-                    let grandparent = path.parent.map(|parent| self.specs[parent as usize].0);
-                    prim.inactive |= parent.is_none() && grandparent != Some(PSEUDO_ROOT);
+                    let parent_kind = path.parent.map(|parent| self.specs[parent as usize].0);
+                    prim.inactive |= parent.is_none() && parent_kind != Some(PSEUDO_ROOT);
                     prims[*index as usize] = Some(layer.prims.len());
                     layer.prims.push(prim);
                 }
