@@ -418,24 +418,20 @@ mod tests {
             let input = Input { source: &source, memory: Some(1 << 30), progress: crate::QUIET };
             parse(&input).unwrap_err().to_string()
         };
-        assert!(with(1, &[9]).contains("byte 0, `version`: expected 0.1, found 0.9"));
-        assert!(with(4, &[255; 4]).contains("byte 4, `maxSectionCount`: expected at most 1"));
-        assert!(
-            with(16, &[9]).contains("byte 16, `splatCount`: expected 3, the sum over the sections, found 9")
-        );
-        assert!(with(20, &[3]).contains("byte 20, `compressionLevel`: expected 0 to 2, found 3"));
-        assert!(
-            with(HEADER, &[9])
-                .contains("byte 4096, `splatCount`: expected at most maxSplatCount, 3, found 9")
-        );
-        assert!(
-            with(HEADER + 4, &[255; 4]).contains("byte 4100, `maxSplatCount`: expected a section of at most")
-        );
-        assert!(with(HEADER + 32, &[7]).contains("byte 4128, `fullBucketCount`: expected 2"));
-        assert!(
-            with(HEADER + SECTION, &[0])
-                .contains("byte 5120, `buckets`: expected buckets for 3 splats, found room for 2")
-        );
+        let cases: [(usize, &[u8], &str); 8] = [
+            (1, &[9], "byte 0, `version`: expected 0.1, found 0.9"),
+            (4, &[255; 4], "byte 4, `maxSectionCount`: expected at most 1"),
+            (16, &[9], "byte 16, `splatCount`: expected 3, the sum over the sections, found 9"),
+            (20, &[3], "byte 20, `compressionLevel`: expected 0 to 2, found 3"),
+            (HEADER, &[9], "byte 4096, `splatCount`: expected at most maxSplatCount, 3, found 9"),
+            (HEADER + 4, &[255; 4], "byte 4100, `maxSplatCount`: expected a section of at most"),
+            (HEADER + 32, &[7], "byte 4128, `fullBucketCount`: expected 2"),
+            (HEADER + SECTION, &[0], "byte 5120, `buckets`: expected buckets for 3 splats, found room for 2"),
+        ];
+        for (at, value, expected) in cases {
+            let found = with(at, value);
+            assert!(found.contains(expected), "{found}; expected {expected}");
+        }
         let whole = file(2, 1);
         for end in 0..whole.len() {
             assert!(read(&whole[..end]).is_err(), "{end}");

@@ -302,25 +302,18 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
         files[file][at..at + bytes.len()].copy_from_slice(bytes);
         files
     };
-    assert!(
-        said(damaged(0, 0, &[255; 8]))
-            .contains("cameras.bin: byte 0, `num_cameras`: expected at most 1, as the rest")
-    );
-    assert!(
-        said(damaged(0, 12, &[99]))
-            .contains("cameras.bin: byte 12, `MODEL`: expected a model of 0 to 10, found 99")
-    );
-    assert!(
-        said(damaged(0, 24, &[0; 8])).contains("images.bin: byte 8, `IMAGE_ID`: the image is 100 x 0 pixels")
-    );
-    assert!(
-        said(damaged(1, 68, &[9]))
-            .contains("images.bin: byte 68, `CAMERA_ID`: expected 7, the only ID of cameras, found 9")
-    );
-    assert!(
-        said(damaged(1, 78, &[255; 7])).contains("images.bin: byte 78, `num_points2D`: expected at most ")
-    );
-    assert!(said(damaged(1, 72, &[0xFF])).contains("images.bin: byte 72, `NAME`: expected UTF-8 text"));
+    let cases: [(usize, usize, &[u8], &str); 6] = [
+        (0, 0, &[255; 8], "cameras.bin: byte 0, `num_cameras`: expected at most 1, as the rest"),
+        (0, 12, &[99], "cameras.bin: byte 12, `MODEL`: expected a model of 0 to 10, found 99"),
+        (0, 24, &[0; 8], "images.bin: byte 8, `IMAGE_ID`: the image is 100 x 0 pixels"),
+        (1, 68, &[9], "images.bin: byte 68, `CAMERA_ID`: expected 7, the only ID of cameras, found 9"),
+        (1, 78, &[255; 7], "images.bin: byte 78, `num_points2D`: expected at most "),
+        (1, 72, &[0xFF], "images.bin: byte 72, `NAME`: expected UTF-8 text"),
+    ];
+    for (file, at, bytes, expected) in cases {
+        let found = said(damaged(file, at, bytes));
+        assert!(found.contains(expected), "{found}; expected {expected}");
+    }
     let distorted = colmap_binary(2, &[100.0, 50.0, 40.0, 0.5], 2);
     assert!(
         said(distorted)

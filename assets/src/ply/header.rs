@@ -310,18 +310,21 @@ mod tests {
 
     #[test]
     fn errors_name_the_line_and_what_was_expected() {
-        assert!(error("ply\nformat binary 1.0\nend_header\n").contains("line 2"));
-        assert!(error("ply\nformat ascii 2.0\n").contains("version 1.0, found `2.0`"));
-        assert!(error("ply\nformat ascii 1.0\nelement vertex many\n").contains("line 3 of the header"));
-        assert!(error("ply\nformat ascii 1.0\nproperty float x\n").contains("before the first `element`"));
-        assert!(error("ply\nformat ascii 1.0\nelement v 1\nproperty half x\n").contains("found `half`"));
-        assert!(
-            error("ply\nformat ascii 1.0\nelement v 1\nproperty list float int x\n").contains("integer type")
-        );
-        assert!(error("ply\nformat ascii 1.0\nelement v 1\nelement v 1\n").contains("a second `element v`"));
-        assert!(error("ply\nend_header\n").contains("no `format`"));
-        assert!(error("ply\nformat ascii 1.0\nelemnt vertex 1\n").contains("found `elemnt vertex 1`"));
-        assert!(error("ply\nformat ascii 1.0\nelement vertex -1\n").contains("found `-1`"));
+        for (text, expected) in [
+            ("format binary 1.0\nend_header\n", "line 2"),
+            ("format ascii 2.0\n", "version 1.0, found `2.0`"),
+            ("format ascii 1.0\nelement vertex many\n", "line 3 of the header"),
+            ("format ascii 1.0\nproperty float x\n", "before the first `element`"),
+            ("format ascii 1.0\nelement v 1\nproperty half x\n", "found `half`"),
+            ("format ascii 1.0\nelement v 1\nproperty list float int x\n", "integer type"),
+            ("format ascii 1.0\nelement v 1\nelement v 1\n", "a second `element v`"),
+            ("end_header\n", "no `format`"),
+            ("format ascii 1.0\nelemnt vertex 1\n", "found `elemnt vertex 1`"),
+            ("format ascii 1.0\nelement vertex -1\n", "found `-1`"),
+        ] {
+            let found = error(&format!("ply\n{text}"));
+            assert!(found.contains(expected), "{found}; expected {expected}");
+        }
     }
 
     #[test]

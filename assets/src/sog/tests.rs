@@ -120,25 +120,22 @@ fn damage_names_the_file_and_the_field() {
         *meta.pointer_mut(pointer).unwrap() = value;
         parse(&archive(&meta, &files)).unwrap_err().to_string()
     };
-    assert!(with("/version", json!(3)).contains("`meta.json: version`: expected 1 or 2, found 3"));
-    assert!(with("/version", json!(1)).contains("meta.json: missing field `shape`"));
-    assert!(with("/count", json!(0)).contains("`meta.json: count`: expected at least one splat"));
-    assert!(
-        with("/count", json!(17))
-            .contains("`l.webp`: expected 17 texels and at most 4 rows more, found 4 x 4")
-    );
-    assert!(with("/count", json!(4_000_000_000u32)).contains("`meta.json: count`: expected at most"));
-    assert!(
-        with("/sh0/codebook", json!([1.0]))
-            .contains("`meta.json: sh0.codebook`: expected 256 numbers, found 1")
-    );
-    assert!(with("/shN/bands", json!(4)).contains("`meta.json: shN.bands`: expected 1 to 3, found 4"));
-    assert!(
-        with("/shN/count", json!(200))
-            .contains("`n.webp`: expected 192 x 4 texels for 200 entries, found 192 x 2")
-    );
-    assert!(with("/quats/files/0", json!("none")).contains("`none`: expected this file in the archive"));
-    assert!(with("/means/mins", json!("a")).starts_with("line 1: meta.json: invalid type"));
+    let cases = [
+        ("/version", json!(3), "`meta.json: version`: expected 1 or 2, found 3"),
+        ("/version", json!(1), "meta.json: missing field `shape`"),
+        ("/count", json!(0), "`meta.json: count`: expected at least one splat"),
+        ("/count", json!(17), "`l.webp`: expected 17 texels and at most 4 rows more, found 4 x 4"),
+        ("/count", json!(4_000_000_000u32), "`meta.json: count`: expected at most"),
+        ("/sh0/codebook", json!([1.0]), "`meta.json: sh0.codebook`: expected 256 numbers, found 1"),
+        ("/shN/bands", json!(4), "`meta.json: shN.bands`: expected 1 to 3, found 4"),
+        ("/shN/count", json!(200), "`n.webp`: expected 192 x 4 texels for 200 entries, found 192 x 2"),
+        ("/quats/files/0", json!("none"), "`none`: expected this file in the archive"),
+        ("/means/mins", json!("a"), "line 1: meta.json: invalid type"),
+    ];
+    for (pointer, value, expected) in cases {
+        let found = with(pointer, value);
+        assert!(found.contains(expected), "{found}; expected {expected}");
+    }
     let (meta, mut files) = two();
     files[2].1 = b"RIFF".to_vec();
     let said = parse(&archive(&meta, &files)).unwrap_err().to_string();
