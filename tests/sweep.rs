@@ -2,6 +2,8 @@
 
 use crate::place::Place;
 use serde_json::Value;
+use splatgraph_assets::synth;
+use splatgraph_assets::{FileNotes, Filter, Scene, Splat};
 
 const SHORT: &str = "sweep scene.ply --size 64x48 --steps 3 --rounds 1 --frames 1";
 
@@ -44,6 +46,25 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
     assert_eq!((picture.width, picture.height), (64, 48));
     let page = place.text("out/sweep.html");
     assert_eq!(page.matches("<img").count(), 4 * 3, "all, and two steps, of each choice");
+}
+
+#[test]
+fn a_part_of_a_scene_is_drawn_by_the_rules_of_the_whole() {
+    let place = Place::empty();
+    // The second half is invisible, so the first half of the file looks like the whole.
+    let demo = synth::generate("demo", 200, 0).expect("the scene is generated");
+    let splat = |index: usize| {
+        let splat = demo.splat(index % 200);
+        Splat { opacity: if index < 200 { splat.opacity } else { 0.0 }, ..splat }
+    };
+    let notes = FileNotes { low_pass: Filter::Mip, ..FileNotes::default() };
+    let scene = Scene::generate(400, demo.stored_degree(), splat).with_notes(notes);
+    scene.write_ply(place.at("scene.ply")).expect("the scene is written");
+    place.done("sweep scene.ply --size 64x48 --steps 2 --rounds 1 --frames 1 -o out");
+    let swept = place.json("out/sweep.json");
+    let steps = swept["steps"].as_array().expect("steps");
+    let half = steps.iter().find(|step| step["choice"] == "file_order").expect("a step");
+    assert!(half["error"]["psnr_db"].as_f64().is_none_or(|psnr| psnr > 60.0), "{half}");
 }
 
 #[test]

@@ -103,13 +103,6 @@ fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     world_area(scene, index) * camera.fx * camera.fy / (z * z)
 }
 
-/// Makes a scene of the chosen splats, in the order of the file.
-pub fn subset(scene: &Scene, chosen: &[u32]) -> Scene {
-    let mut chosen = chosen.to_vec();
-    chosen.par_sort_unstable();
-    Scene::generate(chosen.len() as u32, scene.stored_degree(), |at| scene.splat(chosen[at] as usize))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -161,20 +154,5 @@ mod tests {
         let (scene, mut camera) = scene();
         camera.position[0] = 100.0;
         assert_eq!(ranking(&scene, &camera, Choice::ScreenSize), Some(vec![0, 1, 2, 3, 4]));
-    }
-
-    #[test]
-    fn a_subset_keeps_its_splats_unchanged_and_in_the_order_of_the_file() {
-        let (scene, _) = scene();
-        let part = subset(&scene, &[4, 1]);
-        assert_eq!((part.count(), part.stored_degree()), (2, 1));
-        for (at, index) in [(0, 1), (1, 4)] {
-            let (found, expected) = (part.splat(at), scene.splat(index));
-            assert_eq!(
-                (found.position, found.scale, found.opacity),
-                (expected.position, expected.scale, expected.opacity)
-            );
-            assert_eq!((found.rotation, found.sh), (expected.rotation, expected.sh));
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Draws a view with fewer and fewer splats, and measures the time and the error of each step.
 
-use super::choice::{BUDGET, Choice, ranking, subset};
+use super::choice::{BUDGET, Choice, ranking};
 use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
@@ -10,6 +10,7 @@ use crate::studies::measurement::view::{self, Measuring, View};
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
+use splatgraph_assets::synth::SynthError;
 use std::thread;
 
 /// The measurements of one step of the sweep in one view.
@@ -90,7 +91,10 @@ impl<D: Device> Sweep<'_, D> {
         for &count in counts {
             let mut session = match &ranking {
                 Some(ranking) => {
-                    let part = subset(self.whole.scene(), &ranking[..count as usize]);
+                    // In the order of the file.
+                    let mut chosen = ranking[..count as usize].to_vec();
+                    chosen.sort_unstable();
+                    let part = self.whole.scene().picked(&chosen).map_err(SynthError::from)?;
                     self.whole.beside_with(part, self.pipeline, self.set)?
                 }
                 None => {
