@@ -121,8 +121,11 @@ fn every_preset_passes_its_check() {
         );
     }
     for lanes in ["4", "8", "16", "32", "64"] {
+        // A graph that is not drawn is named: "`splat`: ...".
         let has = |line: &&str| {
-            line.split_once(" lanes: ").is_some_and(|(all, _)| all.trim().split(", ").any(|l| l == lanes))
+            line.split_once(" lanes: ").is_some_and(|(all, rest)| {
+                all.trim().split(", ").any(|l| l == lanes) && !rest.starts_with('`')
+            })
         };
         assert_eq!(text.lines().filter(has).count(), verdicts.len(), "{lanes} lanes in\n{text}");
     }

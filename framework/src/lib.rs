@@ -46,4 +46,4 @@ mod numbers;
 #[cfg(test)]
 mod testing;
 
-pub use build::build;
+pub use build::{build, build_candidate};

@@ -6,12 +6,13 @@ use super::{known_devices, options};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
+use crate::draw::requirements::{self, Case};
 use crate::io::output::{say, say_styled};
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 use splatgraph_api::Heap;
 use splatgraph_framework::dump;
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Fallback, ReflectedKind, Shader};
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Fallback, ReflectedKind, Shader, Unmet};
 use splatgraph_framework::lower::Standing;
 use splatgraph_framework::oracle;
 use splatgraph_framework::plan::Plan;
@@ -31,8 +32,10 @@ pub const EXAMPLES: &str = "Examples:
 ///
 /// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4 to 64 lanes.
 /// Errors are shown at their line and column. A graph's requirement that this device does not meet is reported, but is not an
-/// error. An oracle then replays the barriers of each plan, and reports missing barriers and needless bits. A parameter of --set
-/// without an effect gives a warning. With --device, graphs are built for that device instead, and unmet requirements are errors.
+/// error: the graph is then checked with other facts of the device or the scene, with which its requirements are met. So are the
+/// graphs of a choice that are not drawn. An oracle replays the barriers of each plan, and reports missing barriers and needless
+/// bits. A parameter of --set without an effect gives a warning. With --device, graphs are built for that device instead, and unmet
+/// requirements are errors.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -127,6 +130,7 @@ struct On {
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
+    storage_images: Option<usize>,
     /// True if the command line names the device: unmet requirements are then errors.
     is_named: bool,
 }
@@ -134,7 +138,7 @@ struct On {
 impl On {
     fn smallest(lanes: u32) -> On {
         let facts = facts::portable_device(lanes);
-        On { name: lanes.to_string(), facts, storage_buffers: None, is_named: false }
+        On { name: lanes.to_string(), facts, storage_buffers: None, storage_images: None, is_named: false }
     }
 
     fn named(device: &str) -> Result<On> {
@@ -143,12 +147,19 @@ impl On {
                 "a device that `splatgraph check --help` lists, a file, or a device of this machine";
             let found = options::target(Some(device))
                 .with_context(|| format!("expected {expected}, found `{device}`"))?;
-            return Ok(On { name: found.name, facts: found.facts, storage_buffers: None, is_named: true });
+            return Ok(On {
+                name: found.name,
+                facts: found.facts,
+                storage_buffers: None,
+                storage_images: None,
+                is_named: true,
+            });
         };
         Ok(On {
             name: known.name,
             facts: known.facts,
             storage_buffers: known.storage_buffers,
+            storage_images: known.storage_images,
             is_named: true,
         })
     }
@@ -160,21 +171,31 @@ impl On {
         }
     }
 
-    /// Describes the shaders that bind more storage buffers than the device allows; `None` if there are none.
-    fn too_many_buffers(&self, plan: &Plan) -> Option<String> {
-        let most = self.storage_buffers?;
-        let buffers = |shader: &Shader| -> usize {
-            let bindings = shader.reflection.bindings.iter();
-            let storage = bindings.filter(|b| matches!(b.kind, ReflectedKind::StorageBuffer { .. }));
-            storage.map(|binding| binding.count as usize).sum()
-        };
-        let found = plan.shaders.iter().filter(|shader| buffers(shader) > most);
-        let found: Vec<String> =
-            found.map(|shader| format!("{} binds {}", shader.name, buffers(shader))).collect();
-        (!found.is_empty()).then(|| {
-            format!("expected at most {most} storage buffers in a shader, found: {}", found.join(", "))
-        })
+    /// Describes the shaders that bind more storage buffers or images than the device allows; `None` if there are none.
+    fn exceeded(&self, plan: &Plan) -> Option<String> {
+        let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
+        let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
+        exceeded(plan, self.storage_buffers, "storage buffers", is_buffer)
+            .or_else(|| exceeded(plan, self.storage_images, "storage images", is_image))
     }
+}
+
+/// Describes the shaders that bind more than `most` resources of a kind; `None` if there are none.
+fn exceeded(
+    plan: &Plan,
+    most: Option<usize>,
+    what: &str,
+    is_kind: impl Fn(&ReflectedKind) -> bool,
+) -> Option<String> {
+    let most = most?;
+    let bound = |shader: &Shader| -> usize {
+        let bindings = shader.reflection.bindings.iter().filter(|binding| is_kind(&binding.kind));
+        bindings.map(|binding| binding.count as usize).sum()
+    };
+    let found = plan.shaders.iter().filter(|shader| bound(shader) > most);
+    let found: Vec<String> = found.map(|shader| format!("{} binds {}", shader.name, bound(shader))).collect();
+    (!found.is_empty())
+        .then(|| format!("expected at most {most} {what} in a shader, found: {}", found.join(", ")))
 }
 
 fn as_json(
@@ -222,18 +243,12 @@ enum Warning {
     Setting(String),
 }
 
-/// A verified plan, with the subgroup widths for which it was built.
-struct Verified {
-    lanes: Vec<String>,
-    plan: Plan,
-    line: String,
-}
-
-/// Builds a graph for each device, because graphs may depend on device facts, and verifies each plan.
+/// Builds a graph for each device, because graphs may depend on device facts, and verifies each plan. Graphs of a
+/// choice that are drawn on none of the devices, and graphs whose requirements the smallest device does not meet, are
+/// built for a device or a scene that meets them.
 ///
 /// Returns a verdict with a line for each group of devices with equal results. If a device has violations or errors,
-/// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead. If the
-/// smallest device needs a fallback or does not meet the requirements, the line says so and no plan is built.
+/// or is named and does not meet the graph's requirements, returns the verdict on the first such device instead.
 ///
 /// Each warning is passed to `warn` once.
 fn check(
@@ -245,91 +260,137 @@ fn check(
     warn: &mut dyn FnMut(Warning),
 ) -> CheckResult {
     let (catalog, scene) = nominal(splats);
-    let mut found: Vec<Verified> = Vec::new();
-    let mut unsuited: Vec<(Vec<String>, String)> = Vec::new();
-    let mut warned = Vec::new();
-    let mut idle: Vec<(String, Vec<String>)> = Vec::new();
-    for on in devices {
-        let lanes = &on.name;
-        let facts = facts::facts(&scene, &on.facts, facts::DEFAULT_SIZE);
+    let case = |on: &On| Case { device: on.facts, scene, size: facts::DEFAULT_SIZE };
+    let cases: Vec<Case> = devices.iter().map(case).collect();
+    let is_named = devices.iter().any(|on| on.is_named);
+    let mut checked = Checked { set, is_named, ..Checked::default() };
+    let mut drawn = Vec::new();
+    let mut unsuited = Lines::default();
+    for (on, case) in devices.iter().zip(&cases) {
+        let facts = case.facts();
         let standing = planner.standing(graph, &facts, &catalog)?;
-        let is_unmet = !standing.unmet.is_empty();
+        let (is_unmet, index) = (!standing.unmet.is_empty(), standing.fallbacks.len());
         let fallback = lacking(standing);
-        if let Some(line) = fallback.clone().filter(|_| on.is_named && is_unmet) {
-            return Ok(Verdict::Lacking(line));
-        }
-        // A named device that meets the requirements gets a plan with fallbacks; the smallest device gets no plan.
-        if let Some(line) = fallback.clone().filter(|_| !on.is_named) {
-            match unsuited.iter_mut().find(|(_, other)| *other == line) {
-                Some((all, _)) => all.push(lanes.clone()),
-                None => unsuited.push((vec![lanes.clone()], line)),
+        if let Some(line) = fallback.clone().filter(|_| is_unmet) {
+            if on.is_named {
+                return Ok(Verdict::Lacking(line));
             }
+            unsuited.add(&on.name, line);
             continue;
         }
+        drawn.push(index);
         let plan = planner.plan(graph, set, &facts, &catalog)?;
-        if let Some(line) = on.too_many_buffers(&plan) {
+        if let Some(line) = on.exceeded(&plan) {
             return Ok(Verdict::Lacking(line));
         }
+        let line = match checked.plan(planner, plan, &on.name, warn) {
+            Ok(line) => line,
+            Err(violations) => return Ok(Verdict::Wrong(violations)),
+        };
+        let line = fallback.map_or(line.clone(), |fallback| format!("{fallback}; {line}"));
+        checked.lines.add(&on.name, line);
+    }
+    let verdict = if drawn.is_empty() { "not for the least capable supported device" } else { "OK" };
+    checked.lines.0.append(&mut unsuited.0);
+    for undrawn in requirements::undrawn(planner, graph, &cases, &catalog, &drawn)? {
+        let who = undrawn.name.as_ref().map_or("the graph".to_owned(), |name| format!("`{name}`"));
+        let lanes = undrawn.case.as_ref().map_or(String::new(), |case| case.device.subgroup_size.to_string());
+        let line = match undrawn.plan(planner, graph, set, &catalog)? {
+            Some(plan) => match checked.plan(planner, plan, &lanes, warn) {
+                Ok(line) if undrawn.changed.is_empty() => format!("{who}: {line}"),
+                Ok(line) => format!("{who} with {}: {line}", undrawn.changed),
+                Err(violations) => return Ok(Verdict::Wrong(violations)),
+            },
+            None => format!(
+                "{who} was not checked: no facts were found with which it has {}",
+                listed(&undrawn.unmet)
+            ),
+        };
+        checked.lines.add(&lanes, line);
+    }
+    for (text, lanes) in &checked.idle.0 {
+        warn(Warning::Setting(format!("{}{text}", lanes_of(lanes, is_named))));
+    }
+    let line = |(line, lanes): (String, Vec<String>)| format!("\n  {}{line}", lanes_of(&lanes, is_named));
+    Ok(Verdict::Right(verdict.to_owned() + &checked.lines.0.into_iter().map(line).collect::<String>()))
+}
+
+/// Writes the subgroup widths of a line: `16, 32 lanes: `. A named device has none.
+fn lanes_of(lanes: &[String], is_named: bool) -> String {
+    let lanes: Vec<&str> = lanes.iter().map(String::as_str).filter(|lanes| !lanes.is_empty()).collect();
+    if is_named || lanes.is_empty() { String::new() } else { format!("{} lanes: ", lanes.join(", ")) }
+}
+
+/// Lines of text, each with the subgroup widths that it is about.
+#[derive(Default)]
+struct Lines(Vec<(String, Vec<String>)>);
+
+impl Lines {
+    fn add(&mut self, lanes: &str, line: String) {
+        match self.0.iter_mut().find(|(other, _)| *other == line) {
+            Some((_, all)) => all.push(lanes.to_owned()),
+            None => self.0.push((line, vec![lanes.to_owned()])),
+        }
+    }
+}
+
+/// What is known of the plans of a graph.
+#[derive(Default)]
+struct Checked<'a> {
+    set: &'a [(String, String)],
+    /// True if the command line names the device.
+    is_named: bool,
+    lines: Lines,
+    /// Settings without an effect.
+    idle: Lines,
+    /// Verified plans that differ, each with its summary.
+    verified: Vec<(Plan, String)>,
+    warned: Vec<String>,
+}
+
+impl Checked<'_> {
+    /// Verifies a plan for subgroups of `lanes`. Returns its summary, or the violations.
+    fn plan(
+        &mut self,
+        planner: &Planner,
+        plan: Plan,
+        lanes: &str,
+        warn: &mut dyn FnMut(Warning),
+    ) -> Result<String, String> {
         let warnings = planner.warnings(&plan, colour());
-        if !warnings.is_empty() && !warned.contains(&warnings) {
+        if !warnings.is_empty() && !self.warned.contains(&warnings) {
             let text = format!("{}\n", warnings.trim_end());
             warn(Warning::Plan { text, plain: planner.plain_warnings(&plan) });
-            warned.push(warnings);
+            self.warned.push(warnings);
         }
-        for (_, text) in without_effect(&plan, set) {
-            match idle.iter_mut().find(|(other, _)| *other == text) {
-                Some((_, all)) => all.push(lanes.clone()),
-                None => idle.push((text, vec![lanes.clone()])),
-            }
+        for (_, text) in without_effect(&plan, self.set) {
+            self.idle.add(lanes, text);
         }
         // Barriers depend on passes and resources, not on shaders or facts.
-        let same = |other: &Verified| is_same(&other.plan, &plan);
-        let line = match found.iter().find(|other| same(other)) {
-            Some(other) => other.line.clone(),
-            None => match sync::barriers(&plan)
-                .map_err(|e| e.to_string())
-                .and_then(|barriers| verify(&plan, &barriers))
-            {
-                Ok(line) => line,
-                Err(violations) => {
-                    let whose = if on.is_named {
-                        String::new()
-                    } else {
-                        format!("with subgroups of {lanes} lanes:\n")
-                    };
-                    return Ok(Verdict::Wrong(whose + &violations));
-                }
-            },
-        };
-        let line = match fallback {
-            Some(fallback) => format!("{fallback}; {line}"),
-            None => line,
-        };
-        match found.iter_mut().find(|other| other.line == line) {
-            Some(other) => other.lanes.push(lanes.clone()),
-            None => found.push(Verified { lanes: vec![lanes.clone()], plan, line }),
+        if let Some((_, line)) = self.verified.iter().find(|(other, _)| is_same(other, &plan)) {
+            return Ok(line.clone());
         }
+        let verified =
+            sync::barriers(&plan).map_err(|e| e.to_string()).and_then(|barriers| verify(&plan, &barriers));
+        let line = verified.map_err(|violations| match self.is_named {
+            true => violations,
+            false => format!("with subgroups of {lanes} lanes:\n{violations}"),
+        })?;
+        self.verified.push((plan, line.clone()));
+        Ok(line)
     }
-    let lanes_of = |lanes: &[String]| match devices.iter().any(|on| on.is_named) {
-        true => String::new(),
-        false => format!("{} lanes: ", lanes.join(", ")),
-    };
-    for (text, lanes) in idle {
-        warn(Warning::Setting(format!("{}{text}", lanes_of(&lanes))));
-    }
-    let verdict = if found.is_empty() { "not for the least capable supported device" } else { "OK" };
-    let found = found.into_iter().map(|verified| (verified.lanes, verified.line));
-    let line = |(lanes, line): (Vec<String>, String)| format!("\n  {}{line}", lanes_of(&lanes));
-    Ok(Verdict::Right(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
+}
+
+fn listed(unmet: &[Unmet]) -> String {
+    unmet.iter().map(ToString::to_string).collect::<Vec<_>>().join(" and ")
 }
 
 /// Describes the requirements that a device does not meet, and the fallbacks; `None` if it meets all.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     let mut parts: Vec<String> = Fallback::lacking(&fallbacks).map(ToString::to_string).collect();
     if !unmet.is_empty() {
-        let needs: Vec<String> = unmet.iter().map(ToString::to_string).collect();
         let whose = fallbacks.last().map_or("the graph".to_owned(), |last| format!("`{}`", last.taken));
-        parts.push(format!("{whose} needs {}, and there is no fallback", needs.join(" and ")));
+        parts.push(format!("{whose} needs {}, and there is no fallback", listed(&unmet)));
     }
     (!parts.is_empty()).then(|| parts.join("; "))
 }
@@ -400,154 +461,4 @@ fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn checked(planner: &mut Planner, graph: &str, splats: u64) -> CheckResult {
-        let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
-        check(planner, graph, &[], splats, &smallest, &mut |_| {})
-    }
-
-    fn right(result: CheckResult) -> String {
-        match result.expect("no error") {
-            Verdict::Right(lines) => lines,
-            other => panic!("expected a graph without mistakes, found {other:?}"),
-        }
-    }
-
-    #[test]
-    fn what_a_named_device_lacks_is_an_error_that_names_the_need() {
-        let planner = &mut Planner::default();
-        let mut on = |graph: &str, device: &str| {
-            let device = On::named(device).expect("a device of the catalogue");
-            check(planner, graph, &[], 1_000_000, &[device], &mut |_| {}).expect("no error")
-        };
-        let lacking = |verdict: Verdict| match verdict {
-            Verdict::Lacking(line) => line,
-            other => panic!("expected a need that is not met, found {other:?}"),
-        };
-        let line = lacking(on("tiled", "webgpu"));
-        assert!(
-            line.contains("device.subgroup_") && line.ends_with("= false), and there is no fallback"),
-            "{line}"
-        );
-        let line = lacking(on("splat", "webgpu-subgroups"));
-        assert!(
-            line.starts_with("expected at most 8 storage buffers in a shader, found: project.comp binds "),
-            "{line}"
-        );
-        for device in ["lavapipe", "raspberry-pi-5", "adreno", "mali", "intel", "amd", "apple"] {
-            let verdict = on("auto", device);
-            assert!(
-                matches!(&verdict, Verdict::Right(lines) if lines.starts_with("OK\n  ")),
-                "{device}: {verdict:?}"
-            );
-        }
-        let error = On::named("no-such-device").err().expect("there is none").to_string();
-        assert!(error.ends_with("found `no-such-device`"), "{error}");
-    }
-
-    fn plan(lanes: u32) -> Plan {
-        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
-        Planner::default().plan("splat", &[], &facts, &options::nominal_catalog()).expect("a plan")
-    }
-
-    #[test]
-    fn the_plans_that_are_verified_have_both_sorts() {
-        for (lanes, sort) in
-            [(4, "serial"), (8, "serial"), (16, "subgroup"), (32, "subgroup"), (64, "subgroup")]
-        {
-            let plan = plan(lanes);
-            let sorter = plan.params.iter().find(|param| param.name == "sorter").expect("a parameter");
-            assert_eq!(sorter.value.to_string(), sort, "{lanes} lanes");
-            assert!(verify(&plan, &sync::barriers(&plan).expect("some")).is_ok(), "{lanes} lanes");
-        }
-    }
-
-    #[test]
-    fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
-        let planner = &mut Planner::default();
-        let errors = checked(planner, "unsorted", 5_000_000).expect_err("the splats exceed a storage buffer");
-        assert!(
-            errors.to_string().contains("`splats` has 153 MiB, and the device binds at most 128"),
-            "{errors}"
-        );
-        let fit =
-            too_large(planner, "unsorted", &[], 5_000_000, &Target::nominal()).expect("it is only too large");
-        assert!(
-            fit.most_splats
-                .is_some_and(|most| matches!(checked(planner, "unsorted", most), Ok(Verdict::Right(_)))),
-            "{fit}"
-        );
-        assert_eq!(too_large(planner, "unsorted", &[], 1_000_000, &Target::nominal()), None);
-    }
-
-    #[test]
-    fn a_graph_that_needs_more_than_the_smallest_device_is_no_error_and_says_what_and_what_stands_in() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let written = |name: &str, more: &str| {
-            let path = folder.path().join(name);
-            let text = format!("Preset(graph: \"unsorted\", summary: \"\", set: {{}}, {more})");
-            std::fs::write(&path, text).expect("writable");
-            path.display().to_string()
-        };
-        let wide = r#"require: [("device.max_invocations >= 1024", "workgroups of 1024 invocations")]"#;
-        let checked = |graph: &str| right(checked(&mut Planner::default(), graph, 1000));
-        assert_eq!(
-            checked(&written("wide.ron", wide)),
-            "not for the least capable supported device\n  4, 8, 16, 32, 64 lanes: the graph needs workgroups of 1024 \
-             invocations (device.max_invocations = 256), and there is no fallback"
-        );
-        let narrow = r#"require: [("device.subgroup_size <= 32", "narrow subgroups")]"#;
-        let narrow = written("narrow.ron", narrow);
-        let either = std::path::Path::new(&narrow).with_file_name("either.ron");
-        let choice = r#"Choice(summary: "", of: [(graph: "narrow.ron"), (graph: "splat")])"#;
-        std::fs::write(&either, choice).expect("writable");
-        let text = checked(&either.display().to_string());
-        assert!(text.starts_with("OK\n  4, 8"), "{text}");
-        let last = text.lines().last().expect("a line");
-        assert!(last.starts_with("  64 lanes: `splat` is used instead of `"), "{text}");
-        assert!(
-            last.ends_with("narrow.ron`, which needs narrow subgroups (device.subgroup_size = 64)"),
-            "{text}"
-        );
-    }
-
-    #[test]
-    fn json_has_the_place_of_a_mistake_and_what_helps() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("graph.ron");
-        let text = "Graph(version: 1, summary: \"\", output: \"image\",\n  \
-                    resources: { \"image\": Image(format: \"RGBA8Unorm\", size: (8, 8)) }, passes: [])";
-        std::fs::write(&path, text).expect("writable");
-        let graph = path.display().to_string();
-        let result = checked(&mut Planner::default(), &graph, 1000);
-        let json = as_json(&graph, None, &result, Vec::new(), &[]);
-        assert_eq!(json["ok"], false);
-        let found = &json["diagnostics"][0];
-        assert_eq!((&found["line"], &found["column"]), (&json!(2), &json!(40)), "{json:#}");
-        assert_eq!((&found["end_line"], &found["end_column"]), (&json!(2), &json!(50)), "{json:#}");
-        assert_eq!(
-            (&found["severity"], &found["help"][0]),
-            (&json!("error"), &json!("did you mean `rgba8`?"))
-        );
-        assert!(found["file"].as_str().is_some_and(|file| file.ends_with("graph.ron")), "{json:#}");
-    }
-
-    #[test]
-    fn a_barrier_too_few_and_a_barrier_too_many_fail() {
-        let plan = plan(8);
-        let barriers = sync::barriers(&plan).expect("some");
-        let at = plan.frame.iter().position(|pass| !barriers.at(Some(*pass)).is_empty());
-        let at = Some(plan.frame[at.expect("a barrier")]);
-        let mut fewer = barriers.clone();
-        fewer.at_mut(at).clear();
-        let text = verify(&plan, &fewer).expect_err("a hazard");
-        assert!(!text.contains("needless"), "{text}");
-        let mut more = barriers.clone();
-        let twice = more.at(at)[0].clone();
-        more.at_mut(at).push(twice);
-        let text = verify(&plan, &more).expect_err("a needless barrier");
-        assert!(text.lines().all(|line| line.starts_with("needless: ")), "{text}");
-    }
-}
+mod tests;

@@ -3,7 +3,7 @@
 use crate::draw::facts;
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
-use splatgraph_framework::ir::{DeviceFacts, Features};
+use splatgraph_framework::ir::{DeviceFacts, Features, Value as Fact};
 use std::path::Path;
 
 /// A device for which graphs can be built.
@@ -13,6 +13,8 @@ pub struct KnownDevice {
     pub facts: DeviceFacts,
     /// Maximum number of storage buffers in one shader; `None` if unknown, or if no graph can exceed the limit.
     pub storage_buffers: Option<usize>,
+    /// Maximum number of storage images in one shader; `None` if unknown.
+    pub storage_images: Option<usize>,
     pub source: &'static str,
 }
 
@@ -28,6 +30,8 @@ pub fn catalogue() -> Vec<KnownDevice> {
         name: name.to_owned(),
         facts,
         storage_buffers,
+        // WebGPU is the only one that lists less than other devices.
+        storage_images: name.starts_with("webgpu").then_some(4),
         source,
     };
     let limits = |lanes, max_storage_bytes, max_invocations, shared_kib: u32| DeviceFacts {
@@ -119,49 +123,31 @@ fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     let facts = device.get("facts").unwrap_or(device);
     let facts =
         facts.as_object().context("expected an object of facts, such as {\"device.subgroup_size\": 32}")?;
+    if facts.is_empty() {
+        bail!("expected facts, such as {{\"device.subgroup_size\": 32}}, found none");
+    }
     let name = device.get("name").and_then(Value::as_str).unwrap_or(name).to_owned();
-    Ok(KnownDevice { name, facts: read(facts)?, storage_buffers: None, source: "a file" })
+    Ok(KnownDevice {
+        name,
+        facts: read(facts)?,
+        storage_buffers: None,
+        storage_images: None,
+        source: "a file",
+    })
 }
 
 /// Reads facts by the names that graphs use. A missing fact is taken from the least capable supported device.
 fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
     let mut facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     for (name, value) in named {
-        let number = || match value.as_u64() {
-            Some(number) => Ok(number),
-            None => bail!("expected a natural number for `{name}`, found {value}"),
-        };
-        let short =
-            || u32::try_from(number()?).with_context(|| format!("`{name}` is larger than 4294967295"));
-        let truth =
-            || value.as_bool().with_context(|| format!("expected true or false for `{name}`, found {value}"));
-        let feature = |facts: &mut DeviceFacts, feature| -> Result<()> {
-            facts.features.set(feature, truth()?);
-            Ok(())
-        };
-        match name.as_str() {
-            "device.subgroup_size" => facts.subgroup_size = short()?,
-            "device.max_storage_bytes" => facts.max_storage_bytes = number()?,
-            "device.max_groups_x" => facts.max_groups_x = short()?,
-            "device.max_invocations" => facts.max_invocations = short()?,
-            "device.shared_bytes" => facts.shared_bytes = short()?,
-            "device.rounds_half" => facts.rounds_half = truth()?,
-            "device.fused_fma" => facts.fused_fma = truth()?,
-            "device.int64" => feature(&mut facts, Features::INT64)?,
-            "device.float64" => feature(&mut facts, Features::FLOAT64)?,
-            "device.subgroup_arithmetic" => feature(&mut facts, Features::SUBGROUP_ARITHMETIC)?,
-            "device.subgroup_ballot" => feature(&mut facts, Features::SUBGROUP_BALLOT)?,
-            "device.subgroup_shuffle" => feature(&mut facts, Features::SUBGROUP_SHUFFLE)?,
-            "device.subgroup_vote" => feature(&mut facts, Features::SUBGROUP_VOTE)?,
-            _ => {
-                let known: Vec<&str> = facts.named().iter().map(|(name, _)| *name).collect();
-                bail!("expected one of {}, found `{name}`", known.join(", "))
+        let value = match value {
+            Value::Bool(truth) => Fact::Bool(*truth),
+            Value::Number(number) if number.is_u64() => {
+                Fact::Int(number.as_u64().and_then(|number| number.try_into().ok()).unwrap_or(i64::MAX))
             }
-        }
-    }
-    let lanes = facts.subgroup_size;
-    if !lanes.is_power_of_two() || !(facts::SUBGROUP_SIZES[0]..=128).contains(&lanes) {
-        bail!("expected a power of two from 4 to 128 for `device.subgroup_size`, found {lanes}");
+            other => Fact::Text(other.to_string()),
+        };
+        facts::set_device_fact(&mut facts, name, &value).map_err(anyhow::Error::msg)?;
     }
     Ok(facts)
 }
@@ -197,6 +183,9 @@ mod tests {
         );
         assert!(error(r#"{"device.subgroup_size": 24}"#).contains("found 24"));
         assert_eq!(error("[]"), "expected a device, found an empty list");
+        for empty in ["{}", r#"{"name": "x", "facts": {}}"#] {
+            assert!(error(empty).starts_with("expected facts, such as "), "{}", error(empty));
+        }
         assert!(find("no-such-device").expect("no file").is_none());
     }
 }

@@ -19,6 +19,7 @@ pub mod pictures;
 pub mod planner;
 pub mod projection;
 pub mod render_command;
+pub mod requirements;
 pub mod select;
 pub mod session;
 pub mod shader_cache;

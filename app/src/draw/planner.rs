@@ -3,9 +3,9 @@
 use crate::draw::builtin;
 use crate::draw::capacity::Capacities;
 use serde::Serialize;
-use splatgraph_framework::build;
+use splatgraph_framework::build_candidate;
 use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Request, Span, Value};
-use splatgraph_framework::lower::{self, Control, ExpressionNames, Standing, no_output};
+use splatgraph_framework::lower::{self, Candidate, Control, ExpressionNames, Standing, no_output};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::{Cancel, Glslang, SpirvStore, Worker};
@@ -112,13 +112,39 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Plan, GraphErrors> {
+        self.build(graph, None, set, facts, catalog)
+    }
+
+    /// Like [`Planner::plan`], but builds the graph at an index of [`Planner::candidates`].
+    ///
+    /// # Errors
+    /// The graph or its shaders have errors, or its requirements are not met.
+    pub fn plan_candidate(
+        &mut self,
+        graph: &str,
+        index: usize,
+        set: &[(String, String)],
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Plan, GraphErrors> {
+        self.build(graph, Some(index), set, facts, catalog)
+    }
+
+    fn build(
+        &mut self,
+        graph: &str,
+        candidate: Option<usize>,
+        set: &[(String, String)],
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Plan, GraphErrors> {
         let capacities = self.capacities.values();
         let mut facts = facts.clone();
         let asked = self.outputs.iter().map(|name| (format!("{OUTPUTS}{name}"), Value::Bool(true)));
         facts.host.extend(asked);
         let share_memory = self.share_memory;
         let request = Request { graph, set, capacities, facts: &facts, catalog, share_memory };
-        build(&request, &mut self.files, &mut self.compiler).map_err(|mut found| {
+        build_candidate(&request, candidate, &mut self.files, &mut self.compiler).map_err(|mut found| {
             self.outputs.iter().for_each(|name| name_graphs_with(name, &mut found));
             GraphErrors::new(&self.files, &found)
         })
@@ -168,6 +194,16 @@ impl Planner {
         catalog: &Catalog,
     ) -> Result<Standing, GraphErrors> {
         self.ask((graph, &[]), facts, catalog, lower::standing)
+    }
+
+    /// Lists the graphs of a choice in order of preference, with their unmet requirements; see [`lower::candidates`].
+    pub fn candidates(
+        &mut self,
+        graph: &str,
+        facts: &Facts,
+        catalog: &Catalog,
+    ) -> Result<Vec<Candidate>, GraphErrors> {
+        self.ask((graph, &[]), facts, catalog, lower::candidates)
     }
 
     /// Drops the cached files, so that the next plan reads them again. Unchanged shaders are not recompiled.

@@ -1,8 +1,17 @@
 //! Evaluates expressions. Where C would overflow or be undefined, evaluation fails with the place in the text.
 
+use std::collections::BTreeMap;
+
 use super::tree::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
 use crate::ir::Value;
 use crate::source::nearest;
+
+pub(super) fn collect_constants(node: &Node, found: &mut Vec<Value>) {
+    match eval(node, &BTreeMap::new()) {
+        Ok(value) => found.push(value),
+        Err(_) => node.operands().iter().for_each(|operand| collect_constants(operand, found)),
+    }
+}
 
 pub(super) fn eval(node: &Node, scope: &dyn Scope) -> Result<Value, ExprError> {
     match &node.kind {

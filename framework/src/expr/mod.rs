@@ -63,6 +63,13 @@ impl Expr {
         found.into_iter()
     }
 
+    /// Lists the values of the largest subexpressions without names: 49152 and 2 for `48 << 10 < 2 * n`.
+    pub fn constants(&self) -> Vec<Value> {
+        let mut found = Vec::new();
+        eval::collect_constants(&self.root, &mut found);
+        found
+    }
+
     /// Evaluates the expression in `scope`.
     ///
     /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by zero,

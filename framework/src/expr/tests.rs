@@ -169,6 +169,12 @@ fn every_use_of_a_name_is_listed_with_its_place() {
 }
 
 #[test]
+fn the_constants_of_an_expression_are_its_largest_parts_without_names() {
+    let parsed = Expr::parse("48 << 10 < 2 * n && mode == 'mip' && !wide").expect("valid");
+    assert_eq!(parsed.constants(), [Value::Int(49152), Value::Int(2), Value::Text("mip".into())]);
+}
+
+#[test]
 fn ceil_div_rounds_up_for_every_pair_of_signs() {
     int("ceil_div(scene.count, 4096)", 2);
     int("ceil_div(4096, 4096)", 1);

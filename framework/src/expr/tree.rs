@@ -73,38 +73,36 @@ impl Node {
         self.start..self.end
     }
 
-    /// Collects comparisons of a name with a literal text, by `==` or `!=`: the name, the text, and its place.
-    pub fn collect_comparisons<'a>(&'a self, found: &mut Vec<(&'a str, &'a str, Range<usize>)>) {
+    pub fn operands(&self) -> &[Node] {
         match &self.kind {
-            NodeKind::Literal(_) | NodeKind::Name(_) => {}
-            NodeKind::Unary(_, operand) => operand.collect_comparisons(found),
-            NodeKind::Binary(op, operands) => {
-                let [left, right] = &**operands;
-                if let BinaryOp::Equal | BinaryOp::NotEqual = op {
-                    for (name, text) in [(left, right), (right, left)] {
-                        if let (NodeKind::Name(name), NodeKind::Literal(Value::Text(value))) =
-                            (&name.kind, &text.kind)
-                        {
-                            found.push((name, value, text.place()));
-                        }
-                    }
-                }
-                operands.iter().for_each(|n| n.collect_comparisons(found));
-            }
-            NodeKind::Conditional(parts) => parts.iter().for_each(|n| n.collect_comparisons(found)),
-            NodeKind::Call(_, arguments) => arguments.iter().for_each(|n| n.collect_comparisons(found)),
+            NodeKind::Literal(_) | NodeKind::Name(_) => &[],
+            NodeKind::Unary(_, operand) => std::slice::from_ref(operand),
+            NodeKind::Binary(_, operands) => &operands[..],
+            NodeKind::Conditional(parts) => &parts[..],
+            NodeKind::Call(_, arguments) => arguments,
         }
     }
 
-    pub fn collect_names<'a>(&'a self, names: &mut Vec<(&'a str, Range<usize>)>) {
-        match &self.kind {
-            NodeKind::Literal(_) => {}
-            NodeKind::Name(name) => names.push((name, self.place())),
-            NodeKind::Unary(_, operand) => operand.collect_names(names),
-            NodeKind::Binary(_, operands) => operands.iter().for_each(|n| n.collect_names(names)),
-            NodeKind::Conditional(parts) => parts.iter().for_each(|n| n.collect_names(names)),
-            NodeKind::Call(_, arguments) => arguments.iter().for_each(|n| n.collect_names(names)),
+    /// Collects comparisons of a name with a literal text, by `==` or `!=`: the name, the text, and its place.
+    pub fn collect_comparisons<'a>(&'a self, found: &mut Vec<(&'a str, &'a str, Range<usize>)>) {
+        if let NodeKind::Binary(BinaryOp::Equal | BinaryOp::NotEqual, operands) = &self.kind {
+            let [left, right] = &**operands;
+            for (name, text) in [(left, right), (right, left)] {
+                if let (NodeKind::Name(name), NodeKind::Literal(Value::Text(value))) =
+                    (&name.kind, &text.kind)
+                {
+                    found.push((name, value, text.place()));
+                }
+            }
         }
+        self.operands().iter().for_each(|n| n.collect_comparisons(found));
+    }
+
+    pub fn collect_names<'a>(&'a self, names: &mut Vec<(&'a str, Range<usize>)>) {
+        if let NodeKind::Name(name) = &self.kind {
+            names.push((name, self.place()));
+        }
+        self.operands().iter().for_each(|n| n.collect_names(names));
     }
 }
 

@@ -61,7 +61,20 @@ pub struct Control {
 pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
     let mut walk = Lowering::new(request, files);
     let Root { chosen, parameters, resolved } =
+    lower_candidate(request, None, files)
+}
+
+/// Like [`lower`], but lowers the graph at an index of [`candidates`], if one is given.
+///
+/// # Errors
+/// Those of [`lower`]; the graph's requirements must hold.
+pub fn lower_candidate(
+    request: &Request,
+    candidate: Option<usize>,
+    files: &mut SourceMap,
+) -> Result<Lowered, Vec<Diagnostic>> {
         Root::open(request, walk.files, &mut walk.choices, &mut walk.known, None)?;
+    walk.choices.candidate = candidate;
     let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
     let (names, params) = (resolved.names, resolved.params.clone());
     let scope = Scope { names, params, exposed: parameters.exposed.clone() };
@@ -246,3 +259,24 @@ pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Ve
 
 #[cfg(test)]
 mod tests;
+/// A graph of a choice, or a graph alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Name by which the choice refers to the graph, or the request's for a graph alone.
+    pub name: String,
+    /// Unmet requirements of the graph, and of the choice for it.
+    pub unmet: Vec<Unmet>,
+}
+
+/// Lists the graphs of a choice in order of preference, without lowering them. A graph alone is the only one.
+///
+/// # Errors
+/// Those of [`standing`], for any of the graphs.
+pub fn candidates(request: &Request, files: &mut SourceMap) -> Result<Vec<Candidate>, Vec<Diagnostic>> {
+    let candidate = |Chosen { opened, unmet, .. }: Chosen| Candidate {
+        name: opened.candidate.clone().unwrap_or_else(|| request.graph.to_owned()),
+        unmet,
+    };
+    Ok(Choices::new(request).candidates(files)?.into_iter().map(candidate).collect())
+}
+

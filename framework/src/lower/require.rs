@@ -26,16 +26,24 @@ pub(super) struct Choices<'a> {
     request: &'a Request<'a>,
     /// The graph chosen for each file; `None` while the file's own includes are being visited.
     known: HashMap<FileId, Option<Found>>,
+    /// Index of the graph to use if the request's graph is a choice; `None` for the first whose requirements hold.
+    pub candidate: Option<usize>,
 }
 
 impl<'a> Choices<'a> {
     pub fn new(request: &'a Request<'a>) -> Self {
-        Choices { request, known: HashMap::new() }
+        Choices { request, known: HashMap::new(), candidate: None }
     }
 
-    /// Like [`Self::standing`], but fails with the unmet requirements if no graph suits the facts.
+    /// Returns the graph at [`Self::candidate`], or else [`Self::standing`]. Fails with its unmet requirements.
     pub fn root(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
-        let chosen = self.standing(files)?;
+        let chosen = match self.candidate {
+            Some(index) => {
+                let mut all = self.candidates(files)?;
+                Rc::new(all.swap_remove(index.min(all.len() - 1)))
+            }
+            None => self.standing(files)?,
+        };
         if chosen.unmet.is_empty() {
             Ok(chosen)
         } else {
@@ -46,6 +54,20 @@ impl<'a> Choices<'a> {
     pub fn standing(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         let file = document::find(files, self.request.graph)?;
         self.choose(file, files, 0)
+    }
+
+    /// Returns every graph of the request's choice, whether its requirements hold or not; at least one.
+    pub fn candidates(&mut self, files: &mut SourceMap) -> Result<Vec<Chosen>, Vec<Diagnostic>> {
+        let file = document::find(files, self.request.graph)?;
+        let all = document::follow(files, file)?;
+        let others = if all.len() > 1 { Rc::new(all.clone()) } else { Rc::default() };
+        let mut found = Vec::new();
+        for mut opened in all {
+            opened.others = others.clone();
+            let Needs { unmet, errors, .. } = self.needs(&opened, files, 0)?;
+            found.push(Chosen { opened: Rc::new(opened), fallbacks: Vec::new(), unmet, errors });
+        }
+        Ok(found)
     }
 
     /// Returns the first graph of `file` whose requirements hold, or else the last one.

@@ -1,0 +1,209 @@
+use super::*;
+
+fn checked(planner: &mut Planner, graph: &str, splats: u64) -> CheckResult {
+    let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
+    check(planner, graph, &[], splats, &smallest, &mut |_| {})
+}
+
+fn right(result: CheckResult) -> String {
+    match result.expect("no error") {
+        Verdict::Right(lines) => lines,
+        other => panic!("expected a graph without mistakes, found {other:?}"),
+    }
+}
+
+#[test]
+fn what_a_named_device_lacks_is_an_error_that_names_the_need() {
+    let planner = &mut Planner::default();
+    let mut on = |graph: &str, device: &str| {
+        let device = On::named(device).expect("a device of the catalogue");
+        check(planner, graph, &[], 1_000_000, &[device], &mut |_| {}).expect("no error")
+    };
+    let lacking = |verdict: Verdict| match verdict {
+        Verdict::Lacking(line) => line,
+        other => panic!("expected a need that is not met, found {other:?}"),
+    };
+    let line = lacking(on("tiled", "webgpu"));
+    assert!(
+        line.contains("device.subgroup_") && line.ends_with("= false), and there is no fallback"),
+        "{line}"
+    );
+    let line = lacking(on("splat", "webgpu-subgroups"));
+    assert!(
+        line.starts_with("expected at most 8 storage buffers in a shader, found: project.comp binds "),
+        "{line}"
+    );
+    for device in ["lavapipe", "raspberry-pi-5", "adreno", "mali", "intel", "amd", "apple"] {
+        let verdict = on("auto", device);
+        assert!(
+            matches!(&verdict, Verdict::Right(lines) if lines.starts_with("OK\n  ")),
+            "{device}: {verdict:?}"
+        );
+    }
+    let error = On::named("no-such-device").err().expect("there is none").to_string();
+    assert!(error.ends_with("found `no-such-device`"), "{error}");
+}
+
+fn plan(lanes: u32) -> Plan {
+    let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
+    Planner::default().plan("splat", &[], &facts, &options::nominal_catalog()).expect("a plan")
+}
+
+#[test]
+fn the_plans_that_are_verified_have_both_sorts() {
+    for (lanes, sort) in [(4, "serial"), (8, "serial"), (16, "subgroup"), (32, "subgroup"), (64, "subgroup")]
+    {
+        let plan = plan(lanes);
+        let sorter = plan.params.iter().find(|param| param.name == "sorter").expect("a parameter");
+        assert_eq!(sorter.value.to_string(), sort, "{lanes} lanes");
+        assert!(verify(&plan, &sync::barriers(&plan).expect("some")).is_ok(), "{lanes} lanes");
+    }
+}
+
+#[test]
+fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
+    let planner = &mut Planner::default();
+    let errors = checked(planner, "unsorted", 5_000_000).expect_err("the splats exceed a storage buffer");
+    assert!(
+        errors.to_string().contains("`splats` has 153 MiB, and the device binds at most 128"),
+        "{errors}"
+    );
+    let fit =
+        too_large(planner, "unsorted", &[], 5_000_000, &Target::nominal()).expect("it is only too large");
+    assert!(
+        fit.most_splats
+            .is_some_and(|most| matches!(checked(planner, "unsorted", most), Ok(Verdict::Right(_)))),
+        "{fit}"
+    );
+    assert_eq!(too_large(planner, "unsorted", &[], 1_000_000, &Target::nominal()), None);
+}
+
+/// Writes graphs into a new folder: the files of each name, with their texts. `GOOD` and `BAD` are names of shaders.
+fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let shader = |value: &str| {
+        format!(
+            "#version 460\nlayout(local_size_x = 8, local_size_y = 8) in;\n\
+             layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
+             void main() {{ imageStore(image, ivec2(0), {value}); }}\n"
+        )
+    };
+    let shaders = [("good.comp", shader("vec4(1.0)")), ("bad.comp", shader("unknown"))];
+    let graphs = files.iter().map(|(name, text)| (*name, (*text).to_owned()));
+    for (name, text) in graphs.chain(shaders) {
+        std::fs::write(folder.path().join(name), text).expect("writable");
+    }
+    folder
+}
+
+/// The text of a graph with one pass.
+fn graph(require: &str, shader: &str, size: &str) -> String {
+    format!(
+        "Graph(version: 1, summary: \"\", output: \"image\", require: [{require}],\n  \
+         resources: {{ \"image\": Image(format: \"rgba8\", size: (8, 8)) }},\n  \
+         passes: [Dispatch(name: \"paint\", shader: \"{shader}\", size: Threads({size}), bind: {{ \"image\": \"image\" }})])"
+    )
+}
+
+const LONGS: &str = r#"("device.int64", "64-bit integers")"#;
+
+fn result(folder: &tempfile::TempDir, name: &str) -> CheckResult {
+    let path = folder.path().join(name).display().to_string();
+    checked(&mut Planner::default(), &path, 1000)
+}
+
+#[test]
+fn a_graph_that_needs_more_than_the_smallest_device_is_no_error_and_all_else_is_checked() {
+    let folder = folder(&[
+        ("longs.ron", &graph(LONGS, "good.comp", "8, 8")),
+        ("divides.ron", &graph(LONGS, "good.comp", "\"8 / 0\", 8")),
+        ("shader.ron", &graph(LONGS, "bad.comp", "8, 8")),
+        ("never.ron", &graph(r#"("device.max_groups_x < 0", "no workgroups")"#, "bad.comp", "8, 8")),
+    ]);
+    let text = right(result(&folder, "longs.ron"));
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(
+        lines[..2],
+        [
+            "not for the least capable supported device",
+            "  4, 8, 16, 32, 64 lanes: the graph needs 64-bit integers (device.int64 = false), and there is no fallback"
+        ]
+    );
+    let checked =
+        "  4, 8, 16, 32, 64 lanes: the graph with device.int64 = true: 2 passes (0 once, 2 every frame)";
+    assert!(lines.len() == 3 && lines[2].starts_with(checked), "{text}");
+    let errors = result(&folder, "divides.ron").expect_err("a division by zero");
+    assert!(errors.to_string().contains("division by zero"), "{errors}");
+    let errors = result(&folder, "shader.ron").expect_err("an unknown name");
+    assert!(errors.to_string().contains("`unknown`"), "{errors}");
+    let text = right(result(&folder, "never.ron"));
+    let last = "\n  the graph was not checked: no facts were found with which it has no workgroups (device.max_groups_x = 65535)";
+    assert!(text.ends_with(last), "{text}");
+}
+
+#[test]
+fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
+    let choice = |of: &str| format!("Choice(summary: \"\", of: [{of}])");
+    let folder = folder(&[
+        ("good.ron", &graph("", "good.comp", "8, 8")),
+        ("bad.ron", &graph("", "bad.comp", "8, 8")),
+        ("longs.ron", &graph(LONGS, "good.comp", "8, 8")),
+        ("after.ron", &choice(r#"(graph: "good.ron"), (graph: "bad.ron")"#)),
+        ("before.ron", &choice(&format!(r#"(graph: "bad.ron", require: [{LONGS}]), (graph: "good.ron")"#))),
+        ("last.ron", &choice(r#"(graph: "longs.ron"), (graph: "bad.ron")"#)),
+        (
+            "small.ron",
+            &choice(r#"(graph: "bad.ron", require: [("scene.count < 9", "few")]), (graph: "good.ron")"#),
+        ),
+        ("fine.ron", &choice(r#"(graph: "longs.ron"), (graph: "good.ron")"#)),
+    ]);
+    for name in ["after.ron", "before.ron", "last.ron", "small.ron"] {
+        let errors = result(&folder, name).expect_err(name);
+        assert!(errors.to_string().contains("`unknown`"), "{name}: {errors}");
+    }
+    let text = right(result(&folder, "fine.ron"));
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((lines[0], lines.len()), ("OK", 3), "{text}");
+    let drawn = "  4, 8, 16, 32, 64 lanes: `good.ron` is used instead of `longs.ron`, which needs 64-bit integers \
+                 (device.int64 = false); 2 passes";
+    assert!(lines[1].starts_with(drawn), "{text}");
+    assert!(
+        lines[2].starts_with("  4, 8, 16, 32, 64 lanes: `longs.ron` with device.int64 = true: 2 passes"),
+        "{text}"
+    );
+}
+
+#[test]
+fn json_has_the_place_of_a_mistake_and_what_helps() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("graph.ron");
+    let text = "Graph(version: 1, summary: \"\", output: \"image\",\n  \
+                resources: { \"image\": Image(format: \"RGBA8Unorm\", size: (8, 8)) }, passes: [])";
+    std::fs::write(&path, text).expect("writable");
+    let graph = path.display().to_string();
+    let result = checked(&mut Planner::default(), &graph, 1000);
+    let json = as_json(&graph, None, &result, Vec::new(), &[]);
+    assert_eq!(json["ok"], false);
+    let found = &json["diagnostics"][0];
+    assert_eq!((&found["line"], &found["column"]), (&json!(2), &json!(40)), "{json:#}");
+    assert_eq!((&found["end_line"], &found["end_column"]), (&json!(2), &json!(50)), "{json:#}");
+    assert_eq!((&found["severity"], &found["help"][0]), (&json!("error"), &json!("did you mean `rgba8`?")));
+    assert!(found["file"].as_str().is_some_and(|file| file.ends_with("graph.ron")), "{json:#}");
+}
+
+#[test]
+fn a_barrier_too_few_and_a_barrier_too_many_fail() {
+    let plan = plan(8);
+    let barriers = sync::barriers(&plan).expect("some");
+    let at = plan.frame.iter().position(|pass| !barriers.at(Some(*pass)).is_empty());
+    let at = Some(plan.frame[at.expect("a barrier")]);
+    let mut fewer = barriers.clone();
+    fewer.at_mut(at).clear();
+    let text = verify(&plan, &fewer).expect_err("a hazard");
+    assert!(!text.contains("needless"), "{text}");
+    let mut more = barriers.clone();
+    let twice = more.at(at)[0].clone();
+    more.at_mut(at).push(twice);
+    let text = verify(&plan, &more).expect_err("a needless barrier");
+    assert!(text.lines().all(|line| line.starts_with("needless: ")), "{text}");
+}

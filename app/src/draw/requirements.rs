@@ -1,0 +1,294 @@
+//! Finds devices and scenes that meet the requirements of graphs.
+//!
+//! With them, the graphs of a choice that a device does not draw can be checked, too.
+
+use crate::draw::facts::{self, MAX_SUBGROUP_SIZE, SUBGROUP_SIZES, SceneFacts, set_device_fact};
+use crate::draw::planner::{GraphErrors, Planner};
+use splatgraph_assets::{Filter, SortKey};
+use splatgraph_framework::expr::Expr;
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Unmet, Value};
+use splatgraph_framework::plan::Plan;
+
+/// A device, a scene and the size of a picture, for which a plan is built.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Facts of the device.
+    pub device: DeviceFacts,
+    /// Facts of the scene.
+    pub scene: SceneFacts,
+    /// Width and height of the picture, in pixels.
+    pub size: (u32, u32),
+}
+
+/// A graph to build for a case.
+#[derive(Clone, Debug)]
+pub struct Build {
+    /// True if the case is a given one, in which this graph is drawn. Otherwise another graph of a choice is drawn, or
+    /// the graph's requirements are not met.
+    pub is_drawn: bool,
+    /// Index of the graph in its choice; see [`splatgraph_framework::lower::candidates`].
+    pub index: usize,
+    /// Name by which the choice refers to a graph that is not drawn; `None` for a graph alone.
+    pub name: Option<String>,
+    /// A case that meets the graph's requirements; `None` if none was found.
+    pub case: Option<Case>,
+    /// The facts in which `case` differs from the given case, such as `device.int64 = true`; may be empty.
+    pub changed: String,
+    /// The requirements that the given case does not meet.
+    pub unmet: Vec<Unmet>,
+}
+
+/// Lists the graphs that are drawn in the given cases, and cases for the others; see [`undrawn`].
+///
+/// # Errors
+/// Errors of the graphs' files and of their `require`.
+pub fn builds(
+    planner: &mut Planner,
+    graph: &str,
+    given: &[Case],
+    catalog: &Catalog,
+) -> Result<Vec<Build>, GraphErrors> {
+    let mut all = Vec::new();
+    for case in given {
+        let standing = planner.standing(graph, &case.facts(), catalog)?;
+        if standing.unmet.is_empty() {
+            all.push(Build {
+                is_drawn: true,
+                index: standing.fallbacks.len(),
+                name: None,
+                case: Some(case.clone()),
+                changed: String::new(),
+                unmet: Vec::new(),
+            });
+        }
+    }
+    let drawn: Vec<usize> = all.iter().map(|build| build.index).collect();
+    all.extend(undrawn(planner, graph, given, catalog, &drawn)?);
+    Ok(all)
+}
+
+/// Finds cases for the graphs of `graph` whose indices are not in `drawn`.
+///
+/// If a given case does not meet a graph's requirements, facts that they read are changed until it does. Each result
+/// differs from the others. `catalog` has the imports of a graph that draws the scene.
+///
+/// # Errors
+/// Errors of the graphs' files and of their `require`.
+pub fn undrawn(
+    planner: &mut Planner,
+    graph: &str,
+    given: &[Case],
+    catalog: &Catalog,
+    drawn: &[usize],
+) -> Result<Vec<Build>, GraphErrors> {
+    let mut found: Vec<Build> = Vec::new();
+    for case in given {
+        let candidates = planner.candidates(graph, &case.facts(), catalog)?;
+        let is_alone = candidates.len() == 1;
+        for (index, candidate) in candidates.into_iter().enumerate().filter(|(i, _)| !drawn.contains(i)) {
+            let unmet = |planner: &mut Planner, case: &Case| {
+                let all = planner.candidates(graph, &case.facts(), catalog).ok();
+                all.map(|mut all| all.swap_remove(index).unmet)
+            };
+            let met = meeting(case, candidate.unmet.clone(), |case| unmet(planner, case));
+            let changed = met.as_ref().map_or_else(String::new, |met| met.differences(case));
+            let name = (!is_alone).then_some(candidate.name);
+            let new = Build { is_drawn: false, index, name, case: met, changed, unmet: candidate.unmet };
+            match found.iter_mut().find(|other| (other.index, &other.case) == (index, &new.case)) {
+                Some(same) if same.changed.len() > new.changed.len() => *same = new,
+                Some(_) => {}
+                None => found.push(new),
+            }
+        }
+    }
+    // A graph is checked if any of the cases could be changed.
+    let checked: Vec<usize> = found.iter().filter(|f| f.case.is_some()).map(|f| f.index).collect();
+    found.retain(|build| build.case.is_some() || !checked.contains(&build.index));
+    found.sort_by_key(|build| build.index);
+    Ok(found)
+}
+
+impl Build {
+    /// Builds the plan; `None` without a case. `set` is used for a graph alone: another graph may lack its parameters.
+    pub fn plan(
+        &self,
+        planner: &mut Planner,
+        graph: &str,
+        set: &[(String, String)],
+        catalog: &Catalog,
+    ) -> Result<Option<Plan>, GraphErrors> {
+        let Some(case) = &self.case else { return Ok(None) };
+        let set = if self.name.is_none() { set } else { &[] };
+        planner.plan_candidate(graph, self.index, set, &case.facts(), &case.catalog(catalog)).map(Some)
+    }
+}
+
+/// Changes facts until a case has no unmet requirements. `None` if no such facts are found.
+fn meeting(
+    given: &Case,
+    mut unmet: Vec<Unmet>,
+    mut unmet_of: impl FnMut(&Case) -> Option<Vec<Unmet>>,
+) -> Option<Case> {
+    // Facts that meet one requirement may fail another.
+    const ROUNDS: usize = 8;
+    let mut case = given.clone();
+    for _ in 0..ROUNDS {
+        let Some(first) = unmet.first() else { return Some(case) };
+        case = case.meeting(&first.reason.expression)?;
+        unmet = unmet_of(&case)?;
+    }
+    unmet.is_empty().then_some(case)
+}
+
+impl Case {
+    /// Returns the facts of the case, as graphs see them.
+    pub fn facts(&self) -> Facts {
+        facts::facts(&self.scene, &self.device, self.size)
+    }
+
+    /// Returns the imports of a graph that draws the scene.
+    pub fn catalog(&self, catalog: &Catalog) -> Catalog {
+        facts::with_count(catalog.clone(), self.scene.count)
+    }
+
+    /// Lists the facts that differ from those of another case: `device.int64 = true`.
+    fn differences(&self, other: &Case) -> String {
+        let (facts, others) = (self.facts().named(), other.facts().named());
+        let changed = facts.iter().filter(|(name, value)| others.get(*name) != Some(value));
+        changed.map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Changes the facts that a condition names, so that it holds. `None` if no such values are found.
+    fn meeting(&self, condition: &str) -> Option<Case> {
+        let condition = Expr::parse(condition).ok()?;
+        let facts = self.facts().named();
+        let mut names: Vec<&str> = condition.names().map(|(name, _)| name).collect();
+        names.sort_unstable();
+        names.dedup();
+        let constants = condition.constants();
+        let values = |name| (name, values(name, facts.get(name), &constants));
+        let choices: Vec<(&str, Vec<Value>)> = names.into_iter().map(values).collect();
+        self.search(&condition, &choices, &mut 10_000)
+    }
+
+    /// Tries the combinations of values, at most `tries`.
+    fn search(&self, condition: &Expr, choices: &[(&str, Vec<Value>)], tries: &mut u32) -> Option<Case> {
+        let Some(((name, values), others)) = choices.split_first() else {
+            *tries = tries.checked_sub(1)?;
+            let holds = condition.eval(&self.facts().named()) == Ok(Value::Bool(true));
+            return holds.then(|| self.clone());
+        };
+        values.iter().find_map(|value| {
+            let mut case = self.clone();
+            (*tries > 0 && case.set(name, value)).then(|| case.search(condition, others, tries))?
+        })
+    }
+
+    /// Sets a fact by its name. Returns false if it cannot have the value.
+    fn set(&mut self, name: &str, value: &Value) -> bool {
+        if name.starts_with("device.") {
+            return set_device_fact(&mut self.device, name, value).is_ok();
+        }
+        let scene = &mut self.scene;
+        match (name, value) {
+            ("viewport.width", Value::Int(width @ 1..=16384)) => self.size.0 = *width as u32,
+            ("viewport.height", Value::Int(height @ 1..=16384)) => self.size.1 = *height as u32,
+            ("scene.count", Value::Int(count @ 1..=0xffff_ffff)) => scene.count = *count as u64,
+            ("scene.sh_degree", Value::Int(degree @ 0..)) if *degree <= scene.stored_sh_degree.into() => {
+                scene.sh_degree = *degree as u32;
+            }
+            ("scene.key_bits", Value::Int(bits @ 8..=32)) => scene.key_bits = *bits as u32,
+            ("scene.largest_sh", Value::Int(largest @ 0..)) => scene.largest_sh = *largest as u64,
+            ("scene.brightest", Value::Int(brightest @ 0..)) => scene.brightest = *brightest as u64,
+            ("mesh.triangles", Value::Int(count @ 0..=0xffff_ffff)) => scene.triangles = *count as u64,
+            ("mesh.possible", Value::Bool(possible)) => scene.mesh_possible = *possible,
+            ("scene.wide", Value::Bool(wide)) => scene.wide = *wide,
+            ("scene.low_pass", Value::Text(text)) => {
+                let all = [Filter::Dilated, Filter::Compensated, Filter::Mip];
+                let Some(filter) = all.into_iter().find(|filter| filter.name() == text) else { return false };
+                scene.low_pass = filter;
+            }
+            ("scene.key_of", Value::Text(text)) => {
+                let all = [SortKey::Depth, SortKey::Distance];
+                let Some(key) = all.into_iter().find(|key| key.name() == text) else { return false };
+                scene.key_of = key;
+            }
+            // Graphs cannot require what cannot be set here: it stays as it is.
+            _ => return self.facts().named().get(name) == Some(value),
+        }
+        true
+    }
+}
+
+/// Lists values of a fact with which a condition with these constants may hold, the most similar to `present` first.
+fn values(name: &str, present: Option<&Value>, constants: &[Value]) -> Vec<Value> {
+    match present {
+        Some(Value::Bool(present)) => vec![Value::Bool(*present), Value::Bool(!present)],
+        Some(Value::Int(present)) => {
+            let constants = constants.iter().filter_map(|constant| match constant {
+                Value::Int(number) => Some(*number),
+                Value::Float(number) => Some(*number as i64),
+                Value::Bool(_) | Value::Text(_) => None,
+            });
+            let near = |number: i64| [number.saturating_sub(1), number, number.saturating_add(1)];
+            let mut all: Vec<i64> = [*present].into_iter().chain(constants).flat_map(near).collect();
+            all.extend([1, u32::MAX.into()]);
+            if name == "device.subgroup_size" {
+                let sizes = SUBGROUP_SIZES.into_iter().chain([MAX_SUBGROUP_SIZE]);
+                all = sizes.map(i64::from).collect();
+            }
+            all.sort_by_key(|value| (value.abs_diff(*present), *value));
+            all.dedup();
+            all.into_iter().map(Value::Int).collect()
+        }
+        Some(present @ Value::Text(_)) => {
+            let names = ["dilated", "compensated", "mip", "depth", "distance"];
+            [present.clone()].into_iter().chain(names.map(|name| Value::Text(name.to_owned()))).collect()
+        }
+        // An output that is not requested, or no fact.
+        Some(Value::Float(_)) | None => present.cloned().into_iter().collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn given() -> Case {
+        let device = facts::portable_device(8);
+        Case { device, scene: SceneFacts::NOMINAL, size: facts::DEFAULT_SIZE }
+    }
+
+    #[test]
+    fn the_facts_that_a_condition_names_are_changed_until_it_holds_and_no_others() {
+        for (condition, changed) in [
+            ("device.int64", "device.int64 = true"),
+            ("device.int64 && !device.subgroup_vote", "device.int64 = true, device.subgroup_vote = false"),
+            ("device.max_invocations >= 1024", "device.max_invocations = 1024"),
+            ("device.shared_bytes >= 48 << 10", "device.shared_bytes = 49152"),
+            ("device.subgroup_size >= 16 && scene.count > 0", "device.subgroup_size = 16"),
+            ("device.subgroup_size > 64", "device.subgroup_size = 128"),
+            ("scene.count < 65536", "scene.count = 65535"),
+            ("scene.low_pass == 'mip' || false", "scene.low_pass = mip"),
+            ("scene.key_of != 'depth'", "scene.key_of = distance"),
+            ("viewport.width % 2 == 1", "viewport.width = 959"),
+            ("scene.count * 4096 <= device.max_storage_bytes", "scene.count = 4097"),
+            ("device.int64 || true", ""),
+        ] {
+            let met = given().meeting(condition).unwrap_or_else(|| panic!("{condition}"));
+            assert_eq!(met.differences(&given()), changed, "{condition}");
+        }
+        for condition in
+            ["device.max_groups_x < 0", "device.subgroup_size == 24", "scene.stored_sh_degree == 0"]
+        {
+            assert_eq!(given().meeting(condition), None, "{condition}");
+        }
+    }
+
+    #[test]
+    fn the_imports_have_as_many_splats_as_the_facts() {
+        let few = given().meeting("scene.count < 1000").expect("there are such scenes");
+        let catalog = few.catalog(&facts::nominal_catalog());
+        assert_eq!(catalog.attributes["scene.position"].count, 999);
+    }
+}
