@@ -59,8 +59,6 @@ pub struct Control {
 /// Errors of the request's settings and outputs, of the graph's file and the files that it refers to, or the unmet
 /// requirements if no graph suits the facts.
 pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
-    let mut walk = Lowering::new(request, files);
-    let Root { chosen, parameters, resolved } =
     lower_candidate(request, None, files)
 }
 
@@ -73,8 +71,10 @@ pub fn lower_candidate(
     candidate: Option<usize>,
     files: &mut SourceMap,
 ) -> Result<Lowered, Vec<Diagnostic>> {
-        Root::open(request, walk.files, &mut walk.choices, &mut walk.known, None)?;
+    let mut walk = Lowering::new(request, files);
     walk.choices.candidate = candidate;
+    let Root { chosen, parameters, resolved } =
+        Root::open(request, walk.files, &mut walk.choices, &mut walk.known, None)?;
     let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
     let (names, params) = (resolved.names, resolved.params.clone());
     let scope = Scope { names, params, exposed: parameters.exposed.clone() };
