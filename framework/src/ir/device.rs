@@ -44,9 +44,9 @@ impl DeviceFacts {
             max_groups_z: 65_535,
             shared_bytes: 32 << 10,
             max_invocations: 1024,
-            rounds_half: true,
             max_push_bytes: 256,
             max_targets: 8,
+            rounds_half: true,
             fused_fma: true,
             features: Features::all(),
         }

@@ -257,8 +257,6 @@ pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Ve
     Ok(Standing { fallbacks: chosen.fallbacks.clone(), unmet: chosen.unmet.clone() })
 }
 
-#[cfg(test)]
-mod tests;
 /// A graph of a choice, or a graph alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
@@ -280,3 +278,5 @@ pub fn candidates(request: &Request, files: &mut SourceMap) -> Result<Vec<Candid
     Ok(Choices::new(request).candidates(files)?.into_iter().map(candidate).collect())
 }
 
+#[cfg(test)]
+mod tests;
