@@ -2,7 +2,7 @@
 
 use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
-use splatgraph_reference::metrics::{self, MetricError, flip};
+use splatgraph_reference::metrics::{self, MetricError, flip, squared_error};
 
 const STEP: f32 = 1.0 / 255.0;
 
@@ -47,6 +47,17 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
         },
     );
     Ok(Error { psnr_db, ssim, flip, worst: worst.difference, off, covered_psnr_db, covered_off })
+}
+
+/// Returns the mean of values; 0 if there are none.
+pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), v| (sum + v, count + 1));
+    sum / f64::from(count.max(1))
+}
+
+/// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0.
+pub fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
+    -10.0 * mean(of_views.map(squared_error)).log10()
 }
 
 /// Returns the share of the `wanted` pixels in which a channel differs by more than [`STEP`].

@@ -7,12 +7,11 @@ use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::io::report::text;
-use crate::studies::measurement::error::Error;
+use crate::studies::measurement::error::{Error, joint_psnr, mean};
 use crate::studies::measurement::time::Time;
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::grouped;
-use splatgraph_reference::metrics::squared_error;
 use std::collections::BTreeSet;
 
 /// File names of the plots, without extension.
@@ -69,25 +68,23 @@ impl SweepResult {
         if !self.steps.iter().any(|step| step.choice == Some(choice)) {
             return Vec::new();
         }
-        let mean = |count: u32| {
+        let of_count = |count: u32| {
             let steps: Vec<&Step> = self.steps.iter().filter(of).filter(|step| step.count == count).collect();
-            let over = |values: Vec<f64>| values.iter().sum::<f64>() / values.len().max(1) as f64;
-            let squared = |step: &&Step| squared_error(step.error.psnr_db);
             let times: Option<Vec<_>> = steps.iter().map(|step| step.time.as_ref()).collect();
             let names: BTreeSet<&String> =
                 times.iter().flatten().flat_map(|time| time.phases.keys()).collect();
             let phase = |name: &String| {
                 let ms = times.iter().flatten().map(|time| time.phases.get(name).copied().unwrap_or(0.0));
-                (name.clone(), over(ms.collect()))
+                (name.clone(), mean(ms))
             };
             Mean {
                 count,
-                psnr_db: -10.0 * over(steps.iter().map(squared).collect()).log10(),
+                psnr_db: joint_psnr(steps.iter().map(|step| step.error.psnr_db)),
                 phases: names.into_iter().map(phase).collect(),
-                gpu_ms: times.map(|times| over(times.iter().map(|time| time.gpu_ms).collect())),
+                gpu_ms: times.map(|times| mean(times.iter().map(|time| time.gpu_ms))),
             }
         };
-        counts.into_iter().map(mean).collect()
+        counts.into_iter().map(of_count).collect()
     }
 
     fn plot(&self, title: &str, x: Axis, y: Axis, point: impl Fn(&Mean) -> Option<(f64, f64)>) -> Plot {

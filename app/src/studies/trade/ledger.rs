@@ -2,6 +2,7 @@
 
 use super::measure::Row;
 use crate::io::output;
+use crate::studies::measurement::error::{joint_psnr, mean};
 use crate::studies::measurement::noise::{self, Mark, Point, Share};
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::time::Time;
@@ -241,16 +242,6 @@ impl Ledger {
         mark(&mut lines);
         (lines, failed)
     }
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), v| (sum + v, count + 1));
-    sum / f64::from(count.max(1))
-}
-
-/// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0.
-fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
-    -10.0 * mean(of_views.map(squared_error)).log10()
 }
 
 fn line(name: &str, views: &[&Measured]) -> Line {
