@@ -12,6 +12,11 @@ pub enum Meaning {
         /// Shaders that the pass names in the scanned text.
         shaders: Vec<String>,
     },
+    /// A parameter of an included graph, as a key of `set` or in `Only`; or of a preset's graph.
+    Parameter {
+        /// The graph, if the include names it in the scanned text.
+        graph: Option<String>,
+    },
     /// A resource, or an expression that selects one.
     Resource,
     /// An expression over parameters, facts and `let`s.
@@ -181,7 +186,14 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
         (None, "bind") if group.is_map => {
             Meaning::Block { shaders: around.first().map(|pass| shaders(pass)).unwrap_or_default() }
         }
+        (None, "set") if group.is_map => {
+            Meaning::Parameter { graph: around.first().and_then(|of| graph(of)) }
+        }
         (None, _) if group.is_map => Meaning::Free,
+        (None, _) if around.first().is_some_and(|around| around.name == "Only") => {
+            let include = around.iter().find(|around| around.name == "Include");
+            Meaning::Parameter { graph: include.and_then(|include| graph(include)) }
+        }
         (Some(_), "bind" | "with" | "outputs") if group.is_map => Meaning::Resource,
         (Some("image" | "buffer" | "output"), _) => Meaning::Resource,
         (Some("shader"), _) => Meaning::Shader { extension: "comp" },
@@ -195,9 +207,12 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
         // The buffer of a statistic.
         (None, _) if around.first().is_some_and(|map| map.is_map && map.lead == "stats") => Meaning::Resource,
         (None, "of" | "expose") => Meaning::Free,
-        (None, _) if group.name == "Only" => Meaning::Free,
         _ => Meaning::Expression,
     }
+}
+
+fn graph(include: &Group) -> Option<String> {
+    include.values.iter().find(|(key, _)| key == "graph").map(|(_, graph)| graph.clone())
 }
 
 pub fn shaders(pass: &Group) -> Vec<String> {
@@ -232,6 +247,7 @@ mod tests {
     fn texts_mean_what_stands_before_them_says_even_in_a_file_that_is_not_finished() {
         let shaders = vec!["a.vert".to_owned(), "a.frag".to_owned()];
         let draw = "Graph(passes: [Draw(name: \"d\", vertex: \"a.vert\", fragment: \"a.frag\", bind: {";
+        let parameter = |graph: &str| Some(Meaning::Parameter { graph: Some(graph.to_owned()) });
         for (text, expected) in [
             (format!("{draw} \"|"), Some(Meaning::Block { shaders: shaders.clone() })),
             (format!("{draw} \"Camera\": \"camera\", \"Ke|\n  passes"), Some(Meaning::Block { shaders })),
@@ -245,6 +261,9 @@ mod tests {
             ("imports: { \"p\": Import(from: \"sc|".into(), Some(Meaning::Import)),
             ("resources: { \"p\": Image(format: \"|".into(), Some(Meaning::Format)),
             ("Include(graph: \"parts/|".into(), Some(Meaning::Graph)),
+            ("Include(graph: \"a\", set: { \"n\": 1, \"w|".into(), parameter("a")),
+            ("Include(graph: \"a\", expose: Only([\"w|".into(), parameter("a")),
+            ("Preset(graph: \"b\", set: { \"|".into(), parameter("b")),
             ("Dispatch(shader: \"|".into(), Some(Meaning::Shader { extension: "comp" })),
             ("Draw(vertex: \"|".into(), Some(Meaning::Shader { extension: "vert" })),
             ("Draw(vertex: \"a.vert\", fragment: \"|".into(), Some(Meaning::Shader { extension: "frag" })),

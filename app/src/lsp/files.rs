@@ -1,6 +1,7 @@
 //! Finds the graphs that may use a file, and provides the facts to build them with.
 
 use crate::draw::facts::{self, SceneFacts};
+use crate::draw::requirements::Case;
 use splatgraph_framework::ir::{Catalog, Facts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -20,8 +21,12 @@ pub fn is_graph(path: &Path) -> bool {
 
 /// Returns the facts and imports to build graphs with, for a subgroup size of `lanes`.
 pub fn nominal(lanes: u32) -> (Facts, Catalog) {
+    (nominal_case(lanes).facts(), facts::nominal_catalog())
+}
+
+pub fn nominal_case(lanes: u32) -> Case {
     let device = facts::portable_device(lanes);
-    (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
+    Case { device, scene: SceneFacts::NOMINAL, size: facts::DEFAULT_SIZE }
 }
 
 /// Resolves the links and `..` in an absolute path that exists. Returns other paths unchanged.

@@ -1,23 +1,25 @@
 //! Builds the open graphs, and answers requests about them.
 
-use super::cursor::{self, Meaning};
-use super::files::{self, LANES, is_graph, nominal};
+use super::cursor::{self, Meaning, Scan};
+use super::files::{self, LANES, is_graph, nominal, nominal_case};
 use super::index::{Index, Place};
-use super::{hints, rename, text};
+use super::{hints, names, rename, text};
 use crate::draw::backend;
 use crate::draw::builtin;
 use crate::draw::facts::{self, SceneFacts};
-use crate::draw::planner::{PlainDiagnostic, Planner, Severity};
+use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, Severity};
+use crate::draw::requirements::{self, Case};
 use lsp_types::{
     CompletionItem, CompletionItemKind, CompletionTextEdit, Diagnostic, DiagnosticSeverity, Hover,
     HoverContents, InlayHint, Location, MarkupContent, MarkupKind, Range, TextEdit, Uri,
 };
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::Dump;
-use splatgraph_framework::ir::{Format, ParamBinding, Shape};
+use splatgraph_framework::ir::{Format, LIVE_BLOCK, ParamBinding, Shape};
 use splatgraph_framework::lower::{Control, ExpressionNames};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::schema::Document;
+use splatgraph_framework::source::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
@@ -37,7 +39,9 @@ struct Known {
     resources: BTreeMap<String, String>,
     names: ExpressionNames,
     controls: Vec<Control>,
-    /// Dump of the first plan that could be built for one of [`LANES`]; `None` if none could.
+    /// Facts with which the names have their values, if the nominal ones do not meet the requirements.
+    changed: String,
+    /// Dump of the first plan; `None` if none could be built.
     dump: Option<Dump>,
 }
 
@@ -65,42 +69,94 @@ impl Workspace {
         found
     }
 
-    /// Builds a graph for a GPU and for a CPU. Returns the first errors, or the warnings if there are no errors.
+    /// Builds a graph for a GPU and for a CPU, and the graphs of a choice that neither draws for devices that meet their
+    /// requirements. Returns the first errors, or the warnings if there are no errors.
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
-        let mut warnings = Vec::new();
         self.known.entry(path.to_owned()).or_default().dump = None;
-        for lanes in LANES {
-            let (facts, catalog) = nominal(lanes);
-            let result = self.planner.standing(&graph, &facts, &catalog).and_then(|standing| {
-                if !standing.unmet.is_empty() {
-                    return Ok(None);
-                }
-                let controls = self.planner.controls(&graph, &[], &facts, &catalog)?;
-                let names = self.planner.expression_names(&graph, &facts, &catalog)?;
-                let known = self.known.entry(path.to_owned()).or_default();
-                (known.controls, known.names) = (controls, names);
-                self.planner.plan(&graph, &[], &facts, &catalog).map(Some)
-            });
-            match result {
-                Ok(Some(plan)) => {
-                    let known = self.known.entry(path.to_owned()).or_default();
-                    known.resources = resources(&plan);
-                    known.dump.get_or_insert_with(|| backend::dump(&plan));
-                    warnings.extend(self.planner.plain_warnings(&plan));
-                }
-                // The nominal device does not meet the graph's requirements. That is not an error in the file.
-                Ok(None) => {}
-                Err(errors) if self.is_part(&graph) => {
-                    // A part lacks what its includer provides. Errors that only follow from this are dropped.
-                    let of_its_own =
-                        |error: &PlainDiagnostic| !ONLY_OF_PARTS.contains(&error.message.as_str());
-                    return errors.found.into_iter().filter(of_its_own).collect();
-                }
-                Err(errors) => return errors.found,
+        match self.warnings(path, &graph) {
+            Ok(warnings) => warnings,
+            Err(errors) if self.is_part(&graph) => {
+                // A part lacks what its includer provides. Errors that only follow from this are dropped.
+                let of_its_own = |error: &PlainDiagnostic| !ONLY_OF_PARTS.contains(&error.message.as_str());
+                errors.found.into_iter().filter(of_its_own).collect()
+            }
+            Err(errors) => errors.found,
+        }
+    }
+
+    fn warnings(&mut self, path: &Path, graph: &str) -> Result<Vec<PlainDiagnostic>, GraphErrors> {
+        let (catalog, cases) = (facts::nominal_catalog(), LANES.map(nominal_case));
+        let mut warnings = Vec::new();
+        for build in requirements::builds(&mut self.planner, graph, &cases, &catalog)? {
+            if let Some(case) = build.case.as_ref().filter(|_| build.name.is_none()) {
+                self.declare(path, graph, case, &build.changed)?;
+            }
+            if let Some(plan) = build.plan(&mut self.planner, graph, &[], &catalog)? {
+                warnings.extend(self.learn(path, &plan));
             }
         }
-        warnings
+        Ok(warnings)
+    }
+
+    /// Keeps the parameters and the names of a graph. `changed` lists facts of `case` that are not nominal.
+    fn declare(&mut self, path: &Path, graph: &str, case: &Case, changed: &str) -> Result<(), GraphErrors> {
+        let (facts, catalog) = (case.facts(), facts::nominal_catalog());
+        let controls = self.planner.controls(graph, &[], &facts, &catalog)?;
+        let names = self.planner.expression_names(graph, &facts, &catalog)?;
+        let known = self.known.entry(path.to_owned()).or_default();
+        (known.controls, known.names, known.changed) = (controls, names, changed.to_owned());
+        Ok(())
+    }
+
+    /// Keeps the resources and the barriers of the first plan of a graph. Returns the plan's warnings.
+    fn learn(&mut self, path: &Path, plan: &Plan) -> Vec<PlainDiagnostic> {
+        let mut resources = resources(plan);
+        let pictures = self.pictures(&path.display().to_string(), &resources);
+        resources.extend(pictures);
+        let known = self.known.entry(path.to_owned()).or_default();
+        if known.dump.is_none() {
+            (known.resources, known.dump) = (resources, Some(backend::dump(plan)));
+        }
+        self.planner.plain_warnings(plan)
+    }
+
+    /// Describes the outputs of a graph's includes, by their names `include.picture`.
+    fn pictures(&mut self, graph: &str, resources: &BTreeMap<String, String>) -> Vec<(String, String)> {
+        let Some(file) = self.planner.file(None, graph, Kind::Graph) else { return Vec::new() };
+        let includes = Scan::of(&self.planner.path_and_text(file).1).groups;
+        let mut found = Vec::new();
+        for include in includes.iter().filter(|group| group.name == "Include") {
+            let (Some(name), Some(included)) =
+                (names::value(include, "name"), names::value(include, "graph"))
+            else {
+                continue;
+            };
+            let Some(inner) = self.planner.file(Some(file), &included, Kind::Graph) else { continue };
+            let mut about = format!("the output of `{included}`");
+            match Document::parse(&self.planner.path_and_text(inner).1) {
+                Ok(Document::Graph(graph)) => {
+                    let Some(output) = graph.output else { continue };
+                    let shape = resources.get(&format!("{name}.{}", output.text));
+                    about = shape.map_or(about.clone(), |shape| format!("{shape}: {about}"));
+                }
+                Ok(_) => {}
+                Err(_) => continue,
+            }
+            found.push((format!("{name}.{}", names::PICTURE), about));
+        }
+        found
+    }
+
+    /// Lists the parameters of a graph that the graph at `path` includes, or of which it is a preset.
+    fn parameters(&mut self, path: &Path, included: &str) -> Vec<Control> {
+        let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
+        let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
+        let (path, _) = self.planner.path_and_text(file);
+        let (facts, catalog) = nominal(LANES[0]);
+        let mut of = |graph: &str| self.planner.controls(graph, &[], &facts, &catalog);
+        // The path of a built-in graph is not that of a file.
+        of(&path).or_else(|_| of(included)).unwrap_or_default()
     }
 
     /// Returns true for a graph without an output or with ports, which is made to be included.
@@ -114,7 +170,6 @@ impl Workspace {
     pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
         let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
         let none = Known::default();
-        let known = self.known.get(path).unwrap_or(&none);
         let mut offered: BTreeMap<String, (CompletionItemKind, String)> = BTreeMap::new();
         let mut offer = |name: &str, kind, about: String| {
             offered.entry(name.to_owned()).or_insert((kind, about));
@@ -123,14 +178,19 @@ impl Workspace {
         let mut start = cursor.inside.start;
         match &cursor.meaning {
             Meaning::Free => {}
+            Meaning::Parameter { graph } => {
+                for control in graph.iter().flat_map(|graph| self.parameters(path, graph)) {
+                    offer(&control.param.name, CompletionItemKind::FIELD, described(&control));
+                }
+            }
             Meaning::Resource => {
-                for (name, about) in &known.resources {
+                for (name, about) in &self.known.get(path).unwrap_or(&none).resources {
                     offer(name, CompletionItemKind::VARIABLE, about.clone());
                 }
             }
             Meaning::Expression => {
                 start = word(text, &cursor.inside, offset).start;
-                for (name, value) in known.names.iter() {
+                for (name, value) in self.known.get(path).unwrap_or(&none).names.iter() {
                     offer(name, CompletionItemKind::CONSTANT, format!("= {value}"));
                 }
             }
@@ -200,16 +260,16 @@ impl Workspace {
     /// nothing is known.
     pub fn hover(&mut self, path: &Path, text: &str, offset: usize) -> Option<Hover> {
         let cursor = cursor::at(text, offset)?;
+        let included = match &cursor.meaning {
+            Meaning::Parameter { graph: Some(graph) } => Some(self.parameters(path, graph)),
+            _ => None,
+        };
         let known = self.known.get(path)?;
         let word = &text[word(text, &cursor.inside, offset)];
         let mut lines = Vec::new();
-        if let Some(control) = known.controls.iter().find(|control| control.param.name == word) {
-            let kind = match control.param.binding {
-                ParamBinding::Const => "constant",
-                ParamBinding::Live { .. } => "live",
-            };
-            let about = if control.help.is_empty() { &control.label } else { &control.help };
-            lines.push(format!("`{word}`: a {kind} parameter, here {}. {about}", control.param.value));
+        let controls = included.as_ref().unwrap_or(&known.controls);
+        if let Some(control) = controls.iter().find(|control| control.param.name == word) {
+            lines.push(format!("`{word}`: {}", described(control)));
         } else if let Some(value) = known.names.get(word) {
             lines.push(format!("`{word}` = {value}"));
         }
@@ -226,7 +286,8 @@ impl Workspace {
             return None;
         }
         let splats = grouped(SceneFacts::NOMINAL.count);
-        lines.push(format!("*for {splats} splats, on the least capable supported device*"));
+        let with = if known.changed.is_empty() { String::new() } else { format!(", with {}", known.changed) };
+        lines.push(format!("*for {splats} splats, on the least capable supported device{with}*"));
         let value = lines.join("\n\n");
         let contents = HoverContents::Markup(MarkupContent { kind: MarkupKind::Markdown, value });
         let range = Range {
@@ -244,7 +305,7 @@ impl Workspace {
         let dumps: Vec<&Dump> = own.into_iter().chain(others).filter_map(|k| k.dump.as_ref()).collect();
         let mut found = hints::barriers(&files::canonical(path), text, &dumps);
         let Some(own) = own.filter(|own| own.dump.is_some()) else { return found };
-        let scan = cursor::Scan::of(text);
+        let scan = Scan::of(text);
         let lets = scan.texts.iter().filter(|place| scan.groups[place.group].lead == "let");
         let value = |place: &cursor::Text| {
             let value = own.names.get(place.key.as_deref()?)?;
@@ -306,6 +367,15 @@ impl Workspace {
     }
 }
 
+fn described(control: &Control) -> String {
+    let kind = match control.param.binding {
+        ParamBinding::Const => "constant",
+        ParamBinding::Live { .. } => "live",
+    };
+    let about = if control.help.is_empty() { &control.label } else { &control.help };
+    format!("a {kind} parameter, here {}. {about}", control.param.value)
+}
+
 fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
 }
@@ -332,7 +402,7 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
     };
     // Graphs write a ping-pong half (`keys#0`) and a plane (`sh[0]`) without the suffix.
     let name = |full: &str| full.split(['#', '[']).next().unwrap_or(full).to_owned();
-    let named = |full: &str| !full.contains('(') && !full.starts_with("live");
+    let named = |full: &str| !full.contains('(') && full != LIVE_BLOCK;
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
 }
 

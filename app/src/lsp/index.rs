@@ -255,6 +255,11 @@ impl Index {
                 let shaders = shaders.iter().filter_map(|shader| graph.shaders.get(shader));
                 shaders.filter_map(|shader| self.first_word(*shader, name)).collect()
             }
+            // Not a name of its own: a rename of the output must leave it.
+            Role::Resource(within) if declarations.is_empty() && is_picture(within, name) => {
+                let outputs = self.inside(file, within).into_iter().flat_map(|file| self.output(file, 0));
+                outputs.map(|declared| self.place_of(&self.declarations[declared])).collect()
+            }
             _ => Vec::new(),
         };
         (declarations, places)
@@ -275,6 +280,25 @@ impl Index {
     fn resource(&self, file: FileId, name: &str) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Resource && d.name == name);
         if own.is_empty() { self.value(file, name) } else { own }
+    }
+
+    /// Finds the resource that is a graph's output, in the graph or in those that it includes.
+    fn output(&self, file: FileId, depth: usize) -> Vec<usize> {
+        let graph = &self.graphs[&file];
+        let is_output = |text: &&Text| text.group == 1 && text.key.as_deref() == Some("output");
+        let Some(output) = graph.scan.texts.iter().find(is_output).filter(|_| depth < MAX_DEPTH) else {
+            return Vec::new();
+        };
+        let is_inside = |mention: &&Mention| output.inside.contains(&mention.range.start);
+        let named = graph.mentions.iter().filter(is_inside).flat_map(|mention| {
+            let Role::Resource(within) = &mention.role else { return Vec::new() };
+            let declared = |file| match self.resource(file, &mention.name) {
+                own if own.is_empty() && is_picture(within, &mention.name) => self.output(file, depth + 1),
+                own => own,
+            };
+            self.inside(file, within).into_iter().flat_map(declared).collect()
+        });
+        named.collect()
     }
 
     /// Finds a parameter that a graph declares, or that one of its includes exposes.
@@ -490,6 +514,11 @@ impl Index {
     pub fn text(&self, path: &str) -> Option<&str> {
         self.paths.values().find(|(other, _)| other == path).map(|(_, text)| text.as_str())
     }
+}
+
+/// Returns true for the name of an include's output.
+fn is_picture(within: &[String], name: &str) -> bool {
+    !within.is_empty() && name == names::PICTURE
 }
 
 fn read(planner: &Planner, file: FileId) -> (String, String) {

@@ -4,6 +4,9 @@ use super::cursor::{Group, Meaning, Scan, shaders};
 use splatgraph_framework::schema::{ResourceName, is_choice};
 use std::ops::Range;
 
+/// Name of an included graph's output in its includer, after the include's name and a dot.
+pub const PICTURE: &str = "picture";
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Parameter,
@@ -92,7 +95,7 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
                 Meaning::Expression | Meaning::Shader { .. } | Meaning::Format => {
                     expression(inside, key.is_some() && lead == "let", &mut add);
                 }
-                Meaning::Free | Meaning::Import | Meaning::Block { .. } => {}
+                Meaning::Free | Meaning::Import | Meaning::Block { .. } | Meaning::Parameter { .. } => {}
             },
         }
     }

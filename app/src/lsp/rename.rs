@@ -1,9 +1,11 @@
 //! Renames a declaration of a graph in all files. The graphs are first built with the new name, as a check.
 
-use super::files::{LANES, nominal};
+use super::files::{LANES, nominal_case};
 use super::index::{Form, Index, Place, capital};
 use super::names::continues_name;
-use crate::draw::planner::Planner;
+use crate::draw::facts;
+use crate::draw::planner::{GraphErrors, Planner};
+use crate::draw::requirements;
 use splatgraph_framework::plan::Plan;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -142,18 +144,18 @@ fn nameless(spirv: &[u32]) -> Vec<u32> {
     code
 }
 
-/// Builds each graph for a GPU and for a CPU. Returns the plans of each graph, or the first error.
+/// Builds each graph for a GPU and for a CPU, and the graphs of a choice that neither draws. Returns the plans of each
+/// graph, or the first error.
 fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<NamelessPlan>, String>> {
     let build = |graph: &String| {
-        let of_lanes = |lanes: &u32| {
-            let (facts, catalog) = nominal(*lanes);
-            let plan = planner.plan(graph, &[], &facts, &catalog).map_err(|errors| {
-                let first = errors.found.first();
-                first.map_or_else(String::new, |e| format!("{}:{}: {}", e.file, e.line, e.message))
-            })?;
-            Ok(NamelessPlan::of(&plan))
+        let first = |errors: GraphErrors| {
+            let first = errors.found.first();
+            first.map_or_else(String::new, |e| format!("{}:{}: {}", e.file, e.line, e.message))
         };
-        LANES.iter().map(of_lanes).collect()
+        let (catalog, cases) = (facts::nominal_catalog(), LANES.map(nominal_case));
+        let builds = requirements::builds(planner, graph, &cases, &catalog).map_err(first)?;
+        let plans = builds.iter().filter_map(|build| build.plan(planner, graph, &[], &catalog).transpose());
+        plans.map(|plan| Ok(NamelessPlan::of(&plan.map_err(first)?))).collect()
     };
     graphs.iter().map(build).collect()
 }

@@ -301,6 +301,68 @@ fn hovering_tells_the_value_of_a_name_and_of_the_expression_around_it() {
 }
 
 #[test]
+fn a_graph_whose_requirements_the_nominal_device_does_not_meet_is_checked_all_the_same() {
+    let editor = Editor::start();
+    let needy = GRAPH.replace("summary: \"\",", "summary: \"\", require: [(\"device.int64\", \"longs\")],");
+    editor.open("graph.ron", &needy);
+    assert_eq!(editor.published(), (editor.uri("graph.ron"), vec![]));
+    let message = |found: &[Value]| found[0]["message"].as_str().expect("text").to_owned();
+    editor.change("graph.ron", &needy.replace("Groups(1)", "Groups(\"8 / 0\")"));
+    let found = editor.published().1;
+    assert_eq!(message(&found), "this expression has no value: division by zero");
+    editor.end();
+}
+
+#[test]
+fn a_mistake_in_a_graph_of_a_choice_that_is_not_drawn_is_shown_in_that_graph() {
+    let editor = Editor::start();
+    std::fs::write(editor.path("broken.ron"), GRAPH.replace("Groups(1)", "Groups(\"8 / 0\")"))
+        .expect("writable");
+    let choice = r#"Choice(summary: "", of: [(graph: "graph.ron"), (graph: "broken.ron")])"#;
+    editor.open("choice.ron", choice);
+    let mut found = BTreeMap::from([editor.published(), editor.published()]);
+    assert_eq!(found.remove(&editor.uri("choice.ron")), Some(vec![]));
+    let broken = found.into_values().next().expect("another file");
+    assert_eq!(broken[0]["message"], "this expression has no value: division by zero");
+    editor.end();
+}
+
+#[test]
+fn the_output_of_an_include_and_the_parameters_that_it_sets_are_known() {
+    let mut editor = Editor::start();
+    let outer = OUTER.replace("inner.picture", "inner.pic|ture");
+    let mut place = editor.place("outer.ron", &outer);
+    assert!(editor.published().1.is_empty());
+    let line = GRAPH.lines().position(|line| line.contains("resources: ")).expect("there") as u64;
+    let column = GRAPH.lines().nth(line as usize).expect("there").find("\"picture\"").expect("there") as u64;
+    assert_eq!(editor.defined(place.clone()), [("graph.ron".into(), line, column + 1)]);
+    let hover = |editor: &mut Editor, place: &Value| {
+        let hover = editor.request("textDocument/hover", place.clone());
+        hover["contents"]["value"].as_str().unwrap_or_default().to_owned()
+    };
+    let text = hover(&mut editor, &place);
+    assert!(
+        text.starts_with("`inner.picture`: an image of 8 x 8, rgba8: the output of `graph.ron`"),
+        "{text}"
+    );
+    let offered = |editor: &mut Editor, place: &Value| -> Vec<String> {
+        let items = editor.request("textDocument/completion", place.clone());
+        let items = items.as_array().expect("a list").iter();
+        items.map(|item| item["label"].as_str().expect("text").to_owned()).collect()
+    };
+    assert_eq!(offered(&mut editor, &place), ["copy", "inner.picture", "inner.table"]);
+    for marked in ["set: { \"wi|dth\"", "expose: Only([\"wi|dth\"])"] {
+        let outer = OUTER.replace(&marked.replace('|', ""), marked);
+        let mark = outer.find('|').expect("a mark");
+        place["position"] = json!(text::position_of(&outer.replace('|', ""), mark));
+        assert_eq!(offered(&mut editor, &place), ["width"]);
+        let text = hover(&mut editor, &place);
+        assert!(text.starts_with("`width`: a constant parameter, here 4. ring width"), "{text}");
+    }
+    editor.end();
+}
+
+#[test]
 fn a_part_is_no_mistake_because_it_has_no_output() {
     let editor = Editor::start();
     let part = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pipelines/parts/sort.ron");
