@@ -34,6 +34,8 @@ fn a_script_is_told_that_what_it_asked_for_cannot_be_shown() {
         ("--pipeline broken.ron", "broken.ron:1:"),
         ("--compare nope", "`nope`"),
         ("--inspect nope@nope", "no pass `nope` runs"),
+        ("--select pass:nope", "the plan has no pass `nope`"),
+        ("--select barrier:999", "the plan has no barrier 999"),
     ] {
         let line = format!("--size 320x200 --show none --screenshot shot.png {args}");
         let program = Program::launch(100, &line, |place| place.write("broken.ron", "Graph("));

@@ -313,7 +313,7 @@ fn set_up(args: &Args, shell: &mut Shell<Backend>, (width, _): (u32, u32)) -> Re
     }
     shell.panels.hidden = has(ShowPanel::None);
     if let Some(selection) = &args.select {
-        shell.panels.select(selection.clone());
+        shell.panels.select_requested(selection.clone());
     }
     if let Some(place) = args.pick {
         shell.panels.pick_first(place);

@@ -179,7 +179,8 @@ impl<D: Device> Shell<D> {
 
     /// Describes the first error that prevents showing the requested state, without colours; `None` if there is none.
     ///
-    /// Covers A, B if it is shown, A's inspection, the window itself, and pictures that stay incomplete.
+    /// Covers A, B if it is shown, A's inspection, the requested selection, the window itself, and pictures that stay
+    /// incomplete.
     pub fn problem(&self) -> Option<String> {
         let viewer = &self.viewer;
         let in_part = viewer.shown().find_map(Viewport::stays_in_part);
@@ -187,7 +188,8 @@ impl<D: Device> Shell<D> {
         let drawn = renderers.chain([&self.canvas]).find_map(|renderer| renderer.problem(false));
         let inspected =
             viewer.a.inspection.as_ref().and_then(|inspection| inspection.found.as_ref()?.as_ref().err());
-        drawn.or_else(|| inspected.map(ToString::to_string).or(in_part).map(|text| format!("error: {text}")))
+        let requested = inspected.map(ToString::to_string).or_else(|| self.panels.missing());
+        drawn.or_else(|| requested.or(in_part).map(|text| format!("error: {text}")))
     }
 
     /// Applies the input, and draws the pictures and the window if they changed.

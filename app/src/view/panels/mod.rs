@@ -93,6 +93,8 @@ pub struct Panels {
     pub help: bool,
     layout: Layout,
     selection: Option<Selection>,
+    /// Item that the command line selected, until a plan of A contains it.
+    requested: Option<Selection>,
     select: select::State,
     /// Position to pick once there is a first picture, as fractions of its width and height.
     pick_first: Option<[f32; 2]>,
@@ -145,6 +147,7 @@ impl Default for Panels {
             help: false,
             layout: Layout::default(),
             selection: None,
+            requested: None,
             select: select::State::default(),
             pick_first: None,
             dumped: Dumped::default(),
@@ -251,6 +254,17 @@ impl Panels {
         self.layout.reveal(Tool::Inspector);
     }
 
+    /// Selects an item of A's plan that is to be shown: see [`Panels::missing`].
+    pub fn select_requested(&mut self, selection: Selection) {
+        self.requested = Some(selection.clone());
+        self.select(selection);
+    }
+
+    /// Describes the requested item, if no plan of A has contained it so far.
+    pub fn missing(&self) -> Option<String> {
+        self.requested.as_ref().map(|selection| format!("the plan has no {selection}"))
+    }
+
     /// Picks a splat once there is a picture. `share` is the position, as fractions of width and height.
     pub fn pick_first(&mut self, share: [f32; 2]) {
         self.pick_first = Some(share);
@@ -288,6 +302,11 @@ impl Panels {
             self.selected = RendererId::A;
         }
         self.tell_effect(viewer);
+        if let (Some(requested), Some(plan)) = (&self.requested, viewer.a.renderer.plan())
+            && requested.is_in(self.dumped.of(plan))
+        {
+            self.requested = None;
+        }
         if !self.hidden {
             Panel::top("menu").show(ui, |ui| self.top_bar(ui, viewer));
             Panel::bottom("status").exact_size(STATUS_HEIGHT).show(ui, |ui| self.status(ui, viewer));

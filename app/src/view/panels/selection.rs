@@ -4,6 +4,7 @@ use crate::draw::backend;
 use splatgraph_framework::dump::{Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
+use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -31,6 +32,17 @@ impl FromStr for Selection {
             ("resource", name) if !name.is_empty() => Ok(Selection::Resource(name.to_owned())),
             ("barrier", number) => number.parse().map(Selection::Barrier).map_err(|_| expected()),
             _ => Err(expected()),
+        }
+    }
+}
+
+impl fmt::Display for Selection {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Selection::Pass(name) => write!(f, "pass `{name}`"),
+            Selection::Barrier(id) => write!(f, "barrier {id}"),
+            Selection::Resource(name) => write!(f, "resource `{name}`"),
+            Selection::Splat => f.write_str("splat"),
         }
     }
 }
