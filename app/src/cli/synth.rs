@@ -194,6 +194,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         grouped(scene.count().into()),
         grouped(scene.size_breakdown().file_bytes)
     ));
+    if args.cameras.is_none() && cameras.is_some() && !is_standard_output(output) {
+        let path = output.with_extension("cameras.json");
+        note(format!("its cameras, which other commands find beside it: add --cameras {}", path.display()));
+    }
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
         // The scene file is in world coordinates, and so are COLMAP cameras.
         let world = cameras.iter().map(|camera| camera.in_world(scene.offset()));
