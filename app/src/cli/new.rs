@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph new my.ron                     # a renderer for splats, with its three shaders
-  splatgraph new my.ron --from compute      # a picture from one compute shader
-  splatgraph new my.ron --from post         # a filter over the picture of `auto`, with a slider
+  splatgraph new rings.ron --from compute   # a picture from one compute shader
+  splatgraph new grey.ron --from post       # a filter over the picture of `auto`, with a slider
   splatgraph check my.ron
   splatgraph render -p my.ron -o my.png
   splatgraph view -p my.ron                 # shows every change of the files as it is saved";
