@@ -50,6 +50,14 @@ pub enum SessionError {
     /// The camera has another projection than the graph.
     #[error(transparent)]
     Projection(#[from] ProjectionError),
+    /// The scene has no splats, and the graph cannot be planned without.
+    #[error("expected a scene with splats, found one without ({dropped} dropped), which the graph cannot draw:\n{errors}")]
+    NoSplats {
+        /// Number of splats of the file or the arrays that cannot be drawn.
+        dropped: u64,
+        /// Errors of the graph. Their text is part of this error's message, so they are not a `source`.
+        errors: GraphErrors,
+    },
     /// A frame was submitted before [`Session::prepare`].
     #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
@@ -379,7 +387,11 @@ impl<D: Device> Session<D> {
     ) -> Result<(), SessionError> {
         let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
         let plan = info_span!("build the plan")
-            .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog))?;
+            .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog));
+        let plan = plan.map_err(|errors| match self.scene.count() {
+            0 => SessionError::NoSplats { dropped: self.scene.dropped().total(), errors },
+            _ => errors.into(),
+        })?;
         if !plan.warnings.is_empty() {
             let warnings = self.planner.warnings(&plan, false);
             if !self.told_warnings.contains(&warnings) {
