@@ -17,7 +17,7 @@ pub(crate) mod ascii;
 pub(crate) mod binary;
 pub(crate) mod header;
 pub(crate) mod layout;
-mod origin;
+pub(crate) mod origin;
 pub(crate) mod pack;
 mod packed;
 pub(crate) mod read;

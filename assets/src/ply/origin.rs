@@ -15,7 +15,7 @@ pub(super) const STEP: f64 = 1024.0;
 const SAMPLES: u64 = 1000;
 
 /// A sample of the positions, for choosing the origin.
-pub(super) struct Sample {
+pub(crate) struct Sample {
     /// Sampling stride, in rows.
     pub every: u64,
     /// For each axis, true if the file's type has more precision than f32.
@@ -27,19 +27,23 @@ impl Sample {
     /// Starts a sample of `count` rows; `None` if no coordinate of the file has more precision than f32.
     pub(super) fn of(layout: &Layout, count: u64) -> Option<Self> {
         let wide = layout.wide();
-        let every = count.div_ceil(SAMPLES).max(1);
-        wide.contains(&true).then(|| Self { every, wide, values: Default::default() })
+        wide.contains(&true).then(|| Self::new(wide, count))
+    }
+
+    /// Starts a sample of `count` positions.
+    pub(crate) fn new(wide: [bool; 3], count: u64) -> Self {
+        Self { every: count.div_ceil(SAMPLES).max(1), wide, values: Default::default() }
     }
 
     /// Adds a coordinate. Ignores values that are not finite, and axes that are not `wide`.
-    pub(super) fn add(&mut self, axis: usize, value: f64) {
+    pub(crate) fn add(&mut self, axis: usize, value: f64) {
         if self.wide[axis] && value.is_finite() {
             self.values[axis].push(value);
         }
     }
 
     /// Returns the origin: on each axis, the median rounded to a multiple of [`STEP`]; 0 without coordinates.
-    pub(super) fn origin(self) -> [f64; 3] {
+    pub(crate) fn origin(self) -> [f64; 3] {
         self.values.map(|mut values| {
             if values.is_empty() {
                 return 0.0;

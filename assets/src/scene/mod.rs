@@ -10,6 +10,7 @@ mod gathered;
 mod notes;
 mod parts;
 mod splat;
+mod world;
 
 pub(crate) use columns::{Columns, Rows};
 pub(crate) use gathered::Gathered;

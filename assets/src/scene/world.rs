@@ -1,0 +1,79 @@
+//! Generates scenes from positions of more precision than f32, such as those of surveyed scenes.
+
+use super::{Columns, Scene, Splat};
+use crate::activation;
+use crate::memory::SceneMemoryError;
+use crate::ply::origin::Sample;
+
+impl Scene {
+    /// Generates a scene like [`Scene::try_generate`], from positions in the world; [`Splat::position`] is ignored.
+    ///
+    /// As for a PLY file of doubles, [`Scene::offset`] is an origin near the splats, to which positions are relative.
+    ///
+    /// # Errors
+    /// The scene does not fit in memory.
+    pub fn try_generate_in_world(
+        count: u32,
+        degree: u32,
+        position: impl Fn(usize) -> [f64; 3] + Sync,
+        splat: impl Fn(usize) -> Splat + Sync,
+    ) -> Result<Self, SceneMemoryError> {
+        let degree = degree.min(3);
+        let low = u64::from(count) * Columns::LOW_BYTES;
+        SceneMemoryError::check(
+            count.into(),
+            degree,
+            Self::host_bytes(count.into(), degree).saturating_add(low),
+        )?;
+        let mut sample = Sample::new([true; 3], count.into());
+        for index in (0..count).step_by(sample.every as usize) {
+            let position = position(index as usize);
+            (0..3).for_each(|axis| sample.add(axis, position[axis]));
+        }
+        let origin = sample.origin();
+        let mut columns = Columns::zeroed(count as usize, degree)?;
+        columns.widen()?;
+        let scene = Self::filled(columns, |rows| {
+            for index in rows.first()..rows.first() + rows.len() {
+                let mut splat = splat(index);
+                let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
+                splat.rotation = rotation;
+                let world = position(index);
+                let position: [f64; 3] = std::array::from_fn(|axis| world[axis] - origin[axis]);
+                splat.position = position.map(|v| v as f32);
+                rows.push_wide(&splat, position, norm);
+            }
+        });
+        Ok(scene.with_offset(origin))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn splat(index: usize) -> Splat {
+        let rotation = if index == 3 { [0.0; 4] } else { [0.0, 3.0, 0.0, 0.0] };
+        Splat { position: [0.0; 3], scale: [0.01; 3], rotation, opacity: 0.5, sh: [0.0; 48] }
+    }
+
+    #[test]
+    fn positions_far_from_the_origin_are_relative_to_an_offset_near_them() {
+        let place =
+            |index: usize| [1e7 + 0.001 * index as f64, 3.0, if index == 5 { f64::NAN } else { -2e6 }];
+        let scene = Scene::try_generate_in_world(2000, 0, place, splat).unwrap();
+        assert_eq!(scene.offset(), [10_000_384.0, 0.0, -1_999_872.0]);
+        assert_eq!((scene.count(), scene.dropped().total()), (1998, 2));
+        let found = scene.world_position(1990)[0];
+        assert!((found - place(1992)[0]).abs() < 1e-8, "{found}");
+        assert_eq!(scene.splat(0).rotation, [0.0, 1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn positions_near_the_origin_have_no_offset_and_are_not_wide() {
+        let place = |index: usize| [0.1 * index as f64, 0.1, -0.3];
+        let scene = Scene::try_generate_in_world(100, 0, place, splat).unwrap();
+        assert_eq!((scene.offset(), scene.is_wide()), ([0.0; 3], false));
+        assert_eq!(scene.positions()[7], place(8).map(|v| v as f32));
+    }
+}
