@@ -12,7 +12,7 @@ class Error(RuntimeError):
     """Base class of splatgraph's errors."""
 
 class SceneError(Error):
-    """A scene or camera file cannot be read or written."""
+    """A scene or camera file cannot be read or written, or a scene has no splats."""
 
 class DeviceError(Error):
     """No suitable device was found, or the device failed."""

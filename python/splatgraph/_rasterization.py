@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import operator
 import sys
 import threading
 from collections.abc import Iterator
@@ -152,6 +153,13 @@ def rasterization(
         raise ValueError(f"render_mode: expected one of {', '.join(_MODES)}, found {render_mode!r}")
     if rasterize_mode not in ("classic", "antialiased"):
         raise ValueError(f"rasterize_mode: expected 'classic' or 'antialiased', found {rasterize_mode!r}")
+    if tile_size < 1:
+        raise ValueError(f"tile_size: expected a number above 0, found {tile_size}")
+    if sh_degree is not None:
+        try:
+            sh_degree = operator.index(sh_degree)
+        except TypeError:
+            raise TypeError(f"sh_degree: expected an integer or None, found {sh_degree!r}") from None
     if not 0.0 < near_plane < far_plane:
         raise ValueError(f"near_plane: expected a number above 0 and below far_plane = {far_plane}, found {near_plane}")
 
@@ -168,6 +176,8 @@ def rasterization(
     opacities = array(opacities, "opacities", (*batch, count))
     viewmats = array(viewmats, "viewmats", (*batch, None, 4, 4), np.float64)
     cameras = viewmats.shape[-3]
+    if cameras == 0:
+        raise ValueError(f"viewmats: expected at least one camera, found the shape {list(viewmats.shape)}")
     Ks = array(Ks, "Ks", (*batch, cameras, 3, 3), np.float64)
     colors = array(colors, "colors")
     channels, of_camera = _check_colors(colors, sh_degree, batch, cameras, count)

@@ -41,6 +41,11 @@ impl Camera {
             let names = Projection::ALL.map(Projection::name).join(", ");
             PyValueError::new_err(format!("projection: expected one of {names}, found {projection:?}"))
         })?;
+        if width == 0 || height == 0 {
+            return Err(PyValueError::new_err(format!(
+                "width, height: expected numbers above 0, found {width} and {height}"
+            )));
+        }
         let view = matrix::<4>(viewmat, "viewmat")?;
         let k = matrix::<3>(K, "K")?;
         let axes: [[f64; 3]; 3] = std::array::from_fn(|row| [view[row][0], view[row][1], view[row][2]]);
@@ -96,6 +101,11 @@ impl Camera {
         if eye == target {
             return Err(PyValueError::new_err(format!(
                 "target: expected a point other than eye, found {target:?} for both"
+            )));
+        }
+        if !(fov > 0.0 && fov < 180.0) {
+            return Err(PyValueError::new_err(format!(
+                "fov: expected an angle above 0 and below 180 degrees, found {fov}"
             )));
         }
         let camera = assets::Camera::looking_at_upright(eye, target, up, fov, size);

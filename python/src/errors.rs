@@ -5,12 +5,18 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use splatgraph::draw::planner::{GraphErrors, PlainDiagnostic};
+use splatgraph::draw::projection::ProjectionError;
 use splatgraph::draw::session::SessionError;
 use splatgraph::studies::study::StudyError;
 use splatgraph_api::BackendError;
 
 create_exception!(splatgraph, Error, PyRuntimeError, "Base class of splatgraph's errors.");
-create_exception!(splatgraph, SceneError, Error, "A scene or camera file cannot be read or written.");
+create_exception!(
+    splatgraph,
+    SceneError,
+    Error,
+    "A scene or camera file cannot be read or written, or a scene has no splats."
+);
 create_exception!(splatgraph, DeviceError, Error, "No suitable device was found, or the device failed.");
 create_exception!(
     splatgraph,
@@ -31,6 +37,12 @@ pub fn session(py: Python<'_>, error: &SessionError) -> PyErr {
     match error {
         SessionError::Graph(errors) => graph(py, errors),
         SessionError::Backend(error) => device(error),
+        SessionError::Projection(ProjectionError { graph, camera }) if !camera.is_pinhole() => {
+            Error::new_err(format!(
+                "expected a graph for {camera} cameras, found one for {graph} cameras: use Renderer(scene, \"{camera}\")"
+            ))
+        }
+        SessionError::NoSplats { .. } => SceneError::new_err(error.to_string()),
         error => Error::new_err(error.to_string()),
     }
 }

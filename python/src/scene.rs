@@ -1,12 +1,12 @@
 //! Wraps a scene.
 
-use crate::arrays::{give, take};
+use crate::arrays::{Array, give, take};
 use crate::errors::{Error, SceneError};
 use crate::wait;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use splatgraph::io::output;
-use splatgraph_assets::{self as assets, SceneFormat, Splat};
+use splatgraph::io::scene_file;
+use splatgraph_assets::{self as assets, Splat};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -29,7 +29,7 @@ impl Scene {
     /// Makes a scene from arrays: objects with `__dlpack__`, or any that numpy converts.
     ///
     /// Args:
-    ///     means: centres in world units, [N, 3].
+    ///     means: centres in world units, [N, 3]. If they are not float32 and lie far from 0, the scene gets an `offset`.
     ///     quats: rotations w, x, y, z, of any length but 0, [N, 4].
     ///     scales: standard deviations along the axes in world units (not their logarithms), [N, 3].
     ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
@@ -45,8 +45,8 @@ impl Scene {
         opacities: &Bound<'_, PyAny>,
         sh: &Bound<'_, PyAny>,
     ) -> PyResult<Scene> {
-        let means = take::<f32>(means, "means", &[None, Some(3)])?;
-        let count = means.shape[0];
+        let means = Means::take(means)?;
+        let count = means.count();
         let quats = take::<f32>(quats, "quats", &[Some(count), Some(4)])?;
         let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
         let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
@@ -60,21 +60,28 @@ impl Scene {
         let splats = u32::try_from(count).map_err(|_| {
             PyValueError::new_err(format!("means: expected at most {} splats, found {count}", u32::MAX))
         })?;
-        let [means, quats, scales, opacities, sh] =
-            [means, quats, scales, opacities, sh].map(|array| array.values);
-        let three = |from: &[f32], index: usize| [from[3 * index], from[3 * index + 1], from[3 * index + 2]];
-        let made = py.detach(|| {
-            assets::Scene::try_generate(splats, degree as u32, |index| {
-                let mut all = [0.0; 48];
-                all[..3 * bases].copy_from_slice(&sh[3 * bases * index..][..3 * bases]);
-                Splat {
-                    position: three(&means, index),
-                    scale: three(&scales, index),
-                    rotation: std::array::from_fn(|axis| quats[4 * index + axis]),
-                    opacity: opacities[index],
-                    sh: all,
-                }
-            })
+        let [quats, scales, opacities, sh] = [quats, scales, opacities, sh].map(|array| array.values);
+        let splat = |index: usize| {
+            let mut all = [0.0; 48];
+            all[..3 * bases].copy_from_slice(&sh[3 * bases * index..][..3 * bases]);
+            Splat {
+                position: [0.0; 3],
+                scale: three(&scales, index),
+                rotation: std::array::from_fn(|axis| quats[4 * index + axis]),
+                opacity: opacities[index],
+                sh: all,
+            }
+        };
+        let degree = degree as u32;
+        let made = py.detach(|| match &means {
+            Means::Single(means) => assets::Scene::try_generate(splats, degree, |index| Splat {
+                position: three(&means.values, index),
+                ..splat(index)
+            }),
+            Means::Double(means) => {
+                let position = |index| three(&means.values, index);
+                assets::Scene::try_generate_in_world(splats, degree, position, splat)
+            }
         });
         made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
     }
@@ -82,19 +89,18 @@ impl Scene {
     /// Writes the scene in the format of the file's extension: .ply, .glb, .compressed.ply, .spz, .splat or .sog. All
     /// formats but the first two round the values.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let Some(format) = SceneFormat::of_name(&path).filter(|format| SceneFormat::WRITTEN.contains(format))
-        else {
-            return Err(PyValueError::new_err(format!(
-                "path: expected the extension {}, found {}",
-                SceneFormat::list(&SceneFormat::WRITTEN),
-                path.display()
-            )));
-        };
+        let format = scene_file::format_of(&path)
+            .map_err(|message| PyValueError::new_err(format!("path: {message}")))?;
         let scene = self.0.clone();
-        let write =
-            move || output::write(&path, |mut out| Ok(scene.write(format, assets::QUIET, &mut out)?));
+        if scene.count() == 0 {
+            let dropped = scene.dropped().total();
+            return Err(SceneError::new_err(format!(
+                "expected at least one splat to write, found none ({dropped} dropped)"
+            )));
+        }
+        let write = move || scene_file::write(&scene, format, None, assets::QUIET, &path);
         let written = wait::run(py, write)?;
-        written.map_err(|error| SceneError::new_err(error.to_string()))
+        written.map(|_| ()).map_err(|error| SceneError::new_err(error.to_string()))
     }
 
     /// Centres in world units, float32 [N, 3], relative to `offset`. A copy.
@@ -134,7 +140,8 @@ impl Scene {
         self.0.effective_degree()
     }
 
-    /// World coordinates of the origin, float64. 0 unless the file's coordinates exceed the precision of float32.
+    /// World coordinates of the origin, float64. 0 unless the file's or the array's coordinates exceed the precision of
+    /// float32.
     #[getter]
     fn offset(&self) -> [f64; 3] {
         self.0.offset()
@@ -164,4 +171,34 @@ impl Scene {
             self.0.effective_degree()
         )
     }
+}
+
+/// Centres of splats, [N, 3].
+enum Means {
+    Single(Array<f32>),
+    /// Centres of an array that may have more precision than float32.
+    Double(Array<f64>),
+}
+
+impl Means {
+    fn take(means: &Bound<'_, PyAny>) -> PyResult<Means> {
+        // The types of numpy's arrays and of torch's: `float32`, `torch.float32`.
+        let kind = means.getattr("dtype").map(|kind| kind.to_string()).unwrap_or_default();
+        let shape = [None, Some(3)];
+        Ok(match kind.ends_with("float32") || kind.ends_with("float16") {
+            true => Means::Single(take(means, "means", &shape)?),
+            false => Means::Double(take(means, "means", &shape)?),
+        })
+    }
+
+    fn count(&self) -> usize {
+        match self {
+            Means::Single(means) => means.shape[0],
+            Means::Double(means) => means.shape[0],
+        }
+    }
+}
+
+fn three<T: Copy>(from: &[T], index: usize) -> [T; 3] {
+    [from[3 * index], from[3 * index + 1], from[3 * index + 2]]
 }

@@ -293,3 +293,19 @@ VALID |= {"viewmats": np.eye(4)[None], "Ks": intrinsics(8, 8, 8)[None], "width":
 def test_what_is_not_supported_is_refused_by_name(changed, kind, message):
     with pytest.raises(kind, match=re.escape(message)):
         rasterization(**{**VALID, **changed})
+
+
+@pytest.mark.parametrize(
+    "changed, error, match",
+    [
+        ({"viewmats": np.zeros((0, 4, 4)), "Ks": np.zeros((0, 3, 3))}, ValueError, "viewmats: expected at least one camera"),
+        ({"sh_degree": 1.0}, TypeError, r"sh_degree: expected an integer or None, found 1\.0"),
+        ({"tile_size": 0}, ValueError, "tile_size: expected a number above 0, found 0"),
+        ({"width": 0}, ValueError, "width, height: expected numbers above 0, found 0 and 48"),
+    ],
+)
+def test_arguments_that_cannot_be_drawn_are_told_by_name(changed, error, match):
+    means, quats, scales, opacities, sh = random_splats(1, 50, 1)
+    arguments = {"viewmats": np.eye(4)[None], "Ks": intrinsics(64, 48, 60)[None], "width": 64, "height": 48, "sh_degree": 1, **changed}
+    with pytest.raises(error, match=match):
+        rasterization(means, quats, scales, opacities, sh, **arguments)

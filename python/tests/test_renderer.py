@@ -39,8 +39,39 @@ def test_mistakes_in_arrays_and_files_are_told_by_name(tmp_path):
         Scene.from_arrays(means, quats, scales[:-1], opacities, sh)
     with pytest.raises(splatgraph.SceneError, match="nowhere.ply"):
         Scene.load(tmp_path / "nowhere.ply")
-    with pytest.raises(ValueError, match=r"path: expected the extension \.ply"):
-        Scene.from_arrays(means, quats, scales, opacities, sh).save(tmp_path / "scene.obj")
+    scene = Scene.from_arrays(means, quats, scales, opacities, sh)
+    with pytest.raises(ValueError, match=r"path: expected a file name that ends in \.ply"):
+        scene.save(tmp_path / "scene.obj")
+    with pytest.raises(ValueError, match=r"path: expected a file name that ends in \.glb.*name it .*scene\.glb"):
+        scene.save(tmp_path / "scene.gltf")
+    assert not list(tmp_path.iterdir())
+
+
+def test_means_of_doubles_far_from_0_keep_their_precision_by_an_offset(tmp_path):
+    means, *others = random_splats(1, 50, 2)
+    far = means.astype(np.float64) + [1e7, 0, 0]
+    scene = Scene.from_arrays(far, *others)
+    assert scene.offset == [10_000_384.0, 0, 0] and len(scene) == 50
+    np.testing.assert_allclose(scene.means + np.array(scene.offset), far, atol=1e-4)
+    scene.save(tmp_path / "far.ply")
+    assert Scene.load(tmp_path / "far.ply").offset == scene.offset
+    assert Scene.from_arrays(means.astype(np.float64), *others).offset == [0, 0, 0]
+    np.testing.assert_array_equal(Scene.from_arrays(means.tolist(), *others).means, means)
+
+
+def test_a_scene_whose_splats_are_all_dropped_is_named_as_the_cause(camera, tmp_path):
+    means, *others = random_splats(1, 50, 2)
+    empty = Scene.from_arrays(means * np.nan, *others)
+    assert (len(empty), empty.dropped) == (0, 50)
+    with pytest.raises(splatgraph.SceneError, match=r"expected at least one splat to write, found none \(50 dropped\)"):
+        empty.save(tmp_path / "empty.ply")
+    cause = r"expected a scene with splats, found one without \(50 dropped\)"
+    with Renderer(empty) as renderer, pytest.raises(splatgraph.SceneError, match=cause):
+        renderer.render(camera)
+    with pytest.raises(splatgraph.SceneError, match=cause):
+        splatgraph.trade(empty, [camera], rounds=1)
+    with pytest.raises(splatgraph.SceneError, match=cause):
+        splatgraph.advise(empty, [camera], psnr=40, rounds=1)
 
 
 def test_a_camera_gives_back_its_matrices():
@@ -54,6 +85,11 @@ def test_a_camera_gives_back_its_matrices():
     np.testing.assert_allclose(view @ [*camera.position, 1], [0, 0, 0, 1], atol=1e-12)
     with pytest.raises(ValueError, match="not orthonormal"):
         Camera(np.diag([2, 2, 2, 1]) @ view, intrinsics(64, 48, 60), 64, 48)
+    with pytest.raises(ValueError, match="width, height: expected numbers above 0, found 0 and 48"):
+        Camera(view, intrinsics(64, 48, 60), 0, 48)
+    for fov in (-5, 180, float("nan")):
+        with pytest.raises(ValueError, match="fov: expected an angle above 0 and below 180 degrees"):
+            Camera.look_at((0, 0, -3), (0, 0, 0), fov=fov)
     with pytest.raises(NotImplementedError, match="K: expected the principal point in the middle"):
         Camera(view, intrinsics(60, 48, 60), 64, 48)
 
@@ -66,7 +102,7 @@ def test_a_camera_has_a_projection_and_needs_a_renderer_with_the_same(scene):
         # A pinhole camera is converted, and keeps its focal length at the picture's centre.
         np.testing.assert_array_equal(picture, renderer.render(Camera(np.eye(4), intrinsics(64, 48, 30), 64, 48)))
         assert picture.max() > 0.1
-    with Renderer(scene) as renderer, pytest.raises(splatgraph.Error, match="expected a graph for fisheye cameras, found one for pinhole"):
+    with Renderer(scene) as renderer, pytest.raises(splatgraph.Error, match=r'pinhole cameras: use Renderer\(scene, "fisheye"\)'):
         renderer.render(camera)
     with pytest.raises(ValueError, match='projection: expected one of pinhole, orthographic, fisheye, equirectangular, found "ortho"'):
         Camera(np.eye(4), intrinsics(64, 48, 30), 64, 48, projection="ortho")
