@@ -51,7 +51,9 @@ pub enum SessionError {
     #[error(transparent)]
     Projection(#[from] ProjectionError),
     /// The scene has no splats, and the graph cannot be planned without.
-    #[error("expected a scene with splats, found one without ({dropped} dropped), which the graph cannot draw:\n{errors}")]
+    #[error(
+        "expected a scene with splats, found one without ({dropped} dropped), which the graph cannot draw:\n{errors}"
+    )]
     NoSplats {
         /// Number of splats of the file or the arrays that cannot be drawn.
         dropped: u64,
