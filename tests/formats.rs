@@ -36,6 +36,38 @@ fn a_scene_is_converted_to_every_format_and_drawn_alike() {
 }
 
 #[test]
+fn a_conversion_between_two_ply_files_says_what_activation_loses() {
+    let place = Place::demo(500);
+    let text = place.done("convert scene.ply same.ply");
+    assert!(!text.contains("lost:"), "{text}");
+    // A float more per row, quaternions of length 2, and the first logit as 20.
+    let bytes = std::fs::read(place.at("scene.ply")).expect("it is there");
+    let end = b"end_header\n";
+    let at = bytes.windows(end.len()).position(|window| window == end).expect("a header") + end.len();
+    let header = String::from_utf8(bytes[..at].to_vec()).expect("text");
+    let rows = bytes[at..].chunks_exact(248).enumerate().flat_map(|(index, row)| {
+        let floats = row.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().expect("4 bytes")));
+        let mut floats: Vec<f32> = floats.collect();
+        floats[58..].iter_mut().for_each(|c| *c *= 2.0);
+        floats[54] = if index == 0 { 20.0 } else { 0.5 };
+        floats.push(3.0);
+        floats.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>()
+    });
+    let more = header.replace("end_header", "property float segment\nend_header");
+    let trained: Vec<u8> = more.into_bytes().into_iter().chain(rows).collect();
+    std::fs::write(place.at("trained.ply"), trained).expect("it is written");
+    let text = place.done("convert trained.ply same.ply");
+    for lost in [
+        "lost: properties that splats do not have: segment\n",
+        "lost: the lengths of quaternions: 500 were not 1, but 2.000 to 2.000",
+        "lost: logits above 9.9, in 1 splats: rounded",
+    ] {
+        assert!(text.contains(lost), "{lost}: {text}");
+    }
+    assert!(!place.done("convert same.ply again.ply").contains("quaternions"));
+}
+
+#[test]
 fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
     let place = Place::demo(5000);
     let text = place.done("convert scene.ply cut.ply --degree 0");

@@ -78,7 +78,7 @@ impl SceneFormat {
     /// Describes the format in a few words.
     pub fn summary(self) -> &'static str {
         match self {
-            Self::Ply => "the layout of the 3DGS reference implementation, exact",
+            Self::Ply => "the layout of the 3DGS reference implementation, not quantised",
             Self::CompressedPly => "PlayCanvas's compressed PLY, 16 bytes per splat",
             Self::Spz => "Niantic's SPZ, versions 1 to 4, written as 4 or 3",
             Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",

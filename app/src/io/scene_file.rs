@@ -2,7 +2,8 @@
 
 use super::output::{self, OutputError};
 use splatgraph_assets::{
-    Dropped, FileNotes, Progress, Scene, SceneFormat, SortKey, SpzVersion, grouped, sh_floats,
+    Dropped, FileNotes, Progress, QuaternionNorms, Scene, SceneFormat, SizeBreakdown, SortKey, SpzVersion,
+    grouped, sh_floats,
 };
 use std::io::{self, Write};
 use std::path::Path;
@@ -106,6 +107,35 @@ pub struct Original {
     pub degree: u32,
     dropped: Dropped,
     notes: FileNotes,
+    norms: QuaternionNorms,
+    /// Names the properties and elements that are not read.
+    unread: Option<String>,
+}
+
+/// Opacity, of the logit 9.9, above which the logit of the nearest float can be off by almost 0.001.
+const NEARLY_OPAQUE: f32 = 0.99995;
+
+/// Maximum number of properties to name.
+const NAMED: usize = 8;
+
+/// Names the file's properties and elements that are not read; `None` if there are none. Normals do not count: splats
+/// have none, and writers of splats fill them with zeros.
+fn unread(breakdown: &SizeBreakdown) -> Option<String> {
+    let mut names = Vec::new();
+    for element in &breakdown.elements {
+        let unused: Vec<&str> =
+            element.fields.iter().filter(|field| !field.used).map(|field| &*field.name).collect();
+        if !unused.is_empty() && unused.len() == element.fields.len() {
+            names.push(format!("element {}", element.name));
+        } else {
+            let others = unused.into_iter().filter(|name| !["nx", "ny", "nz"].contains(name));
+            names.extend(others.map(str::to_owned));
+        }
+    }
+    let more = names.len().saturating_sub(NAMED);
+    let others = if more > 0 { format!(" and {more} others") } else { String::new() };
+    let named = names[..names.len() - more].join(", ");
+    (!names.is_empty()).then(|| format!("properties that splats do not have: {named}{others}"))
 }
 
 impl Original {
@@ -119,6 +149,8 @@ impl Original {
             degree: scene.stored_degree(),
             dropped: *scene.dropped(),
             notes: scene.notes(),
+            norms: scene.quaternion_norms(),
+            unread: unread(breakdown),
         }
     }
 
@@ -133,6 +165,7 @@ impl Original {
             losses.push(format!("harmonics: cut from degree {degree} to 3, the highest that is read"));
         }
         losses.extend(self.notes.left_out());
+        losses.extend(self.unread.clone());
         let (from, to) = (self.degree, written.stored_degree());
         if to < from {
             losses.push(format!("harmonics: cut from degree {from} to {to}"));
@@ -162,10 +195,32 @@ impl Original {
         if clipped > 0 {
             losses.push(format!("harmonics: {} coefficients beyond {largest} are clipped", grouped(clipped)));
         }
+        let rounded = format.losses(to);
+        if rounded.is_empty() {
+            losses.extend(self.activated(written));
+        }
         if let Some(mesh) = written.mesh() {
             losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
         }
-        losses.extend(format.losses(to).into_iter().map(str::to_owned));
+        losses.extend(rounded.into_iter().map(str::to_owned));
+        losses
+    }
+
+    /// Lists what activation loses, which changes no picture: it matters to training that goes on from the file.
+    fn activated(&self, written: &Scene) -> Vec<String> {
+        let mut losses = Vec::new();
+        let QuaternionNorms { min, max, far_from_unit } = self.norms;
+        if far_from_unit > 0 {
+            let count = grouped(far_from_unit);
+            losses.push(format!("the lengths of quaternions: {count} were not 1, but {min:.3} to {max:.3}"));
+        }
+        let nearly = written.opacities().iter().filter(|opacity| **opacity > NEARLY_OPAQUE).count() as u64;
+        if nearly > 0 && self.format.starts_with("ply,") {
+            losses.push(format!(
+                "logits above 9.9, in {} splats: rounded to those of opacities in 32 bits, at most 18",
+                grouped(nearly)
+            ));
+        }
         losses
     }
 }
