@@ -22,9 +22,11 @@ use std::path::{Path, PathBuf};
 
 /// Recommend settings for a scene: depth keys, harmonics, and the fastest setting within a budget
 ///
-/// Without a budget, this needs no graphics device. It reports dropped and unusual splats; the width of depth keys, for each
-/// mapping, that keeps all splats that overlap on the screen in order; and how much each band of spherical harmonics changes the
-/// colours. Splats below the alpha floor of 1/255 are never visible, and are ignored for keys and harmonics.
+/// Without a budget, this needs no graphics device. It reports dropped and unusual splats; a width of depth keys, for each
+/// mapping, that is sufficient to keep all splats that overlap on the screen in order; and how much each band of spherical
+/// harmonics changes the colours. Narrower keys may draw the same picture. The change of the colours is the root mean square over
+/// all directions and splats. Splats are weighted by opacity times area, so a few large ones can outweigh the others. Splats below
+/// the alpha floor of 1/255 are never visible, and are ignored for keys and harmonics.
 ///
 /// With --psnr or --ms, it changes one parameter at a time, predicts combinations, draws the most promising ones, and prints a
 /// command with the best setting that it measured to be within the budget. PSNR is measured for each view against the exact
@@ -154,7 +156,7 @@ pub(super) fn keys_text(needs: &[Need], errors: u64) -> String {
         0 => "no two overlapping splats change places".to_owned(),
         errors => format!("at most {errors} pairs of overlapping splats change places in a view"),
     };
-    let mut text = format!("  depth keys            bits at which {wrong}: ");
+    let mut text = format!("  depth keys            bits that suffice so that {wrong}: ");
     let of = |need: &Need| match need.bits {
         Some(bits) => format!("{} {bits}", need.map.name()),
         None => format!("{} more than {}", need.map.name(), WIDTHS.end()),
@@ -170,7 +172,7 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     let of = |band: &Band| {
         let share = 100.0 * band.share;
         format!(
-            "  band {:<17}adds {:.4} to a colour on average (rms), {share:.1} % of the view-dependent energy\n",
+            "  band {:<17}adds {:.4} to a colour (rms, splats weighted by opacity x area), {share:.1} % of the view-dependent energy\n",
             band.band, band.rms
         )
     };
