@@ -275,7 +275,8 @@ impl SweepResult {
             "`file order` keeps the first splats of the file, regardless of their importance. `opacity x world size` and \
              `opacity x screen size` are the usual heuristics for levels of detail: the product of opacity and of the two longest \
              semi-axes, in the world or on the screen of each view; both are applied before keys are made. `nearest, after \
-             the sort` draws the nearest visible splats and so saves no work before the sort, which here sorts splats rather \
+             the sort` draws the nearest of the visible splats, the same share of them as the others draw of all: fewer where \
+             some are outside of the view. It saves no work before the sort, which here sorts splats rather \
              than pairs of a splat and a bin.",
         );
         for text in self.findings() {
