@@ -62,7 +62,7 @@ pub struct Args {
     /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     backend: Renderer,
-    /// Background colour, display-encoded, 0 to 1, also behind photographs with alpha
+    /// Background colour, display-encoded: 0 is black, 1 is white, also behind photographs with alpha
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
     /// Print JSON instead of a table, or write it to FILE beside the table

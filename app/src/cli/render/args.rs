@@ -61,7 +61,7 @@ pub struct Args {
     /// Change a rule of the exact renderer; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = rule_help())]
     pub(super) rule: Vec<(String, String)>,
-    /// Background colour, display-encoded, 0 to 1
+    /// Background colour, display-encoded: 0 is black, 1 is white
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     pub(super) background: [f32; 3],
     /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder; NAME=FILE for depth, alpha and others

@@ -62,7 +62,7 @@ pub struct Args {
     /// Time that the shutter is open, as a share of the time between two frames [default: 0.5]
     #[arg(long, value_name = "0..1", value_parser = shutter, requires = "samples")]
     shutter: Option<f64>,
-    /// Background colour, display-encoded, 0 to 1
+    /// Background colour, display-encoded: 0 is black, 1 is white
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
     /// Output: .gif, .apng or .png (animated), .y4m, or a folder; .mp4 (AV1) if the program was built with the feature av1
