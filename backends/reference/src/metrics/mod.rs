@@ -113,7 +113,9 @@ pub enum MetricError {
         b_height: usize,
     },
     /// A picture has NaN or infinite values.
-    #[error("expected finite values, found {count} others in {which}, the first at ({x}, {y})")]
+    #[error(
+        "expected finite values, found NaN or infinity in {which}: {count} in all, the first at ({x}, {y})"
+    )]
     NotFinite {
         /// `the first picture` or `the second picture`.
         which: &'static str,
@@ -384,7 +386,7 @@ pub(crate) mod tests {
         let message = compare((&grey(3, 2, 0.0)).into(), (&bad).into()).unwrap_err().to_string();
         assert_eq!(
             message,
-            "expected finite values, found 2 others in the second picture, the first at (1, 1)"
+            "expected finite values, found NaN or infinity in the second picture: 2 in all, the first at (1, 1)"
         );
     }
 }
