@@ -34,7 +34,8 @@ pub struct DeviceFacts {
 }
 
 impl DeviceFacts {
-    /// Returns the facts of a common desktop GPU with every feature, for plans without a device.
+    /// Returns facts for plans without a device: the limits of a common desktop GPU, and all features, so that no graph
+    /// is refused.
     pub fn typical(subgroup_size: u32) -> DeviceFacts {
         DeviceFacts {
             subgroup_size,
