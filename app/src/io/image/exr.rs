@@ -87,16 +87,13 @@ fn find(path: &Path) -> Result<Found, ImageError> {
         let size = header.layer_size;
         sizes.push(check_size(path, size.width() as u64, size.height() as u64)?);
     }
-    let first = |names: &[&x::Text]| {
-        let has = |name: &&x::Text, at: usize| {
-            meta.headers[at].channels.list.iter().any(|channel| channel.name == **name)
-        };
-        (0..sizes.len()).find(|&at| names.iter().all(|name| has(name, at)))
+    let has = |at: usize, name: &x::Text| {
+        meta.headers[at].channels.list.iter().any(|channel| channel.name == *name)
     };
-    let [r, g, b] = ["R", "G", "B"].map(x::Text::from);
+    let first = |names: &[&x::Text]| (0..sizes.len()).find(|&at| names.iter().all(|name| has(at, name)));
+    let [r, g, b, a] = ["R", "G", "B", "A"].map(x::Text::from);
     if let Some(at) = first(&[&r, &g, &b]) {
-        let mut channels = meta.headers[at].channels.list.iter();
-        let has_alpha = channels.any(|channel| channel.name == x::Text::from("A"));
+        let has_alpha = has(at, &a);
         return Ok(Found { size: sizes[at], grey: None, has_alpha });
     }
     let only = meta.headers.iter().find(|header| header.channels.list.len() == 1);
