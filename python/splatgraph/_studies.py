@@ -128,6 +128,8 @@ class Advice:
     hidden: tuple[Tried, ...]
     #: Names of settings that may save time within the noise, and were not combined.
     unsure: tuple[str, ...]
+    #: Settings that were not measured, each with the reason, such as a plan that equals another's.
+    notes: tuple[str, ...]
     #: For each mapping of depth to keys, the number of bits that keeps overlapping splats in order; None if 32 are too few.
     key_bits: dict[str, int | None]
     #: How much each band of harmonics adds to a colour of 0 to 1, root mean square: band 0 first, up to the scene's degree.
@@ -243,16 +245,16 @@ def advise(
     for name, limit in (("psnr", psnr), ("ms", ms)):
         if limit is not None and not 0.0 < limit < math.inf:
             raise ValueError(f"{name}: expected a number above 0, found {limit}")
-    answer = _native.advise(
+    found = _native.advise(
         scene, _cameras(cameras), pipeline, texts(params), (psnr, ms), errors, _effort(backend, device, rounds, frames), progress
     )
-    found = answer["found"]
     best = found.get("best")
     return Advice(
         None if best is None else _tried(best),
         tuple(map(_tried, found.get("tried", ()))),
         tuple(map(_tried, found.get("hidden", ()))),
         tuple(found.get("unsure", ())),
+        tuple(found["notes"]),
         {need["map"]: need["bits"] for need in found["keys"]},
         tuple(band["rms"] for band in found["bands"]),
         found["report"],

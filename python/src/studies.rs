@@ -7,7 +7,7 @@ use crate::scene::Scene;
 use crate::wait;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use serde_json::{Value as Json, json};
+use serde_json::json;
 use splatgraph::draw::backend::{Api, Backend, Options};
 use splatgraph::draw::interleaved::Frames;
 use splatgraph::io::image::Image;
@@ -22,8 +22,8 @@ use std::sync::mpsc::Sender;
 use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// Threads of studies that ended or were cancelled. The process waits for them at its end, because they use a driver.
-static CANCELLED: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
+/// Threads of studies that may not have ended. The process waits for them at its end, because they use a driver.
+static THREADS: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
 enum News<T> {
     Progress(String, u64, u64, String),
@@ -80,14 +80,17 @@ fn run<T: Send + 'static>(
         }
     };
     drop(receiver);
-    CANCELLED.lock().unwrap_or_else(PoisonError::into_inner).push(thread);
+    let mut threads = THREADS.lock().unwrap_or_else(PoisonError::into_inner);
+    threads.retain(|thread| !thread.is_finished());
+    threads.push(thread);
+    drop(threads);
     found.map(|found| (found, messages))
 }
 
 /// Waits for the threads of all studies, at the end of the process.
 #[pyfunction]
 pub fn _join_studies(py: Python<'_>) {
-    let threads = std::mem::take(&mut *CANCELLED.lock().unwrap_or_else(PoisonError::into_inner));
+    let threads = std::mem::take(&mut *THREADS.lock().unwrap_or_else(PoisonError::into_inner));
     // The panic hook has already printed the message of a panic.
     py.detach(|| threads.into_iter().for_each(|thread| drop(thread.join())));
 }
@@ -190,7 +193,7 @@ pub fn advise<'py>(
     let (api, options, frames) = (effort.api()?, effort.options(), effort.frames()?);
     let budget = advising::search::Budget { psnr: budget.0, ms: budget.1 };
     let wanted = advising::Wanted { pipeline, set: params, budget, frames };
-    let (all, messages) = run(py, progress, move |listener| {
+    let (mut all, messages) = run(py, progress, move |listener| {
         let advising::Description { report, keys, bands } = advising::describe(&scene, &cameras, errors);
         let mut all = json!({ "report": report, "text": report.to_string(), "keys": keys, "bands": bands });
         if budget == advising::search::Budget::default() {
@@ -208,7 +211,7 @@ pub fn advise<'py>(
         all["unsure"] = json!(advice.unsure);
         Ok(all)
     })?;
-    let all: Json = json!({ "found": all, "messages": messages });
+    all["notes"] = json!(messages);
     errors::from_json(py, &all.to_string())
 }
 

@@ -60,10 +60,11 @@ def test_a_ledger_compares_with_given_pictures_and_goes_on_from_its_file(scene, 
 def test_advice_describes_the_scene_and_finds_a_setting_within_the_budget(scene, cameras):
     described = splatgraph.advise(scene, cameras[0])
     assert described.best is None and described.tried == () and described.key_bits and len(described.band_rms) == 2
-    assert described.band_rms[1] > 0 and "splats" in str(described)
+    assert described.band_rms[1] > 0 and "splats" in str(described) and described.notes == ()
     found = splatgraph.advise(scene, cameras[0], "splat", psnr=30, rounds=1, frames=1)
     names = [tried.name for tried in found.tried]
     assert "exact" in names and all(len(tried.psnr_db) == 1 for tried in found.tried)
+    assert found.notes and all(note.startswith("not measured: ") for note in found.notes)
     assert found.best is None or min(found.best.psnr_db) >= 30
     chosen = next(tried for tried in found.tried if tried.pipeline == "splat")
     drawn = splatgraph.Renderer(scene, chosen.pipeline, chosen.params).render(cameras[0])
