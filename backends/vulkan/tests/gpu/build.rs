@@ -379,8 +379,9 @@ pub fn barriers_everywhere(plan: &Plan) -> Barriers {
         uses.any(|touch| same(touch.resource) && touch.accesses.writes())
     };
     let changes = |at: Option<PassId>, target: &dyn Fn(ResourceId) -> Side| -> Vec<Barrier> {
-        let change = |change: &LayoutChange| {
-            Barrier { image: Some(change.transition()), ..barrier(anything, target(change.image)) }
+        let change = |change: &LayoutChange| Barrier {
+            image: Some(change.transition()),
+            ..barrier(anything, target(change.image))
         };
         plan.layout_changes_at(at).map(change).collect()
     };
