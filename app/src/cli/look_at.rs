@@ -22,7 +22,7 @@ pub struct LookAtArgs {
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
     fov: Option<f64>,
     /// Height of an orthographic view, in world units [default: that of the perspective view, at the middle of the scene]
-    #[arg(long, value_name = "UNITS", value_parser = height)]
+    #[arg(long, value_name = "UNITS", value_parser = height, conflicts_with = "fov")]
     ortho_height: Option<f64>,
     /// Draw N pictures along a circle through --eye with the axis --up, starting at --eye
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "cameras")]
@@ -276,6 +276,7 @@ mod tests {
         assert!(
             parse("--fov 361").unwrap_err().contains("expected 0.1 to 179 degrees, or to 360 for a fisheye")
         );
+        assert!(parse("--ortho-height 2 --fov 30").unwrap_err().contains("cannot be used with"));
         assert!(parse("--ortho-height 0").unwrap_err().contains("expected a positive number of world units"));
         assert!(parse("--cameras a.json --eye 1,2,3").unwrap_err().contains("cannot be used with"));
         assert!(parse("").unwrap().names().is_none());
