@@ -16,6 +16,10 @@ pub struct SplatSet {
     words: Vec<u64>,
 }
 
+/// Example of a selection file, for errors.
+const FORM: &str =
+    "a selection such as {\"splats\": 1000, \"indices\": [0, 7]}, with the scene's number of splats";
+
 /// JSON contents of a selection file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -92,8 +96,8 @@ impl SplatSet {
     pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
         let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
         let text = fs::read_to_string(path).map_err(|error| of_file(&error))?;
-        let SelectionFile { splats, indices } =
-            serde_json::from_str(&text).map_err(|error| of_file(&error))?;
+        let SelectionFile { splats, indices } = serde_json::from_str(&text)
+            .map_err(|error| of_file(&format!("expected {FORM}, found {error}")))?;
         if splats != count {
             return Err(of_file(&format!("expected a selection of {count} splats, found one of {splats}")));
         }
@@ -194,7 +198,7 @@ mod tests {
             ("{\"splats\":100,\"indices\":[3,100]}", "indices: expected numbers below 100, found 100"),
             ("{\"splats\":100,\"indices\":[-1]}", "line 1 column "),
             ("{\"splats\":100}", "missing field `indices`"),
-            ("[]", "line 1 column "),
+            ("[]", "expected a selection such as {\"splats\": 1000, \"indices\": [0, 7]}"),
         ] {
             let error = read(text).unwrap_err();
             assert!(error.contains(expected) && error.contains("selection.json: "), "{error}");
