@@ -86,7 +86,8 @@ pub fn study<D: Device>(
     let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
     let controls = session.controls((first.width, first.height))?;
     let mut singles = settings::measured(&wanted.pipeline, &wanted.set, &controls);
-    singles.extend(advised_keys(&singles[0], needs));
+    let advised = advised_keys(&singles[0], needs);
+    singles.extend(advised.filter(|advised| singles.iter().all(|other| other.name != advised.name)));
     let mut exact = subject.session(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
     let singles = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
