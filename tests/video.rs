@@ -172,7 +172,7 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     let pictures = fs::read_dir(place.at("turn")).expect("a folder").count();
     assert_eq!(pictures, 6, "five pictures and film.json");
 
-    let no_encoder = "found .mp4; other formats need an encoder: `-o - | ffmpeg -i - film.mp4`";
+    let no_encoder = "found .mp4; other formats need an encoder: `-o - | ffmpeg -i - film.mp4`, or a program built with `--features av1`";
     place.refuses(
         LINE,
         &[

@@ -157,11 +157,17 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
     match (file, args.format, path.extension()) {
         (Some(_), Some(_), _) => Err(Usage("--format is for the pictures of a folder".into())),
         (Some(format), None, _) => Ok(Destination::File(path.clone(), format)),
-        (None, None, Some(extension)) if !path.is_dir() => Err(Usage(format!(
-            "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {}`",
-            extension.display(),
-            path.display()
-        ))),
+        (None, None, Some(extension)) if !path.is_dir() => {
+            let feature = match extension.eq_ignore_ascii_case("mp4") {
+                true => ", or a program built with `--features av1`",
+                false => "",
+            };
+            Err(Usage(format!(
+                "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {}`{feature}",
+                extension.display(),
+                path.display()
+            )))
+        }
         (None, format, _) => {
             Ok(Destination::Folder(Sequence::new(path, format.unwrap_or(image::Format::Png))))
         }
