@@ -125,7 +125,7 @@ fn kind(control: &Control) -> &'static str {
 }
 
 fn as_json(control: &Control) -> Value {
-    let Control { param, label, help, part } = control;
+    let Control { param, label, help, part, .. } = control;
     json!({
         "name": param.name, "part": part, "kind": kind(control), "domain": super::help::domain(&param.domain),
         "value": param.value, "default": param.default, "exact": param.exact, "grows_with": param.grows,

@@ -45,6 +45,8 @@ use crate::source::{Diagnostic, SourceMap};
 pub struct Control {
     /// Parameter with its value.
     pub param: Param,
+    /// The value if the request sets none: a preset's, or the default.
+    pub unset: Value,
     /// The declared label, or the parameter's name with spaces for `_`.
     pub label: String,
     /// The help text; may be empty.
@@ -173,7 +175,7 @@ impl Root {
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let Root { chosen, parameters, resolved } =
         Root::open(request, files, &mut Choices::new(request), &mut Known::default(), None)?;
-    let control = |(param, declared): (Param, &Declared)| {
+    let control = |((param, unset), declared): ((Param, Value), &Declared)| {
         let (label, help) = params::texts(declared.declaration());
         let label = if label.is_empty() { param.name.replace('_', " ") } else { folded(label) };
         Control {
@@ -181,9 +183,11 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
             help: folded(help),
             part: declared.part.as_ref().map(|part| part.replace('_', " ")),
             param,
+            unset,
         }
     };
-    let controls = resolved.params.into_iter().zip(&parameters.all).map(control).collect();
+    let controls =
+        resolved.params.into_iter().zip(resolved.unset).zip(&parameters.all).map(control).collect();
     Ok((folded(&chosen.opened.summary), controls))
 }
 

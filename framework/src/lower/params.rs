@@ -16,6 +16,8 @@ use crate::source::{Diagnostic, Place, SourceMap, nearest};
 
 pub(super) struct Resolved {
     pub params: Vec<Param>,
+    /// Value of each parameter if the request sets none.
+    pub unset: Vec<Value>,
     /// Facts and constants, ready for `let`s and passes.
     pub names: Names,
     pub live_bytes: u64,
@@ -58,7 +60,7 @@ pub(super) fn resolve(
     }
 
     let mut names = Names::of(request.facts);
-    let mut params: Vec<Option<Param>> = vec![None; parameters.all.len()];
+    let mut params: Vec<Option<(Param, Value)>> = vec![None; parameters.all.len()];
     let (mut live, mut skipped) = (BTreeMap::new(), Vec::new());
     let is_live = |declared: &&Declared| matches!(declared.declaration(), ParamDecl::Live(_));
     let live_bytes = |until: usize| 4 * parameters.all[..until].iter().filter(is_live).count() as u64;
@@ -83,7 +85,7 @@ pub(super) fn resolve(
         }
         let made = made.and_then(|made| Ok((made, grows(declared)?)));
         match made {
-            Ok((Made { mut param, params: mut behind, range, skipped: others }, grows)) => {
+            Ok((Made { mut param, unset, params: mut behind, range, skipped: others }, grows)) => {
                 param.grows = grows;
                 let value = param.with_room(param.value.clone(), request.capacities);
                 if request.capacities.iter().any(|(capacities, _)| capacities == name) {
@@ -109,7 +111,7 @@ pub(super) fn resolve(
                         live.insert(name.clone(), behind);
                     }
                 }
-                params[index] = Some(param);
+                params[index] = Some((param, unset));
             }
             Err(diagnostic) => {
                 failed.insert(name);
@@ -117,12 +119,14 @@ pub(super) fn resolve(
             }
         }
     }
-    let params = params.into_iter().flatten().collect();
-    Resolved { params, names, live_bytes: live_bytes(parameters.all.len()), live, skipped }
+    let (params, unset) = params.into_iter().flatten().unzip();
+    Resolved { params, unset, names, live_bytes: live_bytes(parameters.all.len()), live, skipped }
 }
 
 struct Made {
     param: Param,
+    /// Value if the request sets none.
+    unset: Value,
     /// Parameters that the value depends on.
     params: ParamSet,
     /// Parameters that the range depends on.
@@ -162,8 +166,11 @@ fn one(
     let (found, behind_default) = found;
     range.extend(behind_default);
     let (domain, default, exact) = found?;
-    let (value, (reason, params, skipped)) = match (text, setting) {
+    let preset = |setting: &Setting| given(&setting.number, &domain, names, &setting.place);
+    let (value, unset, (reason, params, skipped)) = match (text, setting) {
         (Some(text), _) => {
+            // The preset's value is not used, so neither its errors nor what it depends on count.
+            let unset = setting.and_then(|setting| names.traced(|| preset(setting)).0.ok());
             let value = parse_value(text.value, &domain).map_err(|m| {
                 let error = Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m);
                 match range_reason(kind, inner) {
@@ -171,18 +178,18 @@ fn one(
                     None => error,
                 }
             })?;
-            (value, Default::default())
+            (value, unset.unwrap_or_else(|| default.clone()), Default::default())
         }
         (None, Some(setting)) => {
-            let value = given(&setting.number, &domain, names, &setting.place)?;
-            (value, reason(&setting.number, &domain, names))
+            let value = preset(setting)?;
+            (value.clone(), value, reason(&setting.number, &domain, names))
         }
-        (None, None) => (default.clone(), reason(&written.0, &domain, outer)),
+        (None, None) => (default.clone(), default.clone(), reason(&written.0, &domain, outer)),
     };
     let origin = files.origin(place.key());
     let param =
         Param { name: name.into(), value, default, reason, exact, grows: None, domain, binding, origin };
-    Ok(Made { param, params, range, skipped })
+    Ok(Made { param, unset, params, range, skipped })
 }
 
 /// Returns the scopes of a parameter's expressions: one per include around it, innermost first, then the scope of the

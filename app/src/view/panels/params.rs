@@ -242,7 +242,7 @@ fn row(
                 &format!("reset:{}", param.name),
                 ui.add_sized([RESET - theme::GRID, ROW - 4.0], egui::Button::new("↺").frame(false)),
             );
-            if hint(reset, format!("Back to {}", param.default)).clicked() {
+            if hint(reset, format!("Back to {}", control.unset)).clicked() {
                 change = Some((param.name.clone(), None));
             }
         }

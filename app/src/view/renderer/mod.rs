@@ -311,14 +311,13 @@ impl<D: Device> Renderer<D> {
         self.want(Cause::Graph, Instant::now());
     }
 
-    /// Sets a parameter; `None` restores its default. An unknown name changes nothing.
+    /// Sets a parameter; `None` restores the value of the graph or its preset. An unknown name changes nothing.
     ///
     /// The value's type and range are not checked here: they must fit the parameter's domain.
     pub fn set_param(&mut self, name: &str, value: Option<Value>) {
-        let Some(param) = self.controls.iter_mut().map(|c| &mut c.param).find(|p| p.name == name) else {
-            return;
-        };
-        let value = value.filter(|value| *value != param.default);
+        let control = self.controls.iter_mut().find(|control| control.param.name == name);
+        let Some(Control { param, unset, .. }) = control else { return };
+        let value = value.filter(|value| value != unset);
         match &value {
             Some(value) => {
                 self.set.insert(name.to_owned(), value.to_string());
@@ -327,7 +326,7 @@ impl<D: Device> Renderer<D> {
                 self.set.shift_remove(name);
             }
         }
-        param.value = value.unwrap_or_else(|| param.default.clone());
+        param.value = value.unwrap_or_else(|| unset.clone());
         self.rejected.shift_remove(name);
         self.capacities.forget(name);
         if param.binding == ParamBinding::Const {
@@ -335,7 +334,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Restores the default of every parameter.
+    /// Removes the settings of all parameters.
     pub fn reset_params(&mut self) {
         self.rejected.clear();
         let names: Vec<String> = self.set.keys().cloned().collect();
@@ -539,10 +538,11 @@ impl<D: Device> Renderer<D> {
 
     /// Sets the new plan's parameters to the settings that changed after the build was requested.
     fn apply_set(&mut self) {
-        for Control { param, .. } in &mut self.controls {
-            let text = self.set.get(&param.name);
-            if let Some(value) = text.and_then(|text| parse_value(text, &param.domain).ok()) {
-                param.value = param.with_room(value, self.capacities.values());
+        for Control { param, unset, .. } in &mut self.controls {
+            match self.set.get(&param.name).map(|text| parse_value(text, &param.domain)) {
+                Some(Ok(value)) => param.value = param.with_room(value, self.capacities.values()),
+                None if param.binding != ParamBinding::Const => param.value.clone_from(unset),
+                None | Some(Err(_)) => {}
             }
         }
     }

@@ -146,6 +146,38 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
 }
 
 #[test]
+fn a_parameter_that_a_preset_sets_can_have_its_default_and_returns_to_the_presets_value() {
+    let mut script = resting();
+    let preset = script.path("preset.ron");
+    let text = r#"Preset(graph: "graph.ron", summary: "", set: { "digits": 6, "shade": 0.25 })"#;
+    std::fs::write(&preset, text).expect("it is written");
+    script.viewer().a.renderer.choose(&preset.to_string_lossy(), Default::default());
+    script.settle();
+    for (value, expected) in [(Some(Value::Int(4)), "4"), (Some(Value::Int(6)), "6"), (None, "6")] {
+        script.viewer().a.renderer.set_param("digits", value);
+        script.settle();
+        let plan = script.viewer().a.renderer.plan().expect("a plan").clone();
+        assert_eq!(plan.params[0].value.to_string(), expected);
+    }
+    let renderer = &mut script.viewer().a.renderer;
+    renderer.set_param("shade", Some(Value::Float(0.5)));
+    assert_eq!(renderer.set()["shade"], "0.5");
+    renderer.reset_params();
+    let shade = |script: &mut Script| script.viewer().a.renderer.controls()[2].param.value.clone();
+    assert!(renderer.set().is_empty());
+    assert_eq!(shade(&mut script), Value::Float(0.25));
+    // A live parameter that is reset during a build stays so.
+    script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.5)));
+    script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+    script.frame(false);
+    assert!(script.viewer().a.renderer.busy());
+    script.viewer().a.renderer.set_param("shade", None);
+    script.settle();
+    assert_eq!(shade(&mut script), Value::Float(0.25));
+    script.close(&[]);
+}
+
+#[test]
 fn the_window_alone_is_submitted_after_a_change_of_the_window() {
     let mut script = resting();
     script.panels().hidden = false;
