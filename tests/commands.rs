@@ -220,6 +220,44 @@ fn checked(passes: &str, output: &str) -> (Place, Output) {
     (place, output)
 }
 
+#[test]
+fn a_graph_with_a_history_draws_no_frames_before_the_repeated_ones() {
+    let place = Place::new();
+    place.write(
+        "graph.ron",
+        r#"Graph(version: 1, summary: "counts its frames", output: "image", stats: { "drawn": ("count", 0) },
+    resources: {
+        "count": Buffer(stride: 4, count: 1, history: true),
+        "image": Image(format: "rgba8", size: ("viewport.width", "viewport.height")),
+    },
+    passes: [
+        Dispatch(name: "add", shader: "add.comp", size: Groups(1), bind: { "Count": "count" }),
+        Dispatch(name: "show", shader: "show.comp", size: Groups("viewport.width", "viewport.height"),
+            bind: { "Count": "count", "image": "image" }),
+    ],
+)"#,
+    );
+    let head = "#version 460\nlayout(local_size_x = 1) in;\nlayout(set = 0, binding = 0, std430)";
+    place.write(
+        "add.comp",
+        format!("{head} buffer Count {{ uint count; }};\nvoid main() {{ count += 1; }}\n"),
+    );
+    place.write(
+        "show.comp",
+        format!(
+            "{head} readonly buffer Count {{ uint count; }};\n\
+             layout(set = 0, binding = 1, rgba8) writeonly uniform image2D image;\n\
+             void main() {{ imageStore(image, ivec2(gl_WorkGroupID.xy), vec4(float(count) / 255.0)); }}\n"
+        ),
+    );
+    for frames in [1, 3] {
+        let render = format!("render scene.ply -p graph.ron --size 8x8 --repeat {frames}");
+        place.done(&format!("{render} --json=out.json"));
+        let stats = place.json("out.json");
+        assert_eq!((&stats[0]["counts"]["drawn"], &stats[0]["frames"]), (&frames.into(), &frames.into()));
+    }
+}
+
 const CLEAR: &str = r#"Fill(name: "clear", buffer: "words", value: 1),"#;
 const SHOW: &str = r#"Dispatch(name: "show", shader: "show.comp", size: Threads(64), bind: { "Words": "words", "Image": "image" }),"#;
 

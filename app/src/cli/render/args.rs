@@ -82,8 +82,10 @@ pub struct Args {
     /// line of the summary is the time of a step, excluding nested steps.
     #[arg(long, value_name = "FILE.json")]
     pub timeline: Option<PathBuf>,
-    /// Number of frames per camera; times are their medians. If N is above 1, the device is first warmed up for a fifth of a
-    /// second
+    /// Number of frames per camera; times are their medians, and the files are of the last one
+    ///
+    /// If N is above 1, the device is first warmed up for a fifth of a second, unless the picture depends on the number of frames: the
+    /// graph has a history, or a shader reads `camera.frame`. Its times need a large N.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     pub(super) repeat: u32,
     /// Maximum number of pictures that are drawn but not yet written [default: two per processor]

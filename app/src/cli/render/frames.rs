@@ -9,6 +9,7 @@ use crate::draw::outputs::{self, Output};
 use crate::draw::session::{FrameOptions, Session};
 use crate::draw::stats::CameraStats;
 use crate::io::progress::Progress;
+use crate::view::animation::is_animated;
 use anyhow::{Context, Result};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, Inspect, Pixels};
 use splatgraph_assets::Camera;
@@ -60,9 +61,10 @@ pub fn draw(
         kept.add(result, plan, counts);
         Ok(())
     };
-    // If several frames are measured, they follow warm-up frames, because an idle device may run at a lower clock.
+    // If several frames are measured, they follow warm-up frames, because an idle device may run at a lower clock. Their
+    // number depends on the time, so the picture must not depend on it.
     let begun = Instant::now();
-    let mut warm = args.repeat == 1;
+    let mut warm = args.repeat == 1 || is_animated(&plan);
     let (mut counted, mut first) = (0, true);
     while counted < args.repeat {
         counted += u32::from(warm);
