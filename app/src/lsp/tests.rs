@@ -319,6 +319,7 @@ fn a_mistake_in_a_graph_of_a_choice_that_is_not_drawn_is_shown_in_that_graph() {
     std::fs::write(editor.path("broken.ron"), GRAPH.replace("Groups(1)", "Groups(\"8 / 0\")"))
         .expect("writable");
     let choice = r#"Choice(summary: "", of: [(graph: "graph.ron"), (graph: "broken.ron")])"#;
+    std::fs::write(editor.path("choice.ron"), choice).expect("writable");
     editor.open("choice.ron", choice);
     let mut found = BTreeMap::from([editor.published(), editor.published()]);
     assert_eq!(found.remove(&editor.uri("choice.ron")), Some(vec![]));
