@@ -40,11 +40,15 @@ pub(crate) fn logit(opacity: f32) -> f32 {
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
 }
 
-/// Normalises a quaternion, and returns its original length. A zero quaternion is returned unchanged.
+/// Normalises a quaternion, and returns its original length. A zero quaternion is returned unchanged, and so is one that
+/// was normalised before: a scene that is saved and loaded again has the same bits.
 #[inline]
 pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
+    // A unit quaternion that is rounded to f32 has a length within half an epsilon of 1.
+    const ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
     let norm = raw.iter().map(|c| c * c).sum::<f64>().sqrt();
-    (raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }), norm)
+    let divisor = if norm > 0.0 && (norm - 1.0).abs() > ROUNDING { norm } else { 1.0 };
+    (raw.map(|c| (c / divisor) as f32), norm)
 }
 
 /// Computes the omitted component of a unit quaternion, its largest, and inserts it at index `omitted`.
@@ -80,6 +84,17 @@ pub(crate) fn quantised(value: f64, most: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_quaternion_that_was_normalised_is_not_changed_again() {
+        for number in 0..10_000 {
+            let wave = |k: usize| f64::from(((number * 7 + k * 13) as f32 * 0.37).sin());
+            let once = unit(std::array::from_fn(wave)).0;
+            assert_eq!(unit(once.map(f64::from)).0, once);
+        }
+        assert_eq!(unit([0.0, 2.0, 0.0, 0.0]), ([0.0, 1.0, 0.0, 0.0], 2.0));
+        assert_eq!(unit([0.0; 4]), ([0.0; 4], 0.0));
+    }
 
     #[test]
     fn values_that_are_not_finite_stay_visible_as_such() {
