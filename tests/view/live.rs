@@ -138,13 +138,9 @@ fn parameters_that_a_file_no_longer_declares_are_forgotten_and_the_others_stay()
     let from = graph.find("    \"budget\": Live").expect("it is declared");
     let end = from + graph[from..].find("    )),\n").expect("its end") + "    )),\n".len();
     twin.place.write("pipelines/parts/depth_order.ron", format!("{}{}", &graph[..from], &graph[end..]));
-    for (name, text) in [("shaders/args.glsl", "live.glsl"), ("shaders/compact.comp", "budget")] {
-        // Shaders that read the parameter must stop reading it.
-        let shader = twin.place.text(name);
-        if shader.contains(text) {
-            twin.place.write(name, shader.replace("budget", "1.0"));
-        }
-    }
+    // The shader that reads the parameter must stop reading it: settings are dropped only once a plan is drawn without them.
+    let shader = twin.place.text("shaders/scan_blocks.comp");
+    twin.place.write("shaders/scan_blocks.comp", shader.replace("budget", "1.0"));
     twin.until(
         "the parameter to be dropped",
         |event| matches!(event, Event::Dropped { parameters, .. } if parameters == &["budget"]),
