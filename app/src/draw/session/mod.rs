@@ -450,7 +450,7 @@ impl<D: Device> Session<D> {
 
     fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
-        debug_assert_eq!(*size, (camera.width, camera.height));
+        assert_eq!(*size, (camera.width, camera.height), "the size that was prepared");
         let camera = projection::convert(&camera, projection::of_params(&plan.params), &self.scene)?;
         let inputs = FrameInputs {
             uniforms: camera::frame_uniforms(&camera, &self.scene.bounds(), request.background, number),

@@ -53,7 +53,7 @@ pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     for (number, part) in PARTS.iter().enumerate() {
         let share = count * part.share as usize / 1000;
         let made = (part.make)(&mut Random::new(seed, number as u64), share);
-        debug_assert_eq!(made.len(), share);
+        assert_eq!(made.len(), share);
         if part.mirrored {
             mirrored.extend_from_slice(&made);
         }
