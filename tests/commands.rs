@@ -222,7 +222,7 @@ fn checked(passes: &str, output: &str) -> (Place, Output) {
 
 #[test]
 fn a_graph_with_a_history_draws_no_frames_before_the_repeated_ones() {
-    let place = Place::new();
+    let place = Place::demo(500);
     place.write(
         "graph.ron",
         r#"Graph(version: 1, summary: "counts its frames", output: "image", stats: { "drawn": ("count", 0) },
