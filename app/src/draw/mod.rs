@@ -1,5 +1,6 @@
 //! Draws frames of a scene: from a graph and a device to pictures, times and counts.
 
+pub mod animation;
 pub mod backend;
 pub mod builtin;
 pub mod camera;

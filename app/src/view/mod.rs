@@ -13,7 +13,6 @@
 //!
 //! Only [`window`] depends on a window system. Tests run everything else.
 
-pub mod animation;
 pub mod cameras;
 pub mod events;
 pub mod export;

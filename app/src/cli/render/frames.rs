@@ -2,6 +2,7 @@
 
 use super::args::{Args, InspectRequest};
 use super::kept::Kept;
+use crate::draw::animation::is_animated;
 use crate::draw::backend::Backend;
 use crate::draw::inspect::{self, Finding};
 use crate::draw::interleaved;
@@ -9,7 +10,6 @@ use crate::draw::outputs::{self, Output};
 use crate::draw::session::{FrameOptions, Session};
 use crate::draw::stats::CameraStats;
 use crate::io::progress::Progress;
-use crate::view::animation::is_animated;
 use anyhow::{Context, Result};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, Inspect, Pixels};
 use splatgraph_assets::Camera;
