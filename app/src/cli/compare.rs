@@ -273,16 +273,16 @@ fn cannot(pair: &Pair) -> String {
 }
 
 fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
-    let sizes = (Image::size_of(&pair.a)?, Image::size_of(&pair.b)?);
-    if sizes.0 != sizes.1 {
+    let headers = [Image::header(&pair.a)?, Image::header(&pair.b)?];
+    let [(a_width, a_height), (b_width, b_height)] = headers.map(|header| header.size);
+    if (a_width, a_height) != (b_width, b_height) {
         // Before either picture is decoded.
-        let ((a_width, a_height), (b_width, b_height)) = sizes;
         let error = MetricError::Sizes { a_width, a_height, b_width, b_height };
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    for (path, image) in [(&pair.a, &a), (&pair.b, &b)] {
-        if Image::has_alpha(path)? {
+    for (path, image, header) in [(&pair.a, &a, headers[0]), (&pair.b, &b, headers[1])] {
+        if header.has_alpha {
             say(format!("{}: its alpha is not compared", path.display()));
         }
         let is_grey = image.rgb.iter().all(|[r, g, b]| r == g && g == b);

@@ -61,7 +61,8 @@ impl Sequence {
             Err(error) => return Err(error).with_context(|| file.display().to_string()),
         }
         let size = (size.0 as usize, size.1 as usize);
-        let is_whole = |frame: &u32| Image::size_of(&self.picture(*frame)).is_ok_and(|found| found == size);
+        let is_whole =
+            |frame: &u32| Image::header(&self.picture(*frame)).is_ok_and(|found| found.size == size);
         Ok((0..frames).filter(|frame| !is_whole(frame)).collect())
     }
 }

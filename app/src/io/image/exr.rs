@@ -4,6 +4,7 @@
 //! declare this: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
 //! Forum, and `comments` for people.
 
+use super::Header;
 use super::pixels::{Image, ImageError, check_size, open};
 use crate::io::output::{self, file::Cause};
 use exr::prelude as x;
@@ -68,10 +69,9 @@ pub fn save_values(
 /// The layer of a file that is read as the picture: the first one with R, G and B, else the first one with the only
 /// channel of a layer.
 struct Found {
-    size: (usize, usize),
+    header: Header,
     /// Name of the only channel; `None` for R, G and B.
     grey: Option<x::Text>,
-    has_alpha: bool,
 }
 
 /// Finds the layer of the picture, and checks the sizes of all layers.
@@ -93,13 +93,13 @@ fn find(path: &Path) -> Result<Found, ImageError> {
     let first = |names: &[&x::Text]| (0..sizes.len()).find(|&at| names.iter().all(|name| has(at, name)));
     let [r, g, b, a] = ["R", "G", "B", "A"].map(x::Text::from);
     if let Some(at) = first(&[&r, &g, &b]) {
-        let has_alpha = has(at, &a);
-        return Ok(Found { size: sizes[at], grey: None, has_alpha });
+        let header = Header { size: sizes[at], has_alpha: has(at, &a) };
+        return Ok(Found { header, grey: None });
     }
     let only = meta.headers.iter().find(|header| header.channels.list.len() == 1);
     let grey = only.map(|header| header.channels.list[0].name.clone());
     match grey.as_ref().and_then(|name| first(&[name])) {
-        Some(at) => Ok(Found { size: sizes[at], grey, has_alpha: false }),
+        Some(at) => Ok(Found { header: Header { size: sizes[at], has_alpha: false }, grey }),
         None => Err(ImageError::new(
             path,
             "expected a layer with the channels R, G and B, or with a single channel, found none",
@@ -107,12 +107,8 @@ fn find(path: &Path) -> Result<Found, ImageError> {
     }
 }
 
-pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
-    find(path).map(|found| found.size)
-}
-
-pub(super) fn has_alpha(path: &Path) -> Result<bool, ImageError> {
-    find(path).map(|found| found.has_alpha)
+pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
+    find(path).map(|found| found.header)
 }
 
 /// Loads the data window of the picture's layer.
@@ -204,13 +200,13 @@ mod tests {
         save_values(&path, &["Z"], (3, 2), &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
         let image = Image::load(&path).unwrap();
         assert_eq!((image.width, image.height, image.at(1, 1)), (3, 2, [4.0; 3]));
-        assert!(!Image::has_alpha(&path).unwrap());
+        assert!(!Image::header(&path).unwrap().has_alpha);
         save_values(&path, &["A", "Z"], (3, 1), &[0.0; 6]).unwrap();
         let message = Image::load(&path).unwrap_err().to_string();
         assert!(message.ends_with("R, G and B, or with a single channel, found none"), "{message}");
         save_values(&path, &["A", "B", "G", "R"], (1, 1), &[0.0, 3.0, 2.0, 1.0]).unwrap();
         assert_eq!(Image::load(&path).unwrap().rgb, [[1.0, 2.0, 3.0]]);
-        assert!(Image::has_alpha(&path).unwrap());
+        assert!(Image::header(&path).unwrap().has_alpha);
     }
 
     #[test]

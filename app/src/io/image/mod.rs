@@ -26,35 +26,28 @@ pub use exr::save_values;
 pub use npy::{npz_names, save_words};
 pub use pixels::{Depth, Image, ImageError};
 
+/// Properties of a picture that its file's header gives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// Width and height, in pixels.
+    pub size: (usize, usize),
+    /// True if there is an alpha channel, which [`Image::load`] drops.
+    pub has_alpha: bool,
+}
+
 impl Image {
-    /// Reads the width and height of a picture in pixels, from its header alone.
+    /// Reads the header of a picture, not its pixels.
     ///
     /// # Errors
     /// See [`Image::load`]; damage after the header is not detected.
-    pub fn size_of(path: &Path) -> Result<(usize, usize), ImageError> {
+    pub fn header(path: &Path) -> Result<Header, ImageError> {
         if let Some((archive, array)) = split_member(path) {
-            return npy::member_size(&archive, &array);
+            return npy::member_header(&archive, &array);
         }
         match Format::of(path) {
-            Some(Format::Png) => png::size(path),
-            Some(Format::Exr) => exr::size(path),
-            Some(Format::Npy) => npy::size(path),
-            None => Err(no_picture(path)),
-        }
-    }
-
-    /// Returns true if the file has an alpha channel, which [`Image::load`] drops.
-    ///
-    /// # Errors
-    /// See [`Image::size_of`].
-    pub fn has_alpha(path: &Path) -> Result<bool, ImageError> {
-        if let Some((archive, array)) = split_member(path) {
-            return npy::member_has_alpha(&archive, &array);
-        }
-        match Format::of(path) {
-            Some(Format::Png) => png::has_alpha(path),
-            Some(Format::Exr) => exr::has_alpha(path),
-            Some(Format::Npy) => npy::has_alpha(path),
+            Some(Format::Png) => png::header(path),
+            Some(Format::Exr) => exr::header(path),
+            Some(Format::Npy) => npy::header(path),
             None => Err(no_picture(path)),
         }
     }
@@ -306,9 +299,9 @@ mod tests {
             let path = folder.path().join(name);
             ramp().save(&path).unwrap();
             let bytes = std::fs::read(&path).unwrap();
-            assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
+            assert_eq!(Image::header(&path).unwrap().size, (7, 5), "{name}");
             std::fs::write(&path, &bytes[..bytes.len() - 40]).unwrap();
-            assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
+            assert_eq!(Image::header(&path).unwrap().size, (7, 5), "{name}");
             assert!(Image::load(&path).is_err());
         }
     }
@@ -321,7 +314,7 @@ mod tests {
             let path = folder.path().join(name);
             assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
             let path = if name == "a.npz" { folder.path().join("a.npz#b") } else { path };
-            for error in [Image::size_of(&path).unwrap_err(), Image::load(&path).unwrap_err()] {
+            for error in [Image::header(&path).unwrap_err(), Image::load(&path).unwrap_err()] {
                 assert!(error.to_string().ends_with("expected a regular file, found a FIFO"), "{error}");
             }
         }

@@ -4,6 +4,7 @@
 //! bytes of 0 to 255, with 3 channels, or with 4 channels, of which the last is ignored. Arrays of shape
 //! `[height, width]`, also of uint32, are grey.
 
+use super::Header;
 use super::pixels::{Depth, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
@@ -53,7 +54,7 @@ const MAX_HEADER: usize = 4096;
 const MAX_BRACKETS: usize = 16;
 
 /// Reads the header of an array, after checking its length and its nesting, which the library's parser trusts.
-fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
+fn begin<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
     let fail = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
     // The magic number, the version, and the header's length in 2 or 4 bytes.
     let mut start = vec![0; 8];
@@ -81,35 +82,23 @@ fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
 }
 
 pub(super) fn load(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
-    read(path, header(open(path)?).map_err(|e| ImageError::because(path, e))?)
+    read(path, begin(open(path)?).map_err(|e| ImageError::because(path, e))?)
 }
 
-pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
-    shape(path, &header(open(path)?).map_err(|e| ImageError::because(path, e))?).map(|(size, _)| size)
+pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
+    header_of(path, &begin(open(path)?).map_err(|e| ImageError::because(path, e))?)
 }
 
 pub(super) fn load_member(archive: &Path, array: &str) -> Result<(Image<f64>, Depth), ImageError> {
     let mut npz = open_npz(archive)?;
     let member = member(archive, &mut npz, array)?;
-    read(archive, header(member).map_err(|e| ImageError::because(archive, e))?)
+    read(archive, begin(member).map_err(|e| ImageError::because(archive, e))?)
 }
 
-pub(super) fn member_size(archive: &Path, array: &str) -> Result<(usize, usize), ImageError> {
+pub(super) fn member_header(archive: &Path, array: &str) -> Result<Header, ImageError> {
     let mut npz = open_npz(archive)?;
     let member = member(archive, &mut npz, array)?;
-    shape(archive, &header(member).map_err(|e| ImageError::because(archive, e))?).map(|(size, _)| size)
-}
-
-pub(super) fn has_alpha(path: &Path) -> Result<bool, ImageError> {
-    shape(path, &header(open(path)?).map_err(|e| ImageError::because(path, e))?)
-        .map(|(_, channels)| channels == 4)
-}
-
-pub(super) fn member_has_alpha(archive: &Path, array: &str) -> Result<bool, ImageError> {
-    let mut npz = open_npz(archive)?;
-    let member = member(archive, &mut npz, array)?;
-    let header = header(member).map_err(|e| ImageError::because(archive, e))?;
-    shape(archive, &header).map(|(_, channels)| channels == 4)
+    header_of(archive, &begin(member).map_err(|e| ImageError::because(archive, e))?)
 }
 
 /// Finds an array in an archive, to be read as far as its own header says.
@@ -137,6 +126,10 @@ pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
 
 fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
     ZipArchive::new(open(archive)?).map_err(|e| ImageError::because(archive, e))
+}
+
+fn header_of<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<Header, ImageError> {
+    shape(path, npy).map(|(size, channels)| Header { size, has_alpha: channels == 4 })
 }
 
 /// Checks the shape of an array, and returns the picture's size and its number of channels.
@@ -267,7 +260,7 @@ mod tests {
         npz.write_all(b"\n").unwrap();
         npz.write_all(&vec![0; 1 << 20]).unwrap();
         npz.finish().unwrap();
-        for error in [load_member(&path, "a").unwrap_err(), member_size(&path, "a").unwrap_err()] {
+        for error in [load_member(&path, "a").unwrap_err(), member_header(&path, "a").unwrap_err()] {
             assert!(error.to_string().contains("found 1000000 x 1000000"), "{error}");
         }
     }
@@ -278,10 +271,10 @@ mod tests {
         let path = folder.path().join("a.npy");
         save_words(&path, &[1, 1, 3], &[0.25f64, 0.5, 2.0]).unwrap();
         assert_eq!(load(&path).unwrap().rgb, [[0.25, 0.5, 2.0]]);
-        assert!(!Image::has_alpha(&path).unwrap());
+        assert!(!Image::header(&path).unwrap().has_alpha);
         save_words(&path, &[1, 1, 4], &[0u8, 51, 255, 7]).unwrap();
         assert_eq!(load(&path).unwrap().rgb, [[0.0, 0.2, 1.0]]);
-        assert!(Image::has_alpha(&path).unwrap());
+        assert!(Image::header(&path).unwrap().has_alpha);
     }
 
     #[test]

@@ -37,7 +37,11 @@ impl Image {
     /// # Errors
     /// The file cannot be read, is neither PNG nor JPEG, or is too large.
     pub fn photograph_size(path: &Path) -> Result<(usize, usize), ImageError> {
-        if is_png(path)? { png::size(path) } else { header(path).map(|(_, size)| size) }
+        if is_png(path)? {
+            png::header(path).map(|header| header.size)
+        } else {
+            header(path).map(|(_, size)| size)
+        }
     }
 
     /// Loads a photograph. If it has an alpha channel, it is blended over `background`.

@@ -1,5 +1,6 @@
 //! Reads and writes PNG files: 8 bits per channel when written, any colour type and depth when read.
 
+use super::Header;
 use super::pixels::{Image, ImageError, check_size, open, room};
 use crate::io::output::file::Cause;
 use std::fs::File;
@@ -22,7 +23,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
 type Decoder = png::Decoder<BufReader<File>>;
 
 /// Reads the header of a PNG file. Returns the decoder, and the picture's size.
-fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
+fn decoder(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     let mut decoder = png::Decoder::new(open(path)?);
     decoder.set_transformations(png::Transformations::EXPAND);
     let header = decoder.read_header_info().map_err(|e| ImageError::because(path, e))?;
@@ -30,14 +31,13 @@ fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     Ok((decoder, size))
 }
 
-pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
-    header(path).map(|(_, size)| size)
-}
-
-/// Returns true if the file has an alpha channel or a transparent colour.
-pub(super) fn has_alpha(path: &Path) -> Result<bool, ImageError> {
-    let reader = header(path)?.0.read_info().map_err(|e| ImageError::because(path, e))?;
-    Ok(matches!(reader.output_color_type().0, png::ColorType::GrayscaleAlpha | png::ColorType::Rgba))
+/// Reads the header. A transparent colour counts as alpha.
+pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
+    use png::ColorType::{GrayscaleAlpha, Rgba};
+    let (decoder, size) = decoder(path)?;
+    let has_alpha =
+        decoder.read_info().is_ok_and(|info| matches!(info.output_color_type().0, GrayscaleAlpha | Rgba));
+    Ok(Header { size, has_alpha })
 }
 
 /// Loads a file without its alpha. Also returns the level of white: 255 or 65535.
@@ -48,7 +48,7 @@ pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
 /// Loads a file, and blends it over the background if both exist. Also returns the level of white: 255 or 65535.
 pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
-    let (decoder, (width, height)) = header(path)?;
+    let (decoder, (width, height)) = decoder(path)?;
     let mut reader = decoder.read_info().map_err(fail)?;
     let size = reader
         .output_buffer_size()
@@ -122,10 +122,10 @@ mod tests {
 
         write(&path, Grayscale, One, &[0b0100_0000], None);
         assert_eq!(load(&path).unwrap().0.rgb, grey);
-        assert!(!has_alpha(&path).unwrap());
+        assert!(!header(&path).unwrap().has_alpha);
         write(&path, GrayscaleAlpha, Eight, &[0, 9, 255, 9], None);
         assert_eq!(load(&path).unwrap().0.rgb, grey);
-        assert!(has_alpha(&path).unwrap());
+        assert!(header(&path).unwrap().has_alpha);
         write(&path, Rgba, Eight, &[0, 51, 255, 9, 255, 51, 0, 9], None);
         assert_eq!(load(&path).unwrap().0.rgb, colour);
         write(&path, Rgb, Sixteen, &[0, 0, 51, 51, 255, 255, 255, 255, 51, 51, 0, 0], None);
