@@ -4,8 +4,7 @@
 //! declare this: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
 //! Forum, and `comments` for people.
 
-use super::Header;
-use super::pixels::{Image, ImageError, check_size, open};
+use super::pixels::{Header, Image, ImageError, check_size, open};
 use crate::io::output::{self, file::Cause};
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel, WritableImage};

@@ -24,16 +24,7 @@ use tracing::info_span;
 
 pub use exr::save_values;
 pub use npy::{npz_names, save_words};
-pub use pixels::{Depth, Image, ImageError};
-
-/// Properties of a picture that its file's header gives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Header {
-    /// Width and height, in pixels.
-    pub size: (usize, usize),
-    /// True if there is an alpha channel, which [`Image::load`] drops.
-    pub has_alpha: bool,
-}
+pub use pixels::{Depth, Header, Image, ImageError};
 
 impl Image {
     /// Reads the header of a picture, not its pixels.

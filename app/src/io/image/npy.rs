@@ -4,8 +4,7 @@
 //! bytes of 0 to 255, with 3 channels, or with 4 channels, of which the last is ignored. Arrays of shape
 //! `[height, width]`, also of uint32, are grey.
 
-use super::Header;
-use super::pixels::{Depth, Image, ImageError, check_size, has_extension, open, room};
+use super::pixels::{Depth, Header, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;

@@ -118,6 +118,15 @@ impl Image {
     }
 }
 
+/// Properties of a picture that its file's header gives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// Width and height, in pixels.
+    pub size: (usize, usize),
+    /// True if there is an alpha channel, which [`Image::load`] drops.
+    pub has_alpha: bool,
+}
+
 /// An error while reading or writing a picture.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {what}", path.display())]

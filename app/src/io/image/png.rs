@@ -1,7 +1,6 @@
 //! Reads and writes PNG files: 8 bits per channel when written, any colour type and depth when read.
 
-use super::Header;
-use super::pixels::{Image, ImageError, check_size, open, room};
+use super::pixels::{Header, Image, ImageError, check_size, open, room};
 use crate::io::output::file::Cause;
 use std::fs::File;
 use std::io::{BufReader, Write};
