@@ -1,6 +1,6 @@
 //! Finds devices and scenes that meet the requirements of graphs.
 //!
-//! With them, the graphs of a choice that a device does not draw can be checked, too.
+//! `check` and the language server use them to check the graphs of a choice that a device does not draw.
 
 use crate::draw::facts::{self, MAX_SUBGROUP_SIZE, SUBGROUP_SIZES, SceneFacts, set_device_fact};
 use crate::draw::planner::{GraphErrors, Planner};
@@ -213,7 +213,7 @@ impl Case {
                 let Some(key) = all.into_iter().find(|key| key.name() == text) else { return false };
                 scene.key_of = key;
             }
-            // Graphs cannot require what cannot be set here: it stays as it is.
+            // No graph can require the remaining facts, so they are not changed.
             _ => return self.facts().named().get(name) == Some(value),
         }
         true

@@ -127,7 +127,7 @@ impl<D: Device> Subject<'_, D> {
             session.set_graph(&setting.pipeline, &setting.set);
             session.controls((first.width, first.height))?;
         }
-        self.files(settings)
+        self.files_of(&mut session, settings)
     }
 
     /// Lists the files of graphs and their shaders; those of a graph with errors only as far as they can be read.
@@ -135,8 +135,11 @@ impl<D: Device> Subject<'_, D> {
     /// # Errors
     /// The subject has no camera, or the device cannot create another context.
     pub fn files(&self, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
+        self.files_of(&mut self.session("", &[])?, settings)
+    }
+
+    fn files_of(&self, session: &mut Session<D>, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
         let first = self.first()?;
-        let mut session = self.session("", &[])?;
         for setting in settings {
             // Compiled shaders are shared, so the study does not compile them again.
             let _ = session.plan_of(&setting.pipeline, &setting.set, (first.width, first.height));

@@ -362,7 +362,7 @@ fn the_rounding_of_positions_is_that_of_the_file() {
         let expected = two_clouds.position_rounding(format);
         assert!(largest > 0.1 && (largest - expected).abs() < 1e-6, "{format:?}: {largest}, {expected}");
     }
-    // Quantised positions are read as f32, too.
+    // Quantised positions are read as f32 as well.
     for format in [SceneFormat::CompressedPly, SceneFormat::Sog] {
         let back = read(&written(&two_clouds, format)).unwrap();
         assert!(!back.is_wide() && back.offset() == [0.0; 3], "{format:?}");

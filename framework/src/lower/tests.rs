@@ -387,6 +387,23 @@ fn a_settings_text_is_read_as_the_parameters_domain() {
     );
 }
 
+/// Asks a question about a graph without lowering its passes.
+fn asked<T>(graph: &str, set: &[(&str, &str)], question: impl FnOnce(&Request, &mut SourceMap) -> T) -> T {
+    let memory = [("graph.ron".to_string(), graph.to_string())].into();
+    let mut files = SourceMap::new(Library { memory, ..Library::default() });
+    let (facts, catalog) = (crate::testing::facts(), crate::testing::catalog());
+    let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+    let request = Request {
+        graph: "graph.ron",
+        set: &set,
+        capacities: &[],
+        facts: &facts,
+        catalog: &catalog,
+        share_memory: true,
+    };
+    question(&request, &mut files)
+}
+
 #[test]
 fn the_settings_that_a_graph_rejects_are_listed_and_do_not_count_for_the_ranges_of_others() {
     let graph = r#"Graph(version: 1, summary: "", output: "missing", passes: [],
@@ -395,20 +412,8 @@ fn the_settings_that_a_graph_rejects_are_listed_and_do_not_count_for_the_ranges_
             "rows": Const(Int(default: 2, range: (1, "width"))),
             "cutoff": Live(Float(default: 1.0, range: (0.0, 2.0))),
         })"#;
-    let memory = [("graph.ron".to_string(), graph.to_string())].into();
-    let mut files = SourceMap::new(Library { memory, ..Library::default() });
-    let (facts, catalog) = (crate::testing::facts(), crate::testing::catalog());
-    let mut rejected = |set: &[(&str, &str)]| {
-        let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
-        let request = Request {
-            graph: "graph.ron",
-            set: &set,
-            capacities: &[],
-            facts: &facts,
-            catalog: &catalog,
-            share_memory: true,
-        };
-        crate::lower::rejected_settings(&request, &mut files).expect("the graph itself is sound")
+    let rejected = |set: &[(&str, &str)]| {
+        asked(graph, set, super::rejected_settings).expect("the graph itself is sound")
     };
     assert!(rejected(&[("width", "4"), ("rows", "4"), ("cutoff", "2")]).is_empty());
     assert_eq!(rejected(&[("rows", "8"), ("width", "12"), ("wdth", "4")]), ["wdth", "width"]);
@@ -420,19 +425,7 @@ fn the_names_of_a_graphs_expressions_have_values_without_its_passes() {
     let graph = r#"Graph(version: 1, summary: "", output: "missing",
         params: { "width": Const(Int(default: 8, range: (1, 11))), "cutoff": Live(Float(default: 1.0, range: (0.0, 2.0))) },
         let: { "words": "scene.count / width", "wrong": "1 / 0", "next": "words + 1" }, passes: [])"#;
-    let memory = [("graph.ron".to_string(), graph.to_string())].into();
-    let mut files = SourceMap::new(Library { memory, ..Library::default() });
-    let (facts, catalog) = (crate::testing::facts(), crate::testing::catalog());
-    let set = [("width".to_string(), "10".to_string())];
-    let request = Request {
-        graph: "graph.ron",
-        set: &set,
-        capacities: &[],
-        facts: &facts,
-        catalog: &catalog,
-        share_memory: true,
-    };
-    let names = super::expression_names(&request, &mut files).expect("names");
+    let names = asked(graph, &[("width", "10")], super::expression_names).expect("names");
     assert_eq!(names.get("next"), Some(&Value::Int(101)));
     assert_eq!((names.get("wrong"), names.get("cutoff")), (None, None));
     assert!(names.iter().any(|(name, value)| (name, value) == ("scene.count", &Value::Int(1000))));

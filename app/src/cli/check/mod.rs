@@ -334,7 +334,7 @@ impl Lines {
     }
 }
 
-/// What is known of the plans of a graph.
+/// Collects the results for the plans of a graph.
 #[derive(Default)]
 struct Checked<'a> {
     set: &'a [(String, String)],

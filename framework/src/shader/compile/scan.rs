@@ -138,7 +138,7 @@ fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-/// What a text contains, in any branch of its `#if`s.
+/// Names and directives of a text, in any branch of its `#if`s.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Scan {
     pub identifiers: HashSet<String>,
