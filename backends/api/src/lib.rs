@@ -469,7 +469,8 @@ pub trait Device: Sized {
 /// A device that shows its frames in a window.
 ///
 /// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts
-/// them: with vsync, once per refresh of the display. While the window is hidden, they are drawn and not shown.
+/// them: with vsync, once per refresh of the display, except on Wayland, where it never waits for the display. While the
+/// window is hidden, they are drawn and not shown.
 pub trait Windowed: Device {
     /// Sets the window's size in pixels; a window of size 0 is hidden.
     fn resize_window(&mut self, width: u32, height: u32);

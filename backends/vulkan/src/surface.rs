@@ -5,7 +5,7 @@
 
 use crate::error::api;
 use ash::{khr, vk};
-use raw_window_handle::HandleError;
+use raw_window_handle::{HandleError, RawDisplayHandle};
 use splatgraph_api::BackendError;
 use splatgraph_runtime::Window;
 use std::ffi::CStr;
@@ -23,6 +23,7 @@ pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, Back
 /// A surface, destroyed on drop. That must happen before its instance is destroyed.
 pub(crate) struct Surface {
     pub raw: vk::SurfaceKHR,
+    is_wayland: bool,
     functions: khr::surface::Instance,
     // Dropped after the surface is destroyed.
     pub window: Arc<dyn Window>,
@@ -41,7 +42,8 @@ impl Surface {
         // the instance drops the surface first.
         let raw = unsafe { ash_window::create_surface(entry, instance, display, handle, None) };
         let raw = raw.map_err(api("vkCreate*SurfaceKHR"))?;
-        Ok(Surface { raw, functions: khr::surface::Instance::new(entry, instance), window })
+        let is_wayland = matches!(display, RawDisplayHandle::Wayland(_));
+        Ok(Surface { raw, is_wayland, functions: khr::surface::Instance::new(entry, instance), window })
     }
 
     /// Returns true if queues of this family can present to the window.
@@ -66,10 +68,15 @@ impl Surface {
             .map_err(window("vkGetPhysicalDeviceSurfaceFormatsKHR"))
     }
 
-    pub fn present_modes(&self, device: vk::PhysicalDevice) -> Result<Vec<vk::PresentModeKHR>, BackendError> {
+    pub fn present_mode(
+        &self,
+        device: vk::PhysicalDevice,
+        vsync: bool,
+    ) -> Result<vk::PresentModeKHR, BackendError> {
         // SAFETY: as above.
-        unsafe { self.functions.get_physical_device_surface_present_modes(device, self.raw) }
-            .map_err(window("vkGetPhysicalDeviceSurfacePresentModesKHR"))
+        let offered = unsafe { self.functions.get_physical_device_surface_present_modes(device, self.raw) }
+            .map_err(window("vkGetPhysicalDeviceSurfacePresentModesKHR"))?;
+        Ok(present_mode(&offered, vsync && !self.is_wayland))
     }
 }
 
@@ -116,11 +123,14 @@ pub(crate) fn format(
     })
 }
 
-/// Chooses the present mode: FIFO, which every window offers, with vsync. Otherwise the first offered of MAILBOX,
-/// IMMEDIATE (which can tear) and FIFO.
-pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::PresentModeKHR {
+/// Chooses the present mode: FIFO, which every window offers, if presenting may wait for the display. Otherwise the
+/// first offered of MAILBOX, IMMEDIATE (which can tear) and FIFO.
+///
+/// On Wayland, it may not wait: with FIFO, `vkQueuePresentKHR` waits for the compositor's frame callback, without a
+/// limit, and a hidden window gets none. A compositor does not tear, and every driver for Wayland offers MAILBOX.
+fn present_mode(offered: &[vk::PresentModeKHR], may_wait: bool) -> vk::PresentModeKHR {
     let wanted: &[vk::PresentModeKHR] =
-        if vsync { &[] } else { &[vk::PresentModeKHR::MAILBOX, vk::PresentModeKHR::IMMEDIATE] };
+        if may_wait { &[] } else { &[vk::PresentModeKHR::MAILBOX, vk::PresentModeKHR::IMMEDIATE] };
     wanted.iter().copied().find(|mode| offered.contains(mode)).unwrap_or(vk::PresentModeKHR::FIFO)
 }
 
@@ -198,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn without_vsync_images_do_not_queue_and_tearing_is_the_second_choice() {
+    fn without_a_wait_images_do_not_queue_and_tearing_is_the_second_choice() {
         use vk::PresentModeKHR as Mode;
         let all = [Mode::IMMEDIATE, Mode::FIFO_RELAXED, Mode::FIFO, Mode::MAILBOX];
         assert_eq!(present_mode(&all, true), Mode::FIFO);

@@ -85,7 +85,7 @@ impl Swapchain {
             .image_sharing_mode(vk::SharingMode::EXCLUSIVE)
             .pre_transform(surface::transform(&capabilities))
             .composite_alpha(surface::composite_alpha(capabilities.supported_composite_alpha))
-            .present_mode(surface::present_mode(&surface.present_modes(gpu.physical)?, vsync))
+            .present_mode(surface.present_mode(gpu.physical, vsync)?)
             .clipped(true)
             .old_swapchain(former.map_or(vk::SwapchainKHR::null(), |former| former.raw));
         let acquired = [queue::semaphore(gpu)?, queue::semaphore(gpu)?];

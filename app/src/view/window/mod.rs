@@ -20,7 +20,7 @@ use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
 use crate::draw::session::image_of;
-use crate::io::output::{Log, names, one_line, say};
+use crate::io::output::{self, Log, names, one_line, say};
 use anyhow::{Context as _, Result, bail};
 pub use display::is_left_open;
 use display::own;
@@ -36,6 +36,7 @@ use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
+use winit::raw_window_handle::{HasDisplayHandle, RawDisplayHandle};
 use winit::window::{Fullscreen, Window, WindowId};
 
 /// Interval between checks whether a hidden window is visible again.
@@ -115,6 +116,9 @@ pub fn run(options: WindowOptions) -> Result<Vec<String>> {
             app.outcome
         }
         Err(panic) => {
+            if let Some(running) = &mut app.running {
+                running.finish_export();
+            }
             // The display is gone, or the panic left inconsistent state, so nothing can be closed normally.
             let _ = ManuallyDrop::new(app.running.take());
             Err(panic.into())
@@ -143,6 +147,8 @@ struct Running {
     /// Time of the next frame, and of the next poll of frames in flight.
     next: Option<Instant>,
     look: Option<Instant>,
+    /// The next frame is not drawn before this time; see [`Running::interval`].
+    earliest: Instant,
     frames: u64,
     closing: Closing,
     log: Option<EventLog>,
@@ -154,9 +160,10 @@ struct Running {
     kept: Option<PathBuf>,
     open: dialog::Dialog,
     editor: editor::Editor,
-    /// Path for the next frame's picture of the window.
-    save: Option<PathBuf>,
-    save_a: Option<PathBuf>,
+    /// True to save a picture of the window with the next frame.
+    save: bool,
+    /// True to save A's picture once it is read back.
+    save_a: bool,
 }
 
 struct Closing {
@@ -221,6 +228,7 @@ impl App<'_> {
             redraw: true,
             next: None,
             look: None,
+            earliest: Instant::now(),
             frames: 0,
             closing: Closing { screenshot: options.screenshot, frames: options.frames },
             log: options.events.map(EventLog::new),
@@ -230,8 +238,8 @@ impl App<'_> {
             open: dialog::Dialog::new(wake.clone()),
             editor: editor::Editor::new(wake),
             kept: options.kept,
-            save: None,
-            save_a: None,
+            save: false,
+            save_a: false,
         });
         Ok(())
     }
@@ -341,16 +349,21 @@ impl Running {
         let now = Instant::now();
         let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);
         let looks = is_due(self.look);
-        if !(self.asked || is_due(self.next) || looks) {
+        if !(self.asked || is_due(self.next) || looks) || now < self.earliest {
             return Ok(false);
         }
         if self.shows_nothing() {
+            // What was asked for is drawn with the first frame after the window is visible again.
+            self.asked = false;
             (self.next, self.look) = (Some(now + IDLE), None);
             return Ok(false);
         }
         let collected = looks && self.shell.collect();
         let closes = match self.asked || is_due(self.next) || collected {
-            true => self.draw()?,
+            true => {
+                self.earliest = now + self.interval();
+                self.draw()?
+            }
             false => self.show_state().map(|()| false)?,
         };
         let pause = |since: Instant| (since.elapsed() / LOOK).clamp(LOOKS.0, LOOKS.1);
@@ -360,7 +373,22 @@ impl Running {
 
     fn wakes(&self) -> Option<Instant> {
         let asked = self.asked.then(Instant::now);
-        [asked, self.next, self.look].into_iter().flatten().min()
+        [asked, self.next, self.look].into_iter().flatten().min().map(|time| time.max(self.earliest))
+    }
+
+    /// Returns the minimum interval between frames: with vsync on Wayland, a refresh of the display. There, presenting
+    /// must not wait for the display, because a hidden window would wait forever.
+    fn interval(&self) -> Duration {
+        if !self.shell.panels.vsync {
+            return Duration::ZERO;
+        }
+        self.window.with(|window| {
+            let display = window.display_handle().ok().map(|display| display.as_raw());
+            let is_wayland = matches!(display, Some(RawDisplayHandle::Wayland(_)));
+            let display = window.current_monitor().filter(|_| is_wayland);
+            let rate = display.and_then(|display| display.refresh_rate_millihertz());
+            rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(1e3 / f64::from(rate.max(1000))))
+        })
     }
 
     fn draw(&mut self) -> Result<bool> {
@@ -376,16 +404,14 @@ impl Running {
         }
         let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
-        if close && let Some(path) = &self.closing.screenshot {
-            self.save = Some(path.clone());
-        }
+        self.save |= close && self.closing.screenshot.is_some();
         let request = FrameRequest {
             size: self.window.size(),
             pixels_per_point: self
                 .window
                 .with(|window| egui_winit::pixels_per_point(self.shell.context(), window)),
             present: true,
-            read: self.save.is_some(),
+            read: self.save,
             redraw: self.redraw,
         };
         let frame = self.recovery.frame(&mut self.shell, input, request)?;
@@ -396,22 +422,23 @@ impl Running {
             return Ok(false);
         };
         self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
-        if let Some(pixels) = frame.picture
-            && let Some(path) = self.save.take()
-        {
-            let saved = self.save_picture(&pixels, &path);
-            if close && saved.is_err() {
-                return saved.with_context(|| format!("{} cannot be written", path.display())).map(|()| true);
+        if let Some(pixels) = frame.picture.filter(|_| std::mem::take(&mut self.save)) {
+            let path = self.closing.screenshot.clone().filter(|_| close);
+            let saved = self.save_picture(&pixels, path.as_deref(), "splatgraph-window");
+            if let Some(path) = path {
+                saved.with_context(|| format!("{} cannot be written", path.display()))?;
             }
         }
-        if let Some(path) = self.save_a.clone()
+        if self.save_a
             && let Some(picture) = self.shell.viewer.a.take_picture()
         {
-            self.save_a = None;
+            self.save_a = false;
             match picture {
                 // The window shows any error.
-                Ok(pixels) => _ = self.save_picture(&pixels, &path),
-                Err(error) => self.shell.report(Event::FileFailed { path, error }),
+                Ok(pixels) => _ = self.save_picture(&pixels, None, "splatgraph"),
+                Err(error) => {
+                    self.shell.report(Event::FileFailed { path: fresh_name("splatgraph", "png"), error })
+                }
             }
         }
         for command in frame.commands {
@@ -422,7 +449,7 @@ impl Running {
         self.redraw &= !frame.drawn;
         self.frames += u64::from(frame.drawn);
         self.write_events(&request, frame.drawn);
-        Ok(close && self.save.is_none())
+        Ok(close && !self.save)
     }
 
     /// Returns true if this frame is the last: a screenshot or a number of frames was requested, the frame shows the
@@ -495,10 +522,10 @@ impl Running {
 
     fn apply(&mut self, command: Command) {
         match command {
-            Command::Screenshot => self.save = Some(fresh_name("splatgraph-window", "png")),
+            Command::Screenshot => self.save = true,
             Command::SavePicture => {
                 self.shell.viewer.a.want_picture();
-                self.save_a = Some(fresh_name("splatgraph", "png"));
+                self.save_a = true;
             }
             Command::Vsync(vsync) => {
                 if let Some(canvas) = self.shell.canvas_mut() {
@@ -534,14 +561,29 @@ impl Running {
         }
     }
 
-    fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
-        let saved = image_of(pixels).map_err(Into::into).and_then(|image| Ok(image.save(path)?));
-        let path = path.to_owned();
-        self.shell.report(match &saved {
-            Ok(()) => Event::Screenshot { path },
-            Err(error) => Event::FileFailed { path, error: format!("{error:#}") },
+    /// Saves a picture at `path`, or else as a new file, numbered after `stem`.
+    fn save_picture(&mut self, pixels: &Pixels, path: Option<&Path>, stem: &str) -> Result<()> {
+        let saved = image_of(pixels).map_err(Into::into).and_then(|image| match path {
+            Some(path) => Ok(image.save(path).map(|()| path.to_owned())?),
+            None => Ok(output::write_first_free(numbered(stem, "png"), &image.png()?)?),
         });
-        saved
+        self.shell.report(match &saved {
+            Ok(path) => Event::Screenshot { path: path.clone() },
+            Err(error) => {
+                let path = path.map_or_else(|| fresh_name(stem, "png"), Path::to_owned);
+                Event::FileFailed { path, error: format!("{error:#}") }
+            }
+        });
+        saved.map(drop)
+    }
+
+    /// Waits for a file that is being written: the process may end without waiting for its threads.
+    fn finish_export(&mut self) {
+        if let Some(event) = self.shell.viewer.finish_export()
+            && !matches!(event, Event::Exported { .. })
+        {
+            say(event.to_string());
+        }
     }
 
     /// Closes the devices, and returns the validation messages. Work that does not end within [`CLOSING`] is abandoned
@@ -554,6 +596,7 @@ impl Running {
         }
         let end = Instant::now() + CLOSING;
         let finished = self.shell.finish(CLOSING);
+        self.finish_export();
         let still = match finished {
             Err(BackendError::Stuck { place, .. }) if !place.is_empty() => Some(place),
             Err(BackendError::Stuck { .. }) => Some("a frame".to_owned()),
@@ -577,5 +620,9 @@ fn title(scene: &Path) -> String {
 
 /// Returns the first of `STEM-1.EXTENSION`, `STEM-2.EXTENSION`, ... that does not exist yet.
 fn fresh_name(stem: &str, extension: &str) -> PathBuf {
-    names::first_free(|number| PathBuf::from(format!("{stem}-{number}.{extension}")))
+    names::first_free(numbered(stem, extension))
+}
+
+fn numbered(stem: &str, extension: &str) -> impl Fn(u32) -> PathBuf {
+    move |number| PathBuf::from(format!("{stem}-{number}.{extension}"))
 }
