@@ -102,9 +102,15 @@ fn no_handle(error: HandleError) -> BackendError {
     BackendError::Unavailable(format!("the window cannot be drawn in now: {error}"))
 }
 
-/// Formats to choose from, best first. None is sRGB, because colours are already display-encoded.
-const FORMATS: [vk::Format; 3] =
-    [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::A2B10G10R10_UNORM_PACK32];
+/// Formats to choose from, best first. None is sRGB, because colours are already display-encoded. A window of an X
+/// server may offer only the format with the bits of its visual.
+const FORMATS: [vk::Format; 5] = [
+    vk::Format::B8G8R8A8_UNORM,
+    vk::Format::R8G8B8A8_UNORM,
+    vk::Format::A2B10G10R10_UNORM_PACK32,
+    vk::Format::A2R10G10B10_UNORM_PACK32,
+    vk::Format::R5G6B5_UNORM_PACK16,
+];
 
 /// Chooses the format of the window's images from those `offered`. The device must be able to blit to it.
 pub(crate) fn format(
@@ -193,6 +199,9 @@ mod tests {
         assert_eq!(format(&all, |_| true).unwrap(), offer(F::B8G8R8A8_UNORM));
         assert_eq!(format(&all, |format| format != F::B8G8R8A8_UNORM).unwrap(), offer(F::R8G8B8A8_UNORM));
         assert_eq!(format(&all[..2], |_| true).unwrap(), offer(F::A2B10G10R10_UNORM_PACK32));
+        for alone in [F::A2R10G10B10_UNORM_PACK32, F::R5G6B5_UNORM_PACK16].map(offer) {
+            assert_eq!(format(&[alone], |_| true).unwrap(), alone);
+        }
     }
 
     #[test]
