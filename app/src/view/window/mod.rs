@@ -20,7 +20,7 @@ use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
 use crate::draw::session::image_of;
-use crate::io::output::{self, Log, names, one_line, say};
+use crate::io::output::{Log, names, one_line, say};
 use anyhow::{Context as _, Result, bail};
 pub use display::is_left_open;
 use display::own;
@@ -116,9 +116,6 @@ pub fn run(options: WindowOptions) -> Result<Vec<String>> {
             app.outcome
         }
         Err(panic) => {
-            if let Some(running) = &mut app.running {
-                running.finish_export();
-            }
             // The display is gone, or the panic left inconsistent state, so nothing can be closed normally.
             let _ = ManuallyDrop::new(app.running.take());
             Err(panic.into())
@@ -160,10 +157,9 @@ struct Running {
     kept: Option<PathBuf>,
     open: dialog::Dialog,
     editor: editor::Editor,
-    /// True to save a picture of the window with the next frame.
-    save: bool,
-    /// True to save A's picture once it is read back.
-    save_a: bool,
+    /// Path for the next frame's picture of the window.
+    save: Option<PathBuf>,
+    save_a: Option<PathBuf>,
 }
 
 struct Closing {
@@ -238,8 +234,8 @@ impl App<'_> {
             open: dialog::Dialog::new(wake.clone()),
             editor: editor::Editor::new(wake),
             kept: options.kept,
-            save: false,
-            save_a: false,
+            save: None,
+            save_a: None,
         });
         Ok(())
     }
@@ -353,8 +349,6 @@ impl Running {
             return Ok(false);
         }
         if self.shows_nothing() {
-            // What was asked for is drawn with the first frame after the window is visible again.
-            self.asked = false;
             (self.next, self.look) = (Some(now + IDLE), None);
             return Ok(false);
         }
@@ -404,14 +398,16 @@ impl Running {
         }
         let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
-        self.save |= close && self.closing.screenshot.is_some();
+        if close && let Some(path) = &self.closing.screenshot {
+            self.save = Some(path.clone());
+        }
         let request = FrameRequest {
             size: self.window.size(),
             pixels_per_point: self
                 .window
                 .with(|window| egui_winit::pixels_per_point(self.shell.context(), window)),
             present: true,
-            read: self.save,
+            read: self.save.is_some(),
             redraw: self.redraw,
         };
         let frame = self.recovery.frame(&mut self.shell, input, request)?;
@@ -422,23 +418,22 @@ impl Running {
             return Ok(false);
         };
         self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
-        if let Some(pixels) = frame.picture.filter(|_| std::mem::take(&mut self.save)) {
-            let path = self.closing.screenshot.clone().filter(|_| close);
-            let saved = self.save_picture(&pixels, path.as_deref(), "splatgraph-window");
-            if let Some(path) = path {
-                saved.with_context(|| format!("{} cannot be written", path.display()))?;
+        if let Some(pixels) = frame.picture
+            && let Some(path) = self.save.take()
+        {
+            let saved = self.save_picture(&pixels, &path);
+            if close && saved.is_err() {
+                return saved.with_context(|| format!("{} cannot be written", path.display())).map(|()| true);
             }
         }
-        if self.save_a
+        if let Some(path) = self.save_a.clone()
             && let Some(picture) = self.shell.viewer.a.take_picture()
         {
-            self.save_a = false;
+            self.save_a = None;
             match picture {
                 // The window shows any error.
-                Ok(pixels) => _ = self.save_picture(&pixels, None, "splatgraph"),
-                Err(error) => {
-                    self.shell.report(Event::FileFailed { path: fresh_name("splatgraph", "png"), error })
-                }
+                Ok(pixels) => _ = self.save_picture(&pixels, &path),
+                Err(error) => self.shell.report(Event::FileFailed { path, error }),
             }
         }
         for command in frame.commands {
@@ -449,7 +444,7 @@ impl Running {
         self.redraw &= !frame.drawn;
         self.frames += u64::from(frame.drawn);
         self.write_events(&request, frame.drawn);
-        Ok(close && !self.save)
+        Ok(close && self.save.is_none())
     }
 
     /// Returns true if this frame is the last: a screenshot or a number of frames was requested, the frame shows the
@@ -522,10 +517,10 @@ impl Running {
 
     fn apply(&mut self, command: Command) {
         match command {
-            Command::Screenshot => self.save = true,
+            Command::Screenshot => self.save = Some(fresh_name("splatgraph-window", "png")),
             Command::SavePicture => {
                 self.shell.viewer.a.want_picture();
-                self.save_a = true;
+                self.save_a = Some(fresh_name("splatgraph", "png"));
             }
             Command::Vsync(vsync) => {
                 if let Some(canvas) = self.shell.canvas_mut() {
@@ -561,29 +556,14 @@ impl Running {
         }
     }
 
-    /// Saves a picture at `path`, or else as a new file, numbered after `stem`.
-    fn save_picture(&mut self, pixels: &Pixels, path: Option<&Path>, stem: &str) -> Result<()> {
-        let saved = image_of(pixels).map_err(Into::into).and_then(|image| match path {
-            Some(path) => Ok(image.save(path).map(|()| path.to_owned())?),
-            None => Ok(output::write_first_free(numbered(stem, "png"), &image.png()?)?),
-        });
+    fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
+        let saved = image_of(pixels).map_err(Into::into).and_then(|image| Ok(image.save(path)?));
+        let path = path.to_owned();
         self.shell.report(match &saved {
-            Ok(path) => Event::Screenshot { path: path.clone() },
-            Err(error) => {
-                let path = path.map_or_else(|| fresh_name(stem, "png"), Path::to_owned);
-                Event::FileFailed { path, error: format!("{error:#}") }
-            }
+            Ok(()) => Event::Screenshot { path },
+            Err(error) => Event::FileFailed { path, error: format!("{error:#}") },
         });
-        saved.map(drop)
-    }
-
-    /// Waits for a file that is being written: the process may end without waiting for its threads.
-    fn finish_export(&mut self) {
-        if let Some(event) = self.shell.viewer.finish_export()
-            && !matches!(event, Event::Exported { .. })
-        {
-            say(event.to_string());
-        }
+        saved
     }
 
     /// Closes the devices, and returns the validation messages. Work that does not end within [`CLOSING`] is abandoned
@@ -596,7 +576,6 @@ impl Running {
         }
         let end = Instant::now() + CLOSING;
         let finished = self.shell.finish(CLOSING);
-        self.finish_export();
         let still = match finished {
             Err(BackendError::Stuck { place, .. }) if !place.is_empty() => Some(place),
             Err(BackendError::Stuck { .. }) => Some("a frame".to_owned()),
@@ -620,9 +599,5 @@ fn title(scene: &Path) -> String {
 
 /// Returns the first of `STEM-1.EXTENSION`, `STEM-2.EXTENSION`, ... that does not exist yet.
 fn fresh_name(stem: &str, extension: &str) -> PathBuf {
-    names::first_free(numbered(stem, extension))
-}
-
-fn numbered(stem: &str, extension: &str) -> impl Fn(u32) -> PathBuf {
-    move |number| PathBuf::from(format!("{stem}-{number}.{extension}"))
+    names::first_free(|number| PathBuf::from(format!("{stem}-{number}.{extension}")))
 }
