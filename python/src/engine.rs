@@ -32,7 +32,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
 /// A call on the session, made on the drawing thread.
-type Work = Box<dyn FnOnce(&mut Session<Backend>) + Send>;
+type Work = Box<dyn FnOnce(&mut Session) + Send>;
 
 enum Request {
     Draw(Draw),
@@ -209,10 +209,10 @@ impl Engine {
     fn ask<T: Send + 'static>(
         &self,
         py: Python<'_>,
-        call: impl FnOnce(&mut Session<Backend>) -> Result<T, SessionError> + Send + 'static,
+        call: impl FnOnce(&mut Session) -> Result<T, SessionError> + Send + 'static,
     ) -> PyResult<T> {
         let (reply, mut receiver) = channel();
-        self.send(Request::Call(Box::new(move |session: &mut Session<Backend>| {
+        self.send(Request::Call(Box::new(move |session: &mut Session| {
             // After an interruption, the receiver is gone.
             let _ = reply.send(call(session));
         })))?;
@@ -276,7 +276,7 @@ impl Drop for Pending {
 }
 
 /// Draws and answers requests until the channel is closed.
-fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
+fn serve(session: &mut Session, requests: &Receiver<Request>) {
     let mut flying = VecDeque::new();
     loop {
         // Waits for a request only if no frame is in flight.
@@ -303,7 +303,7 @@ fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
 }
 
 /// Submits the frame of a request, unless the request was abandoned. Builds the plan first if necessary.
-fn start(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) {
+fn start(session: &mut Session, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) {
     if draw.abandoned.load(Ordering::Relaxed) {
         return;
     }
@@ -326,7 +326,7 @@ fn start(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>,
 }
 
 /// Waits for the oldest frames, and replies to their requests, until at most `most` frames are in flight.
-fn land(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, most: usize) {
+fn land(session: &mut Session, flying: &mut VecDeque<(FrameId, Draw)>, most: usize) {
     while flying.len() > most {
         let Some((frame, draw)) = flying.pop_front() else { return };
         let answer = session.wait(frame).and_then(|mut result| {

@@ -170,7 +170,7 @@ fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
 }
 
 enum Drawer {
-    Device(Box<Session<Backend>>),
+    Device(Box<Session>),
     Reference(Arc<Scene>),
 }
 

@@ -4,7 +4,6 @@ use super::cameras;
 use super::console::Console;
 use super::options::{self, BackendArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
-use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
@@ -124,7 +123,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(common.device.validate, &device.close()))
 }
 
-fn view(subject: &Subject<Backend>) -> String {
+fn view(subject: &Subject) -> String {
     let names: Vec<_> = subject.cameras.iter().map(|camera| one_line(&camera.img_name)).collect();
     let size = subject.cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     format!(

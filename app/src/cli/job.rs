@@ -15,7 +15,6 @@ use crate::io::program;
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
-use splatgraph_api::Device;
 use splatgraph_framework::source::Content;
 use std::fs;
 use std::io::ErrorKind;
@@ -336,8 +335,8 @@ pub fn write_part(folder: &Path, view: &str, result: &impl Serialize) -> Result<
 }
 
 /// Returns the inputs that determine the pictures of a scene and a graph. `session` must be prepared.
-pub fn origin_of<D: Device>(
-    session: &Session<D>,
+pub fn origin_of(
+    session: &Session,
     cameras: &Json,
     (pipeline, set): (&str, &[(String, String)]),
 ) -> Result<Origin> {

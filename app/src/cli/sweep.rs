@@ -101,7 +101,7 @@ impl Request {
         Ok(request)
     }
 
-    fn subject<'a>(&self, device: &'a Backend) -> Subject<'a, Backend> {
+    fn subject<'a>(&self, device: &'a Backend) -> Subject<'a> {
         Subject { device, name: self.name.clone(), scene: self.scene.clone(), cameras: self.cameras.clone() }
     }
 }
@@ -164,7 +164,7 @@ pub struct Views {
     guard: OutputGuard,
     given: Option<Vec<Camera>>,
     stems: Vec<String>,
-    open: Option<(Backend, Request, Study<Backend>)>,
+    open: Option<(Backend, Request, Study)>,
 }
 
 impl Views {

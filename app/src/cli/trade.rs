@@ -134,7 +134,7 @@ impl Request {
         Ok(request)
     }
 
-    fn subject<'a>(&self, args: &Args, device: &'a Backend) -> Subject<'a, Backend> {
+    fn subject<'a>(&self, args: &Args, device: &'a Backend) -> Subject<'a> {
         let name = options::scene_name(args.scene.as_deref());
         Subject { device, name, scene: self.scene.clone(), cameras: self.cameras.clone() }
     }
@@ -184,7 +184,7 @@ pub struct Views {
     guard: OutputGuard,
     given: Option<Vec<Camera>>,
     stems: Vec<String>,
-    open: Option<(Backend, Request, Study<Backend>)>,
+    open: Option<(Backend, Request, Study)>,
 }
 
 impl Views {

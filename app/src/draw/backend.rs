@@ -11,7 +11,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 #[cfg(target_vendor = "apple")]
 use splatgraph_metal::Metal;
-use splatgraph_null::{Config, Journal, Null};
+use splatgraph_null::{Config, Null};
 use splatgraph_vulkan::Vulkan;
 use std::fmt;
 use std::sync::Arc;
@@ -139,8 +139,8 @@ pub enum Backend {
     /// A Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(Metal),
-    /// A device that executes nothing, with the journal of its calls, which is not read.
-    Null(Null, Journal),
+    /// A device that executes nothing.
+    Null(Null),
 }
 
 /// Loader of a [`Backend`].
@@ -173,7 +173,7 @@ macro_rules! each {
             Backend::Vulkan($device) => $call,
             #[cfg(target_vendor = "apple")]
             Backend::Metal($device) => $call,
-            Backend::Null($device, _) => $call,
+            Backend::Null($device) => $call,
         }
     };
 }
@@ -251,9 +251,14 @@ fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, Backen
     splatgraph_runtime::choose(&devices.iter().collect::<Vec<_>>(), options.device.as_deref())?;
     // On a busy machine, even the null device's threads wait for a processor.
     const PATIENCE: Duration = Duration::from_secs(60);
-    let config = Config { window, patience: PATIENCE, compile_patience: PATIENCE, ..Config::default() };
-    let (device, journal) = splatgraph_null::open(&config);
-    device.map(|device| Backend::Null(device, journal))
+    let config = Config {
+        window,
+        records: false,
+        patience: PATIENCE,
+        compile_patience: PATIENCE,
+        ..Config::default()
+    };
+    splatgraph_null::open(&config).0.map(Backend::Null)
 }
 
 impl splatgraph_api::Loader for Loader {
@@ -304,9 +309,7 @@ impl Device for Backend {
             Backend::Vulkan(device) => device.new_context().map(Backend::Vulkan),
             #[cfg(target_vendor = "apple")]
             Backend::Metal(device) => device.new_context().map(Backend::Metal),
-            Backend::Null(device, journal) => {
-                device.new_context().map(|device| Backend::Null(device, journal.clone()))
-            }
+            Backend::Null(device) => device.new_context().map(Backend::Null),
         }
     }
 
@@ -315,7 +318,7 @@ impl Device for Backend {
             (Backend::Vulkan(one), Backend::Vulkan(other)) => one.shares_device(other),
             #[cfg(target_vendor = "apple")]
             (Backend::Metal(one), Backend::Metal(other)) => one.shares_device(other),
-            (Backend::Null(one, _), Backend::Null(other, _)) => one.shares_device(other),
+            (Backend::Null(one), Backend::Null(other)) => one.shares_device(other),
             _ => false,
         }
     }
@@ -325,7 +328,7 @@ impl Device for Backend {
             Backend::Vulkan(device) => Loader::Vulkan(device.loader()),
             #[cfg(target_vendor = "apple")]
             Backend::Metal(device) => Loader::Metal(device.loader()),
-            Backend::Null(device, _) => Loader::Null(device.loader()),
+            Backend::Null(device) => Loader::Null(device.loader()),
         }
     }
 
@@ -334,7 +337,7 @@ impl Device for Backend {
             (Backend::Vulkan(device), Ready::Vulkan(ready)) => device.swap(ready),
             #[cfg(target_vendor = "apple")]
             (Backend::Metal(device), Ready::Metal(ready)) => device.swap(ready),
-            (Backend::Null(device, _), Ready::Null(ready)) => device.swap(ready),
+            (Backend::Null(device), Ready::Null(ready)) => device.swap(ready),
             _ => Err(BackendError::Invalid("a plan was prepared for a device of another API".to_owned())),
         }
     }
@@ -344,9 +347,6 @@ impl Device for Backend {
     }
 
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError> {
-        if let Backend::Null(_, journal) = self {
-            drop(journal.take());
-        }
         each!(self, device => device.submit(inputs))
     }
 

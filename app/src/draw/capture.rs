@@ -6,7 +6,7 @@
 
 use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
 use crate::io::image::Image;
-use splatgraph_api::{Device, Inspect};
+use splatgraph_api::Inspect;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
@@ -39,7 +39,7 @@ pub enum CaptureError {
 ///
 /// # Errors
 /// The device fails, or the graph's output has no colours.
-pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capture, CaptureError> {
+pub fn take(session: &mut Session, camera: &Camera) -> Result<Capture, CaptureError> {
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();
     let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };

@@ -12,7 +12,7 @@ use crate::draw::session::{FrameOptions, Session, image_of};
 use crate::io::image::Image;
 use anyhow::{Context, Result};
 use rayon::prelude::*;
-use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId};
+use splatgraph_api::{FRAMES_IN_FLIGHT, FrameId};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
 
@@ -73,8 +73,8 @@ pub struct DrawOptions {
 ///
 /// # Errors
 /// The device fails, the graph's output has no colours, or `encode` or `done` fails.
-pub fn draw<D: Device, T: Send + 'static>(
-    session: &mut Session<D>,
+pub fn draw<T: Send + 'static>(
+    session: &mut Session,
     film: &Film,
     frames: &[u32],
     options: &DrawOptions,
@@ -127,7 +127,7 @@ where
     F: FnMut(T) -> Result<()>,
 {
     /// Waits for the oldest frame in flight. If it was the last sample of a picture, starts to encode the picture.
-    fn land<D: Device>(&mut self, session: &mut Session<D>) -> Result<()> {
+    fn land(&mut self, session: &mut Session) -> Result<()> {
         let Some((id, frame, last)) = self.flying.pop_front() else { return Ok(()) };
         let result = session.wait(id)?;
         self.ms = self.ms.zip(result.total_ms).map(|(sum, ms)| sum + ms);

@@ -8,7 +8,7 @@ use crate::draw::session::{FrameOptions, Session, SessionError};
 use crate::draw::stats::median;
 use indexmap::IndexSet;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::{Device, FrameResult};
+use splatgraph_api::FrameResult;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
@@ -39,12 +39,7 @@ impl Frames {
     ///
     /// # Errors
     /// The device fails.
-    pub fn choose<D: Device>(
-        self,
-        session: &mut Session<D>,
-        camera: &Camera,
-        part: u32,
-    ) -> Result<Effort, SessionError> {
+    pub fn choose(self, session: &mut Session, camera: &Camera, part: u32) -> Result<Effort, SessionError> {
         let usual = || -> Result<u32, SessionError> {
             frame(session, camera)?;
             Ok((frames_of(frame(session, camera)?.wall_ms) / part).max(1))
@@ -108,15 +103,11 @@ pub enum Timestamps {
 ///
 /// # Errors
 /// The device fails.
-pub fn frame<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Timed, SessionError> {
+pub fn frame(session: &mut Session, camera: &Camera) -> Result<Timed, SessionError> {
     draw(session, camera, Timestamps::Passes)
 }
 
-fn draw<D: Device>(
-    session: &mut Session<D>,
-    camera: &Camera,
-    timestamps: Timestamps,
-) -> Result<Timed, SessionError> {
+fn draw(session: &mut Session, camera: &Camera, timestamps: Timestamps) -> Result<Timed, SessionError> {
     let begun = Instant::now();
     let ms = || 1e3 * begun.elapsed().as_secs_f64();
     let options = FrameOptions { untimed_passes: timestamps == Timestamps::Frame, ..FrameOptions::default() };
@@ -130,8 +121,8 @@ fn draw<D: Device>(
 ///
 /// # Errors
 /// The device fails.
-pub fn rounds<D: Device>(
-    sessions: &mut [&mut Session<D>],
+pub fn rounds(
+    sessions: &mut [&mut Session],
     camera: &Camera,
     effort: Effort,
     timestamps: Timestamps,
@@ -156,11 +147,7 @@ pub const WARM_UP: Duration = Duration::from_millis(200);
 ///
 /// # Errors
 /// The device fails.
-pub fn warm_up<D: Device>(
-    sessions: &mut [&mut Session<D>],
-    camera: &Camera,
-    least: Duration,
-) -> Result<f64, SessionError> {
+pub fn warm_up(sessions: &mut [&mut Session], camera: &Camera, least: Duration) -> Result<f64, SessionError> {
     let begun = Instant::now();
     let turn = Effort { rounds: 1, frames: 1 };
     let mut turns = 0;

@@ -25,7 +25,7 @@ use crate::draw::inspect::{Finding, Words};
 use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
 use crate::io::image::{Format, Image, ImageError, save_values, save_words};
 use crate::io::output::OutputError;
-use splatgraph_api::{Device, Inspect};
+use splatgraph_api::Inspect;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::{PassId, Work};
 use splatgraph_framework::plan::Plan;
@@ -73,11 +73,7 @@ pub struct Frame {
 ///
 /// # Errors
 /// The graph has errors or lacks an output, the device fails, or the picture has no colours.
-pub fn draw<D: Device>(
-    session: &mut Session<D>,
-    camera: &Camera,
-    background: [f32; 3],
-) -> Result<Frame, CaptureError> {
+pub fn draw(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Result<Frame, CaptureError> {
     session.prepare((camera.width, camera.height), &mut |_| {})?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect = inspections(plan);

@@ -3,6 +3,7 @@
 //! Most studies are a function `study`: it takes a [`Subject`], a request, and a [`Listener`], and returns its numbers.
 //! Studies print nothing. Only `trade` writes files: its ledger and the pictures beside it.
 
+use crate::draw::backend::Backend;
 use crate::draw::capture::CaptureError;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::ImageError;
@@ -82,9 +83,9 @@ impl<'a> Steps<'a> {
 }
 
 /// A device, and a scene with the cameras that look at it.
-pub struct Subject<'a, D> {
+pub struct Subject<'a> {
     /// The device. A study draws with its own contexts.
-    pub device: &'a D,
+    pub device: &'a Backend,
     /// Name of the scene in results.
     pub name: String,
     /// Scene to draw.
@@ -93,7 +94,7 @@ pub struct Subject<'a, D> {
     pub cameras: Vec<Camera>,
 }
 
-impl<D: Device> Subject<'_, D> {
+impl Subject<'_> {
     /// Returns the first camera.
     ///
     /// # Errors
@@ -106,7 +107,7 @@ impl<D: Device> Subject<'_, D> {
     ///
     /// # Errors
     /// The device cannot create another context.
-    pub fn session(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, StudyError> {
+    pub fn session(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session, StudyError> {
         Ok(Session::new(self.device.new_context()?, self.scene.clone(), pipeline, set))
     }
 
@@ -138,7 +139,7 @@ impl<D: Device> Subject<'_, D> {
         self.files_of(&mut self.session("", &[])?, settings)
     }
 
-    fn files_of(&self, session: &mut Session<D>, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
+    fn files_of(&self, session: &mut Session, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
         let first = self.first()?;
         for setting in settings {
             // Compiled shaders are shared, so the study does not compile them again.

@@ -22,6 +22,8 @@ pub struct Config {
     pub budget: Option<u64>,
     /// The calls that fail.
     pub faults: Vec<Fault>,
+    /// False to leave the journal's list of calls empty, for a device whose calls nobody reads.
+    pub records: bool,
     /// Time limit of one pass; see [`splatgraph_api::Options::patience`].
     pub patience: Duration,
     /// Time limit for compiling one pipeline; see [`splatgraph_api::Options::compile_patience`].
@@ -37,6 +39,7 @@ impl Default for Config {
             window: None,
             budget: None,
             faults: Vec::new(),
+            records: true,
             patience: Duration::from_millis(20),
             // Long enough for a thread to be scheduled on a busy machine.
             compile_patience: Duration::from_secs(1),
@@ -96,7 +99,7 @@ pub fn limits() -> Limits {
 
 impl NullGpu {
     pub(crate) fn new(config: &Config) -> (DeviceInfo, Arc<NullGpu>) {
-        let journal = Journal::new(&config.faults);
+        let journal = Journal::new(&config.faults, config.records);
         let info = DeviceInfo {
             index: 0,
             name: "null".to_string(),

@@ -161,6 +161,8 @@ pub(crate) enum Used {
 
 #[derive(Default)]
 struct State {
+    /// True to record calls.
+    records: bool,
     calls: Vec<Call>,
     alive: BTreeMap<Object, i64>,
     objects: u64,
@@ -172,6 +174,14 @@ struct State {
     /// Number of compilations that hang now.
     compilers: u64,
     lost: bool,
+}
+
+impl State {
+    fn call(&mut self, call: Call) {
+        if self.records {
+            self.calls.push(call);
+        }
+    }
 }
 
 struct InFlight {
@@ -199,8 +209,8 @@ pub struct Journal {
 }
 
 impl Journal {
-    pub(crate) fn new(faults: &[Fault]) -> Journal {
-        let state = State { faults: faults.to_vec(), ..State::default() };
+    pub(crate) fn new(faults: &[Fault], records: bool) -> Journal {
+        let state = State { records, faults: faults.to_vec(), ..State::default() };
         Journal { state: Arc::new(Mutex::new(state)), messages: Arc::default() }
     }
 
@@ -228,7 +238,7 @@ impl Journal {
     }
 
     pub(crate) fn call(&self, call: Call) {
-        self.state().calls.push(call);
+        self.state().call(call);
     }
 
     /// Counts a call of this kind. Returns true if it must fail.
@@ -298,7 +308,7 @@ impl Journal {
         let mut state = self.state();
         *state.alive.entry(object).or_default() += 1;
         state.objects += 1;
-        state.calls.push(Call::Create { object, name: name.to_string() });
+        state.call(Call::Create { object, name: name.to_string() });
         Owned { object, number: state.objects, name: name.to_string(), journal: self.clone() }
     }
 
@@ -349,6 +359,6 @@ impl Drop for Owned {
         }
         let mut state = journal.state();
         *state.alive.entry(*object).or_default() -= 1;
-        state.calls.push(Call::Destroy { object: *object, name: std::mem::take(name) });
+        state.call(Call::Destroy { object: *object, name: std::mem::take(name) });
     }
 }

@@ -6,7 +6,6 @@
 use super::destination::{Destination, per_camera};
 use super::kept::Kept;
 use super::stdout::Stdout;
-use crate::draw::backend::Backend;
 use crate::draw::outputs::{self, Output};
 use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, image_of};
@@ -74,7 +73,7 @@ impl Batch {
     /// The device fails, or an earlier picture cannot be written.
     pub fn submit(
         &mut self,
-        session: &mut Session<Backend>,
+        session: &mut Session,
         background: [f32; 3],
         (camera, stem): (&Camera, &str),
         progress: &Progress,
@@ -92,7 +91,7 @@ impl Batch {
     }
 
     /// Waits for all frames in flight, before another plan is prepared. Has the errors of [`Batch::submit`].
-    pub fn land_all(&mut self, session: &mut Session<Backend>, progress: &Progress) -> Result<()> {
+    pub fn land_all(&mut self, session: &mut Session, progress: &Progress) -> Result<()> {
         while !self.flying.is_empty() {
             self.land(session, progress)?;
         }
@@ -100,7 +99,7 @@ impl Batch {
     }
 
     /// Waits for the oldest frame in flight, and starts to write its picture.
-    fn land(&mut self, session: &mut Session<Backend>, progress: &Progress) -> Result<()> {
+    fn land(&mut self, session: &mut Session, progress: &Progress) -> Result<()> {
         let Some(Flying { frame, name, stem, size }) = self.flying.pop_front() else { return Ok(()) };
         let result = session.wait(frame)?;
         let memory = session.device().memory();

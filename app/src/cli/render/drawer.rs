@@ -59,7 +59,7 @@ pub struct Drawer {
 }
 
 enum With {
-    Device { session: Box<Session<Backend>>, batch: Box<Batch>, guard: OutputGuard },
+    Device { session: Box<Session>, batch: Box<Batch>, guard: OutputGuard },
     Exact { done: Vec<TruthStats> },
 }
 
@@ -131,7 +131,7 @@ impl Drawer {
     }
 
     /// Builds the plan for the first view, and returns the session; `None` for the exact renderer.
-    pub fn prepared(&mut self) -> Result<Option<&Session<Backend>>> {
+    pub fn prepared(&mut self) -> Result<Option<&Session>> {
         let With::Device { session, .. } = &mut self.with else { return Ok(None) };
         if let Some(camera) = self.loaded.cameras.first() {
             frames::prepare_plan(session, camera)?;
@@ -203,7 +203,7 @@ impl Drawer {
 /// Draws a view on a device. The tuple is the camera, its file name stem, and the number of cameras.
 fn draw(
     args: &Args,
-    session: &mut Session<Backend>,
+    session: &mut Session,
     batch: &mut Batch,
     guard: &mut OutputGuard,
     (camera, stem, cameras): (&Camera, &str, usize),

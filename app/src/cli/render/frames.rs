@@ -3,7 +3,6 @@
 use super::args::{Args, InspectRequest};
 use super::kept::Kept;
 use crate::draw::animation::is_animated;
-use crate::draw::backend::Backend;
 use crate::draw::inspect::{self, Finding};
 use crate::draw::interleaved;
 use crate::draw::outputs::{self, Output};
@@ -30,7 +29,7 @@ pub struct Drawn {
 pub fn draw(
     args: &Args,
     read_output: bool,
-    session: &mut Session<Backend>,
+    session: &mut Session,
     camera: &Camera,
     loaded: bool,
 ) -> Result<Drawn> {
@@ -46,7 +45,7 @@ pub fn draw(
     let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
     let mut flying: VecDeque<(_, Vec<usize>, bool)> = VecDeque::new();
     let mut growths = session.growths();
-    let mut land = |session: &mut Session<Backend>, (id, asked, counts): (_, Vec<usize>, _)| -> Result<()> {
+    let mut land = |session: &mut Session, (id, asked, counts): (_, Vec<usize>, _)| -> Result<()> {
         let result = session.wait(id)?;
         let plan = session.plan().context("no plan after a frame")?;
         // The plan was rebuilt with larger buffers, and its passes may differ.
@@ -109,7 +108,7 @@ pub fn draw(
 }
 
 /// Builds and loads the plan, and shows the progress. Returns true if a plan was loaded, false if it already was.
-pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
+pub fn prepare_plan(session: &mut Session, camera: &Camera) -> Result<bool> {
     let mut compiling = Progress::new("making pipelines");
     let mut uploading = None;
     let loaded = session.prepare((camera.width, camera.height), &mut |step| match step {

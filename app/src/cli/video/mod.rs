@@ -8,7 +8,6 @@ use super::options::{self, BackendArgs, Drawing, MAX_SIDE};
 use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
-use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::Orbit;
@@ -292,7 +291,7 @@ impl Job<'_> {
     /// `None` if the reader of the output pipe closed it.
     fn write(
         &self,
-        session: &mut Session<Backend>,
+        session: &mut Session,
         path: &Path,
         format: Format,
     ) -> Result<Option<(usize, Option<f64>)>> {
@@ -338,12 +337,7 @@ impl Job<'_> {
     }
 
     /// Draws the missing frames, and returns their GPU time in milliseconds; `None` without timestamps.
-    fn fill(
-        &self,
-        session: &mut Session<Backend>,
-        sequence: &Sequence,
-        missing: &[u32],
-    ) -> Result<Option<f64>> {
+    fn fill(&self, session: &mut Session, sequence: &Sequence, missing: &[u32]) -> Result<Option<f64>> {
         let mut progress = Progress::new("drawing");
         let mut done = 0;
         let encode = {
@@ -358,7 +352,7 @@ impl Job<'_> {
     }
 
     /// Records the inputs that determine the frames' pixels, for `film.json`.
-    fn record(&self, session: &Session<Backend>, cameras: &[Camera]) -> Result<serde_json::Value> {
+    fn record(&self, session: &Session, cameras: &[Camera]) -> Result<serde_json::Value> {
         let plan = session.plan().context("no plan after `prepare`")?;
         let (width, height) = self.size;
         let mut record = json!({

@@ -10,6 +10,7 @@
 //! or of the next one in flight. The larger capacity is kept until [`Session::set_graph`], for pictures of all sizes,
 //! unless the default for another size is larger.
 
+use crate::draw::backend::Backend;
 use crate::draw::camera;
 use crate::draw::capacity::{self, Capacities, Overflow};
 use crate::draw::facts::{self, SceneFacts};
@@ -95,7 +96,7 @@ pub enum SessionError {
 }
 
 /// Draws a scene on a device with a plan; see the [module documentation](self).
-pub struct Session<D> {
+pub struct Session<D = Backend> {
     device: D,
     scene: Arc<Scene>,
     pipeline: String,

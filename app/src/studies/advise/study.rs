@@ -12,7 +12,6 @@ use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use crate::studies::trade::measure::{MAX_PENDING, Row, Sessions};
 use serde::Serialize;
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
 use std::collections::VecDeque;
@@ -76,8 +75,8 @@ const DRAWN: (usize, usize) = (12, 3);
 ///
 /// # Errors
 /// The graph has errors, the device fails, or the listener cancels.
-pub fn study<D: Device>(
-    subject: &Subject<D>,
+pub fn study(
+    subject: &Subject,
     needs: &[Need],
     wanted: &Wanted,
     listener: &mut dyn Listener,
@@ -156,9 +155,9 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
 /// Measures a setting in every view. `exact_ms` caches the exact settings' milliseconds of each view.
 ///
 /// `None` if the setting draws from the previous frame: still views hide its error.
-fn measured<D: Device>(
-    session: &mut Session<D>,
-    exact: &mut Session<D>,
+fn measured(
+    session: &mut Session,
+    exact: &mut Session,
     exact_ms: &mut [Option<f64>],
     setting: &Setting,
     views: &[View],

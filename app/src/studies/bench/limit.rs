@@ -1,11 +1,11 @@
 //! Measures the device's bandwidth for copies between buffers, the reference for the bandwidth of passes.
 
 use super::measure::Bench;
+use crate::draw::backend::Backend;
 use crate::draw::facts::DEFAULT_SIZE;
 use crate::draw::interleaved::{Figure, Frames};
 use crate::studies::study::{Setting, Steps, StudyError};
 use serde::Serialize;
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};
 
 /// Name of the graph that copies.
@@ -34,8 +34,8 @@ pub fn no_scene() -> Result<(Scene, Camera), synth::SynthError> {
 ///
 /// # Errors
 /// The device fails.
-pub fn measure<D: Device>(
-    device: &D,
+pub fn measure(
+    device: &Backend,
     frames: Frames,
     (scene, camera): (Scene, Camera),
 ) -> Result<Result<Option<CopyLimit>, String>, StudyError> {

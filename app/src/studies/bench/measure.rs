@@ -1,6 +1,7 @@
 //! Draws candidates interleaved, and measures the time, the bytes and the memory of each.
 
 use super::bytes;
+use crate::draw::backend::Backend;
 use crate::draw::interleaved::{self, Effort, Figure, Frames, Rounds, Timed, Timestamps, WARM_UP};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::{self, BufferSize};
@@ -126,16 +127,16 @@ pub fn reason(error: SessionError) -> Result<String, SessionError> {
     }
 }
 
-struct Runner<D> {
-    session: Session<D>,
+struct Runner {
+    session: Session,
     views: Vec<View>,
     once: Vec<Part>,
 }
 
 /// A measurement of candidates on one scene.
-pub struct Bench<'a, D> {
+pub struct Bench<'a> {
     /// Device on which the candidates draw.
-    pub device: &'a D,
+    pub device: &'a Backend,
     /// Scene that the candidates draw.
     pub scene: Arc<Scene>,
     /// Numbers of frames and rounds.
@@ -144,7 +145,7 @@ pub struct Bench<'a, D> {
     pub copy: Option<f64>,
 }
 
-impl<D: Device> Bench<'_, D> {
+impl Bench<'_> {
     /// Measures candidates from each camera, interleaved. Each camera is one step of the task, named by `place`.
     ///
     /// A candidate that cannot be drawn gives the reason; the others are still measured.
@@ -158,7 +159,7 @@ impl<D: Device> Bench<'_, D> {
         steps: &mut Steps,
         place: &str,
     ) -> Result<Vec<Outcome>, StudyError> {
-        let mut all: Vec<Result<Runner<D>, String>> = Vec::new();
+        let mut all: Vec<Result<Runner, String>> = Vec::new();
         for candidate in candidates {
             let context = self.device.new_context().map_err(SessionError::from);
             let session = context.map(|context| {
@@ -179,7 +180,7 @@ impl<D: Device> Bench<'_, D> {
             }
             self.view(&mut all, camera)?;
         }
-        let outcome = |runner: Result<Runner<D>, String>| match runner {
+        let outcome = |runner: Result<Runner, String>| match runner {
             Ok(runner) => Ok(Ok(found(runner, self.copy)?)),
             Err(why) => Ok(Err(why)),
         };
@@ -187,7 +188,7 @@ impl<D: Device> Bench<'_, D> {
     }
 
     /// Loads the plan for a camera, and draws the frame that runs its prologue.
-    fn prepare(&self, runner: &mut Runner<D>, camera: &Camera) -> Result<(), SessionError> {
+    fn prepare(&self, runner: &mut Runner, camera: &Camera) -> Result<(), SessionError> {
         let session = &mut runner.session;
         if !session.prepare((camera.width, camera.height), &mut |_| {})? {
             return Ok(());
@@ -209,8 +210,8 @@ impl<D: Device> Bench<'_, D> {
         Ok(())
     }
 
-    fn view(&self, all: &mut [Result<Runner<D>, String>], camera: &Camera) -> Result<(), SessionError> {
-        let mut sessions: Vec<&mut Session<D>> =
+    fn view(&self, all: &mut [Result<Runner, String>], camera: &Camera) -> Result<(), SessionError> {
+        let mut sessions: Vec<&mut Session> =
             all.iter_mut().flatten().map(|runner| &mut runner.session).collect();
         if sessions.is_empty() {
             return Ok(());
@@ -271,7 +272,7 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
     }
 }
 
-fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, SessionError> {
+fn found(mut runner: Runner, copy: Option<f64>) -> Result<Found, SessionError> {
     let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
     let parameters =
         plan.params.iter().map(|param| (param.name.clone(), stats::json(&param.value))).collect();
@@ -372,13 +373,13 @@ mod tests {
     use super::super::limit::GRAPH;
     use super::*;
     use splatgraph_assets::synth;
-    use splatgraph_null::{Call, Config, Journal, Null, limits, open};
+    use splatgraph_null::{Call, Config, Journal, limits, open};
 
     const FRAMES: Frames = Frames { rounds: 2, frames: Some(3) };
 
-    fn device(config: &Config) -> (Null, Journal) {
+    fn device(config: &Config) -> (Backend, Journal) {
         let (device, journal) = open(config);
-        (device.expect("no fault is set"), journal)
+        (Backend::Null(device.expect("no fault is set")), journal)
     }
 
     fn candidate(pipeline: &str, set: &[(&str, &str)]) -> Setting {
@@ -386,11 +387,16 @@ mod tests {
         Setting { name: pipeline.into(), pipeline: pipeline.into(), set }
     }
 
-    fn measured(device: &Null, candidates: &[Setting], cameras: &[&str]) -> Vec<Outcome> {
+    fn measured(device: &Backend, candidates: &[Setting], cameras: &[&str]) -> Vec<Outcome> {
         measured_in(FRAMES, device, candidates, cameras)
     }
 
-    fn measured_in(frames: Frames, device: &Null, candidates: &[Setting], cameras: &[&str]) -> Vec<Outcome> {
+    fn measured_in(
+        frames: Frames,
+        device: &Backend,
+        candidates: &[Setting],
+        cameras: &[&str],
+    ) -> Vec<Outcome> {
         let scene = synth::generate("demo", 50, 0).expect("a small scene");
         let camera = |name: &&str| Camera { img_name: (*name).into(), ..Camera::framing(&scene, 32, 24) };
         let cameras: Vec<Camera> = cameras.iter().map(camera).collect();

@@ -4,12 +4,12 @@ use super::limit::no_scene;
 use super::measure::{Bench, Found, Part};
 use super::report::{Origin, first_line, optional};
 use super::table::head;
+use crate::draw::backend::Backend;
 use crate::draw::interleaved::Figure;
 use crate::io::report::plot::{Axis, Plot, Series};
 use crate::io::report::text::{quoted, table};
 use crate::studies::study::{Listener, Setting, Steps, StudyError};
 use serde::Serialize;
-use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 
 /// Name of the graph that sorts random pairs.
@@ -97,8 +97,8 @@ pub struct Report {
 ///
 /// # Errors
 /// The device fails, or the listener cancels. A sort that does not fit gives a row with the reason.
-pub fn measure<D: Device>(
-    device: &D,
+pub fn measure(
+    device: &Backend,
     pairs: &[u32],
     origin: Origin,
     listener: &mut dyn Listener,

@@ -3,6 +3,7 @@
 use super::limit::{self, CopyLimit};
 use super::measure::Bench;
 use super::report::{Report, Row, SceneOrigin, is_cpu, size_text};
+use crate::draw::backend::Backend;
 use crate::draw::interleaved::Frames;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::Device;
@@ -26,8 +27,8 @@ pub struct Wanted {
 ///
 /// # Errors
 /// The device fails.
-pub fn copy_limit<D: Device>(
-    device: &D,
+pub fn copy_limit(
+    device: &Backend,
     frames: Frames,
     listener: &mut dyn Listener,
 ) -> Result<Option<CopyLimit>, StudyError> {
@@ -45,8 +46,8 @@ pub fn copy_limit<D: Device>(
 /// # Errors
 /// The device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn gives a row with the
 /// reason.
-pub fn study<D: Device, E: From<StudyError>>(
-    subject: &Subject<D>,
+pub fn study<E: From<StudyError>>(
+    subject: &Subject,
     wanted: &Wanted,
     report: &mut Report,
     kept: &mut dyn FnMut(&Report) -> Result<(), E>,

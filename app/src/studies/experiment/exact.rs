@@ -4,7 +4,6 @@ use crate::draw::capture::{self, Capture};
 use crate::draw::session::{Session, SessionError};
 use crate::studies::measurement::settings;
 use crate::studies::study::StudyError;
-use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 
 /// Name of the graph that the experiments draw.
@@ -20,15 +19,15 @@ pub type Set = Vec<(String, String)>;
 ///
 /// # Errors
 /// The graph cannot be read.
-pub fn values<D: Device>(session: &mut Session<D>, size: (u32, u32)) -> Result<Set, SessionError> {
+pub fn values(session: &mut Session, size: (u32, u32)) -> Result<Set, SessionError> {
     session.set_graph(GRAPH, &[]);
     let controls = session.controls(size)?;
     let all = settings::list(GRAPH, &controls, &[]);
     Ok(all.into_iter().find(|setting| setting.name == settings::EXACT).map_or_else(Set::new, |s| s.set))
 }
 
-pub(super) fn draw<D: Device>(
-    session: &mut Session<D>,
+pub(super) fn draw(
+    session: &mut Session,
     exact: &Set,
     changes: &[(&str, &str)],
     camera: &Camera,

@@ -14,7 +14,6 @@ pub mod ways;
 
 use crate::io::report::page::Page;
 use crate::studies::study::{Listener, StudyError, Subject};
-use splatgraph_api::Device;
 
 /// The subject of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,8 +28,8 @@ pub enum Kind {
 ///
 /// # Errors
 /// The graph has errors, the device fails, a picture cannot be encoded, or the listener cancels.
-pub fn study<D: Device>(
-    subject: &Subject<D>,
+pub fn study(
+    subject: &Subject,
     kind: Kind,
     view: String,
     listener: &mut dyn Listener,

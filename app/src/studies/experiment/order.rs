@@ -14,7 +14,6 @@ use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::studies::study::{Listener, Steps, StudyError};
-use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use splatgraph_reference::metrics::{self, Comparison};
 use splatgraph_reference::{Rules, depth_order};
@@ -56,8 +55,8 @@ pub struct Order {
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
-pub fn measure<D: Device>(
-    session: &mut Session<D>,
+pub fn measure(
+    session: &mut Session,
     camera: &Camera,
     view: String,
     listener: &mut dyn Listener,

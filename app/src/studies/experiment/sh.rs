@@ -14,7 +14,6 @@ use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::studies::advise::harmonics::{Energy, energy};
 use crate::studies::study::{Listener, Steps, StudyError};
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::metrics::{self, squared_error};
 use splatgraph_reference::{Rules, Splats};
@@ -74,8 +73,8 @@ pub struct Sh {
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
-pub fn measure<D: Device>(
-    session: &mut Session<D>,
+pub fn measure(
+    session: &mut Session,
     cameras: &[Camera],
     view: String,
     listener: &mut dyn Listener,

@@ -63,7 +63,7 @@ pub struct Two {
 ///
 /// # Errors
 /// The graph has errors, or the device fails.
-pub fn work_out<D: Device>(session: &mut Session<D>) -> Result<Two, StudyError> {
+pub fn work_out(session: &mut Session) -> Result<Two, StudyError> {
     let scene = scene();
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, SIZE);
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED);

@@ -3,7 +3,6 @@
 use super::settings::with_effect;
 use crate::draw::session::{Session, SessionError};
 use crate::studies::study::{Listener, Setting, Steps, StudyError};
-use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
@@ -42,7 +41,7 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
 }
 
 /// Hashes the plans of a setting for pictures of all `sizes`; `None` if a graph has errors.
-fn of_setting<D: Device>(session: &mut Session<D>, setting: &Setting, sizes: &[(u32, u32)]) -> Option<u64> {
+fn of_setting(session: &mut Session, setting: &Setting, sizes: &[(u32, u32)]) -> Option<u64> {
     let mut hash = DefaultHasher::new();
     for size in sizes {
         let plan = session.plan_of(&setting.pipeline, &setting.set, *size).ok()?;
@@ -59,9 +58,9 @@ fn of_setting<D: Device>(session: &mut Session<D>, setting: &Setting, sizes: &[(
 ///
 /// # Errors
 /// The exact settings are not prepared, or the listener cancels.
-pub fn to_measure<D: Device>(
+pub fn to_measure(
     all: Vec<Setting>,
-    exact: &mut Session<D>,
+    exact: &mut Session,
     cameras: &[Camera],
     wanted: &dyn Fn(&Setting) -> bool,
     listener: &mut dyn Listener,

@@ -5,7 +5,6 @@ use crate::draw::interleaved::{self, Effort, Figure, Timed, Timestamps, WARM_UP}
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
@@ -36,9 +35,9 @@ pub struct Time {
 }
 
 /// The session with which all others are interleaved.
-pub struct Baseline<'a, D> {
+pub struct Baseline<'a> {
     /// Session that draws the exact settings, prepared at the view's size.
-    pub session: &'a mut Session<D>,
+    pub session: &'a mut Session,
     /// Milliseconds that shares are multiplied by; `None` for the baseline's time in the same rounds.
     pub ms: Option<f64>,
 }
@@ -56,9 +55,9 @@ pub const MAX_DURATION: Duration = Duration::from_secs(8);
 ///
 /// # Errors
 /// The device fails.
-pub fn time_in_turns<D: Device>(
-    session: &mut Session<D>,
-    exact: Baseline<D>,
+pub fn time_in_turns(
+    session: &mut Session,
+    exact: Baseline,
     camera: &Camera,
     effort: Effort,
     longest: Duration,
@@ -93,8 +92,8 @@ pub fn time_in_turns<D: Device>(
 ///
 /// # Errors
 /// The device fails.
-pub fn time_alone<D: Device>(
-    session: &mut Session<D>,
+pub fn time_alone(
+    session: &mut Session,
     camera: &Camera,
     effort: Effort,
 ) -> Result<Option<Time>, SessionError> {
@@ -176,16 +175,17 @@ fn spread(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::backend::Backend;
     use splatgraph_assets::synth;
-    use splatgraph_null::{Call, Config, Null, open};
+    use splatgraph_null::{Call, Config, open};
 
     #[test]
     fn milliseconds_are_shares_of_one_time_of_the_exact_settings_on_a_warm_device() {
         let (device, journal) = open(&Config::default());
         let scene = synth::generate("demo", 50, 0).expect("a small scene");
         let camera = Camera::framing(&scene, 32, 24);
-        let mut session: Session<Null> =
-            Session::new(device.expect("no fault is set"), scene, "unsorted", &[]);
+        let device = Backend::Null(device.expect("no fault is set"));
+        let mut session = Session::new(device, scene, "unsorted", &[]);
         let mut exact = session.beside("splat", &[]).expect("a context");
         for session in [&mut session, &mut exact] {
             session.prepare((32, 24), &mut |_| {}).expect("it is prepared");

@@ -106,10 +106,10 @@ impl Measuring<'_> {
 ///
 /// # Errors
 /// The device fails.
-pub fn measure<'scope, D: Device>(
+pub fn measure<'scope>(
     scope: &'scope Scope<'scope, '_>,
-    session: &mut Session<D>,
-    baseline: Baseline<D>,
+    session: &mut Session,
+    baseline: Baseline,
     view: &'scope View,
     effort: Effort,
     longest: Duration,
@@ -148,14 +148,11 @@ pub struct Drawn {
 ///
 /// # Errors
 /// The device fails. The inner error is the reason that the picture cannot be compared.
-pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
+pub fn draw(session: &mut Session, view: &View) -> Result<Result<Drawn, String>, SessionError> {
     Ok(capture(session, view)?.and_then(|capture| compare(capture, view)))
 }
 
-fn capture<D: Device>(
-    session: &mut Session<D>,
-    view: &View,
-) -> Result<Result<Capture, String>, SessionError> {
+fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>, SessionError> {
     // A graph with the previous frame's order needs a frame before the capture.
     interleaved::frame(session, &view.camera)?;
     match capture::take(session, &view.camera) {

@@ -7,7 +7,6 @@ use crate::draw::session::{FrameOptions, Session};
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use serde::Serialize;
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 
 /// Maximum bytes of the true pictures of a path, which are kept for all variants.
@@ -87,8 +86,8 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 /// # Errors
 /// The path cannot be measured, a graph has errors, its pictures cannot be scored, the device fails, or the listener
 /// cancels.
-pub fn study<D: Device>(
-    subject: &Subject<D>,
+pub fn study(
+    subject: &Subject,
     variants: &[Setting],
     listener: &mut dyn Listener,
 ) -> Result<Vec<Track>, StudyError> {
@@ -114,8 +113,8 @@ pub fn study<D: Device>(
 /// Draws a path with a variant, and scores its steps.
 ///
 /// Each frame is drawn once, so that a graph with a history reads the path's previous frame. The first is drawn twice.
-fn measure<D: Device>(
-    session: &mut Session<D>,
+fn measure(
+    session: &mut Session,
     variant: &Setting,
     path: &[View],
     progress: &mut Steps,

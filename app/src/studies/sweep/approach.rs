@@ -8,7 +8,6 @@ use crate::draw::session::Session;
 use crate::studies::measurement::time::{Time, time_alone};
 use crate::studies::study::{Steps, StudyError};
 use serde::{Deserialize, Serialize};
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, NEAR, Scene};
 use splatgraph_reference::{Rules, render};
 
@@ -70,8 +69,8 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
 ///
 /// # Errors
 /// The device fails, or the listener cancels.
-pub fn measure<D: Device>(
-    session: &mut Session<D>,
+pub fn measure(
+    session: &mut Session,
     cameras: &[Camera],
     stops: bool,
     effort: Effort,

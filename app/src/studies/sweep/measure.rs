@@ -9,7 +9,6 @@ use crate::studies::measurement::time::{Baseline, MAX_DURATION, Time};
 use crate::studies::measurement::view::{self, Measuring, View};
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::Device;
 use splatgraph_assets::synth::SynthError;
 use std::thread;
 
@@ -43,9 +42,9 @@ pub fn counts(all: u32, steps: u32) -> Vec<u32> {
 }
 
 /// The inputs of a sweep of one view.
-pub struct Sweep<'a, D> {
+pub struct Sweep<'a> {
     /// The session that draws all splats, prepared at the view's size.
-    pub whole: &'a mut Session<D>,
+    pub whole: &'a mut Session,
     /// Name or path of the graph.
     pub pipeline: &'a str,
     /// Names and values of the graph's parameters.
@@ -56,7 +55,7 @@ pub struct Sweep<'a, D> {
     pub nearest: Option<&'a [(String, String)]>,
 }
 
-impl<D: Device> Sweep<'_, D> {
+impl Sweep<'_> {
     /// Measures the view with all splats.
     ///
     /// # Errors
@@ -115,7 +114,7 @@ impl<D: Device> Sweep<'_, D> {
 
     fn step(
         &mut self,
-        session: &mut Session<D>,
+        session: &mut Session,
         choice: Option<Choice>,
         count: u32,
         view: &View,

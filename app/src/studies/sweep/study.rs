@@ -10,7 +10,6 @@ use crate::io::image::Image;
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
-use splatgraph_api::Device;
 
 /// The parameters of a sweep.
 #[derive(Clone, Debug)]
@@ -29,8 +28,8 @@ pub struct Wanted {
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
-pub fn study<D: Device>(
-    subject: &Subject<D>,
+pub fn study(
+    subject: &Subject,
     wanted: &Wanted,
     listener: &mut dyn Listener,
 ) -> Result<(SweepResult, Vec<Shown>), StudyError> {
@@ -48,8 +47,8 @@ pub fn study<D: Device>(
 }
 
 /// State of a sweep.
-pub struct Study<D> {
-    whole: Session<D>,
+pub struct Study {
+    whole: Session,
     counts: Vec<u32>,
     /// The parameters that [`Choice::Nearest`] sets; `None` if the graph has no budget.
     nearest: Option<Vec<(String, String)>>,
@@ -57,16 +56,12 @@ pub struct Study<D> {
     stops: bool,
 }
 
-impl<D: Device> Study<D> {
+impl Study {
     /// Reads the graph, and finds out which criteria it supports.
     ///
     /// # Errors
     /// The subject has no camera, the graph has errors, or the device fails.
-    pub fn new(
-        subject: &Subject<D>,
-        wanted: &Wanted,
-        listener: &mut dyn Listener,
-    ) -> Result<Study<D>, StudyError> {
+    pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         let first = subject.first()?;
         let pipeline = wanted.pipeline.as_str();
         let mut whole = subject.session(pipeline, &wanted.set)?;
@@ -84,7 +79,7 @@ impl<D: Device> Study<D> {
     }
 
     /// Returns the session that draws all splats.
-    pub fn session(&self) -> &Session<D> {
+    pub fn session(&self) -> &Session {
         &self.whole
     }
 
@@ -94,7 +89,7 @@ impl<D: Device> Study<D> {
     /// A picture cannot be compared, the device fails, or the listener cancels.
     pub fn view(
         &mut self,
-        subject: &Subject<D>,
+        subject: &Subject,
         wanted: &Wanted,
         at: usize,
         listener: &mut dyn Listener,
@@ -130,7 +125,7 @@ impl<D: Device> Study<D> {
     /// The device fails, or the listener cancels.
     pub fn approach(
         &mut self,
-        subject: &Subject<D>,
+        subject: &Subject,
         wanted: &Wanted,
         listener: &mut dyn Listener,
     ) -> Result<Vec<Closer>, StudyError> {
@@ -145,7 +140,7 @@ impl<D: Device> Study<D> {
     /// Combines the measurements of all views into a sweep.
     pub fn gather(
         &self,
-        subject: &Subject<D>,
+        subject: &Subject,
         wanted: &Wanted,
         steps: Vec<Step>,
         closer: Vec<Closer>,
@@ -155,7 +150,7 @@ impl<D: Device> Study<D> {
     }
 
     /// Creates the step counter of the whole study, with the steps of `views` views already done.
-    fn progress<'a>(&self, subject: &Subject<D>, views: usize, listener: &'a mut dyn Listener) -> Steps<'a> {
+    fn progress<'a>(&self, subject: &Subject, views: usize, listener: &'a mut dyn Listener) -> Steps<'a> {
         let per_view = 1 + Choice::ALL.len() * (self.counts.len() - 1);
         let of = per_view * subject.cameras.len() + approach::STEPS.len();
         let mut progress = Steps::new(listener, "sweeping", of);

@@ -8,7 +8,6 @@ use crate::studies::measurement::time::{Baseline, MAX_DURATION};
 use crate::studies::measurement::view::{self, Drawn, Measured, Measuring, View};
 use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
-use splatgraph_api::Device;
 use splatgraph_framework::plan::Plan;
 use std::thread::Scope;
 
@@ -62,23 +61,23 @@ impl Pending<'_> {
 pub const MAX_PENDING: usize = 8;
 
 /// Measures a setting in several views.
-pub struct Sessions<'a, D> {
-    exact: &'a mut Session<D>,
-    session: &'a mut Session<D>,
+pub struct Sessions<'a> {
+    exact: &'a mut Session,
+    session: &'a mut Session,
     setting: &'a Setting,
     plan: Option<u64>,
     /// Growths of `session` when the setting was loaded; `None` before the first view.
     loaded: Option<u32>,
 }
 
-impl<'a, D: Device> Sessions<'a, D> {
+impl<'a> Sessions<'a> {
     /// Loads the setting with the first view. `plan` is the hash of its plans.
     pub fn new(
-        exact: &'a mut Session<D>,
-        session: &'a mut Session<D>,
+        exact: &'a mut Session,
+        session: &'a mut Session,
         setting: &'a Setting,
         plan: Option<u64>,
-    ) -> Sessions<'a, D> {
+    ) -> Sessions<'a> {
         Sessions { exact, session, setting, plan, loaded: None }
     }
 
@@ -117,10 +116,10 @@ impl<'a, D: Device> Sessions<'a, D> {
     }
 }
 
-fn measured<'scope, D: Device>(
+fn measured<'scope>(
     scope: &'scope Scope<'scope, '_>,
-    session: &mut Session<D>,
-    exact: Baseline<D>,
+    session: &mut Session,
+    exact: Baseline,
     setting: &Setting,
     view: &'scope View,
     effort: Effort,

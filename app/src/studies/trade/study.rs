@@ -47,11 +47,7 @@ const VIEWS_AT_ONCE: usize = 8;
 ///
 /// # Errors
 /// The errors of [`Study::new`] and [`Study::measure`].
-pub fn study<D: Device>(
-    subject: &Subject<D>,
-    wanted: &Wanted,
-    listener: &mut dyn Listener,
-) -> Result<Ledger, StudyError> {
+pub fn study(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Ledger, StudyError> {
     let mut study = Study::new(subject, wanted, listener)?;
     let mut book = study.book(wanted.file.clone(), listener);
     let album = wanted.file.as_deref().map_or_else(Album::default, Album::beside);
@@ -60,27 +56,23 @@ pub fn study<D: Device>(
 }
 
 /// The settings to measure, and the sessions that draw them.
-pub struct Study<D> {
+pub struct Study {
     /// Draws the graph with every parameter at its exact value.
-    exact: Session<D>,
+    exact: Session,
     /// Draws the setting that is being measured.
-    session: Session<D>,
+    session: Session,
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
     origin: Origin,
 }
 
-impl<D: Device> Study<D> {
+impl Study {
     /// Chooses the settings, and builds the plans of each.
     ///
     /// # Errors
     /// The graph has errors, no setting's name begins with a prefix of [`Wanted::only`], the device fails, or the
     /// listener cancels.
-    pub fn new(
-        subject: &Subject<D>,
-        wanted: &Wanted,
-        listener: &mut dyn Listener,
-    ) -> Result<Study<D>, StudyError> {
+    pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         let camera = subject.first()?;
         let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
         let settings = chosen(wanted, &mut session, camera)?;
@@ -116,7 +108,7 @@ impl<D: Device> Study<D> {
     /// The device fails, a file cannot be written, or the listener cancels.
     pub fn measure(
         &mut self,
-        subject: &Subject<D>,
+        subject: &Subject,
         wanted: &Wanted,
         views: std::ops::Range<usize>,
         (book, album): (&mut Book, &Album),
@@ -183,9 +175,9 @@ impl Rows<'_, '_> {
 }
 
 /// Measures every setting in the views whose rows are missing. Pictures are compared while others are drawn.
-fn measure_views<'scope, D: Device>(
+fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
-    (exact, session): (&mut Session<D>, &mut Session<D>),
+    (exact, session): (&mut Session, &mut Session),
     settings: &[(Setting, Option<u64>)],
     views: &'scope [(View, Effort)],
     rows: &mut Rows<'_, 'scope>,
@@ -218,11 +210,7 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
 }
 
 /// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`].
-fn chosen<D: Device>(
-    wanted: &Wanted,
-    session: &mut Session<D>,
-    camera: &Camera,
-) -> Result<Vec<Setting>, StudyError> {
+fn chosen(wanted: &Wanted, session: &mut Session, camera: &Camera) -> Result<Vec<Setting>, StudyError> {
     let controls = session.controls((camera.width, camera.height))?;
     let all = settings::measured(&wanted.pipeline, &wanted.set, &controls);
     for name in &wanted.only {
@@ -239,11 +227,7 @@ fn chosen<D: Device>(
 }
 
 /// Collects the inputs on which the rows depend. `exact` is the hash of the exact settings' plans.
-fn origin<D: Device>(
-    subject: &Subject<D>,
-    wanted: &Wanted,
-    exact: Option<u64>,
-) -> Result<Origin, StudyError> {
+fn origin(subject: &Subject, wanted: &Wanted, exact: Option<u64>) -> Result<Origin, StudyError> {
     let info = subject.device.info();
     let (truth, truth_content) = match &wanted.truths {
         Some((name, pictures)) => (name.clone(), content(pictures)),
@@ -290,6 +274,7 @@ fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::backend::Backend;
     use splatgraph_assets::synth;
     use splatgraph_null::{Config, open};
     use std::fs;
@@ -313,8 +298,7 @@ mod tests {
 
     #[test]
     fn a_cancelled_ledger_keeps_every_measured_row() {
-        let (device, _) = open(&Config::default());
-        let device = device.expect("no fault is set");
+        let device = Backend::Null(open(&Config::default()).0.expect("no fault is set"));
         let scene = synth::generate("demo", 50, 0).expect("a small scene");
         let camera = Camera::framing(&scene, 32, 24);
         let cameras = ["a", "b"].map(|name| Camera { img_name: name.into(), ..camera.clone() }).to_vec();
