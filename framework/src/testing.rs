@@ -58,6 +58,7 @@ impl ShaderCompiler for ListCompiler {
                     kind,
                     reads: how.contains('r'),
                     writes: how.contains('w'),
+                    atomics: how.contains('a'),
                     atomics_only: how.contains('a'),
                     writes_first: !how.contains('r'),
                 });

@@ -75,6 +75,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
                 },
                 reads: words[3].contains('r'),
                 writes: words[3].contains('w'),
+                atomics: words[3].contains('a'),
                 atomics_only: words[3].contains('a'),
                 writes_first: !words[3].contains('r'),
             }),

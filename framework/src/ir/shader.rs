@@ -132,6 +132,8 @@ pub struct ReflectedBinding {
     pub reads: bool,
     /// True if the code stores to the binding, also through a function argument, or uses atomics other than loads.
     pub writes: bool,
+    /// True if the code uses atomics on the binding.
+    pub atomics: bool,
     /// True if every load and store is atomic, so that invocations do not race.
     pub atomics_only: bool,
     /// True if the first access in the code is a store without a read, as in a shader that clears counters before use.

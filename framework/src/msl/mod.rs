@@ -21,8 +21,9 @@ use std::sync::Arc;
 use spirv_cross2::SpirvCrossError;
 use spirv_cross2::compile::CompilableTarget;
 use spirv_cross2::compile::msl::{BindTarget, CompilerOptions, MetalPlatform, MslVersion, ResourceBinding};
+use spirv_cross2::spirv::{BuiltIn, ExecutionModel, StorageClass};
 use spirv_cross2::targets;
-use spirv_cross2::{Compiler, Module, spirv::ExecutionModel};
+use spirv_cross2::{Compiler, Module};
 
 use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
 use crate::plan::Plan;
@@ -104,17 +105,36 @@ fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), St
     }
 }
 
+/// Refuses atomics on images: below Metal 3.1, SPIRV-Cross emulates them with a buffer that shares the image's memory,
+/// which nothing binds.
+fn check_images(reflection: &Reflection) -> Result<(), String> {
+    let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
+    match reflection.bindings.iter().find(|binding| binding.atomics && is_image(&binding.kind)) {
+        Some(image) => Err(format!(
+            "expected atomics on buffers or shared memory only, found atomics on the image `{}`: use a buffer instead",
+            image.name
+        )),
+        None => Ok(()),
+    }
+}
+
 fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
     let reflection = &shader.reflection;
     let places = places(reflection);
     check(&places, false, reflection)?;
+    check_images(reflection)?;
     let stage = match reflection.stage {
         ShaderStage::Vertex => ExecutionModel::Vertex,
         ShaderStage::Fragment => ExecutionModel::Fragment,
         ShaderStage::Compute => ExecutionModel::GLCompute,
     };
-    let (source, entry, sizes) =
+    let Translation { source, entry, sizes, draw_index } =
         call(&shader.spirv, stage, &places, lanes).map_err(|error| error.to_string())?;
+    // SPIRV-Cross emulates it with a buffer that nothing binds.
+    if draw_index {
+        return Err("expected no `gl_DrawID`, which Metal lacks: use 0, its value in every draw of a graph"
+            .to_string());
+    }
     check(&places, sizes, reflection)?;
     Ok(Msl {
         source,
@@ -125,17 +145,29 @@ fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
     })
 }
 
-/// Calls SPIRV-Cross. Returns the text, the function's name, and whether it needs the sizes of buffers.
+struct Translation {
+    source: String,
+    /// Name of the function in the source.
+    entry: String,
+    /// True if the function needs the sizes of buffers.
+    sizes: bool,
+    /// True if the code uses `gl_DrawID`.
+    draw_index: bool,
+}
+
+/// Calls SPIRV-Cross.
 fn call(
     spirv: &[u32],
     stage: ExecutionModel,
     places: &Places,
     lanes: u32,
-) -> Result<(String, String, bool), SpirvCrossError> {
+) -> Result<Translation, SpirvCrossError> {
     let mut compiler = Compiler::<targets::Msl>::new(Module::from_words(spirv))?;
     // SPIRV-Cross would give unused arguments the indices of other arguments.
     let used = compiler.active_interface_variables()?;
     compiler.set_enabled_interface_variables(used)?;
+    let active = compiler.update_active_builtins();
+    let draw_index = compiler.has_active_builtin(BuiltIn::DrawIndex, StorageClass::Input, active)?;
     // An array of descriptors is one binding with a count, at the index of its first element.
     let mut bindings: BTreeMap<u32, (MslArgument, u32)> = BTreeMap::new();
     for argument in &places.arguments {
@@ -158,7 +190,7 @@ fn call(
         .ok_or_else(|| SpirvCrossError::InvalidSpirv("expected an entry point `main`".to_string()))?
         .to_string();
     let sizes = done.buffer_requirements().needs_buffer_size_buffer;
-    Ok((done.to_string(), entry, sizes))
+    Ok(Translation { source: done.to_string(), entry, sizes, draw_index })
 }
 
 fn options(sizes: u32, lanes: u32) -> CompilerOptions {

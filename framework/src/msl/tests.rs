@@ -3,7 +3,7 @@
 use super::*;
 use crate::build;
 use crate::ir::{Catalog, DeviceFacts, Request};
-use crate::shader::Glslang;
+use crate::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use crate::source::{Library, SourceMap, render};
 
 /// Builds a plan for SIMD-groups of 32: fills of `buffers` buffers of 64 words, and one dispatch that binds them.
@@ -121,6 +121,64 @@ fn thirty_buffers_and_push_constants_are_translated_and_one_more_is_refused_by_i
 fn sizes_take_the_place_of_a_buffer() {
     let errors = add_msl(&mut plan(&shader(30, " + uint(b0.length())"), 30)).expect_err("one too many");
     assert!(errors[0].problem.ends_with("found 32"), "{errors:?}");
+}
+
+/// Translates a compute shader that binds the image `counts` at 0 and the buffer `B0` at 60.
+fn refusal(declarations: &str, body: &str) -> String {
+    let mut plan = plan(&shader(1, ""), 1);
+    let text = format!(
+        "#version 460
+        #extension GL_KHR_shader_subgroup_arithmetic : require
+        layout(local_size_x = 64) in;
+        layout(binding = 60, std430) buffer B0 {{ uint b0[]; }};
+        layout(binding = 0, r32ui) uniform uimage2D counts;
+        {declarations}
+        void main() {{ {body} }}"
+    );
+    replace(&mut plan.shaders[0], ShaderStage::Compute, text);
+    match add_msl(&mut plan) {
+        Ok(()) => String::new(),
+        Err(errors) => errors[0].to_string(),
+    }
+}
+
+fn replace(shader: &mut Shader, stage: ShaderStage, text: String) {
+    let mut files = SourceMap::new(Library::default());
+    let file = files.add("test.glsl", text);
+    let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &[] };
+    let compiled = Glslang::default().compile(&mut files, &request);
+    let compiled = compiled.unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)));
+    (shader.spirv, shader.reflection) = (compiled.spirv, compiled.reflection);
+}
+
+#[test]
+fn atomics_on_images_are_refused_by_the_images_name_if_the_code_reaches_them() {
+    let count = "void count(ivec2 at) { imageAtomicAdd(counts, at, 1u); }";
+    let error = refusal(count, "count(ivec2(b0[0]));");
+    assert!(error.starts_with("the shader `paint.comp`"), "{error}");
+    assert!(error.contains("found atomics on the image `counts`"), "{error}");
+    assert_eq!(refusal(count, "b0[0] = atomicAdd(b0[1], imageLoad(counts, ivec2(0)).x);"), "");
+}
+
+#[test]
+fn the_index_of_a_draw_is_refused_and_the_first_instance_is_not() {
+    let mut plan = plan(&shader(1, ""), 1);
+    let mut translated = |value: &str| {
+        let text = format!("#version 460\nvoid main() {{ gl_Position = vec4({value}); }}");
+        plan.shaders[0].msl = None;
+        replace(&mut plan.shaders[0], ShaderStage::Vertex, text);
+        add_msl(&mut plan)
+    };
+    let errors = translated("gl_DrawID").expect_err("nothing binds its buffer");
+    assert!(errors[0].problem.contains("expected no `gl_DrawID`"), "{errors:?}");
+    translated("gl_BaseInstance + gl_BaseVertex").expect("translated");
+}
+
+#[test]
+fn scans_of_sums_are_translated_and_other_scans_are_refused_by_their_name() {
+    assert_eq!(refusal("", "b0[0] = subgroupInclusiveAdd(b0[1]) + subgroupMax(b0[2]);"), "");
+    let error = refusal("", "b0[0] = subgroupInclusiveMax(b0[1]);");
+    assert!(error.contains("Metal doesn't support InclusiveScan for OpGroupNonUniformUMax"), "{error}");
 }
 
 /// SPIRV-Cross is C++ and throws; its C interface turns the exception into an error.

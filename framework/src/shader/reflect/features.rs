@@ -121,6 +121,7 @@ fn of_extension(name: &str) -> Option<Features> {
         | "SPV_GOOGLE_decorate_string"
         | "SPV_GOOGLE_hlsl_functionality1"
         | "SPV_GOOGLE_user_type" => Some(Features::empty()),
+        "SPV_KHR_subgroup_uniform_control_flow" => Some(Features::SUBGROUP_UNIFORM_CONTROL_FLOW),
         _ => None,
     }
 }

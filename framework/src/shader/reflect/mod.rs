@@ -159,6 +159,7 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
         kind,
         reads: accesses.reads.contains(&variable.id),
         writes: accesses.writes.contains(&variable.id),
+        atomics: accesses.atomics.contains(&variable.id),
         atomics_only: accesses.atomics.contains(&variable.id) && !accesses.plain.contains(&variable.id),
         writes_first: accesses.written_first.contains(&variable.id),
         name,

@@ -49,17 +49,24 @@ fn a_buffer_without_qualifier_that_is_only_read_is_only_read() {
 
 #[test]
 fn accesses_by_atomics_alone_are_told_from_others() {
-    let atomics_only = |body: &str| {
+    let bindings = |body: &str| {
         let image = "layout(set = 0, binding = 2, r32ui) uniform uimage2D image;";
         let r = compute(&format!("{IN_OUT}{image}\nvoid main() {{ {body} }}"));
-        r.bindings.iter().map(|binding| binding.atomics_only).collect::<Vec<_>>()
+        r.bindings
     };
+    let atomics_only = |body: &str| bindings(body).iter().map(|b| b.atomics_only).collect::<Vec<_>>();
+    let atomics = |body: &str| bindings(body).iter().map(|b| b.atomics).collect::<Vec<_>>();
     assert_eq!(atomics_only("atomicAdd(b[0], 1); atomicMax(b[1], b.length());"), [true]);
     assert_eq!(atomics_only("atomicAdd(b[0], 1); b[1] = 2;"), [false]);
     assert_eq!(atomics_only("if (b[1] == 2) atomicAdd(b[0], 1);"), [false]);
     assert_eq!(atomics_only("imageAtomicAdd(image, ivec2(0), atomicAdd(b[0], a[0]));"), [false, true, true]);
     assert_eq!(atomics_only("b[0] = imageLoad(image, ivec2(0)).x;"), [false, false]);
     assert_eq!(atomics_only("if (b.length() > 3) imageAtomicAdd(image, ivec2(0), 1);"), [false, true]);
+    assert_eq!(
+        atomics("b[0] = imageAtomicAdd(image, ivec2(0), 1) + imageLoad(image, ivec2(0)).x;"),
+        [false, true]
+    );
+    assert_eq!(atomics("b[0] = imageLoad(image, ivec2(0)).x;"), [false, false]);
 }
 
 #[test]
@@ -349,6 +356,13 @@ fn optional_features_are_those_that_the_code_needs() {
         group | Features::SUBGROUPS_IN_FRAGMENT | Features::FRAGMENT_STORES
     );
     assert_eq!(features(ShaderStage::Vertex, vote, &with("", "b[0] = a[0];")), Features::VERTEX_STORES);
+    assert_eq!(
+        compute(
+            "GL_EXT_subgroup_uniform_control_flow",
+            "void main() [[subgroup_uniform_control_flow]] { b[0] = a[0]; }"
+        ),
+        Features::SUBGROUP_UNIFORM_CONTROL_FLOW
+    );
 }
 
 #[test]

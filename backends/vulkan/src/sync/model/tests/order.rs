@@ -171,6 +171,7 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
                 kind: ReflectedKind::StorageBuffer { stride: Some(4), fixed_bytes: 0 },
                 reads: true,
                 writes: true,
+                atomics: true,
                 atomics_only,
                 writes_first: false,
             }],
