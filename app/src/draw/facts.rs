@@ -178,6 +178,7 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
         "device.subgroup_arithmetic" => Features::SUBGROUP_ARITHMETIC,
         "device.subgroup_ballot" => Features::SUBGROUP_BALLOT,
         "device.subgroup_shuffle" => Features::SUBGROUP_SHUFFLE,
+        "device.subgroup_uniform_control_flow" => Features::SUBGROUP_UNIFORM_CONTROL_FLOW,
         "device.subgroup_vote" => Features::SUBGROUP_VOTE,
         _ => Features::empty(),
     };

@@ -1,7 +1,7 @@
 //! Selects the optional device features to enable, and lists the shader features that they provide.
 
 use crate::instance::Instance;
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use splatgraph_framework::ir::Features;
 
 /// The optional features that the device is opened with. All others stay off.
@@ -11,6 +11,8 @@ pub(crate) struct OptionalFeatures {
     pub vulkan12: vk::PhysicalDeviceVulkan12Features<'static>,
     /// Features of `VK_EXT_shader_atomic_float`; `None` without the extension.
     pub atomic_float: Option<vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>>,
+    /// The feature of `VK_KHR_shader_subgroup_uniform_control_flow`; `None` without the extension.
+    pub uniform_flow: Option<vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>>,
     subgroup_operations: vk::SubgroupFeatureFlags,
     subgroup_stages: vk::ShaderStageFlags,
 }
@@ -19,6 +21,9 @@ impl OptionalFeatures {
     /// Queries a device of version 1.3 or later, and selects its features that shaders can use.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> OptionalFeatures {
         let has_atomic_float = instance.has_extension(handle, ext::shader_atomic_float::NAME);
+        let has_uniform_flow =
+            instance.has_extension(handle, khr::shader_subgroup_uniform_control_flow::NAME);
+        let mut flow = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default();
         let mut float = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default();
         let mut has11 = vk::PhysicalDeviceVulkan11Features::default();
         let mut has12 = vk::PhysicalDeviceVulkan12Features::default();
@@ -26,7 +31,10 @@ impl OptionalFeatures {
         if has_atomic_float {
             has = has.push_next(&mut float);
         }
-        // SAFETY: the chain holds structures of Vulkan 1.3, which the device has, and of an extension that it offers.
+        if has_uniform_flow {
+            has = has.push_next(&mut flow);
+        }
+        // SAFETY: the chain holds structures of Vulkan 1.3, which the device has, and of extensions that it offers.
         unsafe { instance.raw.get_physical_device_features2(handle, &mut has) };
         let has10 = has.features;
         let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
@@ -87,11 +95,16 @@ impl OptionalFeatures {
             shader_image_float32_atomic_add: float.shader_image_float32_atomic_add,
             ..Default::default()
         });
+        let uniform_flow = has_uniform_flow.then(|| {
+            vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default()
+                .shader_subgroup_uniform_control_flow(flow.shader_subgroup_uniform_control_flow == vk::TRUE)
+        });
         OptionalFeatures {
             core,
             vulkan11,
             vulkan12,
             atomic_float,
+            uniform_flow,
             subgroup_operations: subgroups.supported_operations,
             subgroup_stages: subgroups.supported_stages,
         }
@@ -100,6 +113,7 @@ impl OptionalFeatures {
     pub fn shaders(&self) -> Features {
         let OptionalFeatures { core, vulkan11, vulkan12, .. } = self;
         let float = self.atomic_float.unwrap_or_default();
+        let flow = self.uniform_flow.unwrap_or_default();
         let operations = |flag| vk::Bool32::from(self.subgroup_operations.contains(flag));
         let stages = |flag| vk::Bool32::from(self.subgroup_stages.contains(flag));
         let enabled = [
@@ -146,6 +160,7 @@ impl OptionalFeatures {
             (Features::SUBGROUP_QUAD, operations(vk::SubgroupFeatureFlags::QUAD)),
             (Features::SUBGROUPS_IN_VERTEX, stages(vk::ShaderStageFlags::VERTEX)),
             (Features::SUBGROUPS_IN_FRAGMENT, stages(vk::ShaderStageFlags::FRAGMENT)),
+            (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, flow.shader_subgroup_uniform_control_flow),
         ];
         enabled.into_iter().filter(|(_, on)| *on == vk::TRUE).map(|(feature, _)| feature).collect()
     }

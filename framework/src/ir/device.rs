@@ -59,7 +59,7 @@ impl DeviceFacts {
     }
 
     /// Lists the facts that graphs can read, with their names, in alphabetical order.
-    pub fn named(&self) -> [(&'static str, Value); 13] {
+    pub fn named(&self) -> [(&'static str, Value); 14] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let has = |feature| Value::Bool(self.features.contains(feature));
         [
@@ -75,6 +75,7 @@ impl DeviceFacts {
             ("device.subgroup_ballot", has(Features::SUBGROUP_BALLOT)),
             ("device.subgroup_shuffle", has(Features::SUBGROUP_SHUFFLE)),
             ("device.subgroup_size", Value::Int(self.subgroup_size.into())),
+            ("device.subgroup_uniform_control_flow", has(Features::SUBGROUP_UNIFORM_CONTROL_FLOW)),
             ("device.subgroup_vote", has(Features::SUBGROUP_VOTE)),
         ]
     }

@@ -96,6 +96,8 @@ bitflags! {
         const SUBGROUPS_IN_VERTEX = 1 << 41;
         /// Subgroup operations in fragment shaders.
         const SUBGROUPS_IN_FRAGMENT = 1 << 42;
+        /// Subgroups that reconverge after control flow that is uniform in the subgroup, not only in the workgroup.
+        const SUBGROUP_UNIFORM_CONTROL_FLOW = 1 << 43;
     }
 }
 
@@ -112,7 +114,7 @@ impl Features {
 
     /// Lists each feature with a description and its name in Vulkan.
     #[rustfmt::skip]
-    pub const LIST: [(Features, &str, &str); 43] = [
+    pub const LIST: [(Features, &str, &str); 44] = [
         (Features::INT16, "16-bit integers", "shaderInt16"),
         (Features::INT64, "64-bit integers", "shaderInt64"),
         (Features::INT8, "8-bit integers", "shaderInt8"),
@@ -156,6 +158,7 @@ impl Features {
         (Features::SUBGROUP_QUAD, "quad operations of subgroups", "VK_SUBGROUP_FEATURE_QUAD_BIT"),
         (Features::SUBGROUPS_IN_VERTEX, "subgroup operations in vertex shaders", "supportedStages"),
         (Features::SUBGROUPS_IN_FRAGMENT, "subgroup operations in fragment shaders", "supportedStages"),
+        (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, "uniform control flow of subgroups", "shaderSubgroupUniformControlFlow"),
     ];
 }
 
