@@ -99,12 +99,23 @@ impl Bench {
 
     /// Builds and loads the sort with these parameters, or returns the errors of its graph.
     fn with(&mut self, sorter: &str, set: &[(&str, u32)], capacity: u32) -> Result<Sorter<'_>, String> {
+        let facts = self.device.info().facts;
+        self.with_facts(&facts, sorter, set, capacity)
+    }
+
+    /// The same, with a plan for other facts of the device, which must suit it, too.
+    fn with_facts(
+        &mut self,
+        facts: &DeviceFacts,
+        sorter: &str,
+        set: &[(&str, u32)],
+        capacity: u32,
+    ) -> Result<Sorter<'_>, String> {
         let value = |name| set.iter().find(|(k, _)| *k == name).map_or(0, |(_, v)| *v);
         let (digit_bits, key_bits) = (value("digit_bits"), value("key_bits"));
         let set = set.iter().map(|(k, v)| (k.to_string(), v.to_string()));
         let set: Vec<_> = set.chain([("sorter".to_string(), sorter.to_string())]).collect();
-        let plan = plan(&mut self.planner, &self.device.info().facts, capacity, &set)
-            .map_err(|errors| errors.to_string())?;
+        let plan = plan(&mut self.planner, facts, capacity, &set).map_err(|errors| errors.to_string())?;
         self.device.load(plan.clone(), &NoScene, &mut |_| {}).expect("the plan loads");
         let name =
             format!("{sorter}, {digit_bits}-bit digits of {key_bits}-bit keys, {} lanes", self.lanes());
@@ -276,6 +287,18 @@ fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
             starved.check(Run { count: 20_000, seed: 7, kind });
         }
     }
+}
+
+/// The sweep counts several blocks per workgroup: the product of a workgroup's index and their number needs more than 32
+/// bits. Small workgroups make so many blocks quick.
+#[test]
+fn a_sweep_counts_each_key_once_however_many_blocks_there_are() {
+    let mut bench = Bench::new();
+    let count = 24_000_000;
+    let facts = DeviceFacts { max_invocations: 64, ..bench.device.info().facts };
+    let set = [("digit_bits", 1), ("key_bits", 1), ("block_keys", 16)];
+    let mut sweep = bench.with_facts(&facts, "sweep", &set, count).unwrap_or_else(|text| panic!("{text}"));
+    sweep.check(Run { count, seed: 24, kind: Kind::Random });
 }
 
 #[test]

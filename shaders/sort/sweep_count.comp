@@ -15,14 +15,16 @@ layout(set = 0, binding = 3, std430) buffer Totals { uint totals[]; };
 // Copies of each counter, used by lanes cyclically: depths share high digits in many lanes, and additions to one word are serialised.
 const uint COPIES = uint(DIGITS) * BINS <= 2048u ? 2u : 1u;
 shared uint counts[uint(DIGITS) * BINS * COPIES];
+// Workgroups that count. With more blocks than that, each counts several, and so adds to the totals less often.
+const uint MOST_GROUPS = 512u;
 
 void main() {
     uint count = args[ARGS_VISIBLE];
     uint blocks = blocks_of(count);
-    // Workgroups that count several blocks add to the totals less often.
-    uint each = (blocks + 511u) / 512u;
+    uint each = (blocks + MOST_GROUPS - 1u) / MOST_GROUPS;
     uint first_block = group_index() * each;
-    if (first_block >= blocks) {
+    // For higher indices, `first_block` may overflow.
+    if (group_index() >= MOST_GROUPS || first_block >= blocks) {
         return;
     }
     uint last_block = min(first_block + each, blocks);
