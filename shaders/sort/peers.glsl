@@ -47,10 +47,6 @@ LaneMask peers_of(uint bin, bool valid) {
     return peers;
 }
 
-uint lanes_in(LaneMask mask) {
-    return bits_in(mask);
-}
-
 uint lanes_below(LaneMask mask) {
     return bits_in(mask & MASK_OF(gl_SubgroupLtMask));
 }

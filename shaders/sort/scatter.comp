@@ -82,7 +82,7 @@ void main() {
         subgroupBarrier();  // all lanes read before one of them writes
         if (valid && below == 0u) {
             // Atomic, because another bin's counter shares the word.
-            atomicAdd(words[gl_SubgroupID * WORDS + (bin >> 1)], lanes_in(peers) << (16u * (bin & 1u)));
+            atomicAdd(words[gl_SubgroupID * WORDS + (bin >> 1)], bits_in(peers) << (16u * (bin & 1u)));
         }
         subgroupBarrier();  // the write is complete before the next read
     }

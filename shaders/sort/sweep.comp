@@ -168,7 +168,7 @@ void main() {
         uint rank = words[own + bin] + below;
         subgroupBarrier();  // all lanes read before one of them writes
         if (below == 0u) {
-            words[own + bin] = rank + lanes_in(peers);
+            words[own + bin] = rank + bits_in(peers);
         }
         subgroupBarrier();  // the write is complete before the next read
         set_half(ranks[i / 2u], i, rank);
