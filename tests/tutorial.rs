@@ -1,10 +1,11 @@
 //! The tutorial and the templates of `splatgraph new`: every graph is checked, drawn with validation, and shows its
 //! effect. The tutorial's commands are run as well.
 
+use serde_json::{Value, json};
 use splatgraph::io::image::Image;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{Child, ChildStdin, ChildStdout, Stdio};
 
 use crate::images::psnr;
 use crate::place::Place;
@@ -144,7 +145,7 @@ fn diagnostics_are_json_for_programs() {
     place.write("mine.ron", &text);
     let output = place.run("check mine.ron splat --json");
     assert_eq!(output.status.code(), Some(1));
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let json: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let found = &json[0]["diagnostics"][0];
     let line = 1 + text.lines().position(|line| line.contains("pictre")).expect("the mistake");
     assert_eq!(
@@ -157,35 +158,41 @@ fn diagnostics_are_json_for_programs() {
     assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-#[test]
-fn an_editor_is_told_the_mistakes_of_a_graph_on_standard_output() {
-    let place = Place::empty();
-    place.done("new my.ron --from compute");
-    let file = place.at("my.ron").canonicalize().expect("there");
-    let text = std::fs::read_to_string(&file).expect("text").replace("\"rgba32f\"", "\"Rgba32Float\"");
-    let document = serde_json::json!({
-        "uri": format!("file://{}", file.display()), "languageId": "ron", "version": 1, "text": text,
-    });
-    let mut server =
-        place.program("lsp").stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program runs");
-    let mut input = server.stdin.take().expect("piped");
-    let mut send = |id: Option<u32>, method: &str, params: serde_json::Value| {
-        let mut message = serde_json::json!({ "jsonrpc": "2.0", "method": method, "params": params });
-        if let Some(id) = id {
-            message["id"] = id.into();
-        }
-        let message = message.to_string();
-        write!(input, "Content-Length: {}\r\n\r\n{message}", message.len()).expect("the server listens");
-    };
-    send(Some(1), "initialize", serde_json::json!({ "capabilities": {} }));
-    send(None, "initialized", serde_json::json!({}));
-    send(None, "textDocument/didOpen", serde_json::json!({ "textDocument": document }));
-    let mut output = BufReader::new(server.stdout.take().expect("piped"));
-    let mut received = || {
+/// A language server, with the editor's ends of its pipes.
+struct Server {
+    process: Child,
+    input: ChildStdin,
+    output: BufReader<ChildStdout>,
+}
+
+impl Server {
+    fn start(place: &Place) -> Server {
+        let process = place.program("lsp").stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        let mut process = process.expect("the program runs");
+        let input = process.stdin.take().expect("piped");
+        let output = BufReader::new(process.stdout.take().expect("piped"));
+        let mut server = Server { process, input, output };
+        server.send(&[request(1, "initialize", json!({ "capabilities": {} }))]);
+        assert_eq!(server.received()["id"], 1);
+        server.send(&[notification("initialized", json!({}))]);
+        server
+    }
+
+    /// Sends messages at once.
+    fn send(&mut self, messages: &[Value]) {
+        let framed = |message: &Value| {
+            let message = message.to_string();
+            format!("Content-Length: {}\r\n\r\n{message}", message.len())
+        };
+        let bytes: String = messages.iter().map(framed).collect();
+        self.input.write_all(bytes.as_bytes()).expect("the server listens");
+    }
+
+    fn received(&mut self) -> Value {
         let mut length = 0;
         loop {
             let mut line = String::new();
-            assert!(output.read_line(&mut line).expect("a line") > 0, "the server ended");
+            assert!(self.output.read_line(&mut line).expect("a line") > 0, "the server ended");
             match line.trim().strip_prefix("Content-Length: ") {
                 Some(bytes) => length = bytes.parse().expect("a number"),
                 None if line.trim().is_empty() => break,
@@ -193,21 +200,79 @@ fn an_editor_is_told_the_mistakes_of_a_graph_on_standard_output() {
             }
         }
         let mut bytes = vec![0; length];
-        output.read_exact(&mut bytes).expect("the message");
-        serde_json::from_slice::<serde_json::Value>(&bytes).expect("JSON")
-    };
-    assert_eq!(received()["id"], 1);
-    let published = received();
+        self.output.read_exact(&mut bytes).expect("the message");
+        serde_json::from_slice(&bytes).expect("JSON")
+    }
+
+    fn end(mut self) {
+        self.send(&[request(2, "shutdown", Value::Null)]);
+        assert_eq!(self.received()["id"], 2);
+        self.send(&[notification("exit", Value::Null)]);
+        assert!(self.process.wait().expect("it ends").success());
+    }
+}
+
+fn request(id: u32, method: &str, params: Value) -> Value {
+    json!({ "jsonrpc": "2.0", "id": id, "method": method, "params": params })
+}
+
+fn notification(method: &str, params: Value) -> Value {
+    json!({ "jsonrpc": "2.0", "method": method, "params": params })
+}
+
+/// Makes a graph. Returns its URI and its text.
+fn graph_to_edit(place: &Place) -> (String, String) {
+    place.done("new my.ron --from compute");
+    let file = place.at("my.ron").canonicalize().expect("there");
+    (format!("file://{}", file.display()), std::fs::read_to_string(&file).expect("text"))
+}
+
+#[test]
+fn an_editor_is_told_the_mistakes_of_a_graph_on_standard_output() {
+    let place = Place::empty();
+    let (uri, text) = graph_to_edit(&place);
+    let text = text.replace("\"rgba32f\"", "\"Rgba32Float\"");
+    let document = json!({ "uri": uri, "languageId": "ron", "version": 1, "text": text });
+    let mut server = Server::start(&place);
+    server.send(&[notification("textDocument/didOpen", json!({ "textDocument": document }))]);
+    let published = server.received();
     assert_eq!(published["method"], "textDocument/publishDiagnostics");
     let message = published["params"]["diagnostics"][0]["message"].as_str().expect("a mistake");
     assert!(
         message.contains("no format `Rgba32Float`") && message.contains("did you mean `rgba32f`?"),
         "{message}"
     );
-    send(Some(2), "shutdown", serde_json::Value::Null);
-    assert_eq!(received()["id"], 2);
-    send(None, "exit", serde_json::Value::Null);
-    assert!(server.wait().expect("it ends").success());
+    server.end();
+}
+
+#[test]
+fn changes_that_an_editor_sends_in_quick_succession_are_built_once() {
+    const CHANGES: u32 = 20;
+    let place = Place::empty();
+    let (uri, text) = graph_to_edit(&place);
+    let document = json!({ "uri": uri, "languageId": "ron", "version": 0, "text": text });
+    let change = |version: u32| {
+        let text = text.replace("\"rgba32f\"", &format!("\"format{version}\""));
+        let document = json!({ "uri": uri, "version": version });
+        let changes = json!([{ "text": text }]);
+        notification("textDocument/didChange", json!({ "textDocument": document, "contentChanges": changes }))
+    };
+    let mut server = Server::start(&place);
+    server.send(&[notification("textDocument/didOpen", json!({ "textDocument": document }))]);
+    assert_eq!(server.received()["params"]["diagnostics"], json!([]));
+    server.send(&(1..=CHANGES).map(change).collect::<Vec<_>>());
+    let mut builds = 0;
+    loop {
+        builds += 1;
+        let published = server.received();
+        let message = published["params"]["diagnostics"][0]["message"].as_str().expect("a mistake");
+        if message.contains(&format!("no format `format{CHANGES}`")) {
+            break;
+        }
+    }
+    // On a busy machine, the messages may arrive with pauses.
+    assert!(builds < CHANGES / 4, "{builds} builds of {CHANGES} changes");
+    server.end();
 }
 
 #[test]

@@ -18,7 +18,7 @@ use anyhow::{Result, bail};
 use graph::Workspace;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{
-    DidChangeTextDocument, DidChangeWatchedFiles, DidCloseTextDocument, DidOpenTextDocument,
+    DidChangeTextDocument, DidChangeWatchedFiles, DidCloseTextDocument, DidOpenTextDocument, LogMessage,
     Notification as _, PublishDiagnostics,
 };
 use lsp_types::request::{
@@ -28,14 +28,20 @@ use lsp_types::request::{
 use lsp_types::{
     CompletionOptions, CompletionParams, CompletionResponse, Diagnostic, DidChangeTextDocumentParams,
     DidChangeWatchedFilesParams, DidCloseTextDocumentParams, DidOpenTextDocumentParams, GotoDefinitionParams,
-    HoverParams, HoverProviderCapability, InitializeParams, InlayHint, InlayHintParams, OneOf,
-    PrepareRenameResponse, PublishDiagnosticsParams, ReferenceParams, RenameOptions, RenameParams,
-    ServerCapabilities, TextDocumentPositionParams, TextDocumentSyncCapability, TextDocumentSyncKind, Uri,
+    HoverParams, HoverProviderCapability, InitializeParams, InlayHint, InlayHintParams, LogMessageParams,
+    MessageType, OneOf, PrepareRenameResponse, PublishDiagnosticsParams, ReferenceParams, RenameOptions,
+    RenameParams, ServerCapabilities, TextDocumentPositionParams, TextDocumentSyncCapability,
+    TextDocumentSyncKind, Uri,
 };
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::time::Duration;
+
+/// Pause in the editor's messages after which a change is built. A build is slower than typing, so changes in quick
+/// succession are built once.
+const QUIET: Duration = Duration::from_millis(30);
 
 /// Answers an editor until it ends the connection.
 ///
@@ -58,31 +64,28 @@ pub fn serve(connection: &Connection) -> Result<()> {
         inlay_hint_provider: Some(OneOf::Left(true)),
         ..ServerCapabilities::default()
     };
-    let editor: InitializeParams =
-        serde_json::from_value(connection.initialize(serde_json::to_value(capabilities)?)?)?;
+    let editor = connection.initialize(serde_json::to_value(capabilities)?)?;
+    let editor: InitializeParams = serde_json::from_value(text::with_strict_uris(editor))?;
     let mut server = Server { workspace: Workspace::new(folders(&editor)), ..Server::default() };
     if watches(&editor) {
         connection.sender.send(registration().into())?;
     }
-    for message in &connection.receiver {
-        match message {
-            Message::Request(request) if connection.handle_shutdown(&request)? => return Ok(()),
-            Message::Request(request) => {
-                // These requests need a build of the newest text. Completion and hover use the last valid build.
-                if ![Completion::METHOD, HoverRequest::METHOD].contains(&request.method.as_str()) {
-                    publish(&mut server, connection)?;
+    loop {
+        let received = match server.changed {
+            // A channel without capacity is always empty, so only a wait can tell that no message follows.
+            true => connection.receiver.recv_timeout(QUIET),
+            false => connection.receiver.recv().map_err(Into::into),
+        };
+        match received {
+            Err(error) if error.is_timeout() => publish(&mut server, connection)?,
+            Err(_) => bail!("expected the request `shutdown` before the end, found none"),
+            Ok(message) => {
+                if server.take(message, connection)? {
+                    return Ok(());
                 }
-                connection.sender.send(server.answer(request).into())?;
             }
-            Message::Notification(notification) => server.note(notification)?,
-            Message::Response(_) => {}
-        }
-        // A build is slower than typing, so only the last of several queued changes is built.
-        if connection.receiver.is_empty() {
-            publish(&mut server, connection)?;
         }
     }
-    bail!("expected the request `shutdown` before the end, found none")
 }
 
 /// Returns true if the editor reports changes of files on request.
@@ -146,8 +149,33 @@ struct Server {
 }
 
 impl Server {
-    fn note(&mut self, notification: Notification) -> Result<()> {
-        let params = notification.params;
+    /// Handles a message; returns true if it ended the connection.
+    fn take(&mut self, message: Message, connection: &Connection) -> Result<bool> {
+        match message {
+            Message::Request(request) if connection.handle_shutdown(&request)? => return Ok(true),
+            Message::Request(request) => {
+                // These requests need a build of the newest text. Completion and hover use the last valid build.
+                if ![Completion::METHOD, HoverRequest::METHOD].contains(&request.method.as_str()) {
+                    publish(self, connection)?;
+                }
+                connection.sender.send(self.answer(request).into())?;
+            }
+            Message::Notification(notification) => {
+                let method = notification.method.clone();
+                if let Err(error) = self.note(notification) {
+                    let message = format!("expected the parameters of {method}, found others: {error}");
+                    let log = LogMessageParams { typ: MessageType::WARNING, message };
+                    connection.sender.send(Notification::new(LogMessage::METHOD.to_owned(), log).into())?;
+                }
+            }
+            Message::Response(_) => {}
+        }
+        Ok(false)
+    }
+
+    /// Records what the editor reports. A notification that cannot be parsed changes nothing.
+    fn note(&mut self, notification: Notification) -> serde_json::Result<()> {
+        let params = text::with_strict_uris(notification.params);
         match notification.method.as_str() {
             DidOpenTextDocument::METHOD => {
                 let document = serde_json::from_value::<DidOpenTextDocumentParams>(params)?.text_document;
@@ -203,7 +231,7 @@ impl Server {
 
     fn answer(&mut self, request: Request) -> Response {
         let id = request.id;
-        let params = request.params;
+        let params = text::with_strict_uris(request.params);
         let result = match request.method.as_str() {
             Completion::METHOD => answered(params, |params: CompletionParams| {
                 Ok(self.completion(&params.text_document_position))

@@ -230,6 +230,41 @@ fn a_mistake_in_the_text_of_a_shader_that_is_not_saved_is_shown_in_the_shader() 
 }
 
 #[test]
+fn a_uri_with_brackets_that_the_editor_left_as_they_are_names_its_file() {
+    let mut editor = Editor::start();
+    let name = "a[1]|^ {ä}.ron";
+    std::fs::write(editor.path(name), GRAPH).expect("writable");
+    let uri = format!("file://{}", editor.path(name).display());
+    let document = json!({ "uri": uri, "languageId": "ron", "version": 1, "text": GRAPH });
+    editor.notify("textDocument/didOpen", json!({ "textDocument": document }));
+    assert_eq!(editor.published(), (editor.uri(name), vec![]));
+    let position = text::position_of(GRAPH, GRAPH.find("2 * width").expect("there") + 4);
+    let place = json!({ "textDocument": { "uri": uri }, "position": position });
+    let hover = editor.request("textDocument/hover", place);
+    assert!(hover["contents"]["value"].as_str().expect("text").starts_with("`width`: "), "{hover}");
+    editor.end();
+}
+
+#[test]
+fn a_notification_that_cannot_be_parsed_is_logged_and_changes_nothing() {
+    let editor = Editor::start();
+    let document = json!({ "uri": "file:///100%.ron", "languageId": "ron", "version": 1, "text": "" });
+    editor.notify("textDocument/didOpen", json!({ "textDocument": document }));
+    let Message::Notification(log) = editor.connection.receiver.recv().expect("a message") else {
+        panic!("the server logs what it ignores");
+    };
+    assert_eq!((log.method.as_str(), &log.params["type"]), ("window/logMessage", &json!(2)));
+    let message = log.params["message"].as_str().expect("text");
+    assert!(
+        message.starts_with("expected the parameters of textDocument/didOpen, found others: "),
+        "{message}"
+    );
+    editor.open("graph.ron", GRAPH);
+    assert_eq!(editor.published(), (editor.uri("graph.ron"), vec![]));
+    editor.end();
+}
+
+#[test]
 fn a_shader_that_changes_on_the_disk_is_checked_again() {
     let editor = Editor::start_with(json!({
         "workspace": { "didChangeWatchedFiles": { "dynamicRegistration": true } },

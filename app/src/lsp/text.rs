@@ -2,9 +2,47 @@
 
 use crate::io::uri;
 use lsp_types::{Position, Uri};
-use percent_encoding::percent_decode_str;
+use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+
+/// ASCII characters that RFC 3986 allows nowhere in the URI of a file. Editors leave some of them unencoded.
+const FORBIDDEN: &AsciiSet = &CONTROLS
+    .add(b' ')
+    .add(b'"')
+    .add(b'<')
+    .add(b'>')
+    .add(b'[')
+    .add(b']')
+    .add(b'\\')
+    .add(b'^')
+    .add(b'`')
+    .add(b'{')
+    .add(b'|')
+    .add(b'}');
+
+/// Percent-encodes what RFC 3986 forbids in the URIs of a message, because [`Uri`] rejects it.
+pub fn with_strict_uris(mut params: Value) -> Value {
+    fn visit(value: &mut Value) {
+        match value {
+            Value::Array(all) => all.iter_mut().for_each(visit),
+            Value::Object(all) => {
+                for (key, value) in all {
+                    match value {
+                        Value::String(uri) if key == "uri" || key == "rootUri" => {
+                            *uri = utf8_percent_encode(uri, FORBIDDEN).to_string();
+                        }
+                        _ => visit(value),
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+    visit(&mut params);
+    params
+}
 
 /// Returns the path of a `file:` URI; `None` for a URI with another scheme, and for a path that is not UTF-8.
 pub fn path_of(uri: &Uri) -> Option<PathBuf> {
