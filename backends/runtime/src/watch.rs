@@ -25,14 +25,16 @@ pub(crate) struct Watch<G: Gpu> {
 
 struct State<G: Gpu> {
     next: u64,
-    /// The frame of each submission; `None` for an upload.
-    submitted: BTreeMap<u64, Option<Frame<G>>>,
-    /// The point reached at the last look, and the time of the first look that found it there.
-    reached: Option<(Point, Instant)>,
+    submitted: BTreeMap<u64, Submission<G>>,
 }
 
-/// A submission's number, and how many of its passes are complete.
-type Point = (u64, usize);
+struct Submission<G: Gpu> {
+    /// `None` for an upload.
+    frame: Option<Frame<G>>,
+    /// Number of passes that were complete at the last look, and the time of the first look that found this number.
+    /// Kept per submission: callers that look at different submissions must not reset each other's times.
+    reached: Option<(usize, Instant)>,
+}
 
 pub(crate) struct Frame<G: Gpu> {
     pub plan: Arc<str>,
@@ -55,7 +57,7 @@ impl<G: Gpu> Drop for Ticket<G> {
 
 impl<G: Gpu> Default for Watch<G> {
     fn default() -> Self {
-        Watch { state: Mutex::new(State { next: 0, submitted: BTreeMap::new(), reached: None }) }
+        Watch { state: Mutex::new(State { next: 0, submitted: BTreeMap::new() }) }
     }
 }
 
@@ -75,20 +77,19 @@ impl<G: Gpu> Watch<G> {
         submit()?;
         let number = state.next;
         state.next += 1;
-        state.submitted.insert(number, frame);
+        state.submitted.insert(number, Submission { frame, reached: None });
         Ok(Ticket { number, watch: self.clone() })
     }
 
     /// Returns the work that the device is executing. The caller knows that `own` is unfinished.
     pub fn look(&self, gpu: &G, own: &Ticket<G>) -> Running {
         let mut state = self.state();
-        let (point, place) = state.first_unfinished(gpu, own.number);
+        let (number, done, place) = state.first_unfinished(gpu, own.number);
         let now = Instant::now();
-        let since = match state.reached {
-            Some((reached, since)) if reached == point => since,
-            _ => now,
-        };
-        state.reached = Some((point, since));
+        let since = state.submitted.get_mut(&number).map_or(now, |submission| match submission.reached {
+            Some((reached, since)) if reached == done => since,
+            _ => submission.reached.insert((done, now)).1,
+        });
         Running { place, time: now - since }
     }
 
@@ -112,27 +113,28 @@ pub(crate) fn stuck(running: Running) -> BackendError {
 }
 
 impl<G: Gpu> State<G> {
-    /// Finds the first unfinished submission up to `own`, and describes the work that the device is doing there.
-    fn first_unfinished(&self, gpu: &G, own: u64) -> (Point, String) {
+    /// Finds the first unfinished submission up to `own`. Returns its number, how many of its passes are complete, and a
+    /// description of the work that the device is doing there.
+    fn first_unfinished(&self, gpu: &G, own: u64) -> (u64, usize, String) {
         let live = gpu.limits().live_timestamps;
-        for (&number, frame) in self.submitted.range(..=own).filter(|_| live) {
-            let Some(frame) = frame else { continue };
+        for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {
+            let Some(frame) = &submission.frame else { continue };
             let passes = frame.passes.len();
             let Ok(times) = Times::read(gpu, frame.timestamps.as_deref(), passes) else { continue };
             let Some(finished) = times.finished(passes) else { continue };
             let done = finished.iter().take_while(|&&done| done).count();
             if done < passes {
                 let pass = &frame.names[frame.passes[done].index()];
-                return ((number, done), format!("pass `{pass}` of `{}`", frame.plan));
+                return (number, done, format!("pass `{pass}` of `{}`", frame.plan));
             }
         }
-        let place = match self.submitted.get(&own).and_then(Option::as_ref) {
+        let place = match self.submitted.get(&own).and_then(|submission| submission.frame.as_ref()) {
             Some(frame) if live && frame.timestamps.is_some() => {
                 format!("the end of a frame of `{}`", frame.plan)
             }
             Some(frame) => format!("a frame of `{}`", frame.plan),
             None => "the upload of the scene".to_string(),
         };
-        ((own, usize::MAX), place)
+        (own, usize::MAX, place)
     }
 }

@@ -291,6 +291,36 @@ fn an_executor_that_waits_for_another_names_the_pass_of_the_other() {
 }
 
 #[test]
+fn two_executors_that_look_at_different_frames_each_count_the_time_of_their_own() {
+    let (mut first, journal) = hanging(2);
+    let mut second = first.new_context().expect("there can be another");
+    load(&mut second, Plan { name: "other".to_string(), ..plan() });
+    let done = submit(&mut second);
+    // Without timestamps, only a wait for the frame itself can tell that it runs.
+    let hidden = first.submit(&FrameInputs { untimed_passes: true, ..inputs() }).expect("it is submitted");
+    let behind = submit(&mut second);
+    second.wait(done).expect("it is done");
+    let begun = Instant::now();
+    std::thread::scope(|scope| {
+        let wait = scope.spawn(|| error_of(first.wait(hidden)));
+        while !wait.is_finished() {
+            assert_eq!(second.running().expect("it waits").place, "pass `scan[0]` of `other`");
+            assert!(begun.elapsed() < Duration::from_secs(20), "the wait does not end");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let error = wait.join().expect("no panic").to_string();
+        assert!(error.starts_with("a frame of `test` has been running"), "{error}");
+    });
+    let running = second.running().expect("it waits");
+    assert!(running.time >= Config::default().patience, "{:?}", running.time);
+    journal.resume();
+    first.wait(hidden).expect("it is done");
+    second.wait(behind).expect("it is done");
+    drop(second);
+    finish(first, &journal);
+}
+
+#[test]
 fn a_frame_behind_one_whose_submission_returns_late_names_the_pass_of_that_one() {
     let (null, journal) = open(&Config {
         // Uploads come first, in the order of submission.
