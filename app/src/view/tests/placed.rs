@@ -8,6 +8,7 @@ use crate::view::viewer::Marks;
 use splatgraph_assets::synth;
 use splatgraph_null::Config;
 use std::fs;
+use std::time::Duration;
 
 fn drag() -> Input {
     let buttons = Buttons { left: true, ..Buttons::default() };
@@ -81,5 +82,78 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
     assert_eq!(marks, Marks { hidden: set(&[0, 7]), selected: set(&[8]) });
     let is_told = |event: &Event| matches!(event, Event::Problem { text } if text.contains("second.ply changed: its hidden splats are shown again"));
     assert!(script.has_event(is_told), "{:#?}", script.events);
+    script.close(&[]);
+}
+
+#[test]
+fn a_file_of_scenes_that_was_missing_or_began_with_a_mistake_is_shown_again_from_where_the_camera_is() {
+    let mut script = Script::open(&Config::default());
+    let file = script.path("both.ron");
+    let write = |text: &str| fs::write(&file, text).expect("written");
+    write("Scenes([Scene(file: \"first.ply\")])");
+    script.settle();
+    script.viewer().open(&file);
+    script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
+    assert!(script.viewer().navigate(&drag()));
+    let camera = script.viewer().world_camera();
+    let failures = |script: &Script| {
+        script.events.iter().filter(|event| matches!(event, Event::SceneFailed { .. })).count()
+    };
+
+    fs::remove_file(&file).expect("removed");
+    script.until("the missing file", |script| failures(script) == 1);
+    write("Scenes([Scene(file: \"second.ply\")])");
+    script.until("the file that came back", |script| script.viewer().scene().count() == 200);
+    write("Scens([Scene(file: \"first.ply\")])");
+    script.until("the mistake", |script| failures(script) == 2);
+    write("Scenes([Scene(file: \"first.ply\")])");
+    script.until("the mended file", |script| script.viewer().scene().count() == 100);
+    let after = script.viewer().world_camera();
+    assert!((0..3).all(|axis| (after.position[axis] - camera.position[axis]).abs() < 1e-9), "{after:?}");
+    script.close(&[]);
+}
+
+#[test]
+fn a_file_of_scenes_is_followed_while_it_is_on_the_screen_although_another_scene_was_opened_and_failed() {
+    let mut script = Script::open(&Config::default());
+    let file = script.path("both.ron");
+    let write = |text: &str| fs::write(&file, text).expect("written");
+    write("Scenes([Scene(file: \"first.ply\")])");
+    script.settle();
+    script.viewer().open(&file);
+    script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
+    let missing = script.path("missing.ply");
+    script.viewer().open(&missing);
+    script.until("the failure", |script| {
+        script.has_event(
+            |event| matches!(event, Event::SceneFailed { path, .. } if path.ends_with("missing.ply")),
+        )
+    });
+    write("Scenes([Scene(file: \"second.ply\")])");
+    script.until("the changed file", |script| script.viewer().scene().count() == 200);
+
+    // Once another scene is shown, the list no longer matters.
+    let first = script.path("first.ply");
+    script.viewer().open(&first);
+    script.until("the other scene", |script| script.viewer().scene_path().ends_with("first.ply"));
+    write("Scenes([Scene(file: \"second.ply\"), Scene(file: \"second.ply\")])");
+    std::thread::sleep(Duration::from_millis(300));
+    script.settle();
+    assert_eq!(script.viewer().scene().count(), 100);
+    script.close(&[]);
+}
+
+#[test]
+fn a_file_of_scenes_that_is_saved_while_it_is_loaded_is_loaded_again() {
+    let mut script = Script::open(&Config::default());
+    let file = script.path("both.ron");
+    let write = |text: &str| fs::write(&file, text).expect("written");
+    write("Scenes([Scene(file: \"first.ply\")])");
+    script.settle();
+    script.viewer().open(&file);
+    write("Scenes([Scene(file: \"second.ply\")])");
+    // The load has ended and the change was noticed before the next frame.
+    std::thread::sleep(Duration::from_millis(300));
+    script.until("the saved file", |script| script.viewer().scene().count() == 200);
     script.close(&[]);
 }

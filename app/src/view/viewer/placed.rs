@@ -4,48 +4,89 @@ use crate::view::events::RendererId;
 use crate::view::opening;
 use crate::view::renderer::Wake;
 use splatgraph_framework::reload::{Content, Wanted, Watcher};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 #[derive(Default)]
 pub(super) struct PlacedFiles {
     /// `None` until the first file is watched.
     watcher: Option<Watcher>,
-    /// Placement files of A and B, with their contents when last read.
-    wanted: [Option<Wanted>; 2],
+    /// Placement files of A and B.
+    lists: [Lists; 2],
+}
+
+/// A viewport's placement files: the one on the screen, and any that are being loaded.
+#[derive(Clone, Default)]
+struct Lists {
+    /// Contents when last read.
+    read: BTreeMap<PathBuf, Content>,
+    /// A file that changed while another scene was being loaded.
+    postponed: Option<PathBuf>,
 }
 
 impl PlacedFiles {
-    /// Watches a viewport's scene file from now on, if it is a placement file; stops watching the previous one.
+    /// Watches a scene file that is about to be loaded, if it is a placement file.
+    ///
+    /// The file on the screen stays watched until [`PlacedFiles::settle`], because the load may fail.
     pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> std::io::Result<()> {
-        let places = splatgraph_assets::names_scenes(path);
-        let wanted = places.then(|| Wanted { path: path.to_owned(), content: Content::at(path) });
-        if wanted.is_none() && self.watcher.is_none() {
+        // A watched file may be missing or half written, and is then not recognised.
+        if !self.follows(id, path) && !splatgraph_assets::names_scenes(path) {
             return Ok(());
         }
-        self.wanted[opening::index(id)] = wanted;
-        let watcher = match &mut self.watcher {
-            Some(watcher) => watcher,
-            none => {
-                let wake = wake.clone();
-                none.insert(Watcher::new(move || wake())?)
-            }
-        };
-        let all: Vec<Wanted> = self.wanted.iter().flatten().cloned().collect();
-        watcher.watch(&all);
+        self.lists[opening::index(id)].read.insert(path.to_owned(), Content::at(path));
+        if self.watcher.is_none() {
+            let wake = wake.clone();
+            self.watcher = Some(Watcher::new(move || wake())?);
+        }
+        self.watch();
         Ok(())
+    }
+
+    /// Ends the watch of all files of a viewport but `shown`, after a load has ended. Returns true if `shown` changed
+    /// during the load of another scene.
+    pub fn settle(&mut self, id: RendererId, shown: &Path) -> bool {
+        let lists = &mut self.lists[opening::index(id)];
+        lists.read.retain(|path, _| path == shown);
+        let changed = lists.postponed.take().is_some_and(|path| path == shown);
+        self.watch();
+        changed
+    }
+
+    /// Ends the watch of all files of a viewport.
+    pub fn forget(&mut self, id: RendererId) {
+        self.lists[opening::index(id)] = Lists::default();
+        self.watch();
     }
 
     /// Returns true if the placement file at `path` is watched for a viewport.
     pub fn follows(&self, id: RendererId, path: &Path) -> bool {
-        self.wanted[opening::index(id)].as_ref().is_some_and(|wanted| wanted.path == path)
+        self.lists[opening::index(id)].read.contains_key(path)
+    }
+
+    /// Records that a file changed while another scene is being loaded for the viewport.
+    pub fn postpone(&mut self, id: RendererId, path: PathBuf) {
+        self.lists[opening::index(id)].postponed = Some(path);
     }
 
     pub fn exchange(&mut self) {
-        self.wanted.swap(0, 1);
+        self.lists.swap(0, 1);
+    }
+
+    /// Watches A's files for B too, which has got a copy of A's scene.
+    pub fn copy_to_b(&mut self) {
+        let [a, b] = &mut self.lists;
+        b.read.extend(a.read.clone());
     }
 
     /// Takes the watched files that changed since the last call.
     pub fn take(&mut self) -> Vec<PathBuf> {
         self.watcher.as_mut().and_then(Watcher::take).map_or_else(Vec::new, |change| change.files)
+    }
+
+    fn watch(&mut self) {
+        let Some(watcher) = &mut self.watcher else { return };
+        let read = self.lists.iter().flat_map(|lists| &lists.read);
+        let wanted = |(path, content): (&PathBuf, &Content)| Wanted { path: path.clone(), content: *content };
+        watcher.watch(&read.map(wanted).collect::<Vec<_>>());
     }
 }

@@ -12,7 +12,7 @@ use crate::view::navigation::Navigation;
 use crate::view::opening::{self, CameraRole, Content, Opened, OpenedScene};
 use glam::DVec3;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene, names_scenes};
+use splatgraph_assets::{Camera, Scene};
 use std::path::{Path, PathBuf};
 
 impl<D: Device> Viewer<D> {
@@ -81,16 +81,33 @@ impl<D: Device> Viewer<D> {
     pub(super) fn reload_scenes(&mut self) {
         for path in self.placed.take() {
             for id in [RendererId::A, RendererId::B] {
-                if self.reloads(id, &path) {
-                    self.open_scene_in(id, &path);
+                match self.loading(id) {
+                    // The file may have been read before it changed.
+                    Some(loading) if loading == path => {
+                        let restored = self.restored[opening::index(id)].take();
+                        self.open_scene_in(id, &path);
+                        self.restored[opening::index(id)] = restored;
+                    }
+                    Some(_) if self.reloads(id, &path) => self.placed.postpone(id, path.clone()),
+                    None if self.reloads(id, &path) => self.open_scene_in(id, &path),
+                    Some(_) | None => {}
                 }
             }
+        }
+    }
+
+    /// Ends a load, successful or not: from now on, only the scene on the screen is watched.
+    fn settle(&mut self, id: RendererId) {
+        let shown = self.scene_path_of(id).to_owned();
+        if self.placed.settle(id, &shown) && self.reloads(id, &shown) {
+            self.open_scene_in(id, &shown);
         }
     }
 
     /// Makes B draw A's scene instead of its own.
     pub fn share_scene(&mut self) {
         self.opening.cancel_scene(RendererId::B);
+        self.placed.forget(RendererId::B);
         if self.other.take().is_some() && self.picked_in == RendererId::B {
             self.forget_picked();
         }
@@ -106,6 +123,7 @@ impl<D: Device> Viewer<D> {
         if self.other.is_none() && self.loading(RendererId::B).is_some() {
             let (copy, applied) = self.subject.copied(self.wake.clone());
             self.other = Some(copy);
+            self.placed.copy_to_b();
             self.events.extend(applied.err().map(|text| Event::Problem { text }));
         }
         if let Some(other) = self.other.take() {
@@ -165,8 +183,12 @@ impl<D: Device> Viewer<D> {
                         );
                     }
                 }
+                self.settle(id);
             }
-            Content::Scene(_, Err(error)) => self.events.push(Event::SceneFailed { path, error }),
+            Content::Scene(id, Err(error)) => {
+                self.events.push(Event::SceneFailed { path, error });
+                self.settle(id);
+            }
             Content::Cameras(role, cameras) => {
                 if role == CameraRole::Selectable {
                     self.cameras_number = number;
@@ -202,7 +224,7 @@ impl<D: Device> Viewer<D> {
 
     fn show_scene(&mut self, subject: Subject, cameras: SceneCameras) {
         // The file was edited: keep the view while the user adjusts the placement.
-        if subject.path == self.subject.path && names_scenes(&subject.path) {
+        if self.reloads(RendererId::A, &subject.path) {
             self.replace_subject(subject);
             return;
         }
