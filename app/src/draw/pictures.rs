@@ -4,10 +4,12 @@
 //! returns the results in the order of the pictures, so that messages and the first error are the same as without
 //! threads.
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, bail};
 use splatgraph_api::Pixels;
 use splatgraph_assets::memory;
+use splatgraph_framework::reload::panic_message;
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, channel};
 
 /// Unfinished pictures may use 1 / `MEMORY_SHARE` of the available memory.
@@ -47,8 +49,13 @@ impl<T: Send + 'static> Pictures<T> {
             finished.extend(self.wait()?);
         }
         let (sender, receiver) = channel();
-        // After an error, nobody receives the result.
-        let work = move || _ = sender.send(work());
+        let work = move || {
+            // The pool would abort the process.
+            let result = catch_unwind(AssertUnwindSafe(work));
+            let result = result.unwrap_or_else(|panic| bail!("internal error: {}", panic_message(panic)));
+            // After an error, nobody receives the result.
+            _ = sender.send(result);
+        };
         // A thread of the pool does the work itself: it may be the only one, and the pool runs nothing while it draws.
         if rayon::current_thread_index().is_some() {
             work();
@@ -62,10 +69,10 @@ impl<T: Send + 'static> Pictures<T> {
     /// Waits for the oldest unfinished picture, and returns its result; `None` if the queue is empty.
     ///
     /// # Errors
-    /// The picture's work failed.
+    /// The picture's work failed, or panicked.
     pub fn wait(&mut self) -> Result<Option<T>> {
         let Some(oldest) = self.unfinished.pop_front() else { return Ok(None) };
-        oldest.recv().map_err(|_| anyhow!("a thread that writes a picture panicked"))?.map(Some)
+        oldest.recv()?.map(Some)
     }
 }
 
@@ -79,7 +86,6 @@ impl<T> Drop for Pictures<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use anyhow::bail;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::sync::{Arc, Barrier};
 
@@ -120,6 +126,16 @@ mod tests {
         let mut pictures = Pictures::new(8);
         assert!(pictures.start(u64::MAX, || Ok(1)).unwrap().is_empty());
         assert_eq!(pictures.start(u64::MAX, || Ok(2)).unwrap(), [1]);
+    }
+
+    #[test]
+    fn a_panic_in_the_work_of_a_picture_is_its_error() {
+        let mut pictures = Pictures::new(2);
+        pictures.start(1, || Ok(1)).unwrap();
+        pictures.start(1, || panic!("this panic is part of a test")).unwrap();
+        assert_eq!(pictures.wait().unwrap(), Some(1));
+        let error = pictures.wait().unwrap_err().to_string();
+        assert_eq!(error, "internal error: this panic is part of a test");
     }
 
     #[test]
