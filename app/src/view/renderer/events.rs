@@ -76,6 +76,11 @@ impl Causes {
         !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
     }
 
+    /// Returns true if all causes are the renderer's own: another attempt, or an overflowed list.
+    pub(super) fn are_own(&self) -> bool {
+        self.0.iter().all(|cause| matches!(cause, Cause::Room(_) | Cause::Retry))
+    }
+
     /// Returns true if a file changed.
     pub fn has_file(&self) -> bool {
         self.0.iter().any(|cause| matches!(cause, Cause::File(_)))

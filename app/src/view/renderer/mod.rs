@@ -12,9 +12,9 @@
 //! parameter. If the device refuses such a plan, frames stay incomplete ([`Renderer::crowded`]) until the next change,
 //! or, if memory was short, until the next attempt.
 //!
-//! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]), as is a build that lacked memory. A
-//! frame that the device does not finish in time is awaited again with the next frame ([`Renderer::patience`]). A lost
-//! device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
+//! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]). A build that lacked memory is retried
+//! less and less often. A frame that the device does not finish in time is awaited again with the next frame
+//! ([`Renderer::patience`]). A lost device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
 //!
 //! A renderer acts only when called: `Renderer::next` returns the time at which it must be polled even if nothing
 //! called its [`Wake`].
@@ -35,7 +35,7 @@ use splatgraph_framework::ir::{ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, WatchKind, Watcher};
-use state::{BuildState, Crowded, DeviceState, Fault, Pause, PendingBuild, ends_device};
+use state::{BuildState, Crowded, DeviceState, Fault, Pause, PendingBuild, ends_device, pause_after};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -110,6 +110,8 @@ pub struct Renderer<D: Device> {
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
     watcher: Watcher,
     build: BuildState,
+    /// Number of failed builds that are retried, since the last change or plan.
+    attempts: u32,
     asked: Option<PlanInputs>,
     state: LastGood<Arc<Plan>, Failure>,
     now: Instant,
@@ -163,6 +165,7 @@ impl<D: Device> Renderer<D> {
             builder,
             watcher,
             build: BuildState { requested: Some(build), ..BuildState::default() },
+            attempts: 0,
             asked: None,
             state,
             now,
@@ -367,6 +370,9 @@ impl<D: Device> Renderer<D> {
         if !causes.is_room_alone() {
             self.crowded = None;
         }
+        if !causes.are_own() {
+            self.attempts = 0;
+        }
         // The file may be half written, so errors are reported only after a delay.
         let attempt = if causes.has_file() { self.state.changed(now) } else { self.state.asked(now) };
         self.build.ask(PendingBuild { causes, asked, attempt });
@@ -453,8 +459,14 @@ impl<D: Device> Renderer<D> {
             self.state.failed(attempt, failure);
         }
         if may_pass && !self.build.is_busy() && self.build.pause.is_none() {
-            self.build.pause = Some(Pause::Retry(self.now + RETRY));
+            self.build.pause = Some(Pause::Retry(self.next_attempt()));
         }
+    }
+
+    /// Returns the time of the next attempt to build after a failure that may pass.
+    fn next_attempt(&mut self) -> Instant {
+        self.attempts += 1;
+        self.now + pause_after(self.attempts - 1)
     }
 
     fn take(&mut self, built: Built<Ready<D>>) {
@@ -479,6 +491,7 @@ impl<D: Device> Renderer<D> {
             return self.refuse(&built.causes, Failure::Backend(error));
         }
         self.drawn_with = built.capacities;
+        self.attempts = 0;
         self.whole = None;
         let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
         self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));

@@ -2,7 +2,7 @@
 
 use super::Renderer;
 use super::events::{Cause, Causes, Failure};
-use super::state::{Crowded, RETRY, ends_device};
+use super::state::{Crowded, ends_device};
 use crate::draw::capacity::{Overflow, overflows};
 use splatgraph_api::{Device, FrameResult};
 use splatgraph_framework::plan::Plan;
@@ -82,7 +82,7 @@ impl<D: Device> Renderer<D> {
         // Whatever causes the next build, it starts from the capacities of the last good plan.
         self.capacities = self.drawn_with.clone();
         if causes.is_room_alone() {
-            let retry = failure.may_pass().then(|| self.now + RETRY);
+            let retry = failure.may_pass().then(|| self.next_attempt());
             self.crowded = Some(Crowded { reason: failure.text(false), retry });
             self.build.running = None;
         } else {

@@ -8,8 +8,17 @@ use splatgraph_framework::reload::Attempt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval between attempts to draw or build after a transient failure, such as too little memory.
+/// Interval between attempts to draw, and the first between attempts to build, after a transient failure, such as too
+/// little memory.
 pub const RETRY: Duration = Duration::from_millis(250);
+
+/// Maximum interval between attempts to build. It doubles with each, because a plan may never fit.
+const RARELY: Duration = Duration::from_secs(10);
+
+/// Returns the interval before an attempt to build, after `failed` ones.
+pub(super) fn pause_after(failed: u32) -> Duration {
+    RETRY.saturating_mul(1 << failed.min(16)).min(RARELY)
+}
 
 /// A callback that announces new content to draw; any thread may call it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;

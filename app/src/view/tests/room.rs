@@ -1,10 +1,15 @@
 //! Tests frames that need more capacity than their plan has: they are shown incomplete until a larger plan is built.
 
 use super::script::{Script, arranged};
+use crate::draw::facts;
 use crate::view::events::Event;
+use crate::view::renderer::{PlanInputs, Renderer};
+use splatgraph_assets::Scene;
 use splatgraph_framework::ir::Value;
-use splatgraph_null::{Config, limits};
+use splatgraph_null::{Config, Fault, Null, Point, limits, open};
 use splatgraph_runtime::Limits;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Runs a visit to a viewer whose frames all need `needed` entries; the scene's default capacity is 200.
 fn visit(needed: u32, limits: Limits, steps: impl FnOnce(&mut Script)) -> Vec<Event> {
@@ -211,4 +216,38 @@ fn at_the_end_of_the_range_frames_stay_in_part() {
         );
     });
     assert_eq!(causes(&events), ["start", "growth of entries"]);
+}
+
+#[test]
+fn a_plan_that_never_fits_is_tried_less_and_less_often_until_something_changes() {
+    let faults = (0..1000).map(|after| Fault { point: Point::Allocate, after }).collect();
+    let device = open(&Config { faults, ..Config::default() }).0.expect("the device opens");
+    let folder = arranged();
+    let graph = folder.path().join("graph.ron");
+    let scene = Scene::load(folder.path().join("first.ply"), splatgraph_assets::QUIET).expect("the scene");
+    let inputs = PlanInputs {
+        catalog: Arc::new(facts::catalog(&scene)),
+        scene: Some(Arc::new(scene)),
+        size: (64, 36),
+        share_memory: true,
+    };
+    let renderer = Renderer::new(device, &graph.to_string_lossy(), &[], Arc::new(|| {}));
+    let (mut renderer, mut now) = (renderer.expect("a renderer"), Instant::now());
+    // The clock is set to the time of each attempt, so nothing waits.
+    let mut pauses = |renderer: &mut Renderer<Null>, count: usize| {
+        let pause = |_| {
+            renderer.poll(&inputs, now);
+            while renderer.busy() {
+                std::thread::sleep(Duration::from_millis(1));
+                renderer.poll(&inputs, now);
+            }
+            let former = now;
+            now = renderer.next().expect("another attempt");
+            (now - former).as_millis()
+        };
+        (0..count).map(pause).collect::<Vec<_>>()
+    };
+    assert_eq!(pauses(&mut renderer, 8), [250, 500, 1000, 2000, 4000, 8000, 10_000, 10_000]);
+    renderer.choose(&graph.to_string_lossy(), Default::default());
+    assert_eq!(pauses(&mut renderer, 2), [250, 500]);
 }
