@@ -131,32 +131,32 @@ impl Manifest {
     fn claim(&self, folder: &Path) -> Result<()> {
         let path = folder.join(MANIFEST);
         let text = format!("{:#}\n", serde_json::to_value(self)?);
-        match fs::read(&path) {
-            Ok(found) if found == text.as_bytes() => return Ok(()),
-            Ok(_) => {
-                let (own, found) = (serde_json::from_str::<Manifest>(&text)?, Manifest::read(folder)?);
-                let changes = own.changes(&found);
-                bail!(
-                    "{}: expected results of this request, found some that differ in {}: name another folder, or remove this one",
-                    path.display(),
-                    changes.join(" and ")
-                );
-            }
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(error).with_context(|| path.display().to_string()),
-        }
-        if let Some(file) =
-            self.files.iter().flatten().map(|file| folder.join(file)).find(|file| file.exists())
-        {
-            // Another process may have written the description in the meantime.
-            if !path.exists() {
-                bail!(
+        let mut found = fs::read(&path);
+        if found.as_ref().is_err_and(|error| error.kind() == ErrorKind::NotFound) {
+            let file = self.files.iter().flatten().map(|file| folder.join(file)).find(|file| file.exists());
+            match file {
+                // Another process may have written the description in the meantime.
+                Some(file) if !path.exists() => bail!(
                     "expected an empty folder, or one with the {MANIFEST} of this request, found {}",
                     file.display()
-                );
+                ),
+                _ => {}
+            }
+            match output::write_new_bytes(&path, text.as_bytes()) {
+                Err(error) if error.is_taken() => found = fs::read(&path),
+                written => return Ok(written?),
             }
         }
-        Ok(output::write_bytes(&path, text.as_bytes())?)
+        if found.with_context(|| path.display().to_string())? == text.as_bytes() {
+            return Ok(());
+        }
+        let (own, found) = (serde_json::from_str::<Manifest>(&text)?, Manifest::read(folder)?);
+        let changes = own.changes(&found);
+        bail!(
+            "{}: expected results of this request, found some that differ in {}: name another folder, or remove this one",
+            path.display(),
+            changes.join(" and ")
+        );
     }
 
     /// Rejects a folder with the description of shared views: new pictures would not match it.
@@ -427,6 +427,34 @@ mod tests {
         fs::remove_file(folder.path().join(MANIFEST)).unwrap();
         let error = job(&[3]).run(&[0]).unwrap_err().to_string();
         assert!(error.starts_with("expected an empty folder") && error.ends_with("0.json"), "{error}");
+    }
+
+    #[test]
+    fn of_different_requests_that_begin_at_once_in_one_folder_one_gets_it() {
+        for _ in 0..20 {
+            let folder = tempfile::tempdir().unwrap();
+            let start = std::sync::Barrier::new(8);
+            let claim = |number: usize| {
+                let view = vec![number.to_string()];
+                let (command, origin, files) = ("render".to_owned(), Origin::new(), vec![vec![part("0")]]);
+                let manifest = Manifest { command, origin, views: view, files };
+                start.wait();
+                manifest.claim(folder.path()).map(|()| manifest)
+            };
+            let claim = &claim;
+            let claims: Vec<_> = std::thread::scope(|scope| {
+                let threads: Vec<_> = (0..8).map(|number| scope.spawn(move || claim(number / 2))).collect();
+                threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+            });
+            let (done, refused): (Vec<_>, Vec<_>) = claims.into_iter().partition(Result::is_ok);
+            let done: Vec<_> = done.into_iter().map(Result::unwrap).collect();
+            // Two threads have equal requests, and share the folder.
+            assert_eq!((done.len(), refused.len()), (2, 6));
+            assert_eq!([&done[0], &done[1]], [&Manifest::read(folder.path()).unwrap(); 2]);
+            for error in refused.into_iter().map(|refused| refused.unwrap_err().to_string()) {
+                assert!(error.contains("found some that differ in the list of views"), "{error}");
+            }
+        }
     }
 
     #[test]

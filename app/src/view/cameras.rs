@@ -106,11 +106,7 @@ impl CameraFiles {
             false => output::write_new_bytes(&target, text.as_bytes()),
         };
         // Another window may have written the file meanwhile.
-        let exists = |error: &OutputError| {
-            error.cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind)
-                == Some(ErrorKind::AlreadyExists)
-        };
-        written.map_err(|error| match exists(&error) {
+        written.map_err(|error| match error.is_taken() {
             true => SaveError::Exists(path.to_owned()),
             false => error.into(),
         })?;

@@ -7,6 +7,7 @@ use crate::io::image::{Format, Image, ImageError};
 use crate::io::output;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Debug)]
@@ -37,33 +38,41 @@ impl Sequence {
     /// # Errors
     /// The folder holds frames of another film, or the record cannot be read or written.
     pub fn missing(&self, record: &Value, frames: u32, size: (u32, u32)) -> Result<Vec<u32>> {
-        let file = self.record();
-        match std::fs::read_to_string(&file) {
-            Ok(text) => {
-                let found: Value = serde_json::from_str(&text).with_context(|| file.display().to_string())?;
-                if let Some(difference) = difference(&found, record) {
-                    bail!(
-                        "{} belongs to another film ({difference}): name another folder, or remove this one",
-                        file.display()
-                    );
-                }
-            }
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                let stray = (0..frames).map(|frame| self.picture(frame)).find(|path| path.exists());
-                if let Some(path) = stray {
-                    bail!(
-                        "expected film.json beside {}, which describes the film: name another folder, or remove this one",
-                        path.display()
-                    );
-                }
-                output::write_bytes(&file, format!("{record:#}\n").as_bytes())?;
-            }
-            Err(error) => return Err(error).with_context(|| file.display().to_string()),
-        }
+        self.claim(record, frames)?;
         let size = (size.0 as usize, size.1 as usize);
         let is_whole =
             |frame: &u32| Image::header(&self.picture(*frame)).is_ok_and(|found| found.size == size);
         Ok((0..frames).filter(|frame| !is_whole(frame)).collect())
+    }
+
+    /// Writes the record into the folder, or checks that the folder has an equal one.
+    fn claim(&self, record: &Value, frames: u32) -> Result<()> {
+        let file = self.record();
+        let mut found = std::fs::read_to_string(&file);
+        if found.as_ref().is_err_and(|error| error.kind() == ErrorKind::NotFound) {
+            let stray = (0..frames).map(|frame| self.picture(frame)).find(|path| path.exists());
+            match stray {
+                // Another process may have written the record in the meantime.
+                Some(path) if !file.exists() => bail!(
+                    "expected film.json beside {}, which describes the film: name another folder, or remove this one",
+                    path.display()
+                ),
+                _ => {}
+            }
+            match output::write_new_bytes(&file, format!("{record:#}\n").as_bytes()) {
+                Err(error) if error.is_taken() => found = std::fs::read_to_string(&file),
+                written => return Ok(written?),
+            }
+        }
+        let read = || serde_json::from_str(&found?).map_err(anyhow::Error::from);
+        let found: Value = read().with_context(|| file.display().to_string())?;
+        if let Some(difference) = difference(&found, record) {
+            bail!(
+                "{} belongs to another film ({difference}): name another folder, or remove this one",
+                file.display()
+            );
+        }
+        Ok(())
     }
 }
 
@@ -75,4 +84,31 @@ fn difference(found: &Value, wanted: &Value) -> Option<String> {
     all.into_iter()
         .find(differs)
         .map(|key| format!("{key} is {} there and {} here", found[key.as_str()], wanted[key.as_str()]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn of_two_films_that_begin_at_once_in_one_folder_one_gets_it() {
+        for _ in 0..20 {
+            let folder = tempfile::tempdir().unwrap();
+            let start = std::sync::Barrier::new(2);
+            let begin = |film: u32| {
+                let sequence = Sequence::new(folder.path(), Format::Png);
+                start.wait();
+                sequence.missing(&json!({ "frames": film }), 2, (4, 4))
+            };
+            let both = std::thread::scope(|scope| {
+                let other = scope.spawn(|| begin(1));
+                [begin(2), other.join().unwrap()]
+            });
+            let (done, refused): (Vec<_>, Vec<_>) = both.into_iter().partition(Result::is_ok);
+            assert_eq!((done.len(), refused.len()), (1, 1));
+            let error = refused.into_iter().next().unwrap().unwrap_err().to_string();
+            assert!(error.contains("film.json belongs to another film (frames is "), "{error}");
+        }
+    }
 }

@@ -39,6 +39,14 @@ fn shown(path: &Path) -> std::path::Display<'_> {
     if terminal::is_standard_output(path) { Path::new("standard output").display() } else { path.display() }
 }
 
+impl OutputError {
+    /// Returns true if a new file was not written because something has its name.
+    pub fn is_taken(&self) -> bool {
+        let cause = self.cause.downcast_ref::<io::Error>();
+        cause.is_some_and(|error| error.kind() == ErrorKind::AlreadyExists)
+    }
+}
+
 const BUFFER_BYTES: usize = 1 << 17;
 
 /// Maximum number of links that are followed to a target, as on Linux.
