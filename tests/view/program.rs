@@ -139,6 +139,14 @@ impl Program {
         assert!(rests, "the program never rests {}", self.account());
     }
 
+    /// Returns the time of the processor that the thread of the window has taken.
+    pub fn main_thread_time(&self) -> Duration {
+        let text = fs::read_to_string(format!("/proc/{}/schedstat", self.process.id()));
+        let text = text.expect("there is a /proc");
+        let time = text.split(' ').next().and_then(|time| time.parse().ok());
+        Duration::from_nanos(time.expect("nanoseconds"))
+    }
+
     /// Waits for a frame after the first `since` events.
     pub fn frame_after(&mut self, since: usize) {
         self.until(since, "a frame", |event| event["event"] == "frame");

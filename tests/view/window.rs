@@ -304,9 +304,17 @@ fn screen(program: &mut Program, first: &Pixels) {
     program.window.focus();
     program.view_is("the same after it was away", first);
 
-    // A minimised window draws nothing.
+    // A minimised window draws nothing, and takes no time of the processor, even if something asks for a frame.
     program.window.set_minimised(true);
     program.rests();
+    let [x, y] = middle(program.control("view"));
+    program.window.point([x, y]);
+    program.window.point([x + 1, y]);
+    program.rests();
+    let before = program.main_thread_time();
+    sleep(Duration::from_secs(1));
+    let busy = program.main_thread_time() - before;
+    assert!(busy < Duration::from_millis(100), "the window took {busy:?} in a second");
     program.window.set_minimised(false);
     program.act();
 

@@ -349,6 +349,8 @@ impl Running {
             return Ok(false);
         }
         if self.shows_nothing() {
+            // What was asked for is drawn with the first frame after the window is visible again.
+            self.asked = false;
             (self.next, self.look) = (Some(now + IDLE), None);
             return Ok(false);
         }
