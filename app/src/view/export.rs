@@ -100,11 +100,16 @@ impl Exporter {
     pub fn take(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
         Some((self.path.clone(), self.work.take()?))
     }
+
+    /// Waits for the write, and takes its result; `None` if none was started.
+    pub fn wait(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
+        Some((self.path.clone(), self.work.wait()?))
+    }
 }
 
 impl Drop for Exporter {
     fn drop(&mut self) {
-        self.work.wait();
+        self.wait();
     }
 }
 
@@ -122,12 +127,7 @@ mod tests {
     }
 
     fn written(exporter: &mut Exporter) -> Result<Written, String> {
-        loop {
-            if let Some((_, result)) = exporter.take() {
-                return result;
-            }
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
+        exporter.wait().expect("a file is being written").1
     }
 
     #[test]

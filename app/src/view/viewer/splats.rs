@@ -183,11 +183,18 @@ impl<D: Device> Viewer<D> {
             }
             self.search(id);
         }
-        if let Some((path, result)) = self.exporter.take() {
-            self.events.push(match result {
-                Ok(Written { splats, bytes, lost }) => Event::Exported { path, splats, bytes, lost },
-                Err(error) => Event::FileFailed { path, error },
-            });
-        }
+        self.events.extend(self.exporter.take().map(exported));
+    }
+
+    /// Waits for the file that is being written, and returns the event of its end; `None` without a file.
+    pub(in crate::view) fn finish_export(&mut self) -> Option<Event> {
+        self.exporter.wait().map(exported)
+    }
+}
+
+fn exported((path, result): (PathBuf, Result<Written, String>)) -> Event {
+    match result {
+        Ok(Written { splats, bytes, lost }) => Event::Exported { path, splats, bytes, lost },
+        Err(error) => Event::FileFailed { path, error },
     }
 }

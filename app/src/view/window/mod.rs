@@ -116,6 +116,9 @@ pub fn run(options: WindowOptions) -> Result<Vec<String>> {
             app.outcome
         }
         Err(panic) => {
+            if let Some(running) = &mut app.running {
+                running.finish_export();
+            }
             // The display is gone, or the panic left inconsistent state, so nothing can be closed normally.
             let _ = ManuallyDrop::new(app.running.take());
             Err(panic.into())
@@ -568,8 +571,15 @@ impl Running {
         saved
     }
 
-    /// Closes the devices, and returns the validation messages. Work that does not end within [`CLOSING`] is abandoned
-    /// when the process exits.
+    /// Waits for a file that is being written: the process may end without waiting for its threads.
+    fn finish_export(&mut self) {
+        if let Some(event @ Event::FileFailed { .. }) = self.shell.viewer.finish_export() {
+            say(event.to_string());
+        }
+    }
+
+    /// Closes the devices, and returns the validation messages. Waits for a file that is being written; other work that
+    /// does not end within [`CLOSING`] is abandoned when the process exits.
     fn close(mut self) -> Vec<String> {
         if let Some(path) = &self.kept
             && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context().theme())
@@ -584,6 +594,7 @@ impl Running {
             // After an error of the device, there is nothing left to wait for.
             Ok(()) | Err(_) => (!self.shell.is_idle(end)).then(|| "a build".to_owned()),
         };
+        self.finish_export();
         if let Some(still) = still {
             let _ = ManuallyDrop::new(self);
             say(format!("closed while {still} was still running"));
