@@ -7,6 +7,7 @@
 //! and the camera's index, and then a number, until all differ, ignoring case. A name that is too long is cut, and ends
 //! in `~` and eight digits of the hash of the whole name. [`first_free`] numbers the files that a window writes.
 
+use super::file::{OutputError, write_new_bytes};
 use super::terminal::is_harmful;
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -20,6 +21,23 @@ pub const MIN_ROOM_BYTES: usize = 48;
 /// Returns the first path, numbered from 1, that does not exist yet.
 pub fn first_free(path: impl Fn(u32) -> PathBuf) -> PathBuf {
     (1..).map(&path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
+}
+
+/// Writes a new file with these bytes at the first path, numbered from 1, that does not exist. Returns the path.
+///
+/// Of two programs that do so at once, each gets a file of its own.
+///
+/// # Errors
+/// See [`write_new_bytes`].
+pub fn write_first_free(path: impl Fn(u32) -> PathBuf, bytes: &[u8]) -> Result<PathBuf, OutputError> {
+    let mut number = 1;
+    loop {
+        let path = path(number);
+        match write_new_bytes(&path, bytes) {
+            Err(error) if error.is_taken() => number += 1,
+            written => return written.map(|()| path),
+        }
+    }
 }
 
 /// Makes a unique file name from each name, without extension, of at most `room` bytes.
@@ -126,6 +144,26 @@ mod tests {
         let names = of(&[&long, &format!("{long}x"), &long]);
         assert!(names.iter().all(|name| name.len() <= 100), "{names:?}");
         assert!(names[0].starts_with("ää") && names[0] != names[1] && names[0] != names[2]);
+    }
+
+    #[test]
+    fn numbered_files_that_are_written_at_once_are_all_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let start = std::sync::Barrier::new(8);
+        let write = |content: u8| {
+            start.wait();
+            let path = write_first_free(|number| folder.path().join(format!("a-{number}.png")), &[content]);
+            (content, path.unwrap())
+        };
+        let write = &write;
+        let written: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..8).map(|content| scope.spawn(move || write(content))).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        for (content, path) in written {
+            assert_eq!(std::fs::read(&path).unwrap(), [content], "{}", path.display());
+        }
+        assert!((1..=8).all(|number| folder.path().join(format!("a-{number}.png")).exists()));
     }
 
     fn name() -> impl Strategy<Value = String> {

@@ -10,6 +10,7 @@ mod dialog;
 mod display;
 mod editor;
 mod event_log;
+mod pictures;
 
 use super::events::Event;
 use super::kept;
@@ -19,13 +20,13 @@ use super::recovery::Recovery;
 use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
-use crate::draw::session::image_of;
-use crate::io::output::{Log, names, one_line, say};
+use crate::io::output::{Log, one_line, say};
 use anyhow::{Context as _, Result, bail};
 pub use display::is_left_open;
 use display::own;
 use egui::RawInput;
 use event_log::EventLog;
+use pictures::fresh_name;
 use splatgraph_api::{BackendError, Pixels, Windowed};
 use splatgraph_assets::{Camera, Scene};
 use std::mem::ManuallyDrop;
@@ -160,9 +161,10 @@ struct Running {
     kept: Option<PathBuf>,
     open: dialog::Dialog,
     editor: editor::Editor,
-    /// Path for the next frame's picture of the window.
-    save: Option<PathBuf>,
-    save_a: Option<PathBuf>,
+    /// True to save a picture of the window with the next frame.
+    save: bool,
+    /// True to save A's picture once it is read back.
+    save_a: bool,
 }
 
 struct Closing {
@@ -237,8 +239,8 @@ impl App<'_> {
             open: dialog::Dialog::new(wake.clone()),
             editor: editor::Editor::new(wake),
             kept: options.kept,
-            save: None,
-            save_a: None,
+            save: false,
+            save_a: false,
         });
         Ok(())
     }
@@ -403,16 +405,14 @@ impl Running {
         }
         let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
-        if close && let Some(path) = &self.closing.screenshot {
-            self.save = Some(path.clone());
-        }
+        self.save |= close && self.closing.screenshot.is_some();
         let request = FrameRequest {
             size: self.window.size(),
             pixels_per_point: self
                 .window
                 .with(|window| egui_winit::pixels_per_point(self.shell.context(), window)),
             present: true,
-            read: self.save.is_some(),
+            read: self.save,
             redraw: self.redraw,
         };
         let frame = self.recovery.frame(&mut self.shell, input, request)?;
@@ -423,22 +423,23 @@ impl Running {
             return Ok(false);
         };
         self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
-        if let Some(pixels) = frame.picture
-            && let Some(path) = self.save.take()
-        {
-            let saved = self.save_picture(&pixels, &path);
-            if close && saved.is_err() {
-                return saved.with_context(|| format!("{} cannot be written", path.display())).map(|()| true);
+        if let Some(pixels) = frame.picture.filter(|_| std::mem::take(&mut self.save)) {
+            let path = self.closing.screenshot.clone().filter(|_| close);
+            let saved = self.save_picture(&pixels, path.as_deref(), "splatgraph-window");
+            if let Some(path) = path {
+                saved.with_context(|| format!("{} cannot be written", path.display()))?;
             }
         }
-        if let Some(path) = self.save_a.clone()
+        if self.save_a
             && let Some(picture) = self.shell.viewer.a.take_picture()
         {
-            self.save_a = None;
+            self.save_a = false;
             match picture {
                 // The window shows any error.
-                Ok(pixels) => _ = self.save_picture(&pixels, &path),
-                Err(error) => self.shell.report(Event::FileFailed { path, error }),
+                Ok(pixels) => _ = self.save_picture(&pixels, None, "splatgraph"),
+                Err(error) => {
+                    self.shell.report(Event::FileFailed { path: fresh_name("splatgraph", "png"), error })
+                }
             }
         }
         for command in frame.commands {
@@ -449,7 +450,7 @@ impl Running {
         self.redraw &= !frame.drawn;
         self.frames += u64::from(frame.drawn);
         self.write_events(&request, frame.drawn);
-        Ok(close && self.save.is_none())
+        Ok(close && !self.save)
     }
 
     /// Returns true if this frame is the last: a screenshot or a number of frames was requested, the frame shows the
@@ -522,10 +523,10 @@ impl Running {
 
     fn apply(&mut self, command: Command) {
         match command {
-            Command::Screenshot => self.save = Some(fresh_name("splatgraph-window", "png")),
+            Command::Screenshot => self.save = true,
             Command::SavePicture => {
                 self.shell.viewer.a.want_picture();
-                self.save_a = Some(fresh_name("splatgraph", "png"));
+                self.save_a = true;
             }
             Command::Vsync(vsync) => {
                 if let Some(canvas) = self.shell.canvas_mut() {
@@ -561,14 +562,16 @@ impl Running {
         }
     }
 
-    fn save_picture(&mut self, pixels: &Pixels, path: &Path) -> Result<()> {
-        let saved = image_of(pixels).map_err(Into::into).and_then(|image| Ok(image.save(path)?));
-        let path = path.to_owned();
+    fn save_picture(&mut self, pixels: &Pixels, path: Option<&Path>, stem: &str) -> Result<()> {
+        let saved = pictures::save(pixels, path, stem);
         self.shell.report(match &saved {
-            Ok(()) => Event::Screenshot { path },
-            Err(error) => Event::FileFailed { path, error: format!("{error:#}") },
+            Ok(path) => Event::Screenshot { path: path.clone() },
+            Err(error) => {
+                let path = path.map_or_else(|| fresh_name(stem, "png"), Path::to_owned);
+                Event::FileFailed { path, error: format!("{error:#}") }
+            }
         });
-        saved
+        saved.map(drop)
     }
 
     /// Waits for a file that is being written: the process may end without waiting for its threads.
@@ -608,9 +611,4 @@ impl Running {
 
 fn title(scene: &Path) -> String {
     format!("{} - splatgraph", one_line(&scene.file_name().unwrap_or_default().to_string_lossy()))
-}
-
-/// Returns the first of `STEM-1.EXTENSION`, `STEM-2.EXTENSION`, ... that does not exist yet.
-fn fresh_name(stem: &str, extension: &str) -> PathBuf {
-    names::first_free(|number| PathBuf::from(format!("{stem}-{number}.{extension}")))
 }
