@@ -52,13 +52,17 @@ void main() {
     [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
         uvec2 last = uvec2(VIEWPORT_WIDTH, VIEWPORT_HEIGHT) - 1u;
-        sums[v] = imageLoad(picture, ivec2(min(at, last)));
         // Pixels outside the picture or the block are finished.
-        sums[v].a = lane < BLOCK_PIXELS && all(lessThanEqual(at, last)) ? sums[v].a : -1.0;
+        sums[v] = vec4(0.0, 0.0, 0.0, -1.0);
 #if WITH_OUTPUTS
-        at = min(at, last);
-        pixels_of[v] = pixels[at.y * uint(VIEWPORT_WIDTH) + at.x];
+        pixels_of[v] = empty_pixel();
 #endif
+        if (lane < BLOCK_PIXELS && all(lessThanEqual(at, last))) {
+            sums[v] = imageLoad(picture, ivec2(at));
+#if WITH_OUTPUTS
+            pixels_of[v] = pixels[at.y * uint(VIEWPORT_WIDTH) + at.x];
+#endif
+        }
     }
     bool open = true;
     for (uint first = begin; first < end && open; first += uint(LOADERS)) {
