@@ -162,7 +162,7 @@ void main() {
         // Blocks take their places in any order: order_ties.comp orders pairs of equal depth.
         start = atomicAdd(pair_counts[COUNTED_PAIRS], total);
         if (start + total < start) {
-            pair_counts[COUNTED_WRAPPED] = 1u;
+            atomicOr(pair_counts[COUNTED_WRAPPED], 1u);
         }
         atomicAdd(pair_counts[COUNTED_VISIBLE], visible_count);
     }
