@@ -95,8 +95,11 @@ bool project_to_bins(uint i, out Projection p, out float radius, out BinRect rec
 #else
     vec2 first = max(ceil(low), vec2(0.0));
     vec2 last = min(floor(high), camera.viewport.xy - 1.0);
+    if (!(first.x <= last.x && first.y <= last.y)) {
+        return false;
+    }
     rect = BinRect(uvec2(first) / BIN, uvec2(last) / BIN);
-    return first.x <= last.x && first.y <= last.y;
+    return true;
 #endif
 }
 
