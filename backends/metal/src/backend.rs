@@ -167,7 +167,7 @@ impl Gpu for MetalGpu {
     }
 
     fn wait(&self, encoder: &mut Encoder, limit: Duration) -> Result<bool, BackendError> {
-        encoder.wait(limit)
+        objc::pool(|| encoder.wait(limit))
     }
 
     fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {

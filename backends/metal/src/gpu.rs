@@ -5,16 +5,17 @@
 //! here: by the submissions that may not have completed, and the submissions that all later ones wait for.
 
 use crate::device::Physical;
-use crate::error::no_object;
+use crate::error::{no_object, of_command_buffer};
 use crate::features::{self, LANES};
 use crate::lower;
 use crate::objc;
+use crate::progress::{Progress, progress};
 use crate::surface::{FORMAT, Surface};
 use metal::*;
 use splatgraph_api::{BackendError, Options};
 use splatgraph_runtime::{COMPILE_PATIENCE, Limits, Messages, Window};
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 /// Default time limit of one pass.
@@ -36,31 +37,47 @@ pub struct MetalGpu {
     pub(crate) patience: Duration,
     pub(crate) compile_patience: Duration,
     pub(crate) allocated: AtomicU64,
-    /// Submissions that may not have completed.
+    /// Submissions that may not have completed, in the queue's order.
     in_flight: Mutex<Vec<Submission>>,
+    /// Code and description of the first error of a command buffer.
+    failure: OnceLock<(i64, String)>,
 }
 
-/// A submission: its last command buffer, and the event and value that signal completion of the whole.
+/// A submission: its command buffers, and the events around them.
 #[derive(Clone)]
 pub(crate) struct Submission {
-    pub event: SharedEvent,
-    pub value: u64,
-    pub last: CommandBuffer,
+    /// The frame or upload, the draw into a window, and the wait for earlier submissions; the last two are optional.
+    pub commands: Vec<CommandBuffer>,
+    /// Event and value that the commands wait for before they start.
+    pub start: (SharedEvent, u64),
+    /// Event and value that signal completion of the whole.
+    pub done: (SharedEvent, u64),
     /// True if all later submissions wait for this one.
     pub publishes: bool,
 }
 
 impl Submission {
-    /// Returns true once the submission has completed or failed.
-    ///
-    /// A failed submission signals nothing, so this call then signals its event from the host.
-    pub fn is_done(&self) -> bool {
-        let signalled = self.event.signaled_value() >= self.value;
-        let status = objc::status(&self.last);
-        if status == objc::FAILED && !signalled {
-            self.event.set_signaled_value(self.value);
+    pub fn progress(&self) -> Progress {
+        progress(self.commands.iter().map(|commands| objc::status(commands)))
+    }
+
+    /// Blocks until the submission has completed, for at most `limit`.
+    pub fn wait(&self, limit: Duration) {
+        let milliseconds = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX).max(1);
+        let (event, value) = &self.done;
+        if objc::wait_for_event(event, *value, milliseconds) && self.progress() == Progress::Running {
+            // Signalling the event was the last command: only Metal's own work on the host is left.
+            self.commands.iter().for_each(|commands| commands.wait_until_completed());
         }
-        signalled || status >= objc::COMPLETED
+    }
+
+    /// Signals, from the host, the events that a failed command buffer did not signal, so that no waiter hangs.
+    fn release(&self) {
+        for (event, value) in [&self.start, &self.done] {
+            if event.signaled_value() < *value {
+                event.set_signaled_value(*value);
+            }
+        }
     }
 }
 
@@ -89,14 +106,28 @@ impl MetalGpu {
             compile_patience: options.compile_patience.unwrap_or(COMPILE_PATIENCE),
             allocated: AtomicU64::new(0),
             in_flight: Mutex::default(),
+            failure: OnceLock::new(),
             device,
         })
     }
 
+    /// Returns the submissions that are still running. Releases the commands that wait for a failed submission.
     pub(crate) fn in_flight(&self) -> MutexGuard<'_, Vec<Submission>> {
         let mut all = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
-        all.retain(|submission| !submission.is_done());
+        all.retain(|submission| {
+            let progress = submission.progress();
+            if let Progress::Failed(index) = progress {
+                self.failure.get_or_init(|| objc::error(&submission.commands[index]));
+                submission.release();
+            }
+            progress == Progress::Running
+        });
         all
+    }
+
+    /// Returns the error of the first command buffer, of any executor, that failed. Later results are unreliable.
+    pub(crate) fn failure(&self) -> Option<BackendError> {
+        self.failure.get().map(|(code, text)| of_command_buffer(*code, text))
     }
 
     /// Creates a command buffer. The caller provides an autorelease pool.

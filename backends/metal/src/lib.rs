@@ -9,6 +9,7 @@
 //! - [`dump`]: the encoders for `splatgraph dump`;
 //! - [`lower`]: pipelines, arguments, usages and copies;
 //! - [`walk`]: when to open, order and close each encoder, as the passes of a frame are announced;
+//! - [`progress`]: whether a submission has completed or failed;
 //! - [`error`]: conversion of Metal's failures to errors.
 //!
 //! The other half, only for Apple's systems, creates the objects and follows this data. `objc` has the calls that the
@@ -23,6 +24,7 @@ pub mod dump;
 pub mod error;
 pub mod features;
 pub mod lower;
+pub mod progress;
 pub mod sync;
 pub mod walk;
 

@@ -12,11 +12,6 @@ use std::ffi::{CStr, CString, c_char, c_void};
 use std::path::Path;
 use std::ptr::NonNull;
 
-/// `MTLCommandBufferStatus` of a completed command buffer.
-pub(crate) const COMPLETED: u64 = 4;
-/// `MTLCommandBufferStatus` of a failed command buffer.
-pub(crate) const FAILED: u64 = 5;
-
 pub(crate) fn pool<T>(body: impl FnOnce() -> T) -> T {
     metal::objc::rc::autoreleasepool(body)
 }

@@ -1,84 +1,54 @@
 //! Submits commands, waits for submissions, and reads timestamps.
 
-use crate::error;
 use crate::gpu::{MetalGpu, Submission};
 use crate::lower;
 use crate::objc;
-use metal::{
-    CommandBuffer, CounterSampleBuffer, CounterSampleBufferDescriptor, MTLStorageMode, SharedEventRef,
-};
+use crate::progress::Progress;
+use metal::{CounterSampleBuffer, CounterSampleBufferDescriptor, MTLStorageMode};
 use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Interval between checks for failed submissions during a wait for the whole queue.
+/// Interval between checks for failed submissions during a wait.
 const SLICE: Duration = Duration::from_millis(50);
 
-pub(crate) struct After<'a> {
-    pub event: (&'a SharedEventRef, u64),
-    /// True to wait for all earlier submissions, false to wait for published ones only.
-    pub all: bool,
-}
-
-/// Submits a frame or an upload, followed by the draw into a window, if any: one command buffer for each, of which the
-/// last signals `done`.
+/// Submits a frame or an upload, followed by the draw into a window, if any. The last command buffer signals `done`.
 ///
-/// The commands start once the event in `after` reaches its value. This function makes the queue signal that value when
-/// the earlier submissions that `after` covers, of all executors, have completed.
+/// The commands start once the event `start` reaches its value. This function makes the queue signal that value when
+/// earlier submissions, of all executors, have completed: all of them if `after_all`, otherwise the published ones.
 pub(crate) fn submit(
     gpu: &MetalGpu,
-    commands: &[CommandBuffer],
-    done: (&SharedEventRef, u64),
-    after: &After,
-    publishes: bool,
-) -> Result<(), BackendError> {
+    mut submission: Submission,
+    after_all: bool,
+) -> Result<Submission, BackendError> {
     // The lock also serializes submissions.
     let mut in_flight = gpu.in_flight();
-    let (event, value) = after.event;
-    let before: Vec<_> = in_flight.iter().filter(|before| after.all || before.publishes).collect();
-    if before.is_empty() {
-        event.set_signaled_value(value);
+    let (event, value) = &submission.start;
+    let before: Vec<_> = in_flight.iter().filter(|before| after_all || before.publishes).collect();
+    let order = if before.is_empty() {
+        event.set_signaled_value(*value);
+        None
     } else {
         let order = gpu.commands("order")?;
-        before.iter().for_each(|before| order.encode_wait_for_event(&before.event, before.value));
-        order.encode_signal_event(event, value);
+        before.iter().for_each(|Submission { done, .. }| order.encode_wait_for_event(&done.0, done.1));
+        order.encode_signal_event(event, *value);
         order.commit();
-    }
-    commands.iter().for_each(|commands| commands.commit());
-    if let Some(last) = commands.last() {
-        in_flight.push(Submission { event: done.0.to_owned(), value: done.1, last: last.clone(), publishes });
-    }
-    Ok(())
+        Some(order)
+    };
+    submission.commands.iter().for_each(|commands| commands.commit());
+    submission.commands.extend(order);
+    in_flight.push(submission.clone());
+    Ok(submission)
 }
 
-/// Blocks until `commands`, the last of which signals `done`, have completed, for at most `limit`. Returns false if the
-/// limit has passed.
+/// Blocks until a submission has completed, for at most `limit`. Returns false if the limit has passed.
 ///
 /// # Errors
-/// Returns an error if a command buffer failed. `done` gets its value anyway, so that no waiter hangs.
-pub(crate) fn wait(
-    commands: &[CommandBuffer],
-    done: (&SharedEventRef, u64),
-    limit: Duration,
-) -> Result<bool, BackendError> {
-    let (event, value) = done;
-    let failed = || commands.iter().find(|commands| objc::status(commands) == objc::FAILED);
-    let complete = || commands.iter().all(|commands| objc::status(commands) >= objc::COMPLETED);
-    if failed().is_none() && !complete() && !limit.is_zero() {
-        let milliseconds = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX).max(1);
-        if objc::wait_for_event(event, value, milliseconds) {
-            // Signalling the event was the last command: only Metal's own work on the host is left.
-            commands.iter().for_each(|commands| commands.wait_until_completed());
-        }
-    }
-    if let Some(failed) = failed() {
-        let (code, text) = objc::error(failed);
-        if event.signaled_value() < value {
-            event.set_signaled_value(value);
-        }
-        return Err(error::of_command_buffer(code, &text));
-    }
-    Ok(complete())
+/// Returns an error if a command buffer failed, also one of another executor: this submission may have waited for it.
+pub(crate) fn wait(gpu: &MetalGpu, submission: &Submission, limit: Duration) -> Result<bool, BackendError> {
+    let ended = has_ended(gpu, submission, limit);
+    drop(gpu.in_flight());
+    gpu.failure().map_or(Ok(ended), Err)
 }
 
 /// Blocks until all earlier submissions have completed or failed, for at most `limit`. Returns false if the limit has
@@ -86,14 +56,20 @@ pub(crate) fn wait(
 pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
     let begun = Instant::now();
     let before = gpu.in_flight().clone();
-    for submission in &before {
-        while !submission.is_done() {
-            let left = limit.saturating_sub(begun.elapsed()).min(SLICE);
-            if left.is_zero() {
-                return false;
-            }
-            objc::wait_for_event(&submission.event, submission.value, left.as_millis().max(1) as u64);
+    before.iter().all(|submission| has_ended(gpu, submission, limit.saturating_sub(begun.elapsed())))
+}
+
+/// Blocks until a submission has completed or failed, for at most `limit`. Returns false if the limit has passed.
+fn has_ended(gpu: &MetalGpu, submission: &Submission, limit: Duration) -> bool {
+    let begun = Instant::now();
+    while submission.progress() == Progress::Running {
+        let left = limit.saturating_sub(begun.elapsed()).min(SLICE);
+        if left.is_zero() {
+            return false;
         }
+        submission.wait(left);
+        // The submission may wait for another one that has failed.
+        drop(gpu.in_flight());
     }
     true
 }

@@ -8,11 +8,11 @@
 use crate::capture;
 use crate::descriptors::ArgumentTables;
 use crate::error::no_object;
-use crate::gpu::MetalGpu;
+use crate::gpu::{MetalGpu, Submission};
 use crate::lower::{self, CLEAR_THREADS};
 use crate::objc;
 use crate::pipelines::Pipelines;
-use crate::queue::{self, After, Timestamps};
+use crate::queue::{self, Timestamps};
 use crate::swapchain::Swapchain;
 use crate::walk::Move;
 use metal::*;
@@ -31,17 +31,13 @@ use state::{Bound, Open};
 
 impl Encoder {
     pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
-        objc::pool(|| self.submit_pooled(window))
-    }
-
-    fn submit_pooled(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
         let Some(commands) = self.commands.take() else {
             return Err(BackendError::Invalid(format!("the encoder `{}` has nothing recorded", self.name)));
         };
         self.done.1 += 1;
         commands.encode_signal_event(&self.done.0, self.done.1);
-        self.submitted.clear();
-        self.submitted.push(commands);
+        self.submitted = None;
+        let mut recorded = vec![commands];
         if let Some(window) = window {
             let frame = (&**self.done.0, self.done.1);
             let shown = match (&self.order, self.walk.division()) {
@@ -57,11 +53,15 @@ impl Encoder {
             shown.encode_wait_for_event(&self.done.0, self.done.1);
             self.done.1 += 1;
             shown.encode_signal_event(&self.done.0, self.done.1);
-            self.submitted.push(shown);
+            recorded.push(shown);
         }
-        let after = After { event: (&self.others.0, self.others.1), all: self.after_all };
-        let done = (&*self.done.0, self.done.1);
-        queue::submit(&self.gpu, &self.submitted, done, &after, self.publishes)?;
+        let submission = Submission {
+            commands: recorded,
+            start: self.others.clone(),
+            done: self.done.clone(),
+            publishes: self.publishes,
+        };
+        self.submitted = Some(queue::submit(&self.gpu, submission, self.after_all)?);
         if let Some(order) = self.order.take() {
             order.walked().submitted(&self.walk);
         }
@@ -69,14 +69,15 @@ impl Encoder {
     }
 
     pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
-        let done = objc::pool(|| queue::wait(&self.submitted, (&self.done.0, self.done.1), limit))?;
-        if let (true, Some(frame)) = (done, self.submitted.first()) {
-            if let Some(times) = self.times.take() {
-                times.completed(objc::device_times(frame));
-            }
-            self.submitted.clear();
+        let Some(submission) = &self.submitted else { return Ok(true) };
+        if !queue::wait(&self.gpu, submission, limit)? {
+            return Ok(false);
         }
-        Ok(done)
+        if let (Some(times), Some(frame)) = (self.times.take(), submission.commands.first()) {
+            times.completed(objc::device_times(frame));
+        }
+        self.submitted = None;
+        Ok(true)
     }
 
     fn follow(&mut self) {

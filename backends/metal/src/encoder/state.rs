@@ -1,7 +1,7 @@
 //! Defines the state of a recording: a command buffer, the open encoder, and the next command's pipeline and arguments.
 
 use crate::descriptors::{Argument, Table};
-use crate::gpu::MetalGpu;
+use crate::gpu::{MetalGpu, Submission};
 use crate::lower::Stage;
 use crate::pipelines::{Order, Pipeline};
 use crate::queue::Timestamps;
@@ -35,8 +35,8 @@ impl Open {
 pub struct Encoder {
     pub(super) name: String,
     pub(super) commands: Option<CommandBuffer>,
-    /// The last submission's command buffers, until it has been waited for.
-    pub(super) submitted: Vec<CommandBuffer>,
+    /// The last submission, until it has been waited for.
+    pub(super) submitted: Option<Submission>,
     /// Event and value that signal completion of the submission.
     pub(super) done: (SharedEvent, u64),
     /// Event that is signalled, then waited for, to order earlier commands of the buffer before later ones; and its last
@@ -79,7 +79,7 @@ impl Encoder {
         Encoder {
             name: name.to_string(),
             commands: None,
-            submitted: Vec::new(),
+            submitted: None,
             done: (gpu.device.new_shared_event(), 0),
             order_event: (gpu.device.new_event(), 0),
             others: (gpu.device.new_shared_event(), 0),
