@@ -350,6 +350,10 @@ impl Device for Backend {
         each!(self, device => device.submit(inputs))
     }
 
+    fn missed_window(&self) -> bool {
+        each!(self, device => device.missed_window())
+    }
+
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError> {
         each!(self, device => device.wait(frame))
     }

@@ -37,6 +37,9 @@ const ANIMATION: Duration = Duration::from_millis(33);
 /// Pause after a frame that drew nothing, if the next frame is due immediately.
 const UNDRAWN: Duration = Duration::from_millis(8);
 
+/// Pause before the window is drawn again, after a frame that it did not show.
+const UNSHOWN: Duration = Duration::from_millis(250);
+
 /// Age of a picture in flight at which the window stops submitting frames: they would only queue up behind it.
 const QUEUE: Duration = Duration::from_millis(100);
 
@@ -85,8 +88,10 @@ pub struct Shell<D: Device> {
     catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
-    /// Content of the window's newest frame, without the user interface.
+    /// Content of the window's newest frame, without the user interface; `None` if the window did not show the frame.
     shown: Option<Content>,
+    /// Time at which to draw the window again, because it did not show its newest frame.
+    again: Option<Instant>,
     /// True if a frame of the window is due, but its device could not accept it yet.
     owed: bool,
     /// True if a frame in flight is to be read back.
@@ -144,6 +149,7 @@ impl<D: Device> Shell<D> {
             history: History::default(),
             events: Vec::new(),
             shown: None,
+            again: None,
             owed: false,
             reading: false,
             presented: (0, 0),
@@ -270,7 +276,7 @@ impl<D: Device> Shell<D> {
         let busy = self.viewer.busy() || self.canvas.busy();
         let progress = busy.then(|| begun + PROGRESS);
         let retry = self.canvas.retry().filter(|_| self.owed);
-        let all = [repaint, progress, retry, self.viewer.next(), self.canvas.next()];
+        let all = [repaint, progress, retry, self.again, self.viewer.next(), self.canvas.next()];
         all.into_iter().flatten().min()
     }
 
@@ -345,7 +351,7 @@ impl<D: Device> Shell<D> {
             || self.canvas.must_redraw()
             || self.painter.differs()
             || self.shown.as_ref() != Some(&content);
-        self.owed = false;
+        (self.owed, self.again) = (false, None);
         let mut drawn = Ok(false);
         if due {
             let mut inputs = FrameInputs {
@@ -368,7 +374,9 @@ impl<D: Device> Shell<D> {
             match &drawn {
                 Ok(true) => {
                     self.painter.drawn();
-                    self.shown = Some(content);
+                    let missed = self.canvas.device().is_some_and(Device::missed_window);
+                    self.shown = (!missed).then_some(content);
+                    self.again = missed.then(|| Instant::now() + UNSHOWN);
                 }
                 Ok(false) => self.owed = true,
                 Err(_) => {

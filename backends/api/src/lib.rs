@@ -433,6 +433,9 @@ pub trait Device: Sized {
     /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
+    /// Returns true if the last submitted frame was to be presented, but could not be shown in the window.
+    fn missed_window(&self) -> bool;
+
     /// Blocks until the frame has completed. Each frame's result can be taken once.
     ///
     /// # Errors

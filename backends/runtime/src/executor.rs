@@ -48,6 +48,8 @@ pub struct Executor<G: Gpu> {
     next: u64,
     output: Option<Arc<SharedOutput<G>>>,
     swapchain: Option<Swapchain<G>>,
+    /// See [`Device::missed_window`].
+    missed_window: bool,
     shared: Arc<Shared<G>>,
 }
 
@@ -116,6 +118,7 @@ impl<G: Gpu> Executor<G> {
             next: 0,
             output: None,
             swapchain: None,
+            missed_window: false,
             shared,
         })
     }
@@ -286,10 +289,15 @@ impl<G: Gpu> Device for Executor<G> {
             self.shared.outputs.enter(&output, self.output.as_ref());
             self.output = Some(output);
         }
+        self.missed_window = self.swapchain.is_some() && inputs.present;
         if let (Some(swapchain), Some(image)) = (&mut self.swapchain, image) {
-            swapchain.present(image, slot).map_err(|error| self.losing(error))?;
+            self.missed_window = !swapchain.present(image, slot).map_err(|error| self.losing(error))?;
         }
         Ok(frame)
+    }
+
+    fn missed_window(&self) -> bool {
+        self.missed_window
     }
 
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError> {

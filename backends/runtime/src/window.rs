@@ -89,20 +89,23 @@ impl<G: Gpu> Swapchain<G> {
         self.raw.as_mut().map(|swapchain| Show { swapchain, image, slot })
     }
 
-    /// Presents an image. Its blit must have been submitted.
-    pub fn present(&mut self, image: u32, slot: usize) -> Result<(), BackendError> {
+    /// Presents an image; returns true if it is shown. Its blit must have been submitted.
+    pub fn present(&mut self, image: u32, slot: usize) -> Result<bool, BackendError> {
         self.acquired = false;
         let gpu = self.gpu.clone();
-        let Some(show) = self.show(image, slot) else { return Ok(()) };
+        let Some(show) = self.show(image, slot) else { return Ok(false) };
         match gpu.present(show) {
-            Ok(Presented::Shown) => {}
-            Ok(Presented::Suboptimal) => self.set_suboptimal(),
+            Ok(Presented::Shown) => return Ok(true),
+            Ok(Presented::Suboptimal) => {
+                self.set_suboptimal();
+                return Ok(true);
+            }
             Ok(Presented::OutOfDate) => self.set_out_of_date(),
             // The frame is drawn but not shown. The next one gets a new surface.
             Err(BackendError::SurfaceLost { .. }) => self.lose_surface(),
             Err(error) => return Err(error),
         }
-        Ok(())
+        Ok(false)
     }
 
     /// Marks the swapchain for a single rebuild: some window systems report `SUBOPTIMAL` for every swapchain.

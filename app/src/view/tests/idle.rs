@@ -35,6 +35,22 @@ fn nothing_is_submitted_while_nothing_changes() {
 }
 
 #[test]
+fn a_frame_that_the_window_did_not_show_is_drawn_again_until_it_is_shown() {
+    let mut script = resting();
+    let size = script.window_size();
+    // The device finds a window without pixels.
+    script.resize_swapchain((0, 0));
+    for _ in 0..3 {
+        let frame = script.redraw().expect("the device is not lost");
+        assert!(frame.drawn && frame.next.is_some());
+        script.submissions();
+    }
+    script.resize(size);
+    assert_eq!(submitted(&mut script), 1);
+    script.close(&[]);
+}
+
+#[test]
 fn a_plan_with_a_prologue_is_drawn_once_more_so_that_it_has_times() {
     let mut script = resting();
     let history = |script: &mut Script| {

@@ -199,6 +199,11 @@ impl Script {
 
     pub fn resize(&mut self, size: (u32, u32)) {
         self.size = size;
+        self.resize_swapchain(size);
+    }
+
+    /// Changes the size that the device finds, without an event.
+    pub fn resize_swapchain(&mut self, size: (u32, u32)) {
         if let Some(canvas) = self.shell.canvas_mut() {
             canvas.resize_window(size.0, size.1);
         }
