@@ -79,10 +79,17 @@ impl Gpu for VulkanGpu {
     }
 
     fn available(&self) -> Option<u64> {
-        let memory = self.memory();
-        // Free space in the allocator's blocks counts as used by the driver, but is available.
         let available = device::heap(&self.instance, self.physical, self.budget).available?;
-        Some(available.saturating_add(memory.reserved.saturating_sub(memory.used)))
+        let allocator = self.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        let report = allocator.as_ref()?.generate_report();
+        // Free space in the allocator's blocks counts as used by the driver, but is available. Blocks that the host can
+        // access are left out: on a discrete GPU, they are in another heap.
+        let blocks = report.blocks.iter().filter(|block| block.size != memory::HOST_BLOCK);
+        let free = blocks.map(|block| {
+            let used = report.allocations[block.allocations.clone()].iter().map(|allocation| allocation.size);
+            block.size.saturating_sub(used.sum())
+        });
+        Some(available.saturating_add(free.sum()))
     }
 
     fn format_support(&self, format: Format) -> FormatSupport {

@@ -11,7 +11,9 @@
 use crate::device::{self, Physical};
 use crate::error::api;
 use crate::instance::Instance;
+use crate::memory;
 use ash::{ext, vk};
+use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use splatgraph_api::{BackendError, Options};
 use splatgraph_runtime::{COMPILE_PATIENCE, Limits};
@@ -75,7 +77,7 @@ impl VulkanGpu {
             physical_device: physical.handle,
             debug_settings: Default::default(),
             buffer_device_address: false,
-            allocation_sizes: Default::default(),
+            allocation_sizes: AllocationSizes::new(memory::DEVICE_BLOCK, memory::HOST_BLOCK),
         });
         let allocator =
             allocator.map_err(|e| BackendError::Api { call: "Allocator::new", answer: e.to_string() })?;
