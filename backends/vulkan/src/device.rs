@@ -253,6 +253,10 @@ pub(crate) fn create(
     if physical.budget {
         names.push(ext::memory_budget::NAME.as_ptr());
     }
+    // A device that has this extension must be opened with it.
+    if instance.has_extension(physical.handle, khr::portability_subset::NAME) {
+        names.push(khr::portability_subset::NAME.as_ptr());
+    }
     let mut info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_features(core)
@@ -292,6 +296,9 @@ mod tests {
     #[test]
     fn a_machine_without_drivers_is_told_what_to_install() {
         let error = choose(Vec::new(), None).map(|device| device.info.name).unwrap_err().to_string();
-        assert!(error.contains("mesa-vulkan-drivers"), "{error}");
+        let named = [("macos", "MoltenVK"), ("windows", "graphics card"), ("linux", "mesa-vulkan-drivers")];
+        for (_, what) in named.into_iter().filter(|(system, _)| *system == std::env::consts::OS) {
+            assert!(error.contains(what), "{error}");
+        }
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::error::api;
 use crate::surface::{self, Surface};
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, Validation};
 use splatgraph_runtime::{Messages, Window};
 use std::ffi::{CStr, c_char, c_void};
@@ -13,9 +13,24 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-pub(crate) const NO_DRIVER: &str = "the Vulkan loader finds no driver that works; on Debian and Ubuntu the package \
-    `mesa-vulkan-drivers` has drivers for many GPUs, and one that runs on the CPU; NVIDIA's comes with its own \
-    driver (and needs `libx11-6` and `libxext6`, also without a display)";
+pub(crate) const NO_DRIVER: &str = if cfg!(target_os = "macos") {
+    "the Vulkan loader finds no driver that works; MoltenVK, which is in the Vulkan SDK and in Homebrew's package \
+     `molten-vk`, is one for macOS. `--backend metal` needs none"
+} else if cfg!(windows) {
+    "the Vulkan loader finds no driver that works; on Windows it comes with the driver of the graphics card"
+} else {
+    "the Vulkan loader finds no driver that works; on Debian and Ubuntu the package `mesa-vulkan-drivers` has drivers \
+     for many GPUs, and one that runs on the CPU; NVIDIA's comes with its own driver (and needs `libx11-6` and \
+     `libxext6`, also without a display)"
+};
+
+const LOADER_SOURCE: &str = if cfg!(target_os = "macos") {
+    "on macOS it is in the Vulkan SDK. `--backend metal` needs none"
+} else if cfg!(windows) {
+    "on Windows it comes with the driver of the graphics card"
+} else {
+    "on Debian and Ubuntu it is in the package `libvulkan1`, a driver that needs no GPU in `mesa-vulkan-drivers`"
+};
 
 /// The oldest version with all functions that this crate calls (synchronization2, dynamic rendering, maintenance4).
 pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
@@ -87,6 +102,12 @@ impl Instance {
         if labels {
             names.push(ext::debug_utils::NAME.as_ptr());
         }
+        // Otherwise the loader hides drivers that implement only a subset of Vulkan, such as MoltenVK.
+        let mut flags = vk::InstanceCreateFlags::empty();
+        if offers(&offered, khr::portability_enumeration::NAME) {
+            names.push(khr::portability_enumeration::NAME.as_ptr());
+            flags = vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR;
+        }
 
         let messages = Arc::new(Messages::default());
         let mut messenger_info = messenger_info(&messages);
@@ -99,8 +120,10 @@ impl Instance {
             .application_name(c"splatgraph")
             .engine_name(c"splatgraph")
             .api_version(API_VERSION);
-        let mut info =
-            vk::InstanceCreateInfo::default().application_info(&application).enabled_layer_names(layers);
+        let mut info = vk::InstanceCreateInfo::default()
+            .flags(flags)
+            .application_info(&application)
+            .enabled_layer_names(layers);
         if validation != Validation::Off && labels {
             // Reports messages during creation and destruction of the instance as well.
             info = info.push_next(&mut messenger_info);
@@ -167,10 +190,7 @@ fn loader() -> Result<&'static ash::Entry, BackendError> {
         .get_or_init(|| unsafe { ash::Entry::load() }.map_err(|e| e.to_string()))
         .as_ref()
         .map_err(|why| {
-            BackendError::Unavailable(format!(
-                "there is no Vulkan loader ({why}); on Debian and Ubuntu it is in the package `libvulkan1`, a driver \
-                 that needs no GPU in `mesa-vulkan-drivers`"
-            ))
+            BackendError::Unavailable(format!("there is no Vulkan loader ({why}); {LOADER_SOURCE}"))
         })
 }
 
