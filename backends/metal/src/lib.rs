@@ -10,6 +10,7 @@
 //! - [`lower`]: pipelines, arguments, usages and copies;
 //! - [`walk`]: when to open, order and close each encoder, as the passes of a frame are announced;
 //! - [`progress`]: whether a submission has completed or failed;
+//! - [`times`]: the timestamps of a frame;
 //! - [`error`]: conversion of Metal's failures to errors.
 //!
 //! The other half, only for Apple's systems, creates the objects and follows this data. `objc` has the calls that the
@@ -26,6 +27,7 @@ pub mod features;
 pub mod lower;
 pub mod progress;
 pub mod sync;
+pub mod times;
 pub mod walk;
 
 #[cfg(target_vendor = "apple")]

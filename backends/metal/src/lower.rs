@@ -144,22 +144,6 @@ pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bo
     filtered && !same_size
 }
 
-/// Maximum number of samples in a counter sample buffer: 32 KiB of 8 bytes each.
-pub const MAX_SAMPLES: u32 = 4096;
-
-/// Returns the index of the counter sample for a runtime timestamp; `None` if it has none.
-///
-/// The first two timestamps, of the whole frame, come from the command buffer instead. Timestamps beyond the sample
-/// buffer's capacity have no sample.
-pub fn sample(timestamp: u32) -> Option<u32> {
-    timestamp.checked_sub(2).filter(|sample| *sample < MAX_SAMPLES)
-}
-
-/// Returns the value of a counter; `None` if it is 0, not sampled, or all ones, `MTLCounterErrorValue`.
-pub fn counted(value: u64) -> Option<u64> {
-    (value != 0 && value != u64::MAX).then_some(value)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -231,16 +215,5 @@ mod tests {
         assert!(interpolates(Format::Rgba8Unorm, false, false));
         assert!(!interpolates(Format::Rgba32Float, false, false));
         assert!(interpolates(Format::Rgba32Float, false, true));
-    }
-
-    #[test]
-    fn a_counter_that_reads_zero_or_an_error_is_unavailable() {
-        assert_eq!([counted(0), counted(u64::MAX), counted(17)], [None, None, Some(17)]);
-    }
-
-    #[test]
-    fn timestamps_of_passes_have_samples_while_there_is_room() {
-        assert_eq!([sample(0), sample(1), sample(2), sample(3)], [None, None, Some(0), Some(1)]);
-        assert_eq!([sample(4097), sample(4098)], [Some(4095), None]);
     }
 }

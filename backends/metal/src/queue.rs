@@ -1,9 +1,9 @@
 //! Submits commands, waits for submissions, and reads timestamps.
 
 use crate::gpu::{MetalGpu, Submission};
-use crate::lower;
 use crate::objc;
 use crate::progress::Progress;
+use crate::times::{FrameTimes, MAX_SAMPLES};
 use metal::{CounterSampleBuffer, CounterSampleBufferDescriptor, MTLStorageMode};
 use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -80,79 +80,52 @@ pub struct Timestamps(Arc<Times>);
 
 struct Times {
     samples: Option<CounterSampleBuffer>,
-    written: Mutex<Written>,
-}
-
-#[derive(Default)]
-struct Written {
-    /// True once the frame has completed. Until then, the samples are those of an earlier frame.
-    completed: bool,
-    /// Start and end of the frame on the device, in nanoseconds; `None` if Metal reports none.
-    frame: Option<[u64; 2]>,
-    /// For each sample, true if the last recorded frame writes it.
-    samples: Vec<bool>,
+    frame: Mutex<FrameTimes>,
 }
 
 impl Timestamps {
     /// Creates `count` timestamps. Those of passes are missing if the device cannot sample counters at the ends of
     /// encoders, or has no counter sample buffer left.
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
-        let samples = u64::from(count.saturating_sub(2).min(lower::MAX_SAMPLES));
+        let samples = count.saturating_sub(2).min(MAX_SAMPLES);
         let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {
             objc::pool(|| {
                 let descriptor = CounterSampleBufferDescriptor::new();
                 descriptor.set_counter_set(set);
-                descriptor.set_sample_count(samples);
+                descriptor.set_sample_count(samples.into());
                 descriptor.set_storage_mode(MTLStorageMode::Shared);
                 gpu.device.new_counter_sample_buffer_with_descriptor(&descriptor).ok()
             })
         });
-        let written = Written { samples: vec![false; samples as usize], ..Written::default() };
-        Timestamps(Arc::new(Times { samples: buffer, written: Mutex::new(written) }))
+        let frame = Mutex::new(FrameTimes::new(samples as usize));
+        Timestamps(Arc::new(Times { samples: buffer, frame }))
     }
 
-    fn written(&self) -> MutexGuard<'_, Written> {
-        self.0.written.lock().unwrap_or_else(PoisonError::into_inner)
+    fn frame(&self) -> MutexGuard<'_, FrameTimes> {
+        self.0.frame.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn reset(&self) {
-        let mut written = self.written();
-        (written.completed, written.frame) = (false, None);
-        written.samples.fill(false);
+        self.frame().reset();
     }
 
     /// Reserves samples `first` and `first + 1` for an encoder, and returns their buffer; `None` if they do not exist.
     pub(crate) fn take(&self, first: u32) -> Option<&CounterSampleBuffer> {
         let samples = self.0.samples.as_ref()?;
-        self.written().samples.get_mut(first as usize..first as usize + 2)?.fill(true);
-        Some(samples)
+        self.frame().take(first).then_some(samples)
     }
 
     /// Stores the start and end of the completed frame's command buffer, in seconds.
-    pub(crate) fn completed(&self, (start, end): (f64, f64)) {
-        let mut written = self.written();
-        written.completed = true;
-        // The times are zero if Metal reports none.
-        written.frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
+    pub(crate) fn completed(&self, times: (f64, f64)) {
+        self.frame().complete(times);
     }
 
     /// Reads the first `count` timestamps, in nanoseconds.
-    ///
-    /// They are `None` until the frame has completed, and for pairs that end before they start.
     pub(crate) fn read(&self, count: u32) -> Vec<Option<u64>> {
-        let written = self.written();
-        let used = written.samples.iter().rposition(|&taken| taken).map_or(0, |last| last + 1);
-        let values = self.0.samples.as_ref().filter(|_| used > 0 && written.completed);
-        let values = values.and_then(|samples| objc::resolve(samples, used)).unwrap_or_default();
-        let value = |timestamp: u32| match lower::sample(timestamp) {
-            None => written.frame.and_then(|frame| frame.get(timestamp as usize).copied()),
-            Some(sample) => {
-                let taken = written.samples.get(sample as usize).is_some_and(|&taken| taken);
-                let first = sample as usize & !1;
-                let is_pair = values.get(first).is_some_and(|start| values.get(first + 1) >= Some(start));
-                values.get(sample as usize).filter(|_| taken && is_pair).copied().and_then(lower::counted)
-            }
-        };
-        (0..count).map(value).collect()
+        let frame = self.frame();
+        let used = frame.samples();
+        let samples = self.0.samples.as_ref().filter(|_| used > 0);
+        let samples = samples.and_then(|samples| objc::resolve(samples, used)).unwrap_or_default();
+        frame.timestamps(&samples, count)
     }
 }

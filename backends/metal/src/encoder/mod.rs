@@ -14,6 +14,7 @@ use crate::objc;
 use crate::pipelines::Pipelines;
 use crate::queue::{self, Timestamps};
 use crate::swapchain::Swapchain;
+use crate::times;
 use crate::walk::Move;
 use metal::*;
 use splatgraph_api::BackendError;
@@ -365,7 +366,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
 
     /// Stores the first timestamp's index for the pass's encoder, which is opened later and samples both timestamps.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
-        if let (Some(sample), Some(_)) = (lower::sample(index), self.next)
+        if let (Some(sample), Some(_)) = (times::sample(index), self.next)
             && sample.is_multiple_of(2)
         {
             self.sample = Some(sample);
