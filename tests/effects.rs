@@ -248,7 +248,7 @@ fn check_warns_of_a_setting_without_an_effect_and_says_for_which_devices() {
     let found = told(&place, "check tiled --set budget=0.5 --set sh_degree=1");
     let [line] = &found[..] else { panic!("{found:?}") };
     assert!(
-        line.starts_with("warning: tiled, 4, 8, 16, 32, 64 lanes: `budget` has no effect: nothing in"),
+        line.starts_with("warning: tiled, 4, 8, 16, 32, 64, 128 lanes: `budget` has no effect: nothing in"),
         "{line}"
     );
     let (json, errors) = place.said("check tiled --set budget=0.5 --json");

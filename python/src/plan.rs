@@ -64,7 +64,7 @@ impl Plan {
 ///     params: names and values of parameters, as text.
 ///     scene: the scene whose facts the plan is for; without one, a million splats with harmonics of degree 3.
 ///     size: size of the pictures, in pixels.
-///     subgroup_size: invocations per subgroup: 4, 8, 16, 32 or 64. 32 on most GPUs, 64 on some, 4 to 16 on CPUs.
+///     subgroup_size: invocations per subgroup: 4, 8, 16, 32, 64 or 128. 32 on most GPUs, 64 or 128 on some, 4 to 16 on CPUs.
 ///
 /// Raises:
 ///     ValueError: `subgroup_size` is not one of these.

@@ -56,9 +56,9 @@ pub fn catalogue() -> Vec<KnownDevice> {
         ),
         device(
             "adreno",
-            limits(64, 1 << 29, 1024, 32),
+            limits(128, 1 << 29, 1024, 32),
             None,
-            "Mesa, src/freedreno/vulkan/tu_device.cc: Adreno 6xx and 7xx, subgroups of the smaller size",
+            "Mesa, src/freedreno/vulkan/tu_device.cc: Adreno 6xx and 7xx, subgroups of the usual size",
         ),
         device(
             "mali",

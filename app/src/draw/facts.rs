@@ -106,11 +106,8 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
 /// `project` for tiles binds them, with harmonics of degree 3 and an output of depths.
 pub const MAX_STORAGE_BUFFERS: usize = 20;
 
-/// Subgroup sizes for which the built-in graphs are checked, ascending.
-pub const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
-
-/// Largest subgroup size of any device: Adreno's.
-pub const MAX_SUBGROUP_SIZE: u32 = 128;
+/// Subgroup sizes of devices, ascending; 128 is Adreno's. The built-in graphs are checked for each.
+pub const SUBGROUP_SIZES: [u32; 6] = [4, 8, 16, 32, 64, 128];
 
 /// Subgroup size that plans without a device assume: that of most GPUs.
 pub const USUAL_SUBGROUP_SIZE: u32 = 32;
@@ -186,7 +183,7 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
         _ if !feature.is_empty() => device.features.set(feature, truth()?),
         "device.subgroup_size" => {
             let lanes = short()?;
-            if !lanes.is_power_of_two() || !(SUBGROUP_SIZES[0]..=MAX_SUBGROUP_SIZE).contains(&lanes) {
+            if !SUBGROUP_SIZES.contains(&lanes) {
                 return Err(format!("expected a power of two from 4 to 128 for `{name}`, found {lanes}"));
             }
             device.subgroup_size = lanes;

@@ -2,7 +2,7 @@
 //!
 //! `check` and the language server use them to check the graphs of a choice that a device does not draw.
 
-use crate::draw::facts::{self, MAX_SUBGROUP_SIZE, SUBGROUP_SIZES, SceneFacts, set_device_fact};
+use crate::draw::facts::{self, SUBGROUP_SIZES, SceneFacts, set_device_fact};
 use crate::draw::planner::{GraphErrors, Planner};
 use splatgraph_assets::{Filter, SortKey};
 use splatgraph_framework::expr::Expr;
@@ -234,8 +234,7 @@ fn values(name: &str, present: Option<&Value>, constants: &[Value]) -> Vec<Value
             let mut all: Vec<i64> = [*present].into_iter().chain(constants).flat_map(near).collect();
             all.extend([1, u32::MAX.into()]);
             if name == "device.subgroup_size" {
-                let sizes = SUBGROUP_SIZES.into_iter().chain([MAX_SUBGROUP_SIZE]);
-                all = sizes.map(i64::from).collect();
+                all = SUBGROUP_SIZES.map(i64::from).to_vec();
             }
             all.sort_by_key(|value| (value.abs_diff(*present), *value));
             all.dedup();

@@ -30,7 +30,7 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Check graphs and their shaders, without a GPU
 ///
-/// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4 to 64 lanes.
+/// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4 to 128 lanes.
 /// Errors are shown at their line and column. A graph's requirement that this device does not meet is reported, but is not an
 /// error: the graph is then checked with other facts of the device or the scene, with which its requirements are met. So are the
 /// graphs of a choice that are not drawn. An oracle replays the barriers of each plan, and reports missing barriers and needless

@@ -126,11 +126,11 @@ fn a_graph_that_needs_more_than_the_smallest_device_is_no_error_and_all_else_is_
         lines[..2],
         [
             "not for the least capable supported device",
-            "  4, 8, 16, 32, 64 lanes: the graph needs 64-bit integers (device.int64 = false), and there is no fallback"
+            "  4, 8, 16, 32, 64, 128 lanes: the graph needs 64-bit integers (device.int64 = false), and there is no fallback"
         ]
     );
     let checked =
-        "  4, 8, 16, 32, 64 lanes: the graph with device.int64 = true: 2 passes (0 once, 2 every frame)";
+        "  4, 8, 16, 32, 64, 128 lanes: the graph with device.int64 = true: 2 passes (0 once, 2 every frame)";
     assert!(lines.len() == 3 && lines[2].starts_with(checked), "{text}");
     let errors = result(&folder, "divides.ron").expect_err("a division by zero");
     assert!(errors.to_string().contains("division by zero"), "{errors}");
@@ -164,11 +164,11 @@ fn errors_of_every_graph_of_a_choice_are_found_and_a_fallback_is_fine() {
     let text = right(result(&folder, "fine.ron"));
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!((lines[0], lines.len()), ("OK", 3), "{text}");
-    let drawn = "  4, 8, 16, 32, 64 lanes: `good.ron` is used instead of `longs.ron`, which needs 64-bit integers \
+    let drawn = "  4, 8, 16, 32, 64, 128 lanes: `good.ron` is used instead of `longs.ron`, which needs 64-bit integers \
                  (device.int64 = false); 2 passes";
     assert!(lines[1].starts_with(drawn), "{text}");
     assert!(
-        lines[2].starts_with("  4, 8, 16, 32, 64 lanes: `longs.ron` with device.int64 = true: 2 passes"),
+        lines[2].starts_with("  4, 8, 16, 32, 64, 128 lanes: `longs.ron` with device.int64 = true: 2 passes"),
         "{text}"
     );
 }
