@@ -37,16 +37,7 @@ const float FARTHEST = 9223372036854775808.0;  // 2^63
 // The largest half axis of a sigma, in pixels: its square is finite, and the picture is a point to it.
 const float LARGEST = 4611686018427387904.0;  // 2^62
 
-// Computes a b + c, rounded once. The exact expression of depths needs this, as do compensated differences.
-#if DEVICE_FUSED_FMA || !DEVICE_FLOAT64
-#define exact_fma fma
-#else
-// This device's fma() rounds the product. In doubles the product is exact; the sum is rounded twice in one of 2^29 cases.
-float exact_fma(float a, float b, float c) {
-    precise double sum = double(a) * double(b) + double(c);
-    return float(sum);
-}
-#endif
+#include "exact_fma.glsl"
 
 // Computes a b - c d and compensates the rounding error of one product (Kahan). Otherwise the difference of two nearly
 // equal products would have no correct digit.

@@ -290,6 +290,43 @@ fn a_device_says_truly_whether_its_fma_rounds_once() {
     assert_eq!(session.device().info().facts.fused_fma, rest == 1.0);
 }
 
+#[test]
+fn without_a_fused_fma_and_without_doubles_a_product_and_a_sum_are_rounded_once() {
+    let place = Place::empty();
+    let shader = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\
+        #undef DEVICE_FUSED_FMA\n#define DEVICE_FUSED_FMA 0\n#undef DEVICE_FLOAT64\n#define DEVICE_FLOAT64 0\n\
+        #include \"exact_fma.glsl\"\n\
+        layout(local_size_x = 1) in;\n\
+        layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D color;\n\
+        float number(uint seed) { return uintBitsToFloat(0x3f000000u + (seed * 2654435769u >> 8)); }\n\
+        void main() {\n\
+            uint i = gl_WorkGroupID.x + min(camera.frame, 0u);\n\
+            float a = number(3u * i);\n\
+            float b = -number(3u * i + 1u);\n\
+            precise float rounded = a * b;\n\
+            float c = number(3u * i + 2u);\n\
+            precise vec3 found = vec3(exact_fma(a, b, c), exact_fma(a, b, -rounded), exact_fma(a, b, c * 1e-6));\n\
+            imageStore(color, ivec2(i, 0), vec4(found, 1.0));\n\
+        }\n";
+    let graph = r#"Graph(version: 1, summary: "", output: "color",
+        imports: { "camera": Import(from: "frame.camera") },
+        resources: { "color": Image(format: "rgba32f", size: (4096, 1)) },
+        passes: [Dispatch(name: "n", shader: "fma.comp", size: Groups(4096), bind: { "Camera": "camera", "color": "color" })])"#;
+    place.write("fma.comp", shader);
+    place.write("graph.ron", graph);
+    let scene = Scene::generate(1, 0, cases::plain);
+    let camera = Camera::framing(&scene, 4096, 1);
+    let mut session = images::session(scene, &place.named("graph.ron"), &[]);
+    let found = images::picture(&mut session, &camera, [0.0; 3]).rgb;
+    let number = |seed: u32| f32::from_bits(0x3f00_0000 + (seed.wrapping_mul(2_654_435_769) >> 8));
+    for (i, found) in (0..).zip(&found) {
+        let (a, b, c) = (number(3 * i), -number(3 * i + 1), number(3 * i + 2));
+        let exact = [c, -(a * b), c * 1e-6].map(|c| a.mul_add(b, c));
+        assert_eq!(*found, exact, "{a} * {b} + {c}");
+    }
+    images::close(session, "exact_fma");
+}
+
 /// Draws layers whose opacity is a few floats from the alpha floor, with no or little falloff.
 #[test]
 fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
