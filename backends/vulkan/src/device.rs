@@ -197,10 +197,8 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
             selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_per_group: control.max_compute_workgroup_subgroups,
         },
-        // Lavapipe truncates when it blends into half floats.
-        rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
-        // Lavapipe computes `fma` as a multiplication and an addition.
-        fused_fma: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
+        rounds_half: rounds_once(driver.driver_id),
+        fused_fma: rounds_once(driver.driver_id),
         features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,
         // On lavapipe, reading timestamps waits for all submitted work.
@@ -210,6 +208,14 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     let text = |s: Result<&CStr, _>| s.map(CStr::to_string_lossy).unwrap_or_default().into_owned();
     let driver = format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()));
     (limits, driver.trim().to_string())
+}
+
+/// Returns true if a driver is known to round to nearest when it blends into half floats, and to round `fma` once.
+///
+/// Vulkan promises neither. AMD's and lavapipe's blending truncates; RADV before RDNA 2, V3DV and lavapipe compute `fma`
+/// as a multiplication and an addition. A false answer costs time, a wrong one accuracy.
+fn rounds_once(driver: vk::DriverId) -> bool {
+    driver == vk::DriverId::NVIDIA_PROPRIETARY
 }
 
 /// Creates the logical device, with `extensions` (such as the swapchain's) in addition to the crate's own.
@@ -300,5 +306,13 @@ mod tests {
         for (_, what) in named.into_iter().filter(|(system, _)| *system == std::env::consts::OS) {
             assert!(error.contains(what), "{error}");
         }
+    }
+
+    #[test]
+    fn only_drivers_whose_rounding_is_known_are_trusted_to_round_once() {
+        use vk::DriverId as Id;
+        let unknown = [Id::MESA_LLVMPIPE, Id::MESA_RADV, Id::AMD_PROPRIETARY, Id::MESA_V3DV, Id::MESA_TURNIP];
+        assert!(!unknown.into_iter().any(rounds_once));
+        assert!(rounds_once(Id::NVIDIA_PROPRIETARY));
     }
 }

@@ -25,9 +25,9 @@ pub struct DeviceFacts {
     pub max_push_bytes: u32,
     /// Maximum number of colour targets of a draw.
     pub max_targets: u32,
-    /// True if blending into half-precision targets rounds to nearest; false if it truncates.
+    /// True if blending into half-precision targets is known to round to nearest; false if it may truncate.
     pub rounds_half: bool,
-    /// True if `fma` in shaders rounds once; false if it also rounds the product.
+    /// True if `fma` in shaders is known to round once; false if it may also round the product.
     pub fused_fma: bool,
     /// Optional features that the device was opened with, or would be.
     pub features: Features,
