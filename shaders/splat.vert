@@ -2,8 +2,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Makes a splat's quad, a rectangle along the axes of its ellipse. The corners only select the pixels; the fragment shader
-// measures from the centre, because the rasteriser snaps corners to 1/256 pixel and interpolated coordinates would have
-// the same error.
+// measures from the centre, because the rasteriser snaps corners, to 1/256 pixel on most devices, and interpolated
+// coordinates would have the same error.
 
 #include "args.glsl"
 #include "camera.glsl"
@@ -25,8 +25,8 @@ layout(location = 2) flat out vec4 colour;
 layout(location = 3) flat out float depth;
 #endif
 
-// Margin in pixels on every side, so that snapping loses no pixel.
-const float MARGIN = 1.0 / 64.0;
+// Margin in pixels on every side, so that snapping loses no pixel. A device snaps to at least 1/16 pixel.
+const float MARGIN = 1.0 / 16.0;
 
 void main() {
     uint rank = uint(gl_InstanceIndex);
