@@ -34,9 +34,10 @@ pub(crate) fn sigmoid(logit: f32) -> f32 {
     if logit.is_finite() { (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32 } else { f32::NAN }
 }
 
-/// Computes the inverse of the sigmoid, clamped to -104 and 18, whose sigmoids round to 0 and 1 in f32.
+/// Computes the inverse of the sigmoid, clamped to -104 and 18, whose sigmoids round to 0 and 1 in f32. Opacities are clamped
+/// to 0..1.
 pub(crate) fn logit(opacity: f32) -> f32 {
-    let p = f64::from(opacity);
+    let p = f64::from(opacity).clamp(0.0, 1.0);
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
 }
 
@@ -102,6 +103,8 @@ mod tests {
             assert!(exponential(bad).is_nan() && sigmoid(bad).is_nan());
         }
         assert_eq!((sigmoid(1e30), sigmoid(-1e30)), (1.0, 0.0));
+        assert_eq!((logit(1.5), logit(-0.5)), (logit(1.0), logit(0.0)));
+        assert!(logit(f32::NAN).is_nan());
         assert_eq!(unit([0.0; 4]), ([0.0; 4], 0.0));
     }
 

@@ -74,7 +74,8 @@ impl Rows<'_> {
             self.low[index] = low;
             self.gathered.add_low(low, splat.scale);
         }
-        self.scale[index] = splat.scale;
+        // A negative scale is the same splat. Renderers and the logarithms of files need its absolute value.
+        self.scale[index] = splat.scale.map(f32::abs);
         self.rotation[index] = splat.rotation;
         self.opacity[index] = splat.opacity;
         self.sh[index * floats..][..floats].copy_from_slice(&splat.sh[..floats]);

@@ -305,7 +305,7 @@ impl Scene {
         std::array::from_fn(|axis| position[axis] + self.offset[axis])
     }
 
-    /// Returns the standard deviations along each splat's axes, in world units.
+    /// Returns the standard deviations along each splat's axes, in world units, never negative.
     pub fn scales(&self) -> &[[f32; 3]] {
         &self.columns.scale
     }
@@ -441,6 +441,13 @@ mod tests {
         assert_eq!((a.position, a.opacity, &a.sh[..12]), (b.position, b.opacity, &b.sh[..12]));
         assert_eq!(a.sh[12..], [0.0; 36]);
         assert_eq!(scene.cut_to_degree(9).unwrap().stored_degree(), 3);
+    }
+
+    #[test]
+    fn negative_scales_are_stored_as_the_standard_deviations_that_they_are() {
+        let negative = |i: usize| Splat { scale: splat(i).scale.map(|s| -s), ..splat(i) };
+        let scene = Scene::generate(3, 0, negative);
+        assert!((0..3).all(|i| scene.scales()[i] == splat(i).scale));
     }
 
     #[cfg(target_os = "linux")]

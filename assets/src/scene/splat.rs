@@ -10,7 +10,7 @@ pub const fn sh_floats(degree: u32) -> usize {
 pub struct Splat {
     /// Centre, in world units, relative to [`Scene::offset`](super::Scene::offset).
     pub position: [f32; 3],
-    /// Standard deviation along each axis, in world units.
+    /// Standard deviation along each axis, in world units. Scenes store its absolute value.
     pub scale: [f32; 3],
     /// Unit quaternion w, x, y, z that rotates the axes into the world.
     pub rotation: [f32; 4],
