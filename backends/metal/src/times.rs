@@ -96,8 +96,8 @@ mod tests {
     fn passes_start_after_the_frame_although_samples_come_from_another_clock() {
         const FRAME: [Option<u64>; 2] = [Some(5_000_000_000), Some(5_000_001_000)];
         // The second encoder began first.
-        for clock in [100, 7_000_000_000] {
-            let samples = [clock + 200, clock + 500, clock, clock + 300].map(|ticks: u64| ticks);
+        for clock in [100, 7_000_000_000_u64] {
+            let samples = [clock + 200, clock + 500, clock, clock + 300];
             let found = completed(2).timestamps(&samples, 6);
             assert_eq!(found[..2], FRAME);
             assert_eq!(found[2..], [200, 500, 0, 300].map(|after| Some(5_000_000_000 + after)));
