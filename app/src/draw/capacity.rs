@@ -3,7 +3,8 @@
 //! A pass may write a list whose length only the device knows. The list's capacity is a constant parameter of the graph
 //! that `grows` with a statistic: the number of entries that the frame needed. If the statistic exceeds the parameter,
 //! the list overflowed, and the frame contains only the entries that fitted. [`overflows`] detects this.
-//! [`Capacities`] stores the minimum values of such parameters for the next plan: the need plus a quarter.
+//! [`Capacities`] stores the minimum values of such parameters for the next plan: the need plus a quarter, or the need
+//! alone if the device has no room for more.
 
 use splatgraph_assets::grouped;
 use splatgraph_framework::ir::{Domain, Value};
@@ -77,6 +78,15 @@ impl Capacities {
         }
     }
 
+    /// Lowers the minimums of these lists to their exact needs, for a device that has no room for more.
+    pub fn tighten(&mut self, short: &[&Overflow]) {
+        for (name, least) in &mut self.0 {
+            if let Some(short) = short.iter().find(|short| short.parameter == *name) {
+                *least = short.needed.min(short.most);
+            }
+        }
+    }
+
     /// Removes the minimum of a parameter, so that its default applies again.
     pub fn forget(&mut self, parameter: &str) {
         self.0.retain(|(name, _)| name != parameter);
@@ -107,7 +117,9 @@ mod tests {
         );
         assert!(capacities.raise(&short(1250, 1300)));
         assert_eq!(capacities.values()[0].1, 1625);
-        assert!(capacities.raise(&short(1625, 9000)));
+        capacities.tighten(&[&short(1250, 1300)]);
+        assert_eq!(capacities.values()[0].1, 1300, "the need");
+        assert!(capacities.raise(&short(1300, 9000)));
         assert_eq!(capacities.values()[0].1, 10_000, "the end of the range");
         assert!(!capacities.raise(&short(10_000, 20_000)), "there is no more");
         capacities.forget("tile_entries");

@@ -78,13 +78,11 @@ pub enum SessionError {
     },
     /// A frame needs more capacity, but the larger plan cannot be built or loaded.
     #[error(
-        "expected a device with room for {room} {parameter}, of which a frame needs {needed}, found none:\n{error}"
+        "expected a device with room for the {needed} {parameter} that a frame needs, found none:\n{error}"
     )]
     NoRoom {
         /// Name of the parameter that grows.
         parameter: String,
-        /// Value that the parameter would have.
-        room: i64,
         /// Number of entries that the frame needs.
         needed: i64,
         /// Error of the larger plan. Its text is part of this error's message, so it is not a `source`.
@@ -529,16 +527,24 @@ impl<D: Device> Session<D> {
         let mut capacities = self.planner.capacities.clone();
         let raised: Vec<&Overflow> = short.iter().filter(|short| capacities.raise(short)).collect();
         let Some(first) = raised.first() else { return Ok(()) };
+        let mut tight = capacities.clone();
+        tight.tighten(&raised);
+        let has_spare = tight != capacities;
         let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
-        match self.load(size, share, &mut |_| {}) {
+        let mut outcome = self.load(size, share, &mut |_| {});
+        if outcome.is_err() && has_spare {
+            self.planner.capacities = tight;
+            outcome = self.load(size, share, &mut |_| {});
+        }
+        match outcome {
             Ok(()) => {
                 self.growths += 1;
                 Ok(())
             }
             Err(error) => {
                 (self.planner.capacities, self.loaded) = former;
-                let (parameter, room, needed) = (first.parameter.clone(), first.target(), first.needed);
-                Err(SessionError::NoRoom { parameter, room, needed, error: Box::new(error) })
+                let (parameter, needed) = (first.parameter.clone(), first.needed);
+                Err(SessionError::NoRoom { parameter, needed, error: Box::new(error) })
             }
         }
     }

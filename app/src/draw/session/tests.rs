@@ -80,17 +80,24 @@ fn a_need_beyond_the_range_is_an_error_that_names_both() {
     assert_eq!(entries(&session), Value::Int(100), "the plan stays");
 }
 
+/// A device whose largest buffer has this many bytes.
+fn with_buffers_of(max_storage_bytes: u64) -> Config {
+    let limits = splatgraph_runtime::Limits { max_storage_bytes, ..splatgraph_null::limits() };
+    Config { limits, ..Config::default() }
+}
+
+#[test]
+fn a_device_without_room_for_a_quarter_more_gets_the_need_alone() {
+    let (mut session, _, camera) = session(2000, with_buffers_of(8000));
+    draw(&mut session, &camera).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((entries(&session), session.growths()), (Value::Int(2000), 1));
+}
+
 #[test]
 fn a_device_without_room_is_an_error_that_says_why() {
-    // 8,000 bytes hold the 2,000 entries that the frame needs, but not the 2,500 that the session asks for.
-    let limits = splatgraph_null::limits();
-    let config = Config {
-        limits: splatgraph_runtime::Limits { max_storage_bytes: 8000, ..limits },
-        ..Config::default()
-    };
-    let (mut session, _, camera) = session(2000, config);
+    let (mut session, _, camera) = session(2000, with_buffers_of(7996));
     let error = draw(&mut session, &camera).map(drop).expect_err("there is no such room").to_string();
-    let begin = "expected a device with room for 2500 entries, of which a frame needs 2000, found none:\n";
+    let begin = "expected a device with room for the 2000 entries that a frame needs, found none:\n";
     assert!(error.starts_with(begin) && error.contains("`list` has"), "{error}");
     assert_eq!(entries(&session), Value::Int(100), "the plan stays");
 }
