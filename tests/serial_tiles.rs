@@ -4,7 +4,7 @@
 use crate::common;
 use crate::images::psnr;
 use crate::place::Place;
-use splatgraph::draw::facts;
+use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
 
 const TEST: &str = "serial_tiles::serial_tiles_draw_a_stack_deeper_than_one_pass_like_the_other_renderers";
@@ -43,6 +43,15 @@ fn serial_tiles_draw_the_same_stack_with_subgroups_of_4_lanes() {
 #[test]
 fn serial_tiles_draw_the_same_stack_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, TEST);
+}
+
+/// A picture of 256 x 256 bins: the table has a word for each bin and block of pairs.
+#[test]
+fn the_blocks_of_serial_tiles_are_longer_where_the_device_has_no_buffer_for_more_of_them() {
+    let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), (4096, 4096));
+    let set = [("entries".to_string(), "29000000".to_string())];
+    let plan = Planner::default().plan("tiled_cpu", &set, &facts, &common::catalog());
+    plan.unwrap_or_else(|errors| panic!("{errors}"));
 }
 
 #[test]
