@@ -4,9 +4,12 @@
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
 use crate::images::{self, bytes, draw_one, draw_scene, inspected, psnr};
+use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::Planner;
 use splatgraph::draw::truth::Truth;
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, Splat, synth};
+use splatgraph_framework::ir::{DeviceFacts, Value};
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
@@ -277,6 +280,36 @@ fn pictures_wider_than_256_bins_have_larger_ones() {
         let image = draw_one(scene.clone(), &camera, graph.0, graph.1);
         assert_close(graph.0, &image, &truth, 95.0);
     }
+}
+
+/// Returns the length of segments that the rasteriser of `tiled` has.
+fn segment(device: DeviceFacts, size: (u32, u32), output: Option<&str>, set: &[(&str, &str)]) -> String {
+    let mut facts = facts::facts(&SceneFacts::NOMINAL, &device, size);
+    facts.host.extend(output.map(|name| (format!("outputs.{name}"), Value::Bool(true))));
+    let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
+    let plan = Planner::default().plan("tiled", &set, &facts, &common::catalog());
+    let plan = plan.unwrap_or_else(|errors| panic!("{errors}"));
+    let mut defines = plan.shaders.iter().flat_map(|shader| &shader.defines);
+    defines.find(|(name, _)| name == "SEGMENT_ENTRIES").expect("a shader of segments").1.clone()
+}
+
+#[test]
+fn segments_are_longer_than_asked_where_the_device_has_no_buffer_for_the_sums_of_so_many() {
+    let device = |max_storage_bytes| DeviceFacts { max_storage_bytes, ..facts::portable_device(32) };
+    let set = [("segment", "256"), ("entries", "14000000")];
+    let of = |mib: u64, output| segment(device(mib << 20), (4096, 4096), output, &set);
+    assert_eq!([2048, 1024, 512].map(|mib| of(mib, None)), ["256", "256", "285"]);
+    assert_eq!([2048, 1024, 512].map(|mib| of(mib, Some("index"))), ["256", "513", "1282"]);
+}
+
+/// lavapipe, which ends long loops, has narrower subgroups.
+#[test]
+fn segments_are_as_long_as_asked_on_subgroups_of_32_lanes() {
+    let of = |lanes| {
+        let device = DeviceFacts { shared_bytes: 32 << 10, ..facts::portable_device(lanes) };
+        segment(device, (8200, 40), None, &[("segment", "16384")])
+    };
+    assert_eq!([8, 16, 32, 64].map(of), ["7168", "7168", "16384", "16384"]);
 }
 
 #[test]
