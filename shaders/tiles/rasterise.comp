@@ -5,6 +5,13 @@
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
+// Loops that end for a whole subgroup contain loops that end for a lane: the subgroup operations after these need all lanes again.
+#if DEVICE_SUBGROUP_UNIFORM_CONTROL_FLOW
+#extension GL_EXT_subgroup_uniform_control_flow : require
+#define RECONVERGES [[subgroup_uniform_control_flow]]
+#else
+#define RECONVERGES
+#endif
 
 // Blends a segment of a bin's list, near to far. The workgroup takes the entries in chunks: each invocation loads a splat to
 // shared memory and notes the cells that it touches. Then the invocations that share a cell list the splats that touch it, and walk
@@ -154,7 +161,7 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
     }
 }
 
-void main() {
+void main() RECONVERGES {
     uint group = group_index();
     uint number = group - uint(BIN_COUNT);
     if (group >= uint(BIN_COUNT) && number >= further[BIN_COUNT]) {
