@@ -313,6 +313,27 @@ fn segments_are_as_long_as_asked_on_subgroups_of_32_lanes() {
 }
 
 #[test]
+fn pictures_whose_bins_need_more_shared_memory_than_the_device_has_are_drawn_in_quads() {
+    let graph = |kib: u32, width| {
+        let device = DeviceFacts { shared_bytes: kib << 10, ..facts::portable_device(32) };
+        let facts = facts::facts(&SceneFacts::NOMINAL, &device, (width, 40));
+        let set = [("record".to_string(), "f32".to_string())];
+        let mut planner = Planner::default();
+        let choice =
+            planner.standing("auto", &facts, &common::catalog()).unwrap_or_else(|errors| panic!("{errors}"));
+        if choice.fallbacks.is_empty() {
+            let plan = planner.plan("auto", &set, &facts, &common::catalog());
+            plan.unwrap_or_else(|errors| panic!("{errors}"));
+        }
+        choice.fallbacks.len()
+    };
+    let widths = [8192, 8193, 16384, 16385];
+    assert_eq!(widths.map(|width| graph(16, width)), [0, 2, 2, 2]);
+    assert_eq!(widths.map(|width| graph(32, width)), [0, 0, 0, 2]);
+    assert_eq!(widths.map(|width| graph(48, width)), [0; 4]);
+}
+
+#[test]
 fn tiles_give_the_same_bytes_in_every_run() {
     for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
         assert!(drawn_bytes(graph, &[]) == drawn_bytes(graph, &[]), "{graph:?}: two runs differ");
