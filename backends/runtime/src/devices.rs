@@ -4,6 +4,8 @@ use splatgraph_api::{BackendError, DeviceInfo};
 
 /// Returns the position of the device chosen by `wanted`: its index, or part of its name (case-insensitive).
 ///
+/// A number that is no index must be a whole word of the name: `4090` chooses an RTX 4090, but `1` no H100.
+///
 /// Without `wanted`, prefers the first usable discrete GPU, then an integrated GPU, then any other, CPUs last.
 ///
 /// # Errors
@@ -11,11 +13,11 @@ use splatgraph_api::{BackendError, DeviceInfo};
 pub fn choose(devices: &[&DeviceInfo], wanted: Option<&str>) -> Result<usize, BackendError> {
     let found = match wanted {
         Some(text) => {
-            let index: Option<usize> = text.trim().parse().ok();
-            let part = text.to_lowercase();
-            // A number can also be part of a name ("4090").
+            let part = text.trim().to_lowercase();
+            let index: Option<usize> = part.parse().ok();
             let by_index = devices.iter().position(|device| Some(device.index) == index);
-            by_index.or_else(|| devices.iter().position(|device| device.name.to_lowercase().contains(&part)))
+            by_index
+                .or_else(|| devices.iter().position(|device| is_named(&device.name.to_lowercase(), &part)))
         }
         None => (0..devices.len())
             .filter(|&place| devices[place].unfit.is_none())
@@ -36,6 +38,15 @@ pub fn choose(devices: &[&DeviceInfo], wanted: Option<&str>) -> Result<usize, Ba
         }
         None => Ok(found),
     }
+}
+
+fn is_named(name: &str, part: &str) -> bool {
+    if part.bytes().all(|byte| byte.is_ascii_digit()) {
+        // The numbers of a version ("15.0.6") are one word. An empty part is no word.
+        let mut words = name.split(|c: char| !c.is_alphanumeric() && c != '.');
+        return !part.is_empty() && words.any(|word| word == part);
+    }
+    name.contains(part)
 }
 
 fn preference(kind: &str) -> u32 {
@@ -91,6 +102,25 @@ mod tests {
         assert_eq!(chosen(&all, Some("4090")), Ok(1));
         let missing = chosen(&all, Some("radeon")).unwrap_err();
         assert!(missing.contains("`radeon`; available: 0: llvmpipe, 1: RTX 4090"), "{missing}");
+    }
+
+    #[test]
+    fn a_number_that_is_no_index_chooses_only_a_device_with_this_word_in_its_name() {
+        let all = [
+            device(0, "llvmpipe (LLVM 15.0.6, 256 bits)", "cpu", None),
+            device(1, "NVIDIA H100 80GB HBM3", "discrete", None),
+            device(2, "NVIDIA GeForce RTX 4090 Ti", "discrete", None),
+        ];
+        assert_eq!(chosen(&all, Some("4090")), Ok(2));
+        assert_eq!(chosen(&all, Some("h100")), Ok(1));
+        assert_eq!(chosen(&all, Some(" 1 ")), Ok(1));
+        for missing in ["3", "5", "6", "15", "10", "80", "409", "", " "] {
+            let error = chosen(&all, Some(missing)).unwrap_err();
+            assert!(
+                error.starts_with(&format!("there is no device `{missing}`; available: 0: llvmpipe")),
+                "{error}"
+            );
+        }
     }
 
     #[test]
