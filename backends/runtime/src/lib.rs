@@ -10,7 +10,7 @@
 //! 3. The plan becomes the current one of an `executor`, and continues from the `history` of the previous one.
 //! 4. `record` records a frame, `frame` submits it and reads its results back, `window` presents its output, and
 //!    `outputs` shares it with other executors.
-//! 5. `watch` tracks which pass the device runs, so that every wait is bounded.
+//! 5. `watch` tracks which pass the device runs, and a `stopwatch` for how long, so that every wait is bounded.
 //!
 //! The crate does not order passes. A backend lowers a plan's dependencies to commands of its API when the plan is
 //! loaded, and `record` asks for them pass by pass. The crate adds barriers only for its own work: uploads, readback,
@@ -45,6 +45,7 @@ mod resources;
 mod results;
 mod shared;
 mod states;
+mod stopwatch;
 #[cfg(test)]
 mod testing;
 mod timing;

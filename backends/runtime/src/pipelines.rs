@@ -8,6 +8,7 @@
 //! end, and is refused if the oldest has exceeded the patience.
 
 use crate::gpu::{Gpu, NextPipeline};
+use crate::stopwatch::Stopwatch;
 use splatgraph_api::{BackendError, Progress};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
@@ -107,7 +108,7 @@ impl Compilers {
             call: "the start of a thread for the driver's compiler",
             answer: error.to_string(),
         })?;
-        let (mut current, mut begun) = (None, Instant::now());
+        let (mut current, mut begun, mut watch) = (None, Instant::now(), Stopwatch::start());
         let told = loop {
             match messages.recv_timeout(ASK_EVERY) {
                 // If all pipelines are quick, the timeout below never fires.
@@ -115,7 +116,7 @@ impl Compilers {
                 Ok(Message::Next(next)) => {
                     let NextPipeline { done, of, shader, .. } = next;
                     progress(Progress::Pipeline { done, of, shader: &plan.shader(shader).name });
-                    (current, begun) = (Some(next), Instant::now());
+                    (current, begun, watch) = (Some(next), Instant::now(), Stopwatch::start());
                 }
                 Ok(Message::Made(made)) => {
                     drop(messages);
@@ -127,7 +128,7 @@ impl Compilers {
                     resume_unwind(panic)
                 }
                 Err(RecvTimeoutError::Timeout) if cancel.is_requested() => break None,
-                Err(RecvTimeoutError::Timeout) if begun.elapsed() > gpu.compile_patience() => {
+                Err(RecvTimeoutError::Timeout) if watch.look() > gpu.compile_patience() => {
                     break Some(stuck(plan, current, gpu.compile_patience()));
                 }
                 Err(RecvTimeoutError::Timeout) => {}

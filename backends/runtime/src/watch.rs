@@ -8,12 +8,13 @@
 //! A submission without readable timestamps, such as an upload, is reported only by a wait for it.
 
 use crate::gpu::Gpu;
+use crate::stopwatch::Stopwatch;
 use crate::timing::Times;
 use splatgraph_api::{BackendError, Running};
 use splatgraph_framework::ir::PassId;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Maximum duration of a wait between two looks.
 const SLICE: Duration = Duration::from_millis(50);
@@ -31,9 +32,9 @@ struct State<G: Gpu> {
 struct Submission<G: Gpu> {
     /// `None` for an upload.
     frame: Option<Frame<G>>,
-    /// Number of passes that were complete at the last look, and the time of the first look that found this number.
+    /// Number of passes that were complete at the last look, and the time since the first look that found this number.
     /// Kept per submission: callers that look at different submissions must not reset each other's times.
-    reached: Option<(usize, Instant)>,
+    reached: Option<(usize, Stopwatch)>,
 }
 
 pub(crate) struct Frame<G: Gpu> {
@@ -85,12 +86,14 @@ impl<G: Gpu> Watch<G> {
     pub fn look(&self, gpu: &G, own: &Ticket<G>) -> Running {
         let mut state = self.state();
         let (number, done, place) = state.first_unfinished(gpu, own.number);
-        let now = Instant::now();
-        let since = state.submitted.get_mut(&number).map_or(now, |submission| match submission.reached {
-            Some((reached, since)) if reached == done => since,
-            _ => submission.reached.insert((done, now)).1,
-        });
-        Running { place, time: now - since }
+        let time =
+            state.submitted.get_mut(&number).map_or(Duration::ZERO, |submission| {
+                match &mut submission.reached {
+                    Some((reached, watch)) if *reached == done => watch.look(),
+                    reached => reached.insert((done, Stopwatch::start())).1.look(),
+                }
+            });
+        Running { place, time }
     }
 
     /// Blocks until the encoder's submission, registered as `ticket`, has completed.
