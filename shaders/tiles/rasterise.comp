@@ -223,8 +223,10 @@ void main() RECONVERGES {
             is_open[(round + 1u) & 1u] = 0u;
         }
         Record r = COPY_NEAR(unpack_record(stored), corner.x + 0.5 * float(BIN));
+        // Any shape, in the bin, so that mark_cells converts small numbers.
         if (!is_entry) {
-            r.root = vec3(0.0);
+            r.centre = corner;
+            r.root = vec3(1.0, 0.0, 1.0);
             r.log_alpha = -1e30;
         }
         vec2 centre = r.centre - corner;
