@@ -335,8 +335,9 @@ void main() RECONVERGES {
             }
             all_done = all_done && is_done[o];
         }
-        if (!all_done) {
-            is_open[(round + 1u) & 1u] = 1u;
+        // One lane per subgroup, because atomics of many lanes to one word would be serialised.
+        if (subgroupAny(!all_done) && lane == 0u) {
+            atomicOr(is_open[(round + 1u) & 1u], 1u);
         }
     }
 
