@@ -148,7 +148,6 @@ fn draw(
     descriptor.set_label(name);
     descriptor.set_vertex_function(Some(vertex));
     descriptor.set_fragment_function(Some(fragment));
-    descriptor.set_input_primitive_topology(MTLPrimitiveTopologyClass::Triangle);
     for (index, &(color, blend)) in targets.iter().enumerate() {
         let Some(attachment) = descriptor.color_attachments().object_at(index as u64) else { continue };
         attachment.set_pixel_format(format(color));

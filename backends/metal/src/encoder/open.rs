@@ -2,7 +2,6 @@
 
 use super::state::{Encoder, Open};
 use crate::gpu::MetalGpu;
-use crate::objc;
 use crate::sync::{EncoderKind, FenceUse, RenderStages};
 use metal::*;
 use splatgraph_framework::ir::{DepthAccess, Load, Target};
@@ -79,7 +78,7 @@ impl Encoder {
         self.waits = waits;
         self.waits.clear();
         if let Some(encoder) = self.open.raw().filter(|_| self.gpu.labels) {
-            objc::pool(|| encoder.set_label(&self.label));
+            encoder.set_label(&self.label);
         }
     }
 
@@ -90,19 +89,18 @@ impl Encoder {
             }
             let samples = self.samples();
             let commands = self.commands.as_ref()?;
-            self.open = Open::Compute(objc::pool(|| {
-                let descriptor = ComputePassDescriptor::new();
-                // Only barriers and fences order its commands.
-                descriptor.set_dispatch_type(MTLDispatchType::Concurrent);
-                if let (Some((buffer, first)), Some(samples)) =
-                    (&samples, descriptor.sample_buffer_attachments().object_at(0))
-                {
-                    samples.set_sample_buffer(buffer);
-                    samples.set_start_of_encoder_sample_index(*first);
-                    samples.set_end_of_encoder_sample_index(first + 1);
-                }
-                commands.compute_command_encoder_with_descriptor(descriptor).to_owned()
-            }));
+            let descriptor = ComputePassDescriptor::new();
+            // Only barriers and fences order its commands.
+            descriptor.set_dispatch_type(MTLDispatchType::Concurrent);
+            if let (Some((buffer, first)), Some(samples)) =
+                (&samples, descriptor.sample_buffer_attachments().object_at(0))
+            {
+                samples.set_sample_buffer(buffer);
+                samples.set_start_of_encoder_sample_index(*first);
+                samples.set_end_of_encoder_sample_index(first + 1);
+            }
+            self.open =
+                Open::Compute(commands.compute_command_encoder_with_descriptor(descriptor).to_owned());
             self.opened();
         }
         let Open::Compute(encoder) = &self.open else { return None };
@@ -116,17 +114,15 @@ impl Encoder {
             }
             let samples = self.samples();
             let commands = self.commands.as_ref()?;
-            self.open = Open::Blit(objc::pool(|| {
-                let descriptor = BlitPassDescriptor::new();
-                if let (Some((buffer, first)), Some(samples)) =
-                    (&samples, descriptor.sample_buffer_attachments().object_at(0))
-                {
-                    samples.set_sample_buffer(buffer);
-                    samples.set_start_of_encoder_sample_index(*first);
-                    samples.set_end_of_encoder_sample_index(first + 1);
-                }
-                commands.blit_command_encoder_with_descriptor(descriptor).to_owned()
-            }));
+            let descriptor = BlitPassDescriptor::new();
+            if let (Some((buffer, first)), Some(samples)) =
+                (&samples, descriptor.sample_buffer_attachments().object_at(0))
+            {
+                samples.set_sample_buffer(buffer);
+                samples.set_start_of_encoder_sample_index(*first);
+                samples.set_end_of_encoder_sample_index(first + 1);
+            }
+            self.open = Open::Blit(commands.blit_command_encoder_with_descriptor(descriptor).to_owned());
             self.opened();
         }
         let Open::Blit(encoder) = &self.open else { return None };
@@ -145,47 +141,45 @@ impl Encoder {
             }
             let samples = self.samples();
             let commands = self.commands.as_ref()?;
-            self.open = Open::Render(objc::pool(|| {
-                let descriptor = RenderPassDescriptor::new();
-                for (index, (target, image)) in targets.enumerate() {
-                    let Some(attachment) = descriptor.color_attachments().object_at(index as u64) else {
-                        continue;
-                    };
-                    attachment.set_texture(Some(&image.raw));
-                    attachment.set_store_action(MTLStoreAction::Store);
-                    match target.load {
-                        Load::Keep => attachment.set_load_action(MTLLoadAction::Load),
-                        Load::Clear(r, g, b, a) => {
-                            let [r, g, b, a] = [r, g, b, a].map(f64::from);
-                            attachment.set_load_action(MTLLoadAction::Clear);
-                            attachment.set_clear_color(MTLClearColor::new(r, g, b, a));
-                        }
+            let descriptor = RenderPassDescriptor::new();
+            for (index, (target, image)) in targets.enumerate() {
+                let Some(attachment) = descriptor.color_attachments().object_at(index as u64) else {
+                    continue;
+                };
+                attachment.set_texture(Some(&image.raw));
+                attachment.set_store_action(MTLStoreAction::Store);
+                match target.load {
+                    Load::Keep => attachment.set_load_action(MTLLoadAction::Load),
+                    Load::Clear(r, g, b, a) => {
+                        let [r, g, b, a] = [r, g, b, a].map(f64::from);
+                        attachment.set_load_action(MTLLoadAction::Clear);
+                        attachment.set_clear_color(MTLClearColor::new(r, g, b, a));
                     }
                 }
-                if let (Some((access, image)), Some(attachment)) = (depth, descriptor.depth_attachment()) {
-                    attachment.set_texture(Some(&image.raw));
-                    match access {
-                        DepthAccess::Write => {
-                            attachment.set_load_action(MTLLoadAction::Clear);
-                            attachment.set_clear_depth(0.0);
-                        }
-                        DepthAccess::Test => attachment.set_load_action(MTLLoadAction::Load),
+            }
+            if let (Some((access, image)), Some(attachment)) = (depth, descriptor.depth_attachment()) {
+                attachment.set_texture(Some(&image.raw));
+                match access {
+                    DepthAccess::Write => {
+                        attachment.set_load_action(MTLLoadAction::Clear);
+                        attachment.set_clear_depth(0.0);
                     }
-                    attachment.set_store_action(MTLStoreAction::Store);
+                    DepthAccess::Test => attachment.set_load_action(MTLLoadAction::Load),
                 }
-                if let (Some((buffer, first)), Some(samples)) =
-                    (&samples, descriptor.sample_buffer_attachments().object_at(0))
-                {
-                    /// `MTLCounterDontSample`: no timestamp is sampled at this end of the encoder.
-                    const NONE: u64 = u64::MAX;
-                    samples.set_sample_buffer(buffer);
-                    samples.set_start_of_vertex_sample_index(*first);
-                    samples.set_end_of_vertex_sample_index(NONE);
-                    samples.set_start_of_fragment_sample_index(NONE);
-                    samples.set_end_of_fragment_sample_index(first + 1);
-                }
-                commands.new_render_command_encoder(descriptor).to_owned()
-            }));
+                attachment.set_store_action(MTLStoreAction::Store);
+            }
+            if let (Some((buffer, first)), Some(samples)) =
+                (&samples, descriptor.sample_buffer_attachments().object_at(0))
+            {
+                /// `MTLCounterDontSample`: no timestamp is sampled at this end of the encoder.
+                const NONE: u64 = u64::MAX;
+                samples.set_sample_buffer(buffer);
+                samples.set_start_of_vertex_sample_index(*first);
+                samples.set_end_of_vertex_sample_index(NONE);
+                samples.set_start_of_fragment_sample_index(NONE);
+                samples.set_end_of_fragment_sample_index(first + 1);
+            }
+            self.open = Open::Render(commands.new_render_command_encoder(descriptor).to_owned());
             self.opened();
         }
         let Open::Render(encoder) = &self.open else { return None };
