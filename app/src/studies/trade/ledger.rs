@@ -7,11 +7,13 @@ use crate::studies::measurement::noise::{self, Mark, Point, Share};
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::time::Time;
 use crate::studies::measurement::view::Measured;
+use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use splatgraph_reference::metrics::squared_error;
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The inputs that all rows of a ledger depend on, besides the plan of each setting ([`Row::plan`]).
@@ -102,6 +104,27 @@ pub struct Book {
     /// Ledger with the rows so far.
     pub ledger: Ledger,
     path: Option<PathBuf>,
+}
+
+/// Checks that a file of an earlier run is a ledger, of any version of the program, so that [`Book::add`] may replace it.
+/// A missing file and an empty one are accepted.
+///
+/// # Errors
+/// The file cannot be read, or it has other contents.
+pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
+    let bytes = match fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(StudyError::Input(format!("{}: {error}", path.display()))),
+    };
+    let json: Json = serde_json::from_slice(&bytes).unwrap_or_default();
+    if bytes.is_empty() || (json["origin"].is_object() && json["rows"].is_array()) {
+        return Ok(());
+    }
+    Err(StudyError::Input(format!(
+        "{}: expected a ledger of an earlier run, or no file, found a file with other contents, which would be lost; choose another name",
+        path.display()
+    )))
 }
 
 impl Book {
@@ -475,8 +498,26 @@ mod tests {
             Book::open(Some(path.clone()), origin(), &[("exact", Some(1)), ("broken", Some(2))]);
         assert!(found.has("exact", "a") && !found.has("broken", "a"));
         assert!(lost.unwrap_or_default().ends_with("measured with another graph"));
-        fs::write(&path, "{}").unwrap();
+        fs::write(&path, r#"{"origin": {}, "rows": []}"#).unwrap();
+        assert!(check_replaceable(&path).is_ok());
         let (_, lost) = Book::open(Some(path), origin(), &plans);
         assert!(lost.unwrap_or_default().ends_with("another version of the program"));
+    }
+
+    #[test]
+    fn a_file_that_is_no_ledger_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.ply");
+        assert!(check_replaceable(&path).is_ok());
+        fs::write(&path, "").unwrap();
+        assert!(check_replaceable(&path).is_ok());
+        for contents in ["ply\n", "{}", "[1]", r#"{"rows": []}"#] {
+            fs::write(&path, contents).unwrap();
+            let error = check_replaceable(&path).unwrap_err().to_string();
+            assert!(error.contains("scene.ply: expected a ledger"), "{error}");
+        }
+        assert!(check_replaceable(folder.path()).is_err());
+        ledger(Vec::new()).save(&path).unwrap();
+        assert!(check_replaceable(&path).is_ok());
     }
 }

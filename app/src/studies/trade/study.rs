@@ -1,6 +1,6 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
-use super::ledger::{Book, Ledger, Origin};
+use super::ledger::{Book, Ledger, Origin, check_replaceable};
 use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
@@ -46,8 +46,9 @@ const VIEWS_AT_ONCE: usize = 8;
 /// Measures the wanted settings, and returns the ledger with their rows.
 ///
 /// # Errors
-/// The errors of [`Study::new`] and [`Study::measure`].
+/// [`Wanted::file`] is not a ledger; or the errors of [`Study::new`] and [`Study::measure`].
 pub fn study(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Ledger, StudyError> {
+    wanted.file.as_deref().map_or(Ok(()), check_replaceable)?;
     let mut study = Study::new(subject, wanted, listener)?;
     let mut book = study.book(wanted.file.clone(), listener);
     let album = wanted.file.as_deref().map_or_else(Album::default, Album::beside);
