@@ -40,11 +40,18 @@ fn folders_that_cannot_be_made_are_refused_before_the_work() {
         "popping -o /proc/no",
         "bench -o /proc/no",
         "bench --json=/proc/no/a",
+        "sweep scene.ply -o /proc/no",
+        "trade scene.ply -o /proc/no",
+        "advise scene.ply --psnr 40 --json=/proc/no",
+        "render scene.ply --orbit 9 --json=/proc/no",
     ];
     for line in lines {
         // Without a device, there is no work.
-        let told = place.fails(&format!("{line} --device no-such-card"), 1);
-        assert!(told.starts_with("error: /proc/no/") && told.contains("cannot be written"), "{line}: {told}");
+        let told = place.fails(&format!("{line} --device no-such-card"), 2);
+        assert!(
+            told.contains(" names /proc/no") && told.contains("which cannot be written"),
+            "{line}: {told}"
+        );
     }
 }
 

@@ -96,6 +96,25 @@ fn a_picture_or_a_scene_on_standard_output_is_alone_there() {
     assert!(made.stdout.starts_with(b"ply\n") && made.stdout.len() > 2480, "{} bytes", made.stdout.len());
 }
 
+#[test]
+fn other_names_of_standard_output_are_standard_output() {
+    let place = Place::new();
+    place.cameras(&["one"]);
+    std::os::unix::fs::symlink("/dev/stdout", place.at("link")).expect("made");
+    for name in ["/dev/stdout", "/dev/fd/1", "link"] {
+        let told = place.told(&format!("{DRAW} a.png --json={name}"));
+        assert_eq!(told[0]["camera"], "one", "{name}: {told}");
+        place.write("log", "what was there\n");
+        let log = File::options().append(true).open(place.at("log")).expect("a file");
+        let (code, errors) = printed(place.program(&format!("dump unsorted --format json -o {name}")), log);
+        assert_eq!(code, Some(0), "{name}: {errors}");
+        let text = place.text("log");
+        assert!(text.starts_with("what was there\n{"), "{name}: {text}");
+    }
+    let both = place.fails(&format!("{DRAW} - --json=link"), 2);
+    assert!(both.contains("both go to standard output"), "{both}");
+}
+
 /// Returns the first character that a terminal would act on, if any.
 fn acts(text: &str) -> Option<char> {
     text.chars().find(|c| {

@@ -93,8 +93,6 @@ const SORT_PLOT: &str = "sort";
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let mut work = prepare(args)?;
-    let csv = args.output.iter().map(|folder| folder.join(CSV));
-    csv.chain(args.json.clone()).try_for_each(|file| output::file::check(&file))?;
     let device = args.device.open()?;
     if args.suite == Suite::Frames {
         check_graphs(args, device.info())?;

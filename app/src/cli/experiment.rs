@@ -96,7 +96,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let output = args.output();
     let given = cameras::load(common.cameras.as_deref(), common.scene.as_deref())?;
     let mut guard = guard(args)?;
-    output::file::check(&output)?;
     let device = common.device.open()?;
     if let Some(path) = &common.scene {
         fit::check_header(path, &common.load, device.info(), GRAPH, &[])?;

@@ -48,7 +48,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output::{self, say, say_styled, shell_word, terminal};
 use crate::io::timeline::Timeline;
 use crate::{draw::backend, draw::builtin};
-use clap::error::{ContextKind, ContextValue};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use job::{Shard, Work};
 use outcome::{Outcome, Usage, colour};
@@ -207,12 +207,11 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     }
     let cli = match parsed {
         Ok(cli) => cli,
+        // clap does not say which word it means.
+        Err(error) if error.kind() == ErrorKind::InvalidUtf8 => return report(&not_utf_8(&arguments).into()),
         Err(error) => return terminal::say_usage(&error, colour()),
     };
-    let timeline = match cli.command.timeline().map(|path| Timeline::start(path, begun)).transpose() {
-        Ok(timeline) => timeline,
-        Err(error) => return report(&error.into()),
-    };
+    let timeline = cli.command.timeline().map(|path| Timeline::start(path, begun));
     info_span!("start threads").in_scope(threads::build_pool);
     let store = store.map(|cache| Arc::new(cache) as Arc<_>);
     planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });
@@ -242,6 +241,15 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         output::signals::end_now(code);
     }
     code
+}
+
+fn not_utf_8(arguments: &[OsString]) -> Usage {
+    let pairs = arguments.iter().zip(arguments.iter().skip(1)).filter(|(_, word)| word.to_str().is_none());
+    let found = pairs.map(|(before, word)| match before.to_str() {
+        Some(option) if option.starts_with('-') => format!("{option} {}", word.display()),
+        _ => word.display().to_string(),
+    });
+    Usage(format!("expected valid UTF-8, found {}", found.collect::<Vec<_>>().join(" and ")))
 }
 
 fn command_line(arguments: &[OsString]) -> String {

@@ -96,8 +96,6 @@ fn degrees(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> Result<Outcome> {
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     let mut guard = guard(args)?;
-    let csv = args.output.iter().map(|folder| folder.join(CSV));
-    csv.chain(args.json.clone()).try_for_each(|file| output::file::check(&file))?;
     let variants = variants(args);
     let device = args.device.open()?;
     if let Some(path) = &args.scene {

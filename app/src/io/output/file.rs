@@ -11,7 +11,7 @@
 // Only this module and `log` create files. The lint forbids it elsewhere.
 #![allow(clippy::disallowed_methods)]
 
-use super::{faults, terminal};
+use super::faults;
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, ErrorKind, Write};
@@ -36,7 +36,7 @@ pub struct OutputError {
 }
 
 fn shown(path: &Path) -> std::path::Display<'_> {
-    if terminal::is_standard_output(path) { Path::new("standard output").display() } else { path.display() }
+    if is_standard_output(path) { Path::new("standard output").display() } else { path.display() }
 }
 
 impl OutputError {
@@ -92,20 +92,14 @@ pub fn write_new_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     write_new(path, |out| Ok(out.write_all(bytes)?))
 }
 
-/// Checks that [`write()`] could create a file at this path. Creates its folder, and changes nothing else.
-///
-/// # Errors
-/// The folder or the file cannot be created.
-pub fn check(path: &Path) -> Result<(), OutputError> {
-    let check = || match Target::of(path)? {
-        Target::StandardOutput => Ok(()),
-        Target::Direct(path) => OpenOptions::new().append(true).open(path).map(drop),
-        Target::File(target) => {
-            fs::create_dir_all(folder_of(&target))?;
-            Unfinished::create(target).map(drop)
-        }
-    };
-    check().map_err(|error: io::Error| OutputError { path: path.to_owned(), cause: error.into() })
+/// Returns true for `-`, which stands for standard output, and for other names of it, such as `/dev/stdout`.
+pub fn is_standard_output(path: &Path) -> bool {
+    matches!(Target::of(path), Ok(Target::StandardOutput))
+}
+
+/// Checks that [`write()`] could create or replace this file. Its folder exists.
+pub(super) fn check(target: PathBuf) -> io::Result<()> {
+    Unfinished::create(target).map(drop)
 }
 
 fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
@@ -203,40 +197,37 @@ pub(super) enum Target {
 
 impl Target {
     pub(super) fn of(path: &Path) -> io::Result<Target> {
-        if terminal::is_standard_output(path) {
+        if path == Path::new("-") {
             return Ok(Target::StandardOutput);
         }
-        // These name open files. Replacing or truncating such a file would lose what other processes wrote to it.
-        match path.to_str() {
-            Some("/dev/stdout" | "/dev/fd/1" | "/proc/self/fd/1") => return Ok(Target::StandardOutput),
-            Some(name)
-                if ["/dev/stderr", "/dev/fd/", "/proc/self/fd/"].iter().any(|p| name.starts_with(p)) =>
-            {
-                return Ok(Target::Direct(path.to_owned()));
+        let mut target = path.to_owned();
+        for _ in 0..MAX_LINKS {
+            if ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| target == Path::new(name)) {
+                return Ok(Target::StandardOutput);
             }
-            _ => {}
+            if is_open_file(&target) {
+                return Ok(Target::Direct(target));
+            }
+            match fs::symlink_metadata(&target) {
+                Ok(found) if found.is_symlink() => target = folder_of(&target).join(fs::read_link(&target)?),
+                Ok(found) if found.is_dir() => return Err(ErrorKind::IsADirectory.into()),
+                Ok(found) if found.is_file() => return Ok(Target::File(target)),
+                Ok(_) => return Ok(Target::Direct(target)),
+                Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Target::File(target)),
+                Err(error) => return Err(error),
+            }
         }
-        match resolve(path)? {
-            (target, None) => Ok(Target::File(target)),
-            (_, Some(found)) if found.is_dir() => Err(io::Error::from(ErrorKind::IsADirectory)),
-            (target, Some(found)) if found.is_file() => Ok(Target::File(target)),
-            (target, Some(_)) => Ok(Target::Direct(target)),
-        }
+        Err(io::Error::other("too many symbolic links"))
     }
 }
 
-/// Follows the links of a path's last component. Returns the final path, and its metadata if it exists.
-pub(super) fn resolve(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
-    let mut target = path.to_owned();
-    for _ in 0..MAX_LINKS {
-        match fs::symlink_metadata(&target) {
-            Ok(found) if found.is_symlink() => target = folder_of(&target).join(fs::read_link(&target)?),
-            Ok(found) => return Ok((target, Some(found))),
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok((target, None)),
-            Err(error) => return Err(error),
-        }
-    }
-    Err(io::Error::other("too many symbolic links"))
+/// Returns true for the name of a file that a process has open. Replacing or truncating such a file would lose what
+/// other processes wrote to it.
+fn is_open_file(path: &Path) -> bool {
+    let is_in = |folder: &Path| {
+        folder == Path::new("/dev/fd") || folder.starts_with("/proc") && folder.ends_with("fd")
+    };
+    path == Path::new("/dev/stderr") || path.parent().is_some_and(is_in)
 }
 
 /// Returns the folder of a path; `.` for a bare name.
@@ -404,12 +395,12 @@ fn synced(result: io::Result<()>) -> io::Result<()> {
 
 /// Returns an error for a file without write permission: permission on its folder would be enough to replace it.
 #[cfg(unix)]
-fn refuse_protected(target: &Path, _: &fs::Metadata) -> io::Result<()> {
+pub(super) fn refuse_protected(target: &Path, _: &fs::Metadata) -> io::Result<()> {
     Ok(rustix::fs::access(target, rustix::fs::Access::WRITE_OK)?)
 }
 
 #[cfg(not(unix))]
-fn refuse_protected(_: &Path, old: &fs::Metadata) -> io::Result<()> {
+pub(super) fn refuse_protected(_: &Path, old: &fs::Metadata) -> io::Result<()> {
     if old.permissions().readonly() { Err(ErrorKind::PermissionDenied.into()) } else { Ok(()) }
 }
 

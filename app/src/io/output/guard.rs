@@ -1,17 +1,17 @@
 //! Rejects outputs that would destroy a file, before anything is drawn.
 //!
 //! A command lists the files that it reads and the files that it will write. Two paths to one file count as the same
-//! file. An output must not be an input, another output or a folder. It must not lie inside a file, and its name must
-//! not be too long for the file system.
+//! file. An output must not be an input, another output or a folder. It must not lie inside a file, its name must not
+//! be too long for the file system, and its folder must be writable. Nothing is created, not even its folder.
 
-use super::file::{folder_of, resolve};
+use super::file::{self, Target, folder_of, refuse_protected};
 use super::names::MAX_NAME_BYTES;
-use super::terminal::is_standard_output;
 use splatgraph_assets::scene_files;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ffi::OsString;
 use std::fs::{self, Metadata};
-use std::path::{Component, Path};
+use std::io::{self, ErrorKind};
+use std::path::{Component, Path, PathBuf};
 
 /// Maximum length of a path, in bytes, including its terminator.
 const MAX_PATH_BYTES: usize = 4096;
@@ -28,6 +28,8 @@ pub struct OutputGuard {
     outputs: HashMap<Identity, String>,
     /// Folders that do not exist yet, each with the output that needs it.
     folders: HashMap<Identity, String>,
+    /// Existing folders in which files can be created.
+    writable: HashSet<Existing>,
 }
 
 /// The identity of a file, which is the same for all paths to it.
@@ -92,7 +94,7 @@ impl OutputGuard {
     /// # Errors
     /// The file is an input or another output, or it cannot be written at this path.
     pub fn output(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {
-        let Some(identity) = place(what, path)? else { return Ok(()) };
+        let Some((identity, target)) = place(what, path)? else { return Ok(()) };
         if let Some(input) = self.inputs.get(&identity) {
             return Err(overwrites(what, input, path));
         }
@@ -124,6 +126,18 @@ impl OutputGuard {
             }
         }
         self.outputs.insert(identity, what.to_owned());
+        target.map_or(Ok(()), |target| self.check(target)).map_err(|error| unreachable(what, path, &error))
+    }
+
+    /// Checks that a file can be created or replaced. Its folder exists.
+    fn check(&mut self, target: PathBuf) -> io::Result<()> {
+        let folder = folder_of(&target);
+        let folder = existing(folder, &fs::metadata(folder)?)?;
+        if self.writable.contains(&folder) {
+            return fs::metadata(&target).map_or(Ok(()), |found| refuse_protected(&target, &found));
+        }
+        file::check(target)?;
+        self.writable.insert(folder);
         Ok(())
     }
 }
@@ -132,14 +146,15 @@ fn overwrites(output: &str, input: &str, path: &Path) -> Conflict {
     Conflict(format!("{output} would overwrite {input}, {}: name another file", path.display()))
 }
 
+fn unreachable(what: &str, path: &Path, error: &io::Error) -> Conflict {
+    Conflict(format!("{what} names {}, which cannot be written: {error}", path.display()))
+}
+
 /// Identifies the file of an output; `None` for a device or a pipe, which several outputs may share.
-fn place(what: &str, path: &Path) -> Result<Option<Identity>, Conflict> {
-    if is_standard_output(path) {
-        return Ok(Some(Identity::StandardOutput));
-    }
-    let unreachable = |error: std::io::Error| {
-        Conflict(format!("{what} names {}, which cannot be written: {error}", path.display()))
-    };
+///
+/// Also returns the file whose creation shows whether the output can be written: the output, or the outermost of its
+/// folders that do not exist.
+fn place(what: &str, path: &Path) -> Result<Option<(Identity, Option<PathBuf>)>, Conflict> {
     if path.as_os_str().len() >= MAX_PATH_BYTES {
         return Err(Conflict(format!(
             "{what} names a path of {} bytes; expected fewer than {MAX_PATH_BYTES}",
@@ -149,16 +164,26 @@ fn place(what: &str, path: &Path) -> Result<Option<Identity>, Conflict> {
     if let Some(part) = path.iter().find(|part| part.len() > MAX_NAME_BYTES) {
         return Err(too_long(what, path, part.len(), MAX_NAME_BYTES));
     }
-    let (target, found) = resolve(path).map_err(unreachable)?;
-    match found {
-        Some(found) if found.is_dir() => {
-            Err(Conflict(format!("{what} names {}, which is a folder; expected a file", path.display())))
+    let failed = |error: io::Error| match error.kind() {
+        ErrorKind::IsADirectory => {
+            Conflict(format!("{what} names {}, which is a folder; expected a file", path.display()))
         }
-        Some(found) if found.is_file() => {
-            existing(&target, &found).map(Identity::Existing).map(Some).map_err(unreachable)
+        _ => unreachable(what, path, &error),
+    };
+    match Target::of(path).map_err(failed)? {
+        Target::StandardOutput => Ok(Some((Identity::StandardOutput, None))),
+        // Opening a pipe would wait for its reader, and closing it again would end the reader's input.
+        Target::Direct(target) => {
+            fs::metadata(&target).and_then(|found| refuse_protected(&target, &found)).map_err(failed)?;
+            Ok(None)
         }
-        Some(_) => Ok(None),
-        None => new(what, path, &target, unreachable).map(Some),
+        Target::File(target) => match fs::metadata(&target) {
+            Ok(found) => {
+                let identity = existing(&target, &found).map(Identity::Existing).map_err(failed)?;
+                Ok(Some((identity, Some(target))))
+            }
+            Err(_) => new(what, path, &target).map(|(identity, first)| Some((identity, Some(first)))),
+        },
     }
 }
 
@@ -169,13 +194,9 @@ fn too_long(what: &str, path: &Path, found: usize, most: usize) -> Conflict {
     ))
 }
 
-/// Identifies a file that does not exist, by its deepest existing folder and the path below it.
-fn new(
-    what: &str,
-    path: &Path,
-    target: &Path,
-    unreachable: impl Fn(std::io::Error) -> Conflict,
-) -> Result<Identity, Conflict> {
+/// Identifies a file that does not exist, by its deepest existing folder and the path below it. Also returns the path
+/// of the first of its folders that does not exist, or of the file.
+fn new(what: &str, path: &Path, target: &Path) -> Result<(Identity, PathBuf), Conflict> {
     let mut parts: Vec<OsString> = Vec::new();
     let mut rest = target;
     let (root, found) = loop {
@@ -194,16 +215,18 @@ fn new(
                     rest.display()
                 )));
             }
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-            Err(error) => return Err(unreachable(error)),
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(unreachable(what, path, &error)),
         }
     };
     let most = longest_name(root);
     if let Some(part) = parts.iter().find(|part| part.len() > most) {
         return Err(too_long(what, path, part.len(), most));
     }
+    let first = parts.last().map_or_else(|| target.to_owned(), |name| root.join(name));
     parts.reverse();
-    Ok(Identity::New(existing(root, &found).map_err(unreachable)?, parts))
+    let root = existing(root, &found).map_err(|error| unreachable(what, path, &error))?;
+    Ok((Identity::New(root, parts), first))
 }
 
 /// Converts a name to lower case on systems that ignore case.
@@ -299,6 +322,23 @@ mod tests {
         for name in ["a.png", "A.svg", "deep/er/a.png", "deep/er/b.png", "deep/c.png"] {
             guard.output("-o", &at(name)).unwrap();
         }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn an_output_in_a_folder_where_nothing_can_be_created_is_refused_and_leaves_no_folder() {
+        for name in ["/proc/a.json", "/proc/new/a.json"] {
+            let text = refused(&mut OutputGuard::default(), "--json", Path::new(name));
+            assert!(text.starts_with(&format!("--json names {name}, which cannot be written: ")), "{text}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let mut guard = OutputGuard::default();
+        guard.output("--json", &folder.path().join("new/er/a.json")).unwrap();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        // Opening a pipe would wait for its reader.
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        guard.output("--json", &pipe).unwrap();
     }
 
     #[cfg(unix)]

@@ -13,7 +13,7 @@ pub mod names;
 pub mod signals;
 pub mod terminal;
 
-pub use file::{OutputError, write, write_bytes, write_new, write_new_bytes};
+pub use file::{OutputError, is_standard_output, write, write_bytes, write_new, write_new_bytes};
 pub use guard::OutputGuard;
 pub use log::Log;
-pub use terminal::{harmless, is_standard_output, note, one_line, print, say, say_styled, shell_word};
+pub use terminal::{harmless, note, one_line, print, say, say_styled, shell_word};

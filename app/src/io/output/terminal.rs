@@ -7,7 +7,6 @@
 use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
-use std::path::Path;
 
 /// Returns true for characters that move the cursor, change the terminal's state, or reorder the text around them.
 ///
@@ -134,11 +133,6 @@ pub fn say_usage(error: &clap::Error, colour: bool) -> u8 {
             1
         }
     }
-}
-
-/// Returns true for `-`, which stands for standard output.
-pub fn is_standard_output(path: &Path) -> bool {
-    path == Path::new("-")
 }
 
 #[cfg(test)]
