@@ -143,11 +143,27 @@ pub fn scene_or_demo(
         let path = demo::path().context(
             "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
         )?;
-        let generated = info_span!("find the demo scene").in_scope(|| demo::ensure(&path));
-        if generated.context("the demo scene cannot be generated")? {
-            say(format!("the demo scene was generated into {}", path.display()));
+        if path.is_file() {
+            match load_scene(&path, load) {
+                // A crash or a full disk may have damaged the file.
+                Err(error) if load.level.is_none() => {
+                    say(format!("{error}; the demo scene is generated again"))
+                }
+                loaded => return Ok((loaded?, path, demo::camera())),
+            }
         }
-        return Ok((load_scene(&path, load)?, path, demo::camera()));
+        let scene = info_span!("generate the demo scene").in_scope(demo::generate)?;
+        let scene = match demo::keep(&scene, &path) {
+            Ok(()) => {
+                say(format!("the demo scene was generated into {}", path.display()));
+                load_scene(&path, load)?
+            }
+            Err(error) => {
+                say(format!("the demo scene is generated at each use, because {error}"));
+                scene
+            }
+        };
+        return Ok((scene, path, demo::camera()));
     };
     Ok((load_scene_unless(cancel, path, load)?, path.to_owned(), None))
 }
@@ -437,7 +453,10 @@ pub fn refuse_json_apart(arguments: &[OsString]) -> Result<(), Usage> {
     for (option, word) in before_end.zip(arguments.iter().skip(1)).filter(|(option, _)| *option == "--json") {
         let (option, path) = (option.display(), Path::new(word));
         if is_standard_output(path) {
-            return Err(Usage(format!("expected {option} alone for standard output, found {option} -")));
+            return Err(Usage(format!(
+                "expected {option} alone for standard output, found {option} {}",
+                path.display()
+            )));
         }
         let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         if is_json && SceneHeader::load(path).is_err() {
@@ -459,6 +478,11 @@ pub fn claim_plot(guard: &mut OutputGuard, folder: &Path, name: &str) -> Result<
 pub fn write_plot(plot: &Plot, folder: &Path, name: &str) -> Result<()> {
     output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
     Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
+}
+
+/// Returns a path as text for JSON. Serde refuses a [`PathBuf`] that is not valid UTF-8, and `json!` panics on it.
+pub fn text_of(path: &Path) -> String {
+    path.display().to_string()
 }
 
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {

@@ -1,6 +1,7 @@
 //! Generates and finds the demo scene, which `render` and `view` draw by default.
 //!
-//! The first use writes the scene as a `.ply`; later uses load that file.
+//! The first use writes the scene as a `.ply`; later uses load that file. If it cannot be written, each use generates
+//! the scene.
 
 use crate::io::folders;
 use crate::io::output;
@@ -26,22 +27,21 @@ pub fn path() -> Option<PathBuf> {
     }
 }
 
-/// Generates the demo scene if `path` does not exist. Returns true if it was generated.
+/// Generates the demo scene.
+///
+/// # Errors
+/// The memory is too small.
+pub fn generate() -> Result<Scene, synth::SynthError> {
+    let generator = synth::generators().iter().find(|g| g.name == NAME);
+    synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
+}
+
+/// Writes the demo scene to `path`, where later uses find it.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn ensure(path: &Path) -> Result<bool, output::OutputError> {
-    if path.is_file() {
-        return Ok(false);
-    }
-    let scene = generate();
-    output::write(path, |mut out| Ok(scene?.write_ply_to(&mut out)?))?;
-    Ok(true)
-}
-
-fn generate() -> Result<Scene, synth::SynthError> {
-    let generator = synth::generators().iter().find(|g| g.name == NAME);
-    synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
+pub fn keep(scene: &Scene, path: &Path) -> Result<(), output::OutputError> {
+    output::write(path, |mut out| Ok(scene.write_ply_to(&mut out)?))
 }
 
 /// Returns the initial camera of the demo scene.
@@ -55,13 +55,14 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn the_scene_is_written_once_and_loads() {
+    fn the_scene_comes_back_from_its_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("new/demo.ply");
-        assert!(ensure(&path).unwrap());
-        assert!(!ensure(&path).unwrap());
+        let made = generate().unwrap();
+        keep(&made, &path).unwrap();
         let scene = Scene::load(&path, splatgraph_assets::QUIET).unwrap();
         assert_eq!((scene.stored_degree(), scene.dropped().total()), (3, 0));
+        assert_eq!(scene.identity(), made.identity());
         let beside: Vec<_> = fs::read_dir(path.parent().unwrap()).unwrap().collect();
         assert_eq!(beside.len(), 1, "nothing unfinished is left");
     }
