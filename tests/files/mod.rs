@@ -1,5 +1,6 @@
 //! Outputs of the real program: files are complete or missing; refusals, exit codes, and text without terminal escapes.
 
+mod bytes;
 mod drivers;
 mod full;
 mod kills;

@@ -104,8 +104,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let budget = Budget { psnr: args.psnr, ms: args.ms };
     let mut outcome = Outcome::Done;
-    let mut all =
-        json!({ "scene": args.scene, "cameras": cameras, "report": report, "keys": keys, "bands": bands });
+    let mut all = json!({ "scene": args.scene.as_deref().map(options::text_of), "cameras": cameras, "report": report, "keys": keys, "bands": bands });
     if budget != Budget::default() {
         let device = args.device.open()?;
         if let Some(path) = &args.scene {

@@ -5,6 +5,7 @@ use crate::draw::camera;
 use crate::io::output::{OutputGuard, say};
 use anyhow::Result;
 use splatgraph_assets::{Camera, CameraError, Dataset};
+use std::io;
 use std::path::{Path, PathBuf};
 
 fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
@@ -36,7 +37,7 @@ pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camer
 /// Loads all cameras of a file beside the scene. Tells the user and returns `None` if they are not usable.
 pub fn load_beside(file: &Path) -> Option<Vec<Camera>> {
     let told = |error: &CameraError| say(format!("the cameras beside the scene are not used: {error}"));
-    parse(&file.to_string_lossy()).inspect_err(told).ok()
+    load_file(file).inspect_err(told).ok()
 }
 
 /// Registers the camera file as an input, so that no output can overwrite it.
@@ -61,14 +62,22 @@ pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
         let cameras = Camera::parse(spec, name)?;
         return if cameras.is_empty() { Err(CameraError::Empty { path: name.into() }) } else { Ok(cameras) };
     }
+    if spec.is_empty() {
+        let source = io::Error::new(io::ErrorKind::InvalidInput, "expected a file, found an empty name");
+        return Err(CameraError::Io { path: "--cameras".into(), source });
+    }
     // A `#` may also be part of the file's own name.
     if spec.contains('#') && !Path::new(spec).exists() {
         return Camera::select(spec).map(|camera| vec![camera]);
     }
-    let dataset = Dataset::load(spec)?;
+    load_file(Path::new(spec))
+}
+
+fn load_file(file: &Path) -> Result<Vec<Camera>, CameraError> {
+    let dataset = Dataset::load(file)?;
     tell_off_center(&dataset);
     let cameras: Vec<Camera> = dataset.views.into_iter().map(|view| view.camera).collect();
-    if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
+    if cameras.is_empty() { Err(CameraError::Empty { path: file.into() }) } else { Ok(cameras) }
 }
 
 /// Warns the user if principal points are more than half a pixel from the centre of the pictures.
@@ -147,6 +156,7 @@ mod tests {
             said(one)
         );
         assert_eq!(said(" []"), "--cameras has no cameras");
+        assert_eq!(said(""), "--cameras: expected a file, found an empty name");
         let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
         assert_eq!(parse(&format!("[{whole}]")).unwrap()[0].fy, 6.0);
         let folder = tempfile::tempdir().unwrap();

@@ -208,12 +208,12 @@ impl Pictures {
             std::fs::read_dir(path).with_context(|| format!("{}: cannot be read", path.display()))?;
         for entry in entries {
             let file = entry.with_context(|| format!("{}: cannot be read", path.display()))?.path();
-            let Some(stem) = file.file_stem().and_then(|s| s.to_str()) else { continue };
+            let Some(stem) = file.file_stem().map(|stem| stem.to_string_lossy()) else { continue };
             // The folder may hold other files, such as statistics.
             if Format::of(&file).is_none() {
                 continue;
             }
-            if let Some(other) = pictures.insert(stem.to_owned(), file.clone()) {
+            if let Some(other) = pictures.insert(stem.into_owned(), file.clone()) {
                 bail!("{} and {} have the same name without extension", other.display(), file.display());
             }
         }
@@ -351,7 +351,8 @@ fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
 /// Makes the JSON report. An infinite PSNR becomes `null`.
 fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value {
     let entry = |pair: &Pair, found: &Found| {
-        let mut entry = json!({ "name": pair.name, "a": pair.a, "b": pair.b });
+        let mut entry =
+            json!({ "name": pair.name, "a": options::text_of(&pair.a), "b": options::text_of(&pair.b) });
         if let (Value::Object(entry), Ok(Value::Object(metrics))) =
             (&mut entry, serde_json::to_value(found.all))
         {

@@ -243,7 +243,8 @@ fn request(args: &Args) -> Json {
         Renderer::Reference => json!(null),
     };
     json!({
-        "scene": args.scene, "dataset": args.cameras, "backend": args.backend.to_string(), "pipeline": graph,
+        "scene": options::text_of(&args.scene), "dataset": options::text_of(&args.cameras),
+        "backend": args.backend.to_string(), "pipeline": graph,
         "set": args.set, "downscale": args.downscale, "photographs": args.photographs, "all": args.all,
         "background": args.background,
     })

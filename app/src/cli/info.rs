@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             .collect();
         let size_breakdown = scene.size_breakdown();
         let all = json!({
-            "scene": args.scene,
+            "scene": options::text_of(&args.scene),
             "size_breakdown": size_breakdown,
             "accounted_bytes": size_breakdown.sum(),
             "report": report,

@@ -161,7 +161,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Prints a ledger and writes its files, except for `ledger.json`.
 fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
-    ledger.command = std::env::args().map(|word| shell_word(&word)).collect::<Vec<_>>().join(" ");
+    ledger.command =
+        std::env::args_os().map(|word| shell_word(&word.to_string_lossy())).collect::<Vec<_>>().join(" ");
     let file = |name: &str| output.join(name);
     let (lines, failed) = ledger.lines();
     let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();

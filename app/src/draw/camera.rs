@@ -163,10 +163,11 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
 /// The paths are `NAME.cameras.json` (also for `NAME.compressed.ply`) and `cameras.json` in the scene's folder. For
 /// `point_cloud/iteration_N/point_cloud.ply`, up to three parent folders are searched as well.
 pub fn beside(scene: &Path) -> Option<PathBuf> {
-    let name = scene.file_name()?.to_string_lossy();
-    let plain =
-        name.strip_suffix(".compressed.ply").map(|name| scene.with_file_name(name.to_owned() + ".ply"));
-    let own = plain.as_deref().unwrap_or(scene).with_extension("cameras.json");
+    let stem = Path::new(scene.file_stem()?);
+    let is_compressed =
+        [scene, stem].map(Path::extension) == [Some("ply".as_ref()), Some("compressed".as_ref())];
+    let plain = if is_compressed { scene.with_extension("") } else { scene.to_owned() };
+    let own = plain.with_extension("cameras.json");
     if own.is_file() {
         return Some(own);
     }
