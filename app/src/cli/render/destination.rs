@@ -23,6 +23,9 @@ pub fn output(text: OsString) -> Result<Output, String> {
     let Some((name, file)) =
         text.to_str().and_then(|text| text.split_once('=')).filter(|(name, _)| is_name(name))
     else {
+        if text.is_empty() {
+            return Err("expected a file or a folder, found an empty name".into());
+        }
         return Ok(Output::Picture(text.into()));
     };
     let Some(format) = Format::of(Path::new(file)) else {
@@ -144,6 +147,7 @@ mod tests {
         let named = |name: &str, file: &str| Ok(Output::Named(name.into(), file.into()));
         let picture = |path: &str| Ok(Output::Picture(path.into()));
         assert_eq!(output("depth=a/d.exr".into()), named("depth", "a/d.exr"));
+        assert!(output("".into()).unwrap_err().contains("found an empty name"));
         for path in ["out.png", "-", "./a=b.png", "a/b=c"] {
             assert_eq!(output(path.into()), picture(path));
         }
