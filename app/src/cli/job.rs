@@ -308,9 +308,9 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
-/// True if all files of a view exist; `folder` is that of the job.
+/// True if all files of a view exist, and none is empty; `folder` is that of the job.
 pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
-    files.iter().all(|file| folder.join(file).exists())
+    files.iter().all(|file| fs::metadata(folder.join(file)).is_ok_and(|found| found.len() > 0))
 }
 
 fn reason(error: &anyhow::Error) -> String {
