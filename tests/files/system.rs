@@ -34,6 +34,8 @@ fn a_driver_that_is_none_is_an_error_that_says_so() {
             assert_eq!(output.status.code(), Some(1), "{manifest}, {args:?}: {errors}");
             assert!(errors.contains("error: "), "{manifest}, {args:?}: {errors}");
             assert!(!errors.contains("0 bytes"), "{manifest}, {args:?}: {errors}");
+            let named = format!("in VK_DRIVER_FILES={}, and looks nowhere else", path.display());
+            assert!(manifest != "missing.json" || errors.contains(&named), "{args:?}: {errors}");
         }
     }
     assert!(!place.at("a.png").exists());

@@ -4,7 +4,7 @@
 
 use crate::error::api;
 use crate::features::OptionalFeatures;
-use crate::instance::{API_VERSION, Instance, NO_DRIVER};
+use crate::instance::{API_VERSION, Instance, no_driver};
 use crate::robustness::RobustnessFeatures;
 use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
@@ -40,7 +40,7 @@ pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
 
 pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
     if devices.is_empty() {
-        return Err(BackendError::Unavailable(NO_DRIVER.to_string()));
+        return Err(no_driver());
     }
     let infos: Vec<&DeviceInfo> = devices.iter().map(|device| &device.info).collect();
     let found = splatgraph_runtime::choose(&infos, wanted)?;

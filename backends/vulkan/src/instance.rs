@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-pub(crate) const NO_DRIVER: &str = if cfg!(target_os = "macos") {
+const NO_DRIVER: &str = if cfg!(target_os = "macos") {
     "the Vulkan loader finds no driver that works; MoltenVK, which is in the Vulkan SDK and in Homebrew's package \
      `molten-vk`, is one for macOS. `--backend metal` needs none"
 } else if cfg!(windows) {
@@ -31,6 +31,19 @@ const LOADER_SOURCE: &str = if cfg!(target_os = "macos") {
 } else {
     "on Debian and Ubuntu it is in the package `libvulkan1`, a driver that needs no GPU in `mesa-vulkan-drivers`"
 };
+
+/// Returns the error for a machine without a working driver, or with a variable that hides its drivers.
+pub(crate) fn no_driver() -> BackendError {
+    let set = |name| Some((name, std::env::var_os(name).filter(|files| !files.is_empty())?));
+    BackendError::Unavailable(match ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().find_map(set) {
+        Some((name, files)) => format!(
+            "the Vulkan loader finds no driver that works in {name}={}, and looks nowhere else: name the manifest of a \
+             driver (a .json file), or unset {name}",
+            files.display()
+        ),
+        None => NO_DRIVER.to_string(),
+    })
+}
 
 /// The oldest version with all functions that this crate calls (synchronization2, dynamic rendering, maintenance4).
 pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
@@ -142,7 +155,7 @@ impl Instance {
         // SAFETY: everything that `info` points to lives until the call returns; the messenger's user data lives in the
         // `Arc` that the instance keeps.
         let raw = unsafe { entry.create_instance(&info, None) }.map_err(|answer| match answer {
-            vk::Result::ERROR_INCOMPATIBLE_DRIVER => BackendError::Unavailable(NO_DRIVER.to_string()),
+            vk::Result::ERROR_INCOMPATIBLE_DRIVER => no_driver(),
             _ => api("vkCreateInstance")(answer),
         })?;
         let mut instance = Instance { raw, labels, messages, surface: Mutex::default(), messenger: None };
