@@ -6,9 +6,12 @@ use crate::view::history::{History, Quantiles, Row, Series};
 use crate::view::viewport::Viewport;
 use egui::{Align, ComboBox, Label, Layout, Response, RichText, Sense, Ui, WidgetText, vec2};
 use egui_plot::{Line, PlotPoints, VLine};
+use indexmap::IndexSet;
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump;
+use splatgraph_framework::plan::Plan;
+use std::sync::Arc;
 
 const COLUMN: f32 = 72.0;
 
@@ -46,7 +49,7 @@ pub fn show<D: Device>(
         window.total(),
     );
     let series = history.phase_series();
-    let phases: Vec<String> = series.iter().map(|series| series.name.clone()).collect();
+    let phases = phases(history);
     let unreliable = history.is_mostly_unattributed();
     ui.separator();
     if unreliable {
@@ -54,9 +57,14 @@ pub fn show<D: Device>(
         let example = "For example, Mesa's driver for CPUs writes the timestamps of compute passes when the whole frame ends.";
         hint(ui.colored_label(Palette::of(ui).caution, text), example);
     } else {
-        choose(ui, &phases, plotted);
-        let plotted_series = plotted.as_ref().map_or(series, |phase| history.pass_series(phase));
-        plot(ui, plotted_series, &history.changes());
+        choose(ui, &series, plotted);
+        let coloured: Vec<(usize, Series)> = match plotted {
+            Some(phase) => history.pass_series(phase).into_iter().enumerate().collect(),
+            None => {
+                series.into_iter().map(|line| (phases.get_index_of(&line.name).unwrap_or(0), line)).collect()
+            }
+        };
+        plot(ui, coloured, &history.changes());
     }
     table(ui, &history.table(), &phases, unreliable);
     if let Some(rest) = history.unattributed().filter(|ms| *ms > 0.0) {
@@ -67,17 +75,26 @@ pub fn show<D: Device>(
     }
     if window.frames() > 0 {
         egui::CollapsingHeader::new("Window").show(ui, |ui| {
-            let phases: Vec<String> = window.phase_series().into_iter().map(|series| series.name).collect();
-            table(ui, &window.table(), &phases, window.is_mostly_unattributed());
+            table(ui, &window.table(), &self::phases(window), window.is_mostly_unattributed());
         });
     }
     ui.separator();
     memory(ui, &viewport.renderer.device().map(Device::memory).unwrap_or_default());
 }
 
+/// Lists phases in the order of their colours: the newest plan's as in the timeline, which also shows the prologue, then
+/// those that only earlier plans have.
+fn phases(history: &History) -> IndexSet<String> {
+    let of_plan = |plan: &Arc<Plan>| plan.order().map(|pass| plan.pass(pass).phase.clone()).collect();
+    let mut phases: IndexSet<String> = history.plan().map(of_plan).unwrap_or_default();
+    phases.extend(history.phase_series().into_iter().map(|series| series.name));
+    phases
+}
+
 fn columns_heading(ui: &mut Ui, frames: usize) {
     let palette = Palette::of(ui);
-    let left = RichText::new(format!("Over {frames} frames")).color(palette.soft);
+    let text = if frames == 1 { "Over 1 frame".to_owned() } else { format!("Over {frames} frames") };
+    let left = RichText::new(text).color(palette.soft);
     row(
         ui,
         |ui| ui.label(left),
@@ -116,40 +133,40 @@ fn label_beside(ui: &mut Ui, reserved: f32, text: impl Into<WidgetText>) -> Resp
     ui.allocate_ui_with_layout(size, layout, |ui| ui.add(Label::new(text).truncate())).inner
 }
 
-fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
-    if plotted.as_ref().is_some_and(|phase| !phases.contains(phase)) {
+fn choose(ui: &mut Ui, phases: &[Series], plotted: &mut Option<String>) {
+    if plotted.as_ref().is_some_and(|phase| phases.iter().all(|series| series.name != *phase)) {
         *plotted = None;
     }
     let chosen = plotted.as_ref().map_or("all phases".to_owned(), |phase| format!("passes of {phase}"));
     ComboBox::from_id_salt("plotted").selected_text(chosen).show_ui(ui, |ui| {
         ui.selectable_value(plotted, None, "all phases");
-        for phase in phases {
-            ui.selectable_value(plotted, Some(phase.clone()), format!("passes of {phase}"));
+        for Series { name, .. } in phases {
+            ui.selectable_value(plotted, Some(name.clone()), format!("passes of {name}"));
         }
     });
 }
 
-fn plot(ui: &mut Ui, series: Vec<Series>, changes: &[f64]) {
+/// `series` are with the numbers of their colours.
+fn plot(ui: &mut Ui, series: Vec<(usize, Series)>, changes: &[f64]) {
     let palette = Palette::of(ui);
     let plot = widgets::time_plot("phases", 140.0).grid_spacing(16.0..=120.0).y_axis_min_width(48.0);
     plot.show(ui, |plot| {
         for change in changes {
             plot.vline(VLine::new("another plan", *change).color(palette.line));
         }
-        for (index, series) in series.into_iter().enumerate() {
+        for (index, series) in series {
             let line = Line::new(series.name, PlotPoints::from(series.points));
             plot.line(line.color(theme::phase(index)));
         }
     });
 }
 
-/// `phases` are in the order of the plot's colours.
-fn table(ui: &mut Ui, rows: &[Row], phases: &[String], grey: bool) {
+fn table(ui: &mut Ui, rows: &[Row], phases: &IndexSet<String>, grey: bool) {
     let palette = Palette::of(ui);
     for line in rows {
         let left = |ui: &mut Ui| match line.phase {
             None => {
-                let index = phases.iter().position(|phase| *phase == line.name).unwrap_or(0);
+                let index = phases.get_index_of(&line.name).unwrap_or(0);
                 let (rect, _) = ui.allocate_exact_size(vec2(10.0, 10.0), Sense::hover());
                 let colour = if grey { palette.life } else { theme::phase(index) };
                 ui.painter().rect_filled(rect, 2.0, colour);
@@ -171,5 +188,38 @@ fn memory(ui: &mut Ui, pieces: &[(String, u64)]) {
     pieces.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
     for (name, bytes) in &pieces {
         row(ui, |ui| label_beside(ui, COLUMN + 12.0, name), |ui| cell(ui, dump::bytes(*bytes), false));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::backend;
+    use crate::view::panels::timeline::phase_colour;
+    use crate::view::tests;
+    use splatgraph_api::FrameResult;
+    use splatgraph_framework::ir::{PassId, Run};
+
+    #[test]
+    fn a_phase_has_one_colour_in_the_times_and_in_the_timeline() {
+        let (former, mut plan) =
+            (tests::plan(&[("x", "old")]), tests::plan(&[("a", "load"), ("b", "sort"), ("c", "draw")]));
+        let prologue = Arc::make_mut(&mut plan);
+        prologue.passes[0].run = Run::Once;
+        (prologue.prologue, prologue.frame) = (vec![PassId(0)], vec![PassId(1), PassId(2)]);
+        let mut history = History::default();
+        let result = |ids: &[u32]| FrameResult {
+            pass_ms: ids.iter().map(|id| (PassId(*id), Some(1.0))).collect(),
+            ..FrameResult::default()
+        };
+        history.push(&former, &result(&[0]));
+        history.push(&plan, &result(&[1, 2]));
+        let phases = phases(&history);
+        assert_eq!(phases.len(), 4, "the former plan's phase has a colour of its own");
+        let dump = backend::dump(&plan);
+        for name in ["load", "sort", "draw"] {
+            let index = phases.get_index_of(name).unwrap();
+            assert_eq!(theme::phase(index), phase_colour(&dump, name), "{name}");
+        }
     }
 }
