@@ -84,8 +84,7 @@ impl State {
                     });
                     let glyph =
                         ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
-                    // Leave a third of the width to the text after the caret.
-                    let columns = (0.67 * ui.max_rect().width() / glyph) as usize;
+                    let columns = (ui.max_rect().width() / glyph) as usize;
                     let height = (0.6 * view.height()).max(60.0);
                     egui::ScrollArea::both().max_height(height).show(ui, |ui| {
                         for text in texts.iter().map(|text| failures::narrowed(text, columns.max(8))) {

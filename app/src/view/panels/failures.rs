@@ -16,6 +16,9 @@ const PALETTE: [Color32; 8] = [
     Color32::from_rgb(235, 235, 235),
 ];
 
+/// Number of characters before the first caret that a cut line keeps.
+const BEFORE: usize = 8;
+
 const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
 
 /// Lays out text with ANSI colours in a monospace font; drops other escape sequences.
@@ -44,7 +47,8 @@ pub fn layout(ansi: &str, size: f32) -> LayoutJob {
     job
 }
 
-/// Cuts the starts of source lines in an error, so that the first caret below each is among the first `columns`.
+/// Cuts the starts of source lines in an error, so that the notes below each end within `columns`. At least a few
+/// characters stay before the first caret.
 pub fn narrowed(ansi: &str, columns: usize) -> String {
     let mut lines: Vec<String> = ansi.split('\n').map(str::to_owned).collect();
     let texts: Vec<Vec<char>> = lines.iter().map(|line| layout(line, 1.0).text.chars().collect()).collect();
@@ -63,9 +67,14 @@ pub fn narrowed(ansi: &str, columns: usize) -> String {
         };
         let is_below = |text: &&Vec<char>| gutter(text) == Some(bar) && !has_number(&text[..bar]);
         at += texts[at..].iter().take_while(is_below).count();
-        let carets = texts[first + 1..at].iter().filter_map(|text| text.iter().position(|c| *c == '^'));
-        if let Some(caret) = carets.min().filter(|caret| *caret >= columns) {
-            let cut = bar + 2..caret - columns / 2;
+        let notes = &texts[first + 1..at];
+        let Some(caret) = notes.iter().filter_map(|text| text.iter().position(|c| *c == '^')).min() else {
+            continue;
+        };
+        let end = notes.iter().map(Vec::len).max().unwrap_or(0);
+        // The cut is replaced by one mark.
+        let cut = bar + 2..(bar + 3 + end.saturating_sub(columns)).min(caret.saturating_sub(BEFORE));
+        if end > columns && cut.len() > 1 {
             for (index, line) in lines[first..at].iter_mut().enumerate() {
                 *line = without(line, &cut, if index == 0 { '…' } else { ' ' });
             }
@@ -146,10 +155,11 @@ mod tests {
             "error: no `y`\n  |\n7 | \u{1b}[31m{before}y(z)\n  | {}^ not declared\n8 | z",
             " ".repeat(100)
         );
-        let narrow = narrowed(&text, 20);
+        let narrow = narrowed(&text, 30);
         let lines: Vec<&str> = narrow.split('\n').collect();
-        assert_eq!(lines[2], "7 | \u{1b}[31m…xxxxxxxxxxy(z)");
-        assert_eq!(lines[3], "  |            ^ not declared");
+        assert_eq!(lines[2], "7 | \u{1b}[31m…xxxxxxxxxxxy(z)");
+        assert_eq!(lines[3], "  |             ^ not declared");
+        assert_eq!(narrowed(&text, 10).split('\n').nth(3), Some("  |          ^ not declared"));
         assert_eq!((lines[0], lines[4]), ("error: no `y`", "8 | z"));
         assert_eq!(narrowed(&text, 200), text, "it fits");
         assert_eq!(narrowed("a\nb\u{1b}[31", 1), "a\nb\u{1b}[31");
