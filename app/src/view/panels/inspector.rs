@@ -116,8 +116,11 @@ fn show_pass<D: Device>(
     }
     for shader in &pass.shaders {
         heading(ui, &shader.file);
-        let [x, y, z] = shader.local_size;
-        fact(ui, "Workgroup", format!("{x} x {y} x {z}, {} shared", dump::bytes(shader.shared_bytes.into())));
+        if !pass.kind.starts_with("draw") {
+            let [x, y, z] = shader.local_size;
+            let shared = dump::bytes(shader.shared_bytes.into());
+            fact(ui, "Workgroup", format!("{x} x {y} x {z}, {shared} shared"));
+        }
         let defines: Vec<String> = shader.defines.iter().map(|d| format!("{}={}", d.name, d.value)).collect();
         if !defines.is_empty() {
             ui.add(

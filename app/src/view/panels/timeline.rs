@@ -9,7 +9,8 @@ use super::selection::{Selection, barrier, touches};
 use super::theme::{self, GRID, Palette, ROW, TEXT};
 use super::widgets::{self, hint, text_in};
 use egui::{
-    Align, Color32, FontId, Id, Layout, Painter, Rect, RichText, Sense, Stroke, StrokeKind, Ui, pos2, vec2,
+    Align, Color32, FontId, Id, Layout, Painter, Pos2, Rect, RichText, Sense, Stroke, StrokeKind, Ui, pos2,
+    vec2,
 };
 use indexmap::IndexSet;
 use splatgraph_framework::dump::{self, Dump, DumpPass};
@@ -246,12 +247,24 @@ fn legend(ui: &mut Ui, dump: &Dump) {
         widgets::diamond(painter, rect.center(), 5.0, palette.barrier, Stroke::NONE);
     });
     row("memory in use".to_owned(), &|painter, rect| _ = painter.rect_filled(rect, 3.0, palette.life));
-    row("read by the pass above".to_owned(), &|painter, rect| {
-        painter.circle(rect.center(), 3.5, palette.paper, line);
-    });
-    row("written by it".to_owned(), &|painter, rect| {
-        painter.rect_filled(Rect::from_center_size(rect.center(), vec2(6.0, 6.0)), 1.0, palette.ink);
-    });
+    for (text, reads, writes) in [
+        ("read by the pass above", true, false),
+        ("written by it", false, true),
+        ("read and written by it", true, true),
+    ] {
+        row(text.to_owned(), &|painter, rect| draw_use(painter, &palette, rect.center(), reads, writes));
+    }
+}
+
+/// Draws the sign of a pass's use of a resource.
+fn draw_use(painter: &Painter, palette: &Palette, centre: Pos2, reads: bool, writes: bool) {
+    if writes {
+        painter.rect_filled(Rect::from_center_size(centre, vec2(6.0, 6.0)), 1.0, palette.ink);
+    }
+    if reads {
+        let (radius, inner) = if writes { (2.0, palette.life) } else { (3.5, palette.paper) };
+        painter.circle(centre, radius, inner, Stroke::new(1.0, palette.ink));
+    }
 }
 
 /// Computes the positions of all passes and barriers, and the total width, in points.
@@ -545,18 +558,7 @@ fn draw_lanes(
             for column in columns {
                 let (reads, writes) = touches(&dump.passes[column.pass], &resource.name);
                 let centre = pos2(view.x((column.left + column.right) / 2.0), bar.center().y);
-                if writes {
-                    painter.rect_filled(Rect::from_center_size(centre, vec2(6.0, 6.0)), 1.0, palette.ink);
-                }
-                if reads {
-                    let inner = if writes { palette.life } else { palette.paper };
-                    painter.circle(
-                        centre,
-                        if writes { 2.0 } else { 3.5 },
-                        inner,
-                        Stroke::new(1.0, palette.ink),
-                    );
-                }
+                draw_use(&painter, &palette, centre, reads, writes);
             }
             if response.clicked() {
                 *clicked = Some(this);
