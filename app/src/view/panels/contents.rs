@@ -6,7 +6,8 @@ use super::theme::Palette;
 use super::widgets::hint;
 use crate::draw::inspect::{Finding, ReadAs, sorted_keys};
 use crate::view::viewport::{Inspection, Viewport};
-use egui::{Button, Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
+use egui::style::ScrollAnimation;
+use egui::{Align, Button, Color32, ColorImage, ComboBox, Rect, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_api::Device;
 use splatgraph_framework::ir::PassId;
@@ -46,6 +47,8 @@ pub struct State {
     picture: Option<TextureHandle>,
     /// Reading whose image is shown; see [`Viewport::readings`].
     shown: Option<u64>,
+    /// Resource and pass of the last result to which the view was scrolled.
+    revealed: Option<(String, String)>,
 }
 
 impl State {
@@ -85,9 +88,11 @@ impl State {
                 viewport.inspection = None;
             }
         });
+        let top = ui.cursor().top();
         let number = viewport.readings();
         let palette = Palette::of(ui);
         let Some(inspection) = &mut viewport.inspection else {
+            self.revealed = None;
             ui.weak("While contents are read back, resources do not share memory.");
             return;
         };
@@ -100,6 +105,13 @@ impl State {
                 ui.colored_label(palette.error, error);
             }
             Some(Ok(finding)) => self.finding(ui, finding, number, target.controls),
+        }
+        // A result below the visible part would look as if the button had no effect.
+        let asked = Some((inspection.resource.clone(), inspection.pass.clone()));
+        if inspection.found.is_some() && self.revealed != asked {
+            self.revealed = asked;
+            let rect = Rect::from_x_y_ranges(ui.min_rect().x_range(), top..=ui.min_rect().bottom());
+            ui.scroll_to_rect_animation(rect, Some(Align::Min), ScrollAnimation::none());
         }
     }
 
