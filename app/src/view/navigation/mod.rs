@@ -371,6 +371,13 @@ impl Navigation {
         self.arrive(goal);
     }
 
+    /// Returns true if this camera is shown unmoved, or a flight goes to it.
+    pub fn shows(&self, camera: &Camera) -> bool {
+        let pose = self.flight.as_ref().map_or(&self.pose, |flight| &flight.to.pose);
+        // The distance to the pivot is not part of the view.
+        Pose { distance: pose.distance, ..self.goal_of(camera).pose } == *pose
+    }
+
     /// Frames the whole scene, with the same direction and field of view. Only the aspect ratio of `size`, the view's,
     /// counts.
     pub fn frame(&mut self, size: [f64; 2]) {

@@ -1,10 +1,10 @@
 //! Lists the selectable graphs: the built-in graphs, and files that were used in this window.
 
 use super::controls::Controls;
+use super::widgets;
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
-use egui::{Key, RichText, Ui};
-use indexmap::IndexMap;
+use egui::{RichText, Ui};
 use splatgraph_api::Device;
 use std::path::Path;
 
@@ -28,31 +28,30 @@ impl Presets {
         Presets { entries: builtin::presets().into_iter().map(entry).collect(), search: String::new() }
     }
 
-    /// Draws the list, and selects a chosen graph; returns true if one was chosen. With a search text, Enter chooses
-    /// the first match other than the current graph.
+    /// Draws the list; returns a chosen graph. With a search text, Enter chooses the best match.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
-        renderer: &mut Renderer<D>,
+        renderer: &Renderer<D>,
         controls: &mut Controls,
-    ) -> bool {
+    ) -> Option<String> {
         self.remember(renderer);
         let mut chosen = None;
-        let wanted = super::widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
-        let fits = |entry: &&Entry| {
-            [&entry.graph, &entry.summary].iter().any(|text| text.to_lowercase().contains(&wanted))
-        };
+        let wanted = widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
+        let found = widgets::ranked(&self.entries, |Entry { graph, summary }| {
+            widgets::rank(&wanted, &[graph, &file_name(graph)], summary)
+        });
+        let enter = widgets::enters(ui, &wanted);
         let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
         // By default, egui limits the height of a menu to 400 points.
         egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
-            for Entry { graph, summary } in self.entries.iter().filter(fits) {
-                let selected = graph == renderer.graph();
+            for (index, Entry { graph, summary }) in found.into_iter().enumerate() {
                 // Show only the last component: the tooltip has the whole path.
                 let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
                 let response = ui
                     .horizontal(|ui| {
                         let name = RichText::new(name).family(super::theme::strong());
-                        let response = ui.selectable_label(selected, name);
+                        let response = ui.selectable_label(graph == renderer.graph(), name);
                         ui.add(egui::Label::new(RichText::new(summary).weak()).truncate());
                         response
                     })
@@ -61,18 +60,16 @@ impl Presets {
                 if ui.is_visible() {
                     controls.see(&format!("preset:{graph}"), response.rect);
                 }
-                let enter =
-                    !wanted.is_empty() && chosen.is_none() && ui.input(|input| input.key_pressed(Key::Enter));
-                let clicked = super::widgets::hint(response, format!("{graph}\n{summary}")).clicked();
-                if (clicked || enter) && !selected {
+                let clicked = widgets::hint(response, format!("{graph}\n{summary}")).clicked();
+                if clicked || enter && index == 0 {
                     chosen = Some(graph.clone());
                 }
             }
         });
-        let Some(graph) = chosen else { return false };
-        self.search.clear();
-        renderer.choose(&graph, IndexMap::new());
-        true
+        if chosen.is_some() {
+            self.search.clear();
+        }
+        chosen
     }
 
     /// Adds the current graph, so that it can be selected again, and updates its summary.

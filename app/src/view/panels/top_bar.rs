@@ -10,7 +10,10 @@ use crate::view::events::RendererId;
 use crate::view::paint::Mode;
 use crate::view::profile::CAPTURES;
 use crate::view::viewer::Viewer;
-use egui::{Align, Button, Layout, Popup, PopupCloseBehavior, Rect, Response, RichText, Ui, UiBuilder, pos2};
+use egui::{
+    Align, Button, Color32, Layout, Popup, PopupCloseBehavior, Rect, Response, RichText, TextStyle, Ui,
+    UiBuilder, gui_zoom, pos2,
+};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, grouped};
 use std::path::Path;
@@ -24,26 +27,23 @@ const TITLE: f32 = 132.0;
 const TIME: f32 = 120.0;
 const DEVICE: f32 = 320.0;
 
-/// Draws a button that opens a list below it. The list stays open until a click outside.
-fn drop_down(ui: &mut Ui, text: &str, width: f32, contents: impl FnOnce(&mut Ui)) -> Response {
+/// Draws a button that opens a list below it. The list stays open until a click outside. `text` is shortened to its end,
+/// which usually distinguishes files.
+fn drop_down(ui: &mut Ui, start: &str, text: &str, width: f32, contents: impl FnOnce(&mut Ui)) -> Response {
+    let room = width - 2.0 * ui.spacing().button_padding.x;
+    let font = TextStyle::Button.resolve(ui.style());
+    let fits = |title: &String| {
+        ui.painter().layout_no_wrap(title.clone(), font.clone(), Color32::WHITE).size().x <= room
+    };
+    let ends = text.char_indices().skip(1).map(|(at, _)| format!("{start}…{}  ▼", &text[at..]));
+    let title = std::iter::once(format!("{start}{text}  ▼")).chain(ends).find(fits).unwrap_or_default();
     // The width does not depend on the text, so that neighbouring controls do not move.
-    let button = ui.add_sized([width, theme::ROW], Button::new(format!("{text}  ▼")).truncate());
+    let button = ui.add_sized([width, theme::ROW], Button::new(title).truncate());
     Popup::menu(&button).close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(LIST).show(|ui| {
         ui.set_min_width(LIST);
         contents(ui);
     });
     button
-}
-
-/// Shortens a title to its end, which usually distinguishes files.
-fn short(text: &str) -> String {
-    const MAX_CHARS: usize = 15;
-    let count = text.chars().count();
-    if count <= MAX_CHARS {
-        text.to_owned()
-    } else {
-        format!("…{}", text.chars().skip(count - MAX_CHARS).collect::<String>())
-    }
 }
 
 impl Panels {
@@ -92,50 +92,60 @@ impl Panels {
         self.remember_scene(&path);
         let (recent, search, controls) = (&self.recent, &mut self.scene_search, &mut self.controls);
         let mut chosen = None;
-        let title = short(&file_name(&path.to_string_lossy()));
-        let title = if selected == RendererId::B { format!("B: {title}") } else { title };
-        let button = drop_down(ui, &title, TITLE, |ui| {
+        let title = file_name(&path.to_string_lossy());
+        let button = drop_down(ui, whose(selected), &title, TITLE, |ui| {
             let wanted = widgets::search_or_open(ui, search, "scene_search", controls);
-            let shown = recent.iter().filter(|scene| contains(&scene.to_string_lossy(), &wanted));
-            for (index, scene) in shown.enumerate() {
-                let item = ui.selectable_label(index == 0 && *scene == recent[0], named(scene));
+            let found = widgets::ranked(recent, |scene| {
+                let path = scene.to_string_lossy();
+                widgets::rank(&wanted, &[&file_name(&path)], &path)
+            });
+            let enter = widgets::enters(ui, &wanted);
+            for (index, scene) in found.into_iter().enumerate() {
+                let item = ui.selectable_label(*scene == recent[0], named(scene));
                 if ui.is_visible() {
                     controls.see(&format!("scene:{}", scene.display()), item.rect);
                 }
-                if hint(item, scene.display().to_string()).clicked() && *scene != recent[0] {
+                let clicked = hint(item, scene.display().to_string()).clicked();
+                if clicked || enter && index == 0 {
                     chosen = Some(scene.clone());
                     ui.close();
                 }
             }
         });
         self.controls.see("scene", button.rect);
-        let whose = if selected == RendererId::B { "Scene of B" } else { "Scene" };
-        hint(button, format!("{whose}: {}", path.display()));
+        let of = if selected == RendererId::B { "Scene of B" } else { "Scene" };
+        hint(button, format!("{of}: {}", path.display()));
         if let Some(path) = chosen {
             self.scene_search.clear();
-            viewer.open_scene_in(selected, &path);
+            if path != self.recent[0] {
+                viewer.open_scene_in(selected, &path);
+            }
         }
     }
 
     fn camera_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let names: Vec<String> = viewer.cameras.iter().enumerate().map(camera_name).collect();
-        let now = viewer.camera.and_then(|index| names.get(index)).cloned();
+        let (cameras, now) = (&viewer.cameras, viewer.shown_camera());
         let (search, controls) = (&mut self.camera_search, &mut self.controls);
         let mut chosen = None;
-        let title = now.unwrap_or_else(|| "free camera".to_owned());
-        let button = drop_down(ui, &short(&title), TITLE, |ui| {
+        let title = now.map_or("free camera", |index| &names[index]);
+        let button = drop_down(ui, "", title, TITLE, |ui| {
             if names.is_empty() {
                 ui.weak("Drop a cameras.json on the window to list its cameras.");
                 return;
             }
             let wanted = widgets::search(ui, search, "camera_search", controls);
+            let found = widgets::ranked(names.iter().enumerate(), |(index, name)| {
+                widgets::rank(&wanted, &[name, &cameras[*index].img_name], "")
+            });
+            let enter = widgets::enters(ui, &wanted);
             egui::ScrollArea::vertical().max_height(320.0).show(ui, |ui| {
-                for (index, name) in names.iter().enumerate().filter(|(_, name)| contains(name, &wanted)) {
-                    let item = ui.selectable_label(viewer.camera == Some(index), name);
+                for (place, (index, name)) in found.into_iter().enumerate() {
+                    let item = ui.selectable_label(now == Some(index), name);
                     if ui.is_visible() {
                         controls.see(&format!("camera:{index}"), item.rect);
                     }
-                    if item.clicked() {
+                    if item.clicked() || enter && place == 0 {
                         chosen = Some(index);
                         ui.close();
                     }
@@ -154,16 +164,20 @@ impl Panels {
         let selected = self.selected;
         let Some(viewport) = viewer.viewport(selected) else { return };
         let (presets, controls) = (&mut self.presets, &mut self.controls);
-        let title = short(&file_name(viewport.renderer.graph()));
-        let title = if selected == RendererId::B { format!("B: {title}") } else { title };
-        let button = drop_down(ui, &title, TITLE, |ui| {
-            if presets.show(ui, &mut viewport.renderer, controls) {
+        let title = file_name(viewport.renderer.graph());
+        let mut chosen = None;
+        let button = drop_down(ui, whose(selected), &title, TITLE, |ui| {
+            chosen = presets.show(ui, &viewport.renderer, controls);
+            if chosen.is_some() {
                 ui.close();
             }
         });
         controls.see("graph", button.rect);
         let about = viewport.renderer.plan().map_or(String::new(), |plan| format!("\n{}", plan.summary));
         hint(button, format!("Graph: {}{about}", viewport.renderer.graph()));
+        if let Some(graph) = chosen.filter(|graph| graph != viewport.renderer.graph()) {
+            viewer.choose_graph(selected, &graph);
+        }
     }
 
     fn comparison_controls<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, compare: Mode) {
@@ -206,7 +220,7 @@ impl Panels {
     }
 
     fn view_menu<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
-        let button = drop_down(ui, "View", 72.0, |ui| {
+        let button = drop_down(ui, "", "View", 72.0, |ui| {
             ui.horizontal(|ui| {
                 let undo =
                     self.controls.seen("undo", ui.add_enabled(self.undo.can_undo(), Button::new("Undo")));
@@ -214,6 +228,15 @@ impl Panels {
                 let redo =
                     self.controls.seen("redo", ui.add_enabled(self.undo.can_redo(), Button::new("Redo")));
                 self.redo_now |= redo.clicked();
+            });
+            ui.horizontal(|ui| {
+                if self.controls.seen("fit", ui.button("Fit the scene (F)")).clicked() {
+                    let camera = viewer.picture_camera();
+                    viewer.navigation.frame([camera.width, camera.height].map(f64::from));
+                }
+                if self.controls.seen("home", ui.button("First view (Home)")).clicked() {
+                    viewer.navigation.home();
+                }
             });
             if self.controls.seen("select", ui.button("Select splats (R, B)")).clicked() {
                 self.select.toggle(SelectTool::Box);
@@ -238,6 +261,7 @@ impl Panels {
                 let scale = scale.clamp_existing_to_range(false).update_while_editing(false);
                 self.controls.see("scale", ui.add(scale).rect);
             });
+            ui.horizontal(gui_zoom::zoom_menu_buttons);
             ui.horizontal(|ui| {
                 ui.label("Background");
                 ui.color_edit_button_rgb(&mut viewer.background);
@@ -286,9 +310,8 @@ impl Panels {
     }
 }
 
-/// Ignores case; `wanted` must be in lower case.
-fn contains(text: &str, wanted: &str) -> bool {
-    text.to_lowercase().contains(wanted)
+fn whose(selected: RendererId) -> &'static str {
+    if selected == RendererId::B { "B: " } else { "" }
 }
 
 /// Returns a scene's name with its folder, which distinguishes the `point_cloud.ply` of several captures.

@@ -73,6 +73,30 @@ pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Control
     text.trim().to_lowercase()
 }
 
+/// Ranks an item of a searched list: first an equal name, then names that begin with the text, names that contain it, and
+/// descriptions that do. Returns `None` if nothing matches. `wanted` must be in lower case.
+pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
+    let of = |text: &str| {
+        let text = text.to_lowercase();
+        let ranks = [text == wanted, text.starts_with(wanted), text.contains(wanted)];
+        ranks.iter().position(|fits| *fits).map(|rank| rank as u8)
+    };
+    names.iter().filter_map(|name| of(name)).min().or_else(|| of(about).map(|_| 3))
+}
+
+/// Lists the items that have a [`rank`], the best match first.
+pub fn ranked<T>(items: impl IntoIterator<Item = T>, rank: impl Fn(&T) -> Option<u8>) -> Vec<T> {
+    let mut found: Vec<(u8, T)> =
+        items.into_iter().filter_map(|item| rank(&item).map(|rank| (rank, item))).collect();
+    found.sort_by_key(|(rank, _)| *rank);
+    found.into_iter().map(|(_, item)| item).collect()
+}
+
+/// Returns true if Enter is pressed and chooses the best match of a search.
+pub fn enters(ui: &Ui, wanted: &str) -> bool {
+    !wanted.is_empty() && ui.input(|input| input.key_pressed(egui::Key::Enter))
+}
+
 /// Draws a search field, as [`search`] does, beside a button that opens a file.
 pub fn search_or_open(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
     let row = ui.horizontal(|ui| {
@@ -170,6 +194,16 @@ pub fn divider(ui: &mut Ui) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_search_finds_equal_names_first_and_descriptions_last() {
+        let graphs =
+            [("mesh", "blends no splats"), ("my_splat", ""), ("splat2", ""), ("splat", ""), ("x", "")];
+        let found = ranked(graphs, |(name, about)| rank("splat", &[name], about));
+        let names: Vec<&str> = found.into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, ["splat", "splat2", "my_splat", "mesh"]);
+        assert_eq!(ranked(graphs, |(name, about)| rank("", &[name], about)), graphs);
+    }
 
     #[test]
     fn times_have_three_significant_digits_and_seconds_from_one_second_on() {

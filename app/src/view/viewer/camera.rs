@@ -67,6 +67,13 @@ impl<D: Device> Viewer<D> {
         moved || played.is_some()
     }
 
+    /// Returns the index of the selectable camera that is shown or flown to; `None` if the camera is elsewhere.
+    pub fn shown_camera(&self) -> Option<usize> {
+        let shows =
+            |index: &usize| self.cameras.get(*index).is_some_and(|camera| self.navigation.shows(camera));
+        self.camera.filter(shows).or_else(|| (0..self.cameras.len()).find(shows))
+    }
+
     /// Returns true while the camera moves without input: during a flight to another camera, or while a path is played.
     pub fn is_moving(&self) -> bool {
         self.navigation.is_moving() || self.play.is_playing()

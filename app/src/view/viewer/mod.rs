@@ -17,7 +17,6 @@ use super::viewport::{View, Viewport};
 use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::Masked;
-use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, names_scenes};
 use std::path::{Path, PathBuf};
@@ -27,6 +26,7 @@ mod camera;
 mod comparing;
 mod comparison;
 mod copy;
+mod graph;
 mod placed;
 mod scenes;
 mod splats;
@@ -308,9 +308,7 @@ impl<D: Device> Viewer<D> {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
             "ron" if !path.is_dir() && !names_scenes(path) => {
-                if let Some(viewport) = self.viewport(id) {
-                    viewport.renderer.choose(&path.to_string_lossy(), IndexMap::new());
-                }
+                self.choose_graph(id, &path.to_string_lossy());
             }
             // A SOG and a glTF can also be JSON.
             "json" if self.opening.load.header(path).is_err() => {

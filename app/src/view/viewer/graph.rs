@@ -1,0 +1,46 @@
+//! Selects graphs, and keeps the settings that apply to the new graph, too.
+
+use super::Viewer;
+use crate::draw::builtin;
+use crate::view::events::{Event, RendererId};
+use indexmap::IndexMap;
+use splatgraph_api::Device;
+use splatgraph_framework::schema::Document;
+use splatgraph_framework::source::Kind;
+
+/// Presets based on each other that are read; a longer chain may be a cycle.
+const MAX_PRESETS: usize = 8;
+
+impl<D: Device> Viewer<D> {
+    /// Draws a viewport with another graph. Parameters keep their settings, except those that the graph is a preset for.
+    /// The renderer drops, and reports, settings that the graph rejects.
+    pub fn choose_graph(&mut self, id: RendererId, graph: &str) {
+        let Some(viewport) = self.viewport(id) else { return };
+        let renderer = &mut viewport.renderer;
+        let own = preset_settings(graph);
+        // Before the first plan, a wrong setting may be the reason why there is none.
+        let checked = renderer.plan().is_some();
+        let (kept, dropped): (IndexMap<_, _>, IndexMap<_, _>) =
+            renderer.set().clone().into_iter().partition(|(name, _)| checked && !own.contains(name));
+        renderer.choose(graph, kept);
+        if !dropped.is_empty() {
+            let values: Vec<String> = dropped.iter().map(|(name, value)| format!("{name}={value}")).collect();
+            let reason = if checked { "this graph sets it itself" } else { "no plan was built with it" };
+            let text = format!("{} is dropped: {reason}", values.join(", "));
+            self.report(Event::Dropped { renderer: id, parameters: dropped.into_keys().collect(), text });
+        }
+    }
+}
+
+/// Lists the parameters that a preset sets; empty for other graphs.
+fn preset_settings(graph: &str) -> Vec<String> {
+    let mut files = builtin::source_map();
+    let (mut names, mut graph, mut from) = (Vec::new(), graph.to_owned(), None);
+    for _ in 0..MAX_PRESETS {
+        let Ok(file) = files.find(from, &graph, Kind::Graph) else { break };
+        let Ok(Document::Preset(preset)) = Document::parse(files.text(file)) else { break };
+        names.extend(preset.set.into_keys());
+        (graph, from) = (preset.graph, Some(file));
+    }
+    names
+}
