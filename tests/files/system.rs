@@ -42,6 +42,27 @@ fn a_driver_that_is_none_is_an_error_that_says_so() {
 }
 
 #[test]
+fn the_demo_scene_is_drawn_where_it_cannot_be_kept_and_a_damaged_file_of_it_is_written_anew() {
+    let place = Place::empty();
+    let drawn = |cache: &str, picture: &str| {
+        let mut command = place.program(&format!("render -p unsorted --device llvmpipe -o {picture}"));
+        let output = command.env("XDG_CACHE_HOME", cache).output().expect("it runs");
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{errors}");
+        errors
+    };
+    let errors = drawn("/proc/none", "unkept.png");
+    assert!(errors.contains("the demo scene is generated at each use, because /proc/none/"), "{errors}");
+    let file = concat!("cache/splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply");
+    place.write(file, "ply\nformat binary_little_endian 1.0\n");
+    let errors = drawn(&place.named("cache"), "kept.png");
+    assert!(errors.contains("the demo scene is generated again\n"), "{errors}");
+    assert_eq!(drawn(&place.named("cache"), "again.png"), "");
+    assert!(place.bytes("unkept.png") == place.bytes("kept.png"), "both draw one scene");
+    assert!(place.bytes("again.png") == place.bytes("kept.png"), "both draw one scene");
+}
+
+#[test]
 fn few_threads_and_little_memory_are_no_reason_to_panic() {
     let place = Place::new();
     splatgraph::io::image::Image::from_fn(64, 48, |x, y| [x as f32, y as f32, 0.5])

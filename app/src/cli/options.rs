@@ -14,9 +14,9 @@ use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
 use crate::io::progress::Progress;
 use crate::io::report::plot::Plot;
 use crate::studies::bench;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use splatgraph_api::{BackendError, Heap};
-use splatgraph_assets::{Camera, Content, LoadError, Scene, SceneError, SceneFormat, SceneHeader};
+use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError, SceneFormat, SceneHeader};
 use splatgraph_framework::ir::{Catalog, DeviceFacts};
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -152,15 +152,16 @@ pub fn scene_or_demo(
                 loaded => return Ok((loaded?, path, demo::camera())),
             }
         }
-        let scene = info_span!("generate the demo scene").in_scope(demo::generate)?;
-        let scene = match demo::keep(&scene, &path) {
+        let bytes = info_span!("generate the demo scene").in_scope(demo::generate);
+        let bytes = bytes.map_err(|error| anyhow!("the demo scene cannot be generated: {error}"))?;
+        let scene = match output::write_bytes(&path, &bytes) {
             Ok(()) => {
                 say(format!("the demo scene was generated into {}", path.display()));
                 load_scene(&path, load)?
             }
             Err(error) => {
                 say(format!("the demo scene is generated at each use, because {error}"));
-                scene
+                Scene::parse(&bytes, QUIET)?
             }
         };
         return Ok((scene, path, demo::camera()));

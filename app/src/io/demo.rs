@@ -4,8 +4,8 @@
 //! the scene.
 
 use crate::io::folders;
-use crate::io::output;
-use splatgraph_assets::{Camera, Scene, synth};
+use crate::io::output::file::Cause;
+use splatgraph_assets::{Camera, synth};
 use std::env;
 use std::path::{Path, PathBuf};
 
@@ -27,21 +27,16 @@ pub fn path() -> Option<PathBuf> {
     }
 }
 
-/// Generates the demo scene.
+/// Generates the demo scene, as the bytes of its file.
 ///
 /// # Errors
 /// The memory is too small.
-pub fn generate() -> Result<Scene, synth::SynthError> {
+pub fn generate() -> Result<Vec<u8>, Cause> {
     let generator = synth::generators().iter().find(|g| g.name == NAME);
-    synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
-}
-
-/// Writes the demo scene to `path`, where later uses find it.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn keep(scene: &Scene, path: &Path) -> Result<(), output::OutputError> {
-    output::write(path, |mut out| Ok(scene.write_ply_to(&mut out)?))
+    let scene = synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)?;
+    let mut bytes = Vec::new();
+    scene.write_ply_to(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Returns the initial camera of the demo scene.
@@ -52,19 +47,12 @@ pub fn camera() -> Option<Camera> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
+    use splatgraph_assets::Scene;
 
     #[test]
-    fn the_scene_comes_back_from_its_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("new/demo.ply");
-        let made = generate().unwrap();
-        keep(&made, &path).unwrap();
-        let scene = Scene::load(&path, splatgraph_assets::QUIET).unwrap();
+    fn its_file_is_a_complete_scene() {
+        let scene = Scene::parse(&generate().unwrap(), splatgraph_assets::QUIET).unwrap();
         assert_eq!((scene.stored_degree(), scene.dropped().total()), (3, 0));
-        assert_eq!(scene.identity(), made.identity());
-        let beside: Vec<_> = fs::read_dir(path.parent().unwrap()).unwrap().collect();
-        assert_eq!(beside.len(), 1, "nothing unfinished is left");
     }
 
     #[test]
