@@ -51,7 +51,7 @@ pub enum Event {
         /// Renderer that works again.
         renderer: RendererId,
     },
-    /// Settings were dropped: the new graph lacks their parameters, or excludes their values.
+    /// Settings were dropped: the new graph lacks their parameters, sets them itself, or excludes their values.
     Dropped {
         /// Renderer with the new graph.
         renderer: RendererId,
@@ -253,7 +253,11 @@ impl fmt::Display for Event {
             Event::DeviceOpened { name, attempts } => {
                 write!(f, "{name} was reopened at attempt {attempts}")
             }
-            Event::Screenshot { path } | Event::Saved { path } => write!(f, "{} written", path.display()),
+            Event::Screenshot { path } | Event::Saved { path } => {
+                // Files that are named automatically are in the working directory.
+                let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
+                write!(f, "{} written", path.display())
+            }
             Event::Marked { selected, hidden } => {
                 let count = |count: u32| splatgraph_assets::grouped(count.into());
                 write!(f, "{} splats selected, {} hidden", count(*selected), count(*hidden))

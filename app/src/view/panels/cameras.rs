@@ -64,6 +64,15 @@ fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut 
 
 fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Saved views");
+    // Above the list: below it, a new row would move under the pointer, and a second click would remove the view.
+    ui.horizontal(|ui| {
+        if controls.seen("save_view", ui.button("Save this view")).clicked() {
+            viewer.save_view("view");
+        }
+        let any = !viewer.views.list().is_empty();
+        write_button(ui, viewer, controls, "views", any, Viewer::write_views);
+        read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json", controls);
+    });
     let mut act = None;
     for (index, view) in viewer.views.list().iter().enumerate() {
         ui.horizontal(|ui| {
@@ -81,18 +90,18 @@ fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls
         Some((index, _)) => viewer.views.remove(index),
         None => {}
     }
-    ui.horizontal(|ui| {
-        if controls.seen("save_view", ui.button("Save this view")).clicked() {
-            viewer.save_view("view");
-        }
-        let any = !viewer.views.list().is_empty();
-        write_button(ui, viewer, controls, "views", any, Viewer::write_views);
-        read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json", controls);
-    });
 }
 
 fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Path");
+    ui.horizontal_wrapped(|ui| {
+        if controls.seen("record_key", ui.button("Add this view (K)")).clicked() {
+            record(viewer);
+        }
+        let any = !viewer.path.keys().is_empty();
+        write_button(ui, viewer, controls, "path", any, Viewer::write_path);
+        read_button(ui, CameraRole::Path, "Replaces the keys by the cameras of a cameras.json", controls);
+    });
     let times = viewer.path.key_seconds();
     let mut act = None;
     let count = viewer.path.keys().len();
@@ -122,13 +131,6 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
         Some((index, Act::Remove)) => viewer.path.remove(index),
         None => {}
     }
-    ui.horizontal_wrapped(|ui| {
-        if controls.seen("record_key", ui.button("Add this view (K)")).clicked() {
-            record(viewer);
-        }
-        write_button(ui, viewer, controls, "path", count > 0, Viewer::write_path);
-        read_button(ui, CameraRole::Path, "Replaces the keys by the cameras of a cameras.json", controls);
-    });
     if count < 2 {
         ui.weak("A path needs at least two keys.");
         return;
@@ -187,10 +189,13 @@ fn write_button<D: Device, E: Display>(
     }
 }
 
-pub fn record<D: Device>(viewer: &mut Viewer<D>) {
-    if let Err(error) = viewer.record_key(usize::MAX) {
+/// Adds the view to the path; returns true if that is possible.
+pub fn record<D: Device>(viewer: &mut Viewer<D>) -> bool {
+    let added = viewer.record_key(usize::MAX);
+    if let Err(error) = &added {
         viewer.report(Event::Problem { text: error.to_string() });
     }
+    added.is_ok()
 }
 
 /// Plays the path, or pauses it. A path with fewer than two keys cannot be played.

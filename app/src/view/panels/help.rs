@@ -39,6 +39,8 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
             ("C", "draw continuously, or only what changed"),
             ("V", "wait for the display"),
             ("T", "dark or light theme"),
+            ("Ctrl + =, Ctrl + -, Ctrl + 0", "larger texts, smaller texts, as at first"),
+            ("Tab, Esc", "give the keys to a control, and back to the picture"),
             ("F12, Shift + F12", "save the window; the picture alone"),
             ("F11", "full screen"),
             ("F1", "this list"),

@@ -168,7 +168,11 @@ pub fn show<D: Device>(
     let strong = FontId::new(TEXT, theme::strong());
     let layout =
         |text: &str, font: FontId| ui.painter().layout_no_wrap(text.to_owned(), font, Color32::WHITE);
-    let lines = [layout(&text, strong), layout(&second, FontId::proportional(TEXT))];
+    let mut lines = vec![layout(&text, strong.clone()), layout(&second, FontId::proportional(TEXT))];
+    let invisible = |(name, count): &(String, u32)| name == "visible" && *count == 0;
+    if viewer.scene().count() > 0 && viewport.stats.iter().any(invisible) {
+        lines.push(layout("no splat is in view: F shows the scene", strong));
+    }
     let recent = viewport.history.recent(FRAMES);
     let spark = if recent.len() > 1 { 20.0 } else { 0.0 };
     let width = lines.iter().map(|line| line.size().x).fold(0.0, f32::max);

@@ -34,13 +34,21 @@ impl Panels {
                 (Key::V, _) => {
                     self.vsync = !self.vsync;
                     self.controls.commands.push(Command::Vsync(self.vsync));
+                    self.toasts.done(format!("Wait for the display: {}", on_off(self.vsync)));
                 }
-                (Key::C, _) => viewer.continuous = !viewer.continuous,
+                (Key::C, _) => {
+                    viewer.continuous = !viewer.continuous;
+                    self.toasts.done(format!("Draw continuously: {}", on_off(viewer.continuous)));
+                }
                 (Key::T, _) => ctx.set_theme(match ctx.theme() {
                     egui::Theme::Dark => egui::Theme::Light,
                     egui::Theme::Light => egui::Theme::Dark,
                 }),
-                (Key::K, _) => cameras::record(viewer),
+                (Key::K, _) => {
+                    if cameras::record(viewer) {
+                        self.toasts.done(format!("Key {} added to the path", viewer.path.keys().len()));
+                    }
+                }
                 (Key::P, _) => cameras::toggle(viewer),
                 (Key::Escape, _) if self.select.is_active() => self.select.leave(),
                 (Key::Escape, _) => {
@@ -59,14 +67,18 @@ impl Panels {
         }
     }
 
-    /// Opens a tool, or closes it if it is open.
+    /// Opens a tool, or closes it if it is open. If all tools are hidden, shows them with this one open.
     pub(super) fn toggle(&mut self, tool: Tool) {
-        if self.layout.is_open(tool) {
+        if !std::mem::take(&mut self.hidden) && self.layout.is_open(tool) {
             self.layout.set_open(tool, false);
         } else {
             self.layout.reveal(tool);
         }
     }
+}
+
+fn on_off(on: bool) -> &'static str {
+    if on { "on" } else { "off" }
 }
 
 /// Selects the camera `step` places further in the list, wrapping around.

@@ -45,7 +45,7 @@ use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf, absolute};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use theme::Palette;
 
 pub use controls::{Command, Controls};
@@ -56,6 +56,9 @@ pub use params::set_line;
 const STATUS_HEIGHT: f32 = 24.0;
 
 const LOG: usize = 200;
+
+/// Time without a new picture after which the frame rate is no longer shown.
+const REST: Duration = Duration::from_secs(1);
 
 const RECENT: usize = 12;
 
@@ -75,6 +78,13 @@ pub struct Arrangement {
     hud: bool,
     /// Recently opened scenes, the newest first.
     recent: Vec<PathBuf>,
+    /// Scale of the user interface.
+    #[serde(default = "unscaled")]
+    zoom: f32,
+}
+
+fn unscaled() -> f32 {
+    1.0
 }
 
 /// The panels and their state between frames.
@@ -118,6 +128,9 @@ pub struct Panels {
     scene_search: String,
     camera_search: String,
     restored: bool,
+    /// Scale of the user interface, which Ctrl with + and - changes.
+    zoom: f32,
+    restored_zoom: Option<f32>,
     drag: pointer::Drag,
     wheel: Wheel,
     /// True to mark the comparison's worst pixel in the picture.
@@ -128,6 +141,8 @@ pub struct Panels {
     plotted: Option<String>,
     /// Start of the last frame; `None` after a pause.
     before: Option<Instant>,
+    /// Time of A's newest picture.
+    newest: Instant,
     /// Number of A's frames at the last draw of the panels.
     drawn: u64,
     /// Plan to compare with after the next change of a parameter, and its renderer.
@@ -167,12 +182,15 @@ impl Default for Panels {
             scene_search: String::new(),
             camera_search: String::new(),
             restored: false,
+            zoom: unscaled(),
+            restored_zoom: None,
             drag: pointer::Drag::default(),
             wheel: Wheel::default(),
             marked: false,
             frame_ms: VecDeque::new(),
             plotted: None,
             before: None,
+            newest: Instant::now(),
             drawn: 0,
             compared: None,
             changed: None,
@@ -193,9 +211,15 @@ impl Panels {
         match event {
             Event::Dropped { .. } | Event::Restored { .. } | Event::Scene { .. } => self.by_program = true,
             // Both would compare the plans of different graphs.
-            Event::Exchanged => (self.compared, self.changed) = (None, None),
+            Event::Exchanged => {
+                (self.compared, self.changed) = (None, None);
+                self.frame_ms.clear();
+            }
             Event::Swapped { renderer, swap } if *renderer != RendererId::Window => {
                 self.changed = Some((*renderer, swap.parameters()));
+                if *renderer == RendererId::A {
+                    self.frame_ms.clear();
+                }
             }
             _ => {}
         }
@@ -218,18 +242,24 @@ impl Panels {
 
     /// Returns the arrangement to save for the next start.
     pub fn arrangement(&self) -> Arrangement {
-        Arrangement { layout: self.layout.clone(), hud: self.hud, recent: self.recent.clone() }
+        Arrangement {
+            layout: self.layout.clone(),
+            hud: self.hud,
+            recent: self.recent.clone(),
+            zoom: self.zoom,
+        }
     }
 
     /// Restores a saved arrangement; returns false, without changes, if it is invalid or lacks a tool.
     pub fn restore(&mut self, arrangement: Arrangement) -> bool {
-        let Arrangement { layout, hud, mut recent } = arrangement;
+        let Arrangement { layout, hud, mut recent, zoom } = arrangement;
         if !layout.is_sound() {
             return false;
         }
         // A SOG can be a folder.
         recent.retain(|scene| scene.exists());
         (self.layout, self.hud, self.recent, self.restored) = (layout, hud, recent, true);
+        self.restored_zoom = Some(zoom.clamp(0.2, 5.0));
         true
     }
 
@@ -296,7 +326,14 @@ impl Panels {
         window_failure: Option<&str>,
     ) -> PanelOutput {
         self.controls.clear();
-        self.time(viewer.a.history.frames());
+        match self.restored_zoom.take() {
+            Some(zoom) => {
+                self.zoom = zoom;
+                ui.ctx().set_zoom_factor(zoom);
+            }
+            None => self.zoom = ui.ctx().zoom_factor(),
+        }
+        self.time(ui.ctx(), viewer.a.history.frames(), viewer.a.renderer.in_flight() == 0);
         self.keys(ui.ctx(), viewer);
         if viewer.b.is_none() || viewer.compare == Mode::A {
             self.selected = RendererId::A;
@@ -322,6 +359,7 @@ impl Panels {
         }
         self.over_picture(ui.ctx(), viewer, window_failure, view);
         help::show(ui.ctx(), &mut self.help);
+        self.report_copy(ui.ctx());
         self.step(ui.ctx(), viewer);
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
     }
@@ -347,26 +385,34 @@ impl Panels {
         }
     }
 
-    /// Records the interval since the last frame. `drawn` is the number of A's frames so far.
-    fn time(&mut self, drawn: u64) {
+    /// Records the interval since the last frame, and forgets all intervals at rest. `drawn` is the number of A's frames
+    /// so far; `rests` is true if none is in flight.
+    fn time(&mut self, ctx: &Context, drawn: u64, rests: bool) {
         let now = Instant::now();
         // Count only frames with a new picture of the scene.
-        if std::mem::replace(&mut self.drawn, drawn) == drawn {
+        if std::mem::replace(&mut self.drawn, drawn) != drawn {
+            self.newest = now;
+            if let Some(before) = self.before.replace(now) {
+                if self.frame_ms.len() == WINDOW {
+                    self.frame_ms.pop_front();
+                }
+                self.frame_ms.push_back((now - before).as_secs_f64() * 1e3);
+            }
+        } else {
             // The first interval after a pause is not a frame time.
             self.before = None;
-            return;
         }
-        if let Some(before) = self.before.replace(now) {
-            if self.frame_ms.len() == WINDOW {
-                self.frame_ms.pop_front();
-            }
-            self.frame_ms.push_back((now - before).as_secs_f64() * 1e3);
+        let left = (self.newest + REST).saturating_duration_since(now);
+        if rests && left.is_zero() {
+            self.frame_ms.clear();
+        } else if rests && !self.frame_ms.is_empty() && (self.hud || !self.hidden) {
+            ctx.request_repaint_after(left);
         }
     }
 
-    /// Returns the median interval between recent frames, in milliseconds; `None` until two frames were drawn without a
-    /// pause between them.
-    fn interval(&self) -> Option<f64> {
+    /// Returns the median interval between recent frames, in milliseconds; `None` at rest, and until two frames of the
+    /// plan were drawn without a pause between them.
+    pub(in crate::view) fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
@@ -441,6 +487,15 @@ impl Panels {
         }
         hud::progress(ui, viewer, rect);
         rect
+    }
+
+    /// Shows a toast if a control copied a text in this frame.
+    fn report_copy(&mut self, ctx: &Context) {
+        let copies = |command: &egui::OutputCommand| matches!(command, egui::OutputCommand::CopyText(_));
+        if ctx.output(|output| output.commands.iter().any(copies)) {
+            self.toasts.done("Copied to the clipboard".to_owned());
+            ctx.request_repaint();
+        }
     }
 
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {

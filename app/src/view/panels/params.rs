@@ -70,10 +70,10 @@ impl State {
                 }
             }
             if shown == 0 {
-                ui.weak(if wanted.is_empty() {
-                    "This graph has no parameters."
-                } else {
-                    "No parameter matches."
+                ui.weak(match plan {
+                    None => "The parameters appear once the graph is built.",
+                    Some(_) if wanted.is_empty() => "This graph has no parameters.",
+                    Some(_) => "No parameter matches.",
                 });
             }
         });
@@ -120,6 +120,7 @@ impl State {
         let effect = self.effect.as_ref().and_then(|(name, effect)| Some((name, label(name)?, effect)));
         let text = match &effect {
             Some((_, label, effect)) => format!("{label}: {effect}"),
+            None if renderer.plan().is_none() && modified == 0 => String::new(),
             None if modified == 0 => "All parameters have their defaults.".to_owned(),
             None => set_line(renderer).trim_start().to_owned(),
         };

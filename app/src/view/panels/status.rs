@@ -51,6 +51,10 @@ impl Panels {
             );
             hint(label, reason);
         };
+        if let Some(text) = viewport.renderer.problem(false) {
+            let first = text.lines().next().unwrap_or_default().to_owned();
+            state("problem", first, palette.error, text);
+        }
         if let Some(text) = viewport.fallback() {
             state("fallback", "fallback".to_owned(), palette.caution, text);
         }

@@ -4,6 +4,7 @@ mod cameras;
 mod compilers;
 mod faults;
 mod idle;
+mod panels;
 mod placed;
 mod room;
 mod scenes;

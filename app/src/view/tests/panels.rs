@@ -1,0 +1,211 @@
+//! Clicks through the bars and tools.
+
+use super::script::Script;
+use crate::view::events::{Event, RendererId};
+use crate::view::navigation::{Input, Keys};
+use crate::view::panels::Tool;
+use egui::{Key, Modifiers, PointerButton, Pos2};
+use splatgraph_assets::synth;
+use splatgraph_framework::ir::Value;
+use splatgraph_null::Config;
+
+/// Opens a window with these tools, at rest.
+fn window(tools: &[Tool]) -> Script {
+    let mut script = Script::open(&Config::default());
+    script.viewer().continuous = false;
+    script.resize((1280, 800));
+    (script.panels().hidden, script.panels().hud) = (false, true);
+    script.panels().open_tools(tools);
+    script.settle();
+    script
+}
+
+fn press(script: &mut Script, key: Key) {
+    press_with(script, key, Modifiers::NONE);
+}
+
+fn press_with(script: &mut Script, key: Key, modifiers: Modifiers) {
+    let event = |pressed| egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
+    script.input = [true, false].map(event).into();
+    script.frame(false);
+    script.frame(false);
+}
+
+fn click_at(script: &mut Script, pos: Pos2) {
+    let button = |pressed| egui::Event::PointerButton {
+        pos,
+        button: PointerButton::Primary,
+        pressed,
+        modifiers: Modifiers::NONE,
+    };
+    for events in [vec![egui::Event::PointerMoved(pos)], vec![button(true)], vec![button(false)], vec![]] {
+        script.input = events;
+        script.frame(false);
+    }
+}
+
+/// Clicks a control; returns its place.
+fn click(script: &mut Script, name: &str) -> Pos2 {
+    let place = script.panels().controls.find(name).unwrap_or_else(|| panic!("{name} is not shown")).center();
+    click_at(script, place);
+    place
+}
+
+fn search(script: &mut Script, list: &str, text: &str) {
+    click(script, list);
+    script.frame(false);
+    script.input = vec![egui::Event::Text(text.to_owned())];
+    script.frame(false);
+    press(script, Key::Enter);
+}
+
+#[test]
+fn a_second_click_on_a_button_that_adds_a_view_adds_another() {
+    let mut script = window(&[Tool::Cameras]);
+    for button in ["save_view", "record_key"] {
+        let place = click(&mut script, button);
+        click_at(&mut script, place);
+    }
+    assert_eq!((script.viewer().views.list().len(), script.viewer().path.keys().len()), (2, 2));
+    script.close(&[]);
+}
+
+#[test]
+fn enter_chooses_the_graph_camera_or_scene_whose_name_was_typed() {
+    let mut script = window(&[]);
+    script.viewer().set_cameras(synth::demo_cameras());
+    script.frame(false);
+    search(&mut script, "camera", &synth::demo_cameras()[2].img_name);
+    assert_eq!(script.viewer().shown_camera(), Some(2));
+    // The summaries of other graphs contain the word, too.
+    for _ in 0..2 {
+        search(&mut script, "graph", "splat");
+        assert_eq!(script.viewer().a.renderer.graph(), "splat");
+    }
+    let second = script.path("second.ply");
+    script.viewer().open(&second);
+    script.until("the scene", |script| script.has_event(|event| matches!(event, Event::Scene { .. })));
+    search(&mut script, "scene", "first");
+    let first = script.path("first.ply");
+    assert_eq!(script.viewer().loading(RendererId::A), Some(first.as_path()));
+}
+
+#[test]
+fn a_camera_is_named_only_while_its_view_is_shown() {
+    let mut script = window(&[]);
+    script.viewer().set_cameras(synth::demo_cameras());
+    assert_eq!(script.viewer().shown_camera(), Some(0));
+    script.viewer().look_through(2);
+    assert_eq!(script.viewer().shown_camera(), Some(2));
+    let orbit =
+        Input { keys: Keys { orbit_left: true, ..Keys::default() }, seconds: 0.1, ..Input::default() };
+    script.viewer().navigate(&orbit);
+    assert_eq!((script.viewer().shown_camera(), script.viewer().camera), (None, Some(2)));
+    script.viewer().navigation.home();
+    assert_eq!(script.viewer().shown_camera(), Some(0));
+    script.close(&[]);
+}
+
+#[test]
+fn the_frame_rate_disappears_at_rest_and_with_another_plan() {
+    let mut script = window(&[]);
+    let draw = |script: &mut Script| {
+        script.viewer().continuous = true;
+        script.until("frames", |script| script.panels().interval().is_some());
+        script.viewer().continuous = false;
+    };
+    draw(&mut script);
+    script.rest();
+    assert_eq!(script.panels().interval(), None);
+    draw(&mut script);
+    let graph = script.path("graph.ron");
+    std::fs::write(&graph, std::fs::read_to_string(&graph).unwrap() + "\n").unwrap();
+    script.events.clear();
+    script.until("the plan", |script| script.has_event(|event| matches!(event, Event::Swapped { .. })));
+    assert_eq!(script.panels().interval(), None);
+    script.close(&[]);
+}
+
+#[test]
+fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
+    let mut script = window(&[]);
+    let write = |script: &Script, name: &str, text: &str| std::fs::write(script.path(name), text).unwrap();
+    let text = std::fs::read_to_string(script.path("graph.ron")).unwrap();
+    let other = text.replace("\"digits\"", "\"numbers\"").replace("<< digits", "<< numbers");
+    write(&script, "other.ron", &other);
+    write(&script, "preset.ron", r#"Preset(graph: "graph.ron", summary: "five", set: { "digits": 5 })"#);
+    for (name, reason) in
+        [("other.ron", "this graph has no parameter digits"), ("preset.ron", "sets it itself")]
+    {
+        let renderer = &mut script.viewer().a.renderer;
+        renderer.set_param("digits", Some(Value::Int(6)));
+        renderer.set_param("shade", Some(Value::Float(0.25)));
+        script.settle();
+        script.events.clear();
+        let path = script.path(name);
+        script.viewer().open(&path);
+        script.until("the graph", |script| script.has_event(|event| matches!(event, Event::Swapped { .. })));
+        let set: Vec<(&str, &str)> = script
+            .viewer()
+            .a
+            .renderer
+            .set()
+            .iter()
+            .map(|(name, value)| (name.as_str(), value.as_str()))
+            .collect();
+        assert_eq!(set, [("shade", "0.25")], "{name}");
+        let text = script.events.iter().find(|event| matches!(event, Event::Dropped { .. }));
+        let text = text.expect("the dropped setting is reported").to_string();
+        assert!(text.contains(reason), "{text}");
+        let path = script.path("graph.ron");
+        script.viewer().open(&path);
+        script.settle();
+    }
+    script.close(&[]);
+}
+
+#[test]
+fn a_key_of_a_tool_shows_it_while_the_tools_are_hidden() {
+    let mut script = window(&[Tool::Parameters]);
+    script.panels().hidden = true;
+    press(&mut script, Key::Num1);
+    assert!(!script.panels().hidden && script.panels().controls.find("tool:Parameters").is_some());
+    press(&mut script, Key::Num1);
+    assert_eq!(script.panels().controls.find("tool:Parameters"), None);
+    script.close(&[]);
+}
+
+#[test]
+fn actions_without_another_effect_on_the_window_are_confirmed() {
+    let mut script = window(&[Tool::Cameras]);
+    script.until("no toast", |script| script.panels().controls.find("toast").is_none());
+    click(&mut script, "copy_camera");
+    assert!(script.panels().controls.find("toast").is_some());
+    script.close(&[]);
+}
+
+#[test]
+fn a_graph_that_fails_at_the_start_is_named_in_the_status_line() {
+    let mut script = window(&[Tool::Parameters]);
+    assert_eq!(script.panels().controls.find("problem:A"), None);
+    std::fs::write(script.path("graph.ron"), "Graph(").unwrap();
+    script.until("the error", |script| script.panels().controls.find("problem:A").is_some());
+}
+
+#[test]
+fn the_size_of_texts_is_there_again_at_the_next_start() {
+    let zoom = |script: &mut Script| {
+        let kept = serde_json::to_value(script.panels().arrangement()).unwrap();
+        kept["zoom"].as_f64().unwrap()
+    };
+    let mut script = window(&[]);
+    press_with(&mut script, Key::Equals, Modifiers::COMMAND);
+    let larger = zoom(&mut script);
+    assert!(larger > 1.0);
+    let mut next = window(&[]);
+    assert!(next.panels().restore(script.panels().arrangement()));
+    for _ in 0..3 {
+        next.frame(false);
+    }
+    assert_eq!(zoom(&mut next), larger);
+}
