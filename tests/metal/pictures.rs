@@ -222,7 +222,7 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
     const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
     alone(NAME, || {
         let mut stage = Stage::new();
-        let widths = [facts::portable_device(8), facts::apple_device(), facts::portable_device(64)];
+        let widths = [8, 32, 64].map(|lanes| DeviceFacts { subgroup_size: lanes, ..facts::apple_device() });
         let graphs = [GRAPHS[1], GRAPHS[3], GRAPHS[7]];
         let plans = graphs.map(|(graph, set)| widths.map(|device| stage.plan(graph, set, &device)));
         // One library, since the graphs share kernels.
