@@ -189,13 +189,15 @@ fn write_button<D: Device, E: Display>(
     }
 }
 
-/// Adds the view to the path; returns true if that is possible.
-pub fn record<D: Device>(viewer: &mut Viewer<D>) -> bool {
-    let added = viewer.record_key(usize::MAX);
-    if let Err(error) = &added {
-        viewer.report(Event::Problem { text: error.to_string() });
+/// Adds the view to the path; returns a confirmation, or reports the error.
+pub fn record<D: Device>(viewer: &mut Viewer<D>) -> Option<String> {
+    match viewer.record_key(usize::MAX) {
+        Ok(()) => Some(format!("Key {} added to the path", viewer.path.keys().len())),
+        Err(error) => {
+            viewer.report(Event::Problem { text: error.to_string() });
+            None
+        }
     }
-    added.is_ok()
 }
 
 /// Plays the path, or pauses it. A path with fewer than two keys cannot be played.

@@ -44,11 +44,7 @@ impl Panels {
                     egui::Theme::Dark => egui::Theme::Light,
                     egui::Theme::Light => egui::Theme::Dark,
                 }),
-                (Key::K, _) => {
-                    if cameras::record(viewer) {
-                        self.toasts.done(format!("Key {} added to the path", viewer.path.keys().len()));
-                    }
-                }
+                (Key::K, _) => cameras::record(viewer).into_iter().for_each(|text| self.toasts.done(text)),
                 (Key::P, _) => cameras::toggle(viewer),
                 (Key::Escape, _) if self.select.is_active() => self.select.leave(),
                 (Key::Escape, _) => {
