@@ -3,10 +3,12 @@
 use crate::arrays::{Array, give, take};
 use crate::errors::{Error, SceneError};
 use crate::wait;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
+use splatgraph::io::output::OutputError;
 use splatgraph::io::scene_file;
 use splatgraph_assets::{self as assets, Splat};
+use std::ffi::CString;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -36,6 +38,9 @@ impl Scene {
     ///     sh: spherical harmonics, [N, K, 3] with K = 1, 4, 9 or 16; a colour c is 0.5 + 0.28209 * sh[:, 0].
     ///
     /// Splats with values that are not finite or a quaternion of 0 are dropped: see `dropped`.
+    ///
+    /// Raises:
+    ///     ValueError: an array has a wrong shape, an opacity is not in 0 to 1, or a scale is negative.
     #[staticmethod]
     fn from_arrays(
         py: Python<'_>,
@@ -45,49 +50,29 @@ impl Scene {
         opacities: &Bound<'_, PyAny>,
         sh: &Bound<'_, PyAny>,
     ) -> PyResult<Scene> {
-        let means = Means::take(means)?;
-        let count = means.count();
-        let quats = take::<f32>(quats, "quats", &[Some(count), Some(4)])?;
-        let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
-        let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
-        let sh = take::<f32>(sh, "sh", &[Some(count), None, Some(3)])?;
-        let bases = sh.shape[1];
-        let Some(degree) = [1, 4, 9, 16].iter().position(|k| *k == bases) else {
-            return Err(PyValueError::new_err(format!(
-                "sh: expected 1, 4, 9 or 16 bases (degrees 0 to 3), found {bases}"
-            )));
-        };
-        let splats = u32::try_from(count).map_err(|_| {
-            PyValueError::new_err(format!("means: expected at most {} splats, found {count}", u32::MAX))
-        })?;
-        let [quats, scales, opacities, sh] = [quats, scales, opacities, sh].map(|array| array.values);
-        let splat = |index: usize| {
-            let mut all = [0.0; 48];
-            all[..3 * bases].copy_from_slice(&sh[3 * bases * index..][..3 * bases]);
-            Splat {
-                position: [0.0; 3],
-                scale: three(&scales, index),
-                rotation: std::array::from_fn(|axis| quats[4 * index + axis]),
-                opacity: opacities[index],
-                sh: all,
-            }
-        };
-        let degree = degree as u32;
-        let made = py.detach(|| match &means {
-            Means::Single(means) => assets::Scene::try_generate(splats, degree, |index| Splat {
-                position: three(&means.values, index),
-                ..splat(index)
-            }),
-            Means::Double(means) => {
-                let position = |index| three(&means.values, index);
-                assets::Scene::try_generate_in_world(splats, degree, position, splat)
-            }
-        });
-        made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
+        Scene::of_arrays(py, means, quats, scales, opacities, sh, true)
+    }
+
+    /// Makes a scene like `from_arrays`, for gsplat's function: opacities above 1 are capped like alphas, opacities below
+    /// 0 are invisible, and negative scales count as positive.
+    #[staticmethod]
+    fn _unchecked(
+        py: Python<'_>,
+        means: &Bound<'_, PyAny>,
+        quats: &Bound<'_, PyAny>,
+        scales: &Bound<'_, PyAny>,
+        opacities: &Bound<'_, PyAny>,
+        sh: &Bound<'_, PyAny>,
+    ) -> PyResult<Scene> {
+        Scene::of_arrays(py, means, quats, scales, opacities, sh, false)
     }
 
     /// Writes the scene in the format of the file's extension: .ply, .glb, .compressed.ply, .spz, .splat or .sog. All
-    /// formats but the first two round the values.
+    /// formats but the first two round the values, .compressed.ply and .sog also change the order of the splats, and
+    /// .splat has no harmonics above degree 0.
+    ///
+    /// Warns (`UserWarning`) of what else a file lacks, such as a mesh. A .glb always lacks the order by depth: the
+    /// scene that is loaded from it is drawn in the order of the distance from the camera.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let format = scene_file::format_of(&path)
             .map_err(|message| PyValueError::new_err(format!("path: {message}")))?;
@@ -98,9 +83,17 @@ impl Scene {
                 "expected at least one splat to write, found none ({dropped} dropped)"
             )));
         }
-        let write = move || scene_file::write(&scene, format, None, assets::QUIET, &path);
-        let written = wait::run(py, write)?;
-        written.map(|_| ()).map_err(|error| SceneError::new_err(error.to_string()))
+        let name = path.display().to_string();
+        let write = move || {
+            scene_file::write(&scene, format, None, assets::QUIET, &path)?;
+            Ok::<_, OutputError>(scene_file::missing(&scene, format))
+        };
+        let written: Result<Vec<String>, OutputError> = wait::run(py, write)?;
+        for loss in written.map_err(|error| SceneError::new_err(error.to_string()))? {
+            let text = CString::new(format!("{name}: lost: {loss}"))?;
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;
+        }
+        Ok(())
     }
 
     /// Centres in world units, float32 [N, 3], relative to `offset`. A copy.
@@ -164,6 +157,15 @@ impl Scene {
         self.0.count() as usize
     }
 
+    // A scene never changes, so a copy is the scene itself.
+    fn __copy__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    fn __deepcopy__(this: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        this
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "<splatgraph.Scene: {} splats, harmonics of degree {}>",
@@ -171,6 +173,72 @@ impl Scene {
             self.0.effective_degree()
         )
     }
+}
+
+impl Scene {
+    fn of_arrays(
+        py: Python<'_>,
+        means: &Bound<'_, PyAny>,
+        quats: &Bound<'_, PyAny>,
+        scales: &Bound<'_, PyAny>,
+        opacities: &Bound<'_, PyAny>,
+        sh: &Bound<'_, PyAny>,
+        checked: bool,
+    ) -> PyResult<Scene> {
+        let means = Means::take(means)?;
+        let count = means.count();
+        let quats = take::<f32>(quats, "quats", &[Some(count), Some(4)])?;
+        let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
+        let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
+        let sh = take::<f32>(sh, "sh", &[Some(count), None, Some(3)])?;
+        if checked {
+            let hint = "logarithms: numpy.exp gives the scales";
+            check(&scales, |scale| scale < 0.0, "scales: expected no negative values", hint)?;
+            let hint = "logits: their sigmoid, 1 / (1 + numpy.exp(-logits)), gives the opacities";
+            check(&opacities, |p| !(0.0..=1.0).contains(&p), "opacities: expected values of 0 to 1", hint)?;
+        }
+        let bases = sh.shape[1];
+        let Some(degree) = [1, 4, 9, 16].iter().position(|k| *k == bases) else {
+            return Err(PyValueError::new_err(format!(
+                "sh: expected 1, 4, 9 or 16 bases (degrees 0 to 3), found {bases}"
+            )));
+        };
+        let splats = u32::try_from(count).map_err(|_| {
+            PyValueError::new_err(format!("means: expected at most {} splats, found {count}", u32::MAX))
+        })?;
+        let [quats, scales, opacities, sh] = [quats, scales, opacities, sh].map(|array| array.values);
+        let splat = |index: usize| {
+            let mut all = [0.0; 48];
+            all[..3 * bases].copy_from_slice(&sh[3 * bases * index..][..3 * bases]);
+            Splat {
+                position: [0.0; 3],
+                scale: three(&scales, index),
+                rotation: std::array::from_fn(|axis| quats[4 * index + axis]),
+                opacity: opacities[index],
+                sh: all,
+            }
+        };
+        let degree = degree as u32;
+        let made = py.detach(|| match &means {
+            Means::Single(means) => assets::Scene::try_generate(splats, degree, |index| Splat {
+                position: three(&means.values, index),
+                ..splat(index)
+            }),
+            Means::Double(means) => {
+                let position = |index| three(&means.values, index);
+                assets::Scene::try_generate_in_world(splats, degree, position, splat)
+            }
+        });
+        made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
+    }
+}
+
+/// Fails if a finite value is wrong: the argument may hold the values of files, which are not activated.
+fn check(array: &Array<f32>, is_wrong: impl Fn(f32) -> bool, expected: &str, hint: &str) -> PyResult<()> {
+    let wrong = |value: &&f32| value.is_finite() && is_wrong(**value);
+    let Some(first) = array.values.iter().find(wrong) else { return Ok(()) };
+    let count = array.values.iter().filter(wrong).count();
+    Err(PyValueError::new_err(format!("{expected}, found {count}, the first {first} (if they are {hint})")))
 }
 
 /// Centres of splats, [N, 3].

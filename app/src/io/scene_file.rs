@@ -138,6 +138,38 @@ fn unread(breakdown: &SizeBreakdown) -> Option<String> {
     (!names.is_empty()).then(|| format!("properties that splats do not have: {named}{others}"))
 }
 
+/// Lists what a file of a scene lacks, one phrase per loss, except for the rounding that the format always does.
+pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
+    let mut losses = Vec::new();
+    let kept = format.kept_tags(scene.notes()).tags();
+    let lost = scene.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
+    losses.extend(lost.map(|(tag, value)| match kept.iter().find(|(other, _)| *other == tag) {
+        Some((_, other)) => format!("the tag {tag} {value}: the file has {other} instead, another rule"),
+        None => format!("the tag {tag} {value}"),
+    }));
+    if format == SceneFormat::Gltf && scene.notes().key_of == SortKey::Depth {
+        losses.push("the order by depth: the format only supports order by distance from the camera".into());
+    }
+    let rounding = scene.position_rounding(format);
+    if rounding > 0.0 {
+        losses.push(format!("positions: rounded to 32 bits, by {rounding:.1e} at most"));
+    }
+    let largest = match format {
+        SceneFormat::Spz => 1.0,
+        SceneFormat::CompressedPly => 4.0,
+        _ => f32::INFINITY,
+    };
+    let above = scene.sh().chunks_exact(sh_floats(scene.stored_degree())).flat_map(|sh| &sh[3..]);
+    let clipped = above.filter(|value| value.abs() > largest).count() as u64;
+    if clipped > 0 {
+        losses.push(format!("harmonics: {} coefficients beyond {largest} are clipped", grouped(clipped)));
+    }
+    if let Some(mesh) = scene.mesh() {
+        losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
+    }
+    losses
+}
+
 impl Original {
     /// Collects the properties of a scene.
     pub fn of(scene: &Scene) -> Original {
@@ -170,37 +202,10 @@ impl Original {
         if to < from {
             losses.push(format!("harmonics: cut from degree {from} to {to}"));
         }
-        let kept = format.kept_tags(written.notes()).tags();
-        let lost = written.notes().tags().into_iter().filter(|tag| !kept.contains(tag));
-        losses.extend(lost.map(|(tag, value)| match kept.iter().find(|(other, _)| *other == tag) {
-            Some((_, other)) => format!("the tag {tag} {value}: the file has {other} instead, another rule"),
-            None => format!("the tag {tag} {value}"),
-        }));
-        if format == SceneFormat::Gltf && written.notes().key_of == SortKey::Depth {
-            losses.push(
-                "the order by depth: the format only supports order by distance from the camera".into(),
-            );
-        }
-        let rounding = written.position_rounding(format);
-        if rounding > 0.0 {
-            losses.push(format!("positions: rounded to 32 bits, by {rounding:.1e} at most"));
-        }
-        let largest = match format {
-            SceneFormat::Spz => 1.0,
-            SceneFormat::CompressedPly => 4.0,
-            _ => f32::INFINITY,
-        };
-        let above = written.sh().chunks_exact(sh_floats(to)).flat_map(|sh| &sh[3..]);
-        let clipped = above.filter(|value| value.abs() > largest).count() as u64;
-        if clipped > 0 {
-            losses.push(format!("harmonics: {} coefficients beyond {largest} are clipped", grouped(clipped)));
-        }
+        losses.extend(missing(written, format));
         let rounded = format.losses(to);
         if rounded.is_empty() {
             losses.extend(self.activated(written));
-        }
-        if let Some(mesh) = written.mesh() {
-            losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
         }
         losses.extend(rounded.into_iter().map(str::to_owned));
         losses
