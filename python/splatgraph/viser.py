@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import os
+import socket
 import sys
 import threading
 from collections.abc import Callable, Mapping
@@ -78,6 +80,7 @@ class Viewer:
         device: a part of the device's name, or its index in `splatgraph devices`.
 
     Raises:
+        ValueError: `host` is no address of this machine, or `port` is none of 0 to 65535.
         GraphError: the graph has errors.
         DeviceError: no suitable device was found.
     """
@@ -85,7 +88,7 @@ class Viewer:
     def __init__(
         self,
         scene: Scene,
-        pipeline: str = "auto",
+        pipeline: str | os.PathLike[str] = "auto",
         params: Mapping[str, Setting] | None = None,
         *,
         host: str = "127.0.0.1",
@@ -93,6 +96,7 @@ class Viewer:
         largest: int = 2048,
         device: str | int | None = None,
     ) -> None:
+        _check_address(host, port)
         self.renderer = Renderer(scene, pipeline, params, device=device)
         # viser prints a banner.
         with contextlib.redirect_stdout(io.StringIO()):
@@ -225,6 +229,18 @@ class _State:
         self.c2w, self.fov = c2w, fov
 
 
+def _check_address(host: str, port: int) -> None:
+    """Fails if no server can listen there: viser waits forever for one that cannot start."""
+    if not 0 <= port < 1 << 16:
+        raise ValueError(f"port: expected 0 to 65535, found {port}")
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.bind(address)
+    except OSError as error:
+        raise ValueError(f"host: expected an address of this machine, found {host!r} ({error})") from None
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs a command line, until Ctrl-C."""
     parser = argparse.ArgumentParser(prog="python -m splatgraph.viser", description="Show a scene in browsers, drawn on this machine.")
@@ -239,7 +255,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         scene = Scene.load(options.scene)
         viewer = Viewer(scene, options.pipeline, params, host=options.host, port=options.port, device=options.device)
-    except _native.Error as error:
+    except (_native.Error, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     try:

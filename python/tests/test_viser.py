@@ -80,3 +80,6 @@ def test_the_command_serves_until_ctrl_c_and_tells_of_mistakes(scene, tmp_path):
     assert process.wait(30) == 0
     failed = subprocess.run([*command, "nowhere.ply"], cwd=tmp_path, capture_output=True, text=True)
     assert failed.returncode == 1 and failed.stderr.startswith("error: ") and "nowhere.ply" in failed.stderr
+    for option, value, told in (("--port", "80999", "port: expected 0 to 65535, found 80999"), ("--host", "no.such.invalid", "host: ")):
+        failed = subprocess.run([*command, "scene.ply", option, value], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert failed.returncode == 1 and failed.stderr.startswith(f"error: {told}"), failed.stderr
