@@ -9,7 +9,7 @@ import numpy as np
 
 
 def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtype: Any = np.float32) -> np.ndarray:
-    """Returns `value` as a C-contiguous array of `dtype`, without a copy if it already is one.
+    """Returns `value` as a C-contiguous array of `dtype` (None: its own), without a copy if it already is one.
 
     `value` is an array of numpy, anything with `__dlpack__` in the CPU's memory, or anything that `numpy.asarray` accepts. `name` is the
     argument's name, for errors. `None` in `shape` matches any length.

@@ -1,10 +1,14 @@
 """The extension module: see the package's classes and functions, which wrap it."""
 
 import os
-from typing import Any, final
+from collections.abc import Sequence
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+#: Three coordinates.
+_Vector: TypeAlias = Sequence[float] | NDArray[Any]
 
 __version__: str
 
@@ -20,7 +24,7 @@ class DeviceError(Error):
 class GraphError(Error):
     """A graph or its shaders have errors."""
 
-    #: Path of the file with the first error, as it was given.
+    #: Path of the file with the first error, as it was given; "params" or "pipeline" if it is in that argument.
     file: str
     #: Its line, from 1.
     line: int
@@ -39,6 +43,8 @@ class Scene:
     def load(path: str | os.PathLike[str]) -> Scene: ...
     @staticmethod
     def from_arrays(means: Any, quats: Any, scales: Any, opacities: Any, sh: Any) -> Scene: ...
+    @staticmethod
+    def _unchecked(means: Any, quats: Any, scales: Any, opacities: Any, sh: Any) -> Scene: ...
     def save(self, path: str | os.PathLike[str]) -> None: ...
     @property
     def means(self) -> NDArray[np.float32]: ...
@@ -64,18 +70,18 @@ class Scene:
 class Camera:
     """A camera with x to the right, y down and z forward."""
 
-    def __new__(cls, viewmat: Any, K: Any, width: int, height: int, name: str = ..., projection: str = ...) -> Camera: ...
+    def __new__(cls, viewmat: Any, K: Any, width: int, height: int, name: str = "", projection: str = "pinhole") -> Camera: ...
     @staticmethod
     def look_at(
-        eye: tuple[float, float, float],
-        target: tuple[float, float, float],
-        fov: float = ...,
-        size: tuple[int, int] = ...,
-        up: tuple[float, float, float] = ...,
-        name: str = ...,
+        eye: _Vector,
+        target: _Vector,
+        fov: float = 60.0,
+        size: tuple[int, int] = (960, 540),
+        up: _Vector = (0.0, -1.0, 0.0),
+        name: str = "",
     ) -> Camera: ...
     @staticmethod
-    def framing(scene: Scene, size: tuple[int, int] = ...) -> Camera: ...
+    def framing(scene: Scene, size: tuple[int, int] = (960, 540)) -> Camera: ...
     @staticmethod
     def load(path: str | os.PathLike[str]) -> list[Camera]: ...
     def resized(self, width: int, height: int) -> Camera: ...
@@ -127,10 +133,9 @@ class Engine:
         device: str | None = ...,
         validation: bool = ...,
     ) -> Engine: ...
-    def submit(self, camera: Camera, background: tuple[float, float, float] = ...) -> Pending: ...
+    def submit(self, camera: Camera, background: tuple[float, float, float] = ..., outputs: list[str] = ...) -> Pending: ...
     def set_graph(self, pipeline: str, params: list[tuple[str, str]], size: tuple[int, int]) -> None: ...
     def set_scene(self, scene: Scene) -> None: ...
-    def set_outputs(self, names: list[str]) -> None: ...
     def params(self, size: tuple[int, int] = ...) -> list[dict[str, Any]]: ...
     def plan(self, size: tuple[int, int] = ...) -> Plan: ...
     @property

@@ -20,10 +20,14 @@ import numpy as np
 
 from ._arrays import array
 from ._native import Camera, Scene
-from ._renderer import Renderer
+from ._renderer import Renderer, pair_of_sides
 
 #: The graphs' near plane, in world units.
 NEAR = 0.2
+#: The graphs' largest scale, in world units.
+LARGEST = 1e18
+#: Spacing of the origins of worlds that are moved.
+STEP = 1024.0
 #: The constant spherical harmonic.
 SH_0 = 0.28209479177387814
 #: gsplat's rules, and 32-bit floats throughout.
@@ -91,7 +95,7 @@ def rasterization(
     scene from many cameras, pass them in one call, or use `Renderer`, which keeps the scene on the device.
 
     Args:
-        means: centres in world units, [..., N, 3].
+        means: centres in world units, [..., N, 3]. In float64, they keep their precision far from 0.
         quats: rotations w, x, y, z, of any length but 0, [..., N, 4].
         scales: standard deviations along the axes in world units, [..., N, 3].
         opacities: opacities at the centres, 0 to 1, [..., N].
@@ -160,13 +164,16 @@ def rasterization(
             sh_degree = operator.index(sh_degree)
         except TypeError:
             raise TypeError(f"sh_degree: expected an integer or None, found {sh_degree!r}") from None
+    width, height = pair_of_sides((width, height), "width, height")
     if not 0.0 < near_plane < far_plane:
         raise ValueError(f"near_plane: expected a number above 0 and below far_plane = {far_plane}, found {near_plane}")
 
     library = means
-    means = array(means, "means")
+    means = array(means, "means", dtype=None)
     if means.ndim < 2 or means.shape[-1] != 3:
         raise ValueError(f"means: expected the shape [..., N, 3], found {list(means.shape)}")
+    if means.dtype not in (np.float16, np.float32):
+        means = means.astype(np.float64)
     batch, count = means.shape[:-2], means.shape[-2]
     if covars is None:
         quats = array(quats, "quats", (*batch, count, 4))
@@ -197,29 +204,39 @@ def rasterization(
     low_pass = "none" if eps2d == 0.0 else "compensated" if rasterize_mode == "antialiased" else "dilated"
     # The picture is the same in a world of any scale.
     scale = np.float32(NEAR / near_plane)
+    largest = float(np.max(np.abs(scales), initial=0.0, where=np.isfinite(scales)))
+    if largest * float(scale) > LARGEST:
+        smallest = NEAR * largest / LARGEST
+        raise ValueError(f"near_plane: expected at least {smallest:.1e} for scales of up to {largest:.1e}, found {near_plane}")
     projection = PROJECTIONS[camera_model]
     params = {**PARAMS, "low_pass": low_pass, "projection": projection}
-    with _renderer(device, params, ["alpha", "depth"] if has_depth else ["alpha"]) as renderer:
+    outputs = ["alpha", "depth"] if has_depth else ["alpha"]
+    with _renderer(device, params) as renderer:
         for b in range(shape[0]):
-            views = [_camera(viewmats[b, c], Ks[b, c], (width, height), projection, float(scale), c) for c in range(cameras)]
-            z = means[b].astype(np.float64) @ viewmats[b, :, 2, :3].T + viewmats[b, :, 2, 3]
+            # Doubles far from 0 would be rounded. The picture is the same in a world that is moved with its cameras.
+            origin = _origin(means[b])
+            places = (means[b] - origin).astype(np.float32)
+            moved = viewmats[b].copy()
+            moved[:, :3, 3] += moved[:, :3, :3] @ origin
+            views = [_camera(moved[c], Ks[b, c], (width, height), projection, float(scale), c) for c in range(cameras)]
+            z = places.astype(np.float64) @ moved[:, 2, :3].T + moved[:, 2, 3]
             too_far = z > far_plane
             # Cameras share a scene unless they have their own colours, or the far plane hides splats.
             step = 1 if of_camera or too_far.any() else cameras
             for first in range(0, cameras, step):
                 group = slice(first, first + step)
                 shown = np.where(too_far[:, group].any(axis=1), np.float32(0.0), opacities[b])
-                splats = (means[b] * scale, quats[b], scales[b] * scale, shown)
+                splats = (places * scale, quats[b], scales[b] * scale, shown)
                 for channel, sh, least in _harmonics(colors[b, first] if of_camera else colors[b], sh_degree, has_colors):
-                    scene = Scene.from_arrays(*splats, sh)
+                    scene = Scene._unchecked(*splats, sh)
                     if len(scene) == 0:
                         # The graphs need a splat. Without one, only the background is left.
                         continue
                     renderer.show(scene)
-                    for c, (picture, outputs) in enumerate(renderer._results(views[group]), first):
-                        alphas[b, c, ..., 0] = outputs["alpha"]
+                    for c, (picture, found) in enumerate(renderer.render_many(views[group], outputs=outputs), first):
+                        alphas[b, c, ..., 0] = found["alpha"]
                         if has_depth:
-                            depths[b, c, ..., 0] = outputs["depth"] / scale
+                            depths[b, c, ..., 0] = found["depth"] / scale
                         mine = drawn[b, c, ..., channel : channel + 3]
                         mine += picture[..., : mine.shape[-1]] + least[: mine.shape[-1]] * alphas[b, c]
     if backgrounds is not None:
@@ -245,6 +262,15 @@ def _refuse_unsupported(arguments: dict[str, Any]) -> None:
     for name, value in arguments.items():
         if value is not None and value is not False:
             raise NotImplementedError(f"{name}: not supported, found {value!r}")
+
+
+def _origin(means: np.ndarray) -> np.ndarray:
+    """Returns a point near doubles that are far from 0, like `Scene.offset`; 0 for floats."""
+    finite = np.isfinite(means).all(axis=1)
+    if means.dtype != np.float64 or not finite.any():
+        return np.zeros(3, means.dtype)
+    middle: np.ndarray = np.median(means[finite], axis=0)
+    return np.round(middle / STEP) * STEP + 0.0
 
 
 def _axes(covars: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -311,7 +337,7 @@ def _harmonics(colors: np.ndarray, sh_degree: int | None, is_shown: bool) -> Ite
 
 
 @contextlib.contextmanager
-def _renderer(device: str | int | None, params: dict[str, Any], outputs: list[str]) -> Iterator[Renderer]:
+def _renderer(device: str | int | None, params: dict[str, Any]) -> Iterator[Renderer]:
     """Lends the device's renderer, which stays open for the next call."""
     name = None if device is None else str(device)
     with _renderers_lock:
@@ -322,7 +348,6 @@ def _renderer(device: str | int | None, params: dict[str, Any], outputs: list[st
         renderer, lock = _renderers[name]
     with lock:
         renderer.use("auto", params)
-        renderer._engine.set_outputs(outputs)
         yield renderer
 
 

@@ -5,16 +5,21 @@ from __future__ import annotations
 import atexit
 import collections
 import dataclasses
+import operator
+import os
+import threading
 import weakref
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, overload
 
 import numpy as np
 
 from . import _native
 from ._native import Camera, Plan, Scene
 
-Setting = bool | int | float | str
+Value = bool | int | float | str
+#: What a parameter may be set to.
+Setting = Value | np.generic
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,11 +27,11 @@ class Param:
     """A parameter that a graph declares, with its value in the current plan."""
 
     name: str
-    value: Setting
+    value: Value
     #: The value if it is not set.
-    default: Setting
+    default: Value
     #: The value that costs no accuracy, if the graph names one.
-    exact: Setting | None
+    exact: Value | None
     #: "bool", "int", "float" or "str".
     kind: str
     #: Minimum and maximum.
@@ -48,8 +53,10 @@ class Param:
 class Params(Mapping[str, Param]):
     """The parameters of a renderer's graph, by name, also as attributes: `params.digit_bits.range`. Set them with `Renderer.set`."""
 
+    _params: dict[str, Param]
+
     def __init__(self, params: Iterable[Param]) -> None:
-        self._params = {param.name: param for param in params}
+        self.__dict__["_params"] = {param.name: param for param in params}
 
     def __getitem__(self, name: str) -> Param:
         return self._params[name]
@@ -65,6 +72,9 @@ class Params(Mapping[str, Param]):
             return self.__dict__["_params"][name]
         except KeyError:
             raise AttributeError(f"no parameter {name!r}; available: {', '.join(self.__dict__.get('_params', ()))}") from None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{name}: cannot be assigned; call Renderer.set({name}={value!r})")
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._params]
@@ -86,6 +96,28 @@ def _text(value: Setting) -> str:
     return str(value)
 
 
+def graph_name(pipeline: str | os.PathLike[str]) -> str:
+    """Returns the name or path of a graph as text."""
+    found = os.fspath(pipeline) if isinstance(pipeline, (str, os.PathLike)) else None
+    if not isinstance(found, str):
+        raise TypeError(f"pipeline: expected the name of a graph, or a path, found {pipeline!r}")
+    return found
+
+
+def pair_of_sides(size: Any, name: str) -> tuple[int, int]:
+    """Returns a width and a height as integers. `name` is the argument's name, for errors."""
+    try:
+        width, height = map(operator.index, size)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a width and a height in pixels, found {size!r}") from None
+    if width < 1 or height < 1:
+        raise ValueError(f"{name}: expected numbers above 0, found {width} and {height}")
+    return width, height
+
+
+#: How to change attributes that cannot be assigned.
+_CHANGES = {"scene": "show(scene)", "pipeline": "use(pipeline)", "params": "set(name=value)"}
+
 #: Renderers with a running thread, which must end before the interpreter does.
 _open: weakref.WeakSet[Renderer] = weakref.WeakSet()
 
@@ -99,8 +131,8 @@ class Renderer:
         scene: the scene.
         pipeline: name of a built-in graph (`splatgraph source` lists them), or a path.
         params: values of the graph's parameters.
-        size: width and height of all pictures, in pixels; without it, cameras have their own.
-        background: colour behind the splats, display-encoded, 0 to 1.
+        size: width and height of all pictures, in pixels; without it, cameras have their own. Can be assigned later.
+        background: colour behind the splats, display-encoded, 0 to 1. Can be assigned later.
         backend: "vulkan" or "metal"; by default, the system's.
         device: a part of the device's name, or its index in `splatgraph devices`.
         validation: check every call of the graphics API, for tests.
@@ -113,7 +145,7 @@ class Renderer:
     def __init__(
         self,
         scene: Scene,
-        pipeline: str = "auto",
+        pipeline: str | os.PathLike[str] = "auto",
         params: Mapping[str, Setting] | None = None,
         size: tuple[int, int] | None = None,
         *,
@@ -122,40 +154,86 @@ class Renderer:
         device: str | int | None = None,
         validation: bool = False,
     ) -> None:
-        self.scene = scene
         self.size = size
         self.background = background
-        self._pipeline = pipeline
+        self._scene = scene
+        self._pipeline = graph_name(pipeline)
         self._set = dict(params or {})
+        #: Held while the scene, the graph or its parameters change, so that concurrent changes are all kept.
+        self._changing = threading.Lock()
         name = None if device is None else str(device)
-        self._engine = _native.Engine(scene, pipeline, texts(self._set), backend=backend, device=name, validation=validation)
+        self._engine = _native.Engine(scene, self._pipeline, texts(self._set), backend=backend, device=name, validation=validation)
         _open.add(self)
 
-    def render(self, camera: Camera) -> np.ndarray:
-        """Draws a picture: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped."""
-        return self._submit(camera).result()[0]
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _CHANGES:
+            raise AttributeError(f"{name}: cannot be assigned; call {_CHANGES[name]}")
+        if name == "size" and value is not None:
+            value = pair_of_sides(value, "size")
+        if name == "background":
+            value = _color(value)
+        super().__setattr__(name, value)
 
-    def render_many(self, cameras: Iterable[Camera], ahead: int = 4) -> Iterator[np.ndarray]:
+    @overload
+    def render(self, camera: Camera) -> np.ndarray: ...
+    @overload
+    def render(self, camera: Camera, outputs: str | Sequence[str]) -> tuple[np.ndarray, dict[str, np.ndarray]]: ...
+    def render(self, camera: Camera, outputs: str | Sequence[str] | None = None) -> Any:
+        """Draws a picture: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped.
+
+        With `outputs`, returns the picture and a dict of the graph's other outputs: arrays [height, width], or [height, width, 3] for
+        "normal". The built-in graphs have "alpha", "depth", "expected_depth", "median_depth", "normal", and, as uint32,
+        "contributors" and "index"; docs/splatting.md defines them. A change of the outputs from one picture to the next takes a new plan.
+
+        Raises:
+            GraphError: the graph or a shader has errors, or the graph lacks an output.
+        """
+        drawn = self._submit(camera, outputs).result()
+        return drawn[0] if outputs is None else drawn
+
+    @overload
+    def render_many(self, cameras: Iterable[Camera], ahead: int = 4) -> Iterator[np.ndarray]: ...
+    @overload
+    def render_many(
+        self, cameras: Iterable[Camera], ahead: int = 4, *, outputs: str | Sequence[str]
+    ) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]: ...
+    def render_many(self, cameras: Iterable[Camera], ahead: int = 4, *, outputs: str | Sequence[str] | None = None) -> Iterator[Any]:
         """Draws a picture of each camera, in order, as `render` does.
 
-        Up to `ahead` further pictures are requested in advance, so the device draws while Python works.
+        Up to `ahead` further pictures are requested in advance, so the device draws while Python works. If `cameras` raises an exception,
+        the pictures of the cameras before it come first.
         """
-        return (picture for picture, _ in self._results(cameras, ahead))
-
-    def _results(self, cameras: Iterable[Camera], ahead: int = 4) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
-        """Draws a picture of each camera, with the requested outputs."""
         pending: collections.deque[_native.Pending] = collections.deque()
-        for camera in cameras:
-            pending.append(self._submit(camera))
+        failure = None
+        source = iter(cameras)
+        while True:
+            try:
+                pending.append(self._submit(next(source), outputs))
+            except StopIteration:
+                break
+            except Exception as error:
+                failure = error
+                break
             if len(pending) > ahead:
-                yield pending.popleft().result()
+                drawn = pending.popleft().result()
+                yield drawn[0] if outputs is None else drawn
         while pending:
-            yield pending.popleft().result()
+            drawn = pending.popleft().result()
+            yield drawn[0] if outputs is None else drawn
+        if failure is not None:
+            raise failure
 
-    def _submit(self, camera: Camera) -> _native.Pending:
-        if self.size is not None and self.size != (camera.width, camera.height):
-            camera = camera.resized(*self.size)
-        return self._engine.submit(camera, self.background)
+    def _submit(self, camera: Camera, outputs: str | Sequence[str] | None) -> _native.Pending:
+        size = self.size
+        if size is not None and size != (camera.width, camera.height):
+            camera = camera.resized(*size)
+        names = [outputs] if isinstance(outputs, str) else list(outputs or ())
+        return self._engine.submit(camera, self.background, names)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene; `show` changes it."""
+        return self._scene
 
     @property
     def pipeline(self) -> str:
@@ -174,29 +252,33 @@ class Renderer:
         Raises:
             GraphError: a name or a value is invalid. Nothing is changed then.
         """
-        changed = {**self._set, **params}
-        self._engine.set_graph(self._pipeline, texts(changed), self._size())
-        self._set = changed
+        with self._changing:
+            changed = {**self._set, **params}
+            self._engine.set_graph(self._pipeline, texts(changed), self._size())
+            self._set = changed
 
-    def use(self, pipeline: str, params: Mapping[str, Setting] | None = None) -> None:
+    def use(self, pipeline: str | os.PathLike[str], params: Mapping[str, Setting] | None = None) -> None:
         """Draws with another graph from now on.
 
         Raises:
             GraphError: the graph cannot be read, or a parameter is invalid. Nothing is changed then.
         """
-        if (pipeline, dict(params or {})) == (self._pipeline, self._set):
-            return
-        self._engine.set_graph(pipeline, texts(params), self._size())
-        self._pipeline, self._set = pipeline, dict(params or {})
+        name, wanted = graph_name(pipeline), dict(params or {})
+        with self._changing:
+            if (name, wanted) == (self._pipeline, self._set):
+                return
+            self._engine.set_graph(name, texts(wanted), self._size())
+            self._pipeline, self._set = name, wanted
 
     def show(self, scene: Scene) -> None:
         """Draws another scene from now on."""
-        self._engine.set_scene(scene)
-        self.scene = scene
+        with self._changing:
+            self._engine.set_scene(scene)
+            self._scene = scene
 
     @property
     def plan(self) -> Plan:
-        """The plan for the device, the scene and `size` (960 x 540 without one)."""
+        """The plan for the device, the scene, `size` (960 x 540 without one), and the outputs of the last requested picture."""
         return self._engine.plan(self._size())
 
     @property
@@ -221,6 +303,14 @@ class Renderer:
 
     def _size(self) -> tuple[int, int]:
         return self.size or (960, 540)
+
+
+def _color(color: Any) -> tuple[float, float, float]:
+    try:
+        red, green, blue = map(float, color)
+    except (TypeError, ValueError):
+        raise TypeError(f"background: expected three numbers, red, green and blue, found {color!r}") from None
+    return red, green, blue
 
 
 def _tuple(values: list[Any] | None) -> tuple[Any, ...] | None:

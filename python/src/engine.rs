@@ -35,13 +35,15 @@ use std::thread::{Builder, JoinHandle};
 type Work = Box<dyn FnOnce(&mut Session) + Send>;
 
 enum Request {
-    Draw(Draw),
+    Draw(Box<Draw>),
     Call(Work),
 }
 
 struct Draw {
     camera: assets::Camera,
     background: [f32; 3],
+    /// Outputs of the graph besides the picture.
+    outputs: Vec<String>,
     /// True once the caller no longer waits.
     abandoned: Arc<AtomicBool>,
     reply: Sender<Result<Drawn, SessionError>>,
@@ -114,13 +116,19 @@ impl Engine {
         Ok(engine)
     }
 
-    /// Requests a picture; `background` is display-encoded.
-    #[pyo3(signature = (camera, background = [0.0; 3]))]
-    fn submit(&self, camera: &Bound<'_, Camera>, background: [f32; 3]) -> PyResult<Pending> {
+    /// Requests a picture and outputs of the graph besides it, such as `depth`; `background` is display-encoded.
+    #[pyo3(signature = (camera, background = [0.0; 3], outputs = Vec::new()))]
+    fn submit(
+        &self,
+        camera: &Bound<'_, Camera>,
+        background: [f32; 3],
+        outputs: Vec<String>,
+    ) -> PyResult<Pending> {
         let (reply, receiver) = channel();
         let abandoned = Arc::new(AtomicBool::new(false));
         let camera = camera.get().0.clone();
-        self.send(Request::Draw(Draw { camera, background, abandoned: abandoned.clone(), reply }))?;
+        let draw = Draw { camera, background, outputs, abandoned: abandoned.clone(), reply };
+        self.send(Request::Draw(Box::new(draw)))?;
         Ok(Pending { receiver: Mutex::new(Some(receiver)), abandoned, last: self.last.clone() })
     }
 
@@ -140,14 +148,6 @@ impl Engine {
         let scene = scene.get().0.clone();
         self.ask(py, move |session| {
             session.set_scene(scene);
-            Ok(())
-        })
-    }
-
-    /// Requests outputs of the graph besides the picture, such as `depth`, from the next request on.
-    fn set_outputs(&self, py: Python<'_>, names: Vec<String>) -> PyResult<()> {
-        self.ask(py, move |session| {
-            session.set_outputs(&names);
             Ok(())
         })
     }
@@ -278,6 +278,7 @@ impl Drop for Pending {
 /// Draws and answers requests until the channel is closed.
 fn serve(session: &mut Session, requests: &Receiver<Request>) {
     let mut flying = VecDeque::new();
+    let mut outputs = Vec::new();
     loop {
         // Waits for a request only if no frame is in flight.
         let request = match flying.is_empty() {
@@ -285,7 +286,14 @@ fn serve(session: &mut Session, requests: &Receiver<Request>) {
             false => requests.try_recv(),
         };
         match request {
-            Ok(Request::Draw(draw)) => start(session, &mut flying, draw),
+            Ok(Request::Draw(draw)) => {
+                if draw.outputs != outputs {
+                    land(session, &mut flying, 0);
+                    session.set_outputs(&draw.outputs);
+                    outputs.clone_from(&draw.outputs);
+                }
+                start(session, &mut flying, *draw);
+            }
             Ok(Request::Call(call)) => {
                 land(session, &mut flying, 0);
                 call(session);

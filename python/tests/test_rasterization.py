@@ -302,6 +302,8 @@ def test_what_is_not_supported_is_refused_by_name(changed, kind, message):
         ({"sh_degree": 1.0}, TypeError, r"sh_degree: expected an integer or None, found 1\.0"),
         ({"tile_size": 0}, ValueError, "tile_size: expected a number above 0, found 0"),
         ({"width": 0}, ValueError, "width, height: expected numbers above 0, found 0 and 48"),
+        ({"height": -5}, ValueError, "width, height: expected numbers above 0, found 64 and -5"),
+        ({"near_plane": 1e-20}, ValueError, r"near_plane: expected at least 9.\de-20 for scales of up to 4.\de-01, found 1e-20"),
     ],
 )
 def test_arguments_that_cannot_be_drawn_are_told_by_name(changed, error, match):
@@ -309,3 +311,30 @@ def test_arguments_that_cannot_be_drawn_are_told_by_name(changed, error, match):
     arguments = {"viewmats": np.eye(4)[None], "Ks": intrinsics(64, 48, 60)[None], "width": 64, "height": 48, "sh_degree": 1, **changed}
     with pytest.raises(error, match=match):
         rasterization(means, quats, scales, opacities, sh, **arguments)
+
+
+def test_doubles_far_from_0_are_drawn_as_the_same_splats_near_it():
+    means, *others = random_splats(11)
+    far = np.array([524288.0, 4587520.0, 1024.0])
+    view = looking((0.5, -0.2, -1), 0.3)
+    moved = view.copy()
+    moved[:3, 3] -= view[:3, :3] @ far
+    Ks = intrinsics(96, 64, 70)[None]
+    near, alphas, _ = rasterization(means, *others, view[None], Ks, 96, 64, render_mode="RGB+D")
+    given = moved[None].copy()
+    found, found_alphas, _ = rasterization(means + far, *others, given, Ks, 96, 64, render_mode="RGB+D")
+    assert psnr(found, near) > 90 and psnr(found_alphas, alphas) > 90, (psnr(found, near), psnr(found_alphas, alphas))
+    np.testing.assert_array_equal(given, moved[None], "the caller's cameras are not changed")
+
+
+def test_negative_scales_and_opacities_beyond_1_are_drawn_as_by_gsplat():
+    means, quats, scales, opacities, colors = random_splats(12)
+    camera = np.eye(4)[None], intrinsics(96, 64, 70)[None], 96, 64
+    expected, _, _ = rasterization(means, quats, scales, opacities, colors, *camera)
+    for signs in ([-1, -1, -1], [-1, 1, 1]):
+        found, _, _ = rasterization(means, quats, scales * np.float32(signs), opacities, colors, *camera)
+        np.testing.assert_array_equal(found, expected)
+    beyond = means, quats, scales, opacities * 3 - 1, colors
+    drawn, _, _ = rasterization(*beyond, *camera)
+    defined, _, _ = picture(*beyond, np.eye(4), camera[1][0], 96, 64, 0.01, 1e10, 0.3, None, False, pinhole)
+    assert psnr(drawn[0], defined) > LEAST, psnr(drawn[0], defined)

@@ -1,13 +1,17 @@
 """`Scene`, `Camera`, `Renderer` and plans."""
 
+import copy
+import inspect
 import itertools
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -37,6 +41,10 @@ def test_mistakes_in_arrays_and_files_are_told_by_name(tmp_path):
         Scene.from_arrays(means, quats, scales, opacities, sh[:, :5])
     with pytest.raises(ValueError, match=r"scales: expected the shape \[50, 3\], found \[49, 3\]"):
         Scene.from_arrays(means, quats, scales[:-1], opacities, sh)
+    with pytest.raises(ValueError, match=r"opacities: expected values of 0 to 1, found \d+, the first .*if they are logits: their sigmoid"):
+        Scene.from_arrays(means, quats, scales, 4 * opacities - 2, sh)
+    with pytest.raises(ValueError, match=r"scales: expected no negative values, found \d+, the first .*if they are logarithms: numpy.exp"):
+        Scene.from_arrays(means, quats, np.log(scales), opacities, sh)
     with pytest.raises(splatgraph.SceneError, match="nowhere.ply"):
         Scene.load(tmp_path / "nowhere.ply")
     scene = Scene.from_arrays(means, quats, scales, opacities, sh)
@@ -57,6 +65,33 @@ def test_means_of_doubles_far_from_0_keep_their_precision_by_an_offset(tmp_path)
     assert Scene.load(tmp_path / "far.ply").offset == scene.offset
     assert Scene.from_arrays(means.astype(np.float64), *others).offset == [0, 0, 0]
     np.testing.assert_array_equal(Scene.from_arrays(means.tolist(), *others).means, means)
+
+
+def test_a_file_that_lacks_what_a_scene_has_is_warned_of(scene, camera, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene.save(tmp_path / "scene.ply")
+        scene.save(tmp_path / "scene.compressed.ply")
+    with pytest.warns(UserWarning, match="scene.glb: lost: the order by depth") as found:
+        scene.save(tmp_path / "scene.glb")
+    assert len(found) == 1 and found[0].filename == __file__
+    assert len(Scene.load(tmp_path / "scene.glb")) == len(scene)
+
+
+def test_cameras_are_pickled_and_copies_are_the_same_object(scene):
+    view = np.eye(4)
+    view[:3, 3] = (0.1, -0.2, 1e6 / 3)
+    for camera in (
+        Camera(view, intrinsics(64, 48, 60), 64, 48, "name", projection="fisheye"),
+        Camera.look_at((0.1, 0.2, -3), (0, 0.3, 4), fov=51.7, size=(np.int64(63), 47)),
+    ):
+        again = pickle.loads(pickle.dumps(camera))
+        assert repr(again) == repr(camera) and (again.name, again.projection) == (camera.name, camera.projection)
+        np.testing.assert_array_equal(again.viewmat, camera.viewmat)
+        np.testing.assert_array_equal(again.K, camera.K)
+        assert copy.copy(camera) is camera and copy.deepcopy(camera) is camera
+    plan = splatgraph.plan("splat", scene=scene)
+    assert copy.deepcopy([scene, plan]) == [scene, plan]
 
 
 def test_a_scene_whose_splats_are_all_dropped_is_named_as_the_cause(camera, tmp_path):
@@ -85,8 +120,14 @@ def test_a_camera_gives_back_its_matrices():
     np.testing.assert_allclose(view @ [*camera.position, 1], [0, 0, 0, 1], atol=1e-12)
     with pytest.raises(ValueError, match="not orthonormal"):
         Camera(np.diag([2, 2, 2, 1]) @ view, intrinsics(64, 48, 60), 64, 48)
-    with pytest.raises(ValueError, match="width, height: expected numbers above 0, found 0 and 48"):
+    with pytest.raises(ValueError, match="expected a width and a height in pixels, from 1 to 4294967295, found 0"):
         Camera(view, intrinsics(64, 48, 60), 0, 48)
+    for size in ((-1, 5), (0, 0), (64, 2**40)):
+        with pytest.raises(ValueError, match="expected a width and a height in pixels, from 1 to 4294967295"):
+            camera.resized(*size)
+        with pytest.raises(ValueError, match="expected a width and a height in pixels"):
+            Camera.framing(Scene.from_arrays(*random_splats(1, 50, 0)), size=size)
+    assert "size=(960, 540), up=(0.0, -1.0, 0.0)" in str(inspect.signature(Camera.look_at))
     for fov in (-5, 180, float("nan")):
         with pytest.raises(ValueError, match="fov: expected an angle above 0 and below 180 degrees"):
             Camera.look_at((0, 0, -3), (0, 0, 0), fov=fov)
@@ -129,6 +170,11 @@ def test_many_pictures_come_in_order_and_equal_single_ones(scene):
         single = [renderer.render(camera) for camera in cameras]
         many = list(renderer.render_many(iter(cameras)))
         assert all(np.array_equal(a, b) for a, b in itertools.zip_longest(single, many))
+        # Pictures of the cameras before an exception come first.
+        broken = renderer.render_many(camera if camera else 1 / 0 for camera in [*cameras[:3], None])
+        assert all(np.array_equal(next(broken), picture) for picture in single[:3])
+        with pytest.raises(ZeroDivisionError):
+            next(broken)
         # An iterator that is dropped early does not affect later pictures.
         next(renderer.render_many(cameras))
         assert np.array_equal(renderer.render(cameras[2]), single[2])
@@ -140,6 +186,58 @@ def test_the_size_and_the_background_are_the_renderers(scene, camera):
     drawn = renderer.render(camera)
     assert drawn.shape == (24, 32, 3)
     assert drawn[..., 2].mean() > Renderer(scene, size=(32, 24)).render(camera)[..., 2].mean()
+
+
+def test_other_outputs_come_with_the_picture(scene, camera):
+    with Renderer(scene, validation=True) as renderer:
+        picture = renderer.render(camera)
+        drawn, found = renderer.render(camera, outputs=["normal", "depth", "index"])
+        np.testing.assert_allclose(drawn, picture, atol=1e-5)
+        assert {name: (values.shape, values.dtype) for name, values in found.items()} == {
+            "depth": ((48, 64), np.float32), "normal": ((48, 64, 3), np.float32), "index": ((48, 64), np.uint32),
+        }  # fmt: skip
+        assert found["depth"].max() > 1 and found["index"].min() < len(scene)
+        # Requests with other outputs, also from other threads, do not affect each other.
+        plain, both = renderer.render_many([camera] * 3), renderer.render_many([camera] * 3, outputs="depth")
+        for one, (two, others) in zip(plain, both, strict=True):
+            np.testing.assert_array_equal(one, picture)
+            assert list(others) == ["depth"] and np.array_equal(others["depth"], found["depth"])
+        with pytest.raises(splatgraph.GraphError, match="no output `light`"):
+            renderer.render(camera, outputs=["light"])
+        np.testing.assert_array_equal(renderer.render(camera), picture)
+
+
+def test_what_changes_a_renderer_only_by_a_call_cannot_be_assigned(scene):
+    renderer = Renderer(scene, size=[np.int64(32), 24])
+    assert renderer.size == (32, 24) and renderer.scene is scene
+    with pytest.raises(AttributeError, match=r"scene: cannot be assigned; call show\(scene\)"):
+        renderer.scene = scene
+    with pytest.raises(AttributeError, match=r"pipeline: cannot be assigned; call use\(pipeline\)"):
+        renderer.pipeline = "splat"
+    with pytest.raises(AttributeError, match=r"budget: cannot be assigned; call Renderer.set\(budget=0.1\)"):
+        renderer.params.budget = 0.1
+    for size in ("64x48", 64, (1, 2, 3)):
+        with pytest.raises(TypeError, match="size: expected a width and a height in pixels, found"):
+            renderer.size = size
+    with pytest.raises(ValueError, match="size: expected numbers above 0, found 0 and 4"):
+        renderer.size = (0, 4)
+    for background in ("white", (0, 1), 0.5):
+        with pytest.raises(TypeError, match="background: expected three numbers, red, green and blue, found"):
+            Renderer(scene, background=background)
+
+
+def test_concurrent_changes_of_parameters_are_all_kept(scene):
+    changes = {"digit_bits": 4, "budget": 0.5, "cutoff": 0.5, "key_bits": 16, "sh_degree": 0}
+    with Renderer(scene, "splat") as renderer:
+        changes = {name: value for name, value in changes.items() if name in renderer.params}
+        for _ in range(5):
+            renderer.use("splat")
+            threads = [threading.Thread(target=renderer.set, kwargs={name: renderer.params[name].default}) for name in changes]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert set(renderer._set) == set(changes)
 
 
 def test_parameters_have_ranges_and_are_set_by_name(scene, camera):
@@ -168,14 +266,20 @@ def test_a_graphs_error_has_its_place_and_is_drawn(scene, camera, tmp_path):
         '  passes: [],\n  output: "nothing",\n)\n'
     )
     with pytest.raises(splatgraph.GraphError) as caught:
-        splatgraph.plan(str(graph))
+        splatgraph.plan(graph)
     error = caught.value
     assert (error.file, error.line, error.column) == (str(graph), 6, 12)
     assert error.errors[0]["line"] == 6 and error.errors[0]["message"] in error.text
     assert '6 |   output: "nothing",' in error.text and str(error) == error.text
-    renderer = Renderer(scene, str(graph))
+    renderer = Renderer(scene, graph)
     with pytest.raises(splatgraph.GraphError, match="no resource `nothing`"):
         renderer.render(camera)
+    for argument, pipeline, params in (("params", "splat", {"digit_bits": 40}), ("pipeline", "nowhere", {})):
+        with pytest.raises(splatgraph.GraphError, match=f"--> {argument}:1:") as caught:
+            splatgraph.plan(pipeline, params)
+        assert caught.value.file == caught.value.errors[0]["file"] == argument
+    with pytest.raises(TypeError, match="pipeline: expected the name of a graph, or a path, found 7"):
+        renderer.use(7)
 
 
 def test_a_shader_that_breaks_the_compiler_does_not_end_the_process(tmp_path):
