@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 
 from . import _native
 from ._native import Plan, Scene
-from ._renderer import Setting, texts
+from ._renderer import Setting, graph_name, pair_of_sides, texts
 
 
 def plan(
-    pipeline: str = "auto",
+    pipeline: str | os.PathLike[str] = "auto",
     params: Mapping[str, Setting] | None = None,
     scene: Scene | None = None,
     size: tuple[int, int] = (960, 540),
@@ -28,4 +29,4 @@ def plan(
     Raises:
         GraphError: the graph or a shader has errors.
     """
-    return _native.plan(pipeline, texts(params), scene, size, subgroup_size)
+    return _native.plan(graph_name(pipeline), texts(params), scene, pair_of_sides(size, "size"), subgroup_size)

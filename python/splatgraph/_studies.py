@@ -9,9 +9,11 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
+import numpy as np
+
 from . import _native
 from ._native import Camera, Scene
-from ._renderer import Setting, texts
+from ._renderer import Setting, graph_name, texts
 
 #: Called with the task, the number of steps done, the total, and the name of the next step. An exception ends the study.
 Progress = Callable[[str, int, int, str], object]
@@ -145,7 +147,7 @@ class Advice:
 def trade(
     scene: Scene,
     cameras: Camera | Iterable[Camera],
-    pipeline: str = "auto",
+    pipeline: str | os.PathLike[str] = "auto",
     params: Mapping[str, Setting] | None = None,
     *,
     only: str | Sequence[str] = (),
@@ -171,20 +173,21 @@ def trade(
         truths: true pictures, one for each camera, display-encoded, as for `compare`; by default, the exact renderer's.
         rounds: maximum number of rounds of frames; below 8, all differences in time count as noise.
         frames: frames per round; by default 1 to 3, from the frame time.
-        file: path of a ledger.json, which grows with each row and from which an interrupted study resumes.
+        file: path of a ledger.json, which grows with each row and from which an interrupted study resumes. Rows that were measured with
+            another scene, other cameras, another graph or another device are replaced; a file that is not a ledger is refused.
         progress: called with (task, done, of, step), for example `print`.
         backend: "vulkan" or "metal".
         device: a part of the device's name, or its index in `splatgraph devices`.
 
     Raises:
-        ValueError: `only` matches no setting, or an argument has a wrong shape.
+        ValueError: `only` matches no setting, `file` is not a ledger, or an argument has a wrong shape or range.
         GraphError: the graph has errors.
         DeviceError: no suitable device was found, or the device failed.
     """
     found = _native.trade(
         scene,
         _cameras(cameras),
-        pipeline,
+        graph_name(pipeline),
         texts(params),
         [only] if isinstance(only, str) else list(only),
         None if truths is None else list(truths),
@@ -211,7 +214,7 @@ def trade(
 def advise(
     scene: Scene,
     cameras: Camera | Iterable[Camera],
-    pipeline: str = "auto",
+    pipeline: str | os.PathLike[str] = "auto",
     params: Mapping[str, Setting] | None = None,
     *,
     psnr: float | None = None,
@@ -246,7 +249,14 @@ def advise(
         if limit is not None and not 0.0 < limit < math.inf:
             raise ValueError(f"{name}: expected a number above 0, found {limit}")
     found = _native.advise(
-        scene, _cameras(cameras), pipeline, texts(params), (psnr, ms), errors, _effort(backend, device, rounds, frames), progress
+        scene,
+        _cameras(cameras),
+        graph_name(pipeline),
+        texts(params),
+        (psnr, ms),
+        errors,
+        _effort(backend, device, rounds, frames),
+        progress,
     )
     best = found.get("best")
     return Advice(
@@ -267,6 +277,9 @@ def _cameras(cameras: Camera | Iterable[Camera]) -> list[Camera]:
 
 
 def _effort(backend: str | None, device: str | int | None, rounds: int, frames: int | None) -> dict[str, Any]:
+    for name, count in (("rounds", rounds), ("frames", frames)):
+        if not (isinstance(count, (int, np.integer)) and 0 < count < 2**32) and (name, count) != ("frames", None):
+            raise ValueError(f"{name}: expected an integer above 0, found {count!r}")
     return {"backend": backend, "device": None if device is None else str(device), "rounds": rounds, "frames": frames}
 
 

@@ -1,7 +1,7 @@
 //! Wraps a camera.
 
 use crate::arrays::{give, take};
-use crate::errors::SceneError;
+use crate::errors::{Error, SceneError};
 use crate::scene::Scene;
 use crate::wait;
 use pyo3::exceptions::{PyNotImplementedError, PyValueError};
@@ -27,25 +27,24 @@ pub struct Camera(pub assets::Camera);
 #[pymethods]
 impl Camera {
     #[new]
-    #[pyo3(signature = (viewmat, K, width, height, name = String::new(), projection = "pinhole"))]
+    #[pyo3(
+        signature = (viewmat, K, width, height, name = String::new(), projection = "pinhole"),
+        text_signature = "(viewmat, K, width, height, name='', projection='pinhole')"
+    )]
     #[expect(non_snake_case, reason = "the field's name of the matrix")]
     fn new(
         viewmat: &Bound<'_, PyAny>,
         K: &Bound<'_, PyAny>,
-        width: u32,
-        height: u32,
+        width: Side,
+        height: Side,
         name: String,
         projection: &str,
     ) -> PyResult<Camera> {
+        let (Side(width), Side(height)) = (width, height);
         let projection = projection.parse::<Projection>().map_err(|()| {
             let names = Projection::ALL.map(Projection::name).join(", ");
             PyValueError::new_err(format!("projection: expected one of {names}, found {projection:?}"))
         })?;
-        if width == 0 || height == 0 {
-            return Err(PyValueError::new_err(format!(
-                "width, height: expected numbers above 0, found {width} and {height}"
-            )));
-        }
         let view = matrix::<4>(viewmat, "viewmat")?;
         let k = matrix::<3>(K, "K")?;
         let axes: [[f64; 3]; 3] = std::array::from_fn(|row| [view[row][0], view[row][1], view[row][2]]);
@@ -89,12 +88,15 @@ impl Camera {
     ///
     /// The direction `up` of the world is up in the picture; most scenes have y downwards.
     #[staticmethod]
-    #[pyo3(signature = (eye, target, fov = 60.0, size = (960, 540), up = [0.0, -1.0, 0.0], name = String::new()))]
+    #[pyo3(
+        signature = (eye, target, fov = 60.0, size = (Side(960), Side(540)), up = [0.0, -1.0, 0.0], name = String::new()),
+        text_signature = "(eye, target, fov=60.0, size=(960, 540), up=(0.0, -1.0, 0.0), name='')"
+    )]
     fn look_at(
         eye: [f64; 3],
         target: [f64; 3],
         fov: f64,
-        size: (u32, u32),
+        size: (Side, Side),
         up: [f64; 3],
         name: String,
     ) -> PyResult<Camera> {
@@ -108,16 +110,18 @@ impl Camera {
                 "fov: expected an angle above 0 and below 180 degrees, found {fov}"
             )));
         }
-        let camera = assets::Camera::looking_at_upright(eye, target, up, fov, size);
+        let (Side(width), Side(height)) = size;
+        let camera = assets::Camera::looking_at_upright(eye, target, up, fov, (width, height));
         checked(assets::Camera { img_name: name, ..camera })
     }
 
     /// Makes a camera that frames most of a scene.
     #[staticmethod]
-    #[pyo3(signature = (scene, size = (960, 540)))]
-    fn framing(scene: &Bound<'_, Scene>, size: (u32, u32)) -> Camera {
+    #[pyo3(signature = (scene, size = (Side(960), Side(540))), text_signature = "(scene, size=(960, 540))")]
+    fn framing(scene: &Bound<'_, Scene>, size: (Side, Side)) -> Camera {
         let scene = &scene.get().0;
-        let camera = assets::Camera::framing(scene, size.0, size.1);
+        let (Side(width), Side(height)) = size;
+        let camera = assets::Camera::framing(scene, width, height);
         Camera(camera.in_world(scene.offset()))
     }
 
@@ -131,8 +135,29 @@ impl Camera {
     }
 
     /// Returns the camera with another picture size, in pixels, and the same vertical field of view.
-    fn resized(&self, width: u32, height: u32) -> PyResult<Camera> {
-        checked(self.0.resized(width, height))
+    fn resized(&self, width: Side, height: Side) -> PyResult<Camera> {
+        checked(self.0.resized(width.0, height.0))
+    }
+
+    // A camera never changes, so a copy is the camera itself.
+    fn __copy__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    fn __deepcopy__(this: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        this
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        let json = serde_json::to_string(&self.0).map_err(|error| Error::new_err(error.to_string()))?;
+        Ok((py.get_type::<Camera>().getattr("_of_json")?, (json,)))
+    }
+
+    /// Restores a pickled camera.
+    #[staticmethod]
+    fn _of_json(json: &str) -> PyResult<Camera> {
+        let camera = serde_json::from_str(json).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        checked(camera)
     }
 
     /// World to camera, float64 [4, 4].
@@ -190,6 +215,26 @@ impl Camera {
     fn __repr__(&self) -> String {
         let assets::Camera { img_name, width, height, position, .. } = &self.0;
         format!("<splatgraph.Camera {img_name:?}: {width} x {height} pixels at {position:?}>")
+    }
+}
+
+/// The width or the height of a picture, in pixels.
+#[derive(Clone, Copy)]
+struct Side(u32);
+
+impl FromPyObject<'_, '_> for Side {
+    type Error = PyErr;
+
+    fn extract(value: Borrowed<'_, '_, PyAny>) -> PyResult<Side> {
+        // Not an integer at all: the error names the type.
+        let number = value.py().import("operator")?.call_method1("index", (value,))?;
+        match number.extract::<u32>() {
+            Ok(side) if side > 0 => Ok(Side(side)),
+            _ => Err(PyValueError::new_err(format!(
+                "expected a width and a height in pixels, from 1 to {}, found {number}",
+                u32::MAX
+            ))),
+        }
     }
 }
 

@@ -25,7 +25,7 @@ create_exception!(
     "A graph or its shaders have errors.
 
 Attributes:
-    file (str): path of the file with the first error, as it was given.
+    file (str): path of the file with the first error, as it was given; `params` or `pipeline` if it is in that argument.
     line (int): its line, from 1.
     column (int): its column, from 1, in characters.
     text (str): all errors, rendered with the source text.
@@ -73,9 +73,19 @@ pub fn device(error: &BackendError) -> PyErr {
     DeviceError::new_err(error.to_string())
 }
 
+/// The framework's names for the command line's parts, with those of the arguments in Python.
+const ARGUMENTS: [(&str, &str); 2] = [("--set", "params"), ("command line", "pipeline")];
+
+fn in_python(file: &str) -> &str {
+    ARGUMENTS.iter().find(|(source, _)| *source == file).map_or(file, |(_, argument)| argument)
+}
+
 /// Converts a graph's errors to an exception, with their source locations.
 pub fn graph(py: Python<'_>, errors: &GraphErrors) -> PyErr {
-    let text = errors.text(false).trim_end().to_owned();
+    let mut text = errors.text(false).trim_end().to_owned();
+    for (source, argument) in ARGUMENTS {
+        text = text.replace(&format!("--> {source}:"), &format!("--> {argument}:"));
+    }
     let exception = GraphError::new_err(text.clone());
     let value = exception.value(py);
     let attach = || -> PyResult<()> {
@@ -84,7 +94,7 @@ pub fn graph(py: Python<'_>, errors: &GraphErrors) -> PyErr {
             list.append(diagnostic(py, found)?)?;
         }
         if let Some(first) = errors.found.first() {
-            value.setattr("file", &first.file)?;
+            value.setattr("file", in_python(&first.file))?;
             value.setattr("line", first.line)?;
             value.setattr("column", first.column)?;
         }
@@ -99,7 +109,9 @@ pub fn graph(py: Python<'_>, errors: &GraphErrors) -> PyErr {
 
 fn diagnostic<'py>(py: Python<'py>, found: &PlainDiagnostic) -> PyResult<Bound<'py, PyAny>> {
     let json = serde_json::to_string(found).map_err(|error| Error::new_err(error.to_string()))?;
-    from_json(py, &json)
+    let dict = from_json(py, &json)?;
+    dict.set_item("file", in_python(&found.file))?;
+    Ok(dict)
 }
 
 /// Formats an error of the command line with its causes.

@@ -48,6 +48,15 @@ impl Plan {
         format!("<iframe srcdoc=\"{page}\" style=\"width:100%;height:600px;border:0\"></iframe>")
     }
 
+    // A plan never changes, so a copy is the plan itself.
+    fn __copy__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    fn __deepcopy__(this: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        this
+    }
+
     fn __str__(&self) -> String {
         dump::text(&dump::dump(&self.0))
     }

@@ -111,11 +111,8 @@ impl Effort {
         api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))
     }
 
-    fn frames(&self) -> PyResult<Frames> {
-        if self.rounds == 0 || self.frames == Some(0) {
-            return Err(PyValueError::new_err("rounds, frames: expected numbers above 0, found 0"));
-        }
-        Ok(Frames { rounds: self.rounds, frames: self.frames })
+    fn frames(&self) -> Frames {
+        Frames { rounds: self.rounds, frames: self.frames }
     }
 
     fn options(&self) -> Options {
@@ -143,7 +140,7 @@ pub fn trade<'py>(
     let scene = scene.get().0.clone();
     let cameras = of_study(&scene, &cameras)?;
     let truths = truths.map(|truths| pictures(&truths, &cameras)).transpose()?;
-    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames()?);
+    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames());
     let wanted = trading::Wanted {
         pipeline,
         set: params,
@@ -190,7 +187,7 @@ pub fn advise<'py>(
     crate::configure();
     let scene = scene.get().0.clone();
     let cameras = of_study(&scene, &cameras)?;
-    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames()?);
+    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames());
     let budget = advising::search::Budget { psnr: budget.0, ms: budget.1 };
     let wanted = advising::Wanted { pipeline, set: params, budget, frames };
     let (mut all, messages) = run(py, progress, move |listener| {
@@ -241,8 +238,15 @@ fn pictures(truths: &[Bound<'_, PyAny>], cameras: &[assets::Camera]) -> PyResult
             truths.len()
         )));
     }
-    let of = |(truth, camera): (&Bound<'_, PyAny>, &assets::Camera)| {
-        take_picture(truth, "truths", Some((camera.width as usize, camera.height as usize)))
+    let of = |(index, (truth, camera)): (usize, (&Bound<'_, PyAny>, &assets::Camera))| {
+        let size = (camera.width as usize, camera.height as usize);
+        let picture = take_picture(truth, "truths", Some(size))?;
+        match picture.rgb.as_flattened().iter().find(|value| !value.is_finite()) {
+            Some(value) => {
+                Err(PyValueError::new_err(format!("truths[{index}]: expected finite values, found {value}")))
+            }
+            None => Ok(picture),
+        }
     };
-    truths.iter().zip(cameras).map(of).collect()
+    truths.iter().zip(cameras).enumerate().map(of).collect()
 }

@@ -55,6 +55,20 @@ def test_a_ledger_compares_with_given_pictures_and_goes_on_from_its_file(scene, 
     assert rounded["exact"].psnr_db > 50 and [line.setting for line in rounded] == [line.setting for line in first]
     with pytest.raises(ValueError, match="truths: expected a picture for each of 2 cameras, found 1"):
         splatgraph.trade(scene, cameras, truths=truths[:1])
+    with pytest.raises(ValueError, match=r"truths\[1\]: expected finite values, found NaN"):
+        splatgraph.trade(scene, cameras, truths=[drawn[0], drawn[1] * np.nan])
+    for rounds in (-1, 0, 1.5):
+        with pytest.raises(ValueError, match="rounds: expected an integer above 0, found"):
+            splatgraph.trade(scene, cameras, rounds=rounds)
+
+
+def test_a_file_that_is_no_ledger_is_kept(scene, cameras, tmp_path):
+    victim = tmp_path / "victim.ply"
+    scene.save(victim)
+    before = victim.read_bytes()
+    with pytest.raises(ValueError, match="victim.ply: expected a ledger of an earlier run, or no file"):
+        splatgraph.trade(scene, cameras, only="sh_degree = 0", rounds=1, frames=1, file=victim)
+    assert victim.read_bytes() == before and list(tmp_path.iterdir()) == [victim]
 
 
 def test_advice_describes_the_scene_and_finds_a_setting_within_the_budget(scene, cameras):
