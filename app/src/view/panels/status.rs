@@ -35,7 +35,16 @@ impl Panels {
         if watching != WatchKind::Events {
             ui.colored_label(palette.caution, format!("files are watched by {watching}"));
         }
-        if let Some(line) = self.log.back() {
+        // A failure that persists is among the states.
+        let persists = |line: &&String| {
+            viewer.viewports().any(|shown| {
+                shown
+                    .renderer
+                    .problem(false)
+                    .is_some_and(|text| line.ends_with(text.lines().next().unwrap_or_default()))
+            })
+        };
+        if let Some(line) = self.log.back().filter(|line| !persists(line)) {
             let log = self.log.iter().rev().take(LINES).rev().cloned().collect::<Vec<_>>().join("\n");
             hint(ui.add(egui::Label::new(RichText::new(line).color(palette.soft)).truncate()), log);
         }

@@ -261,7 +261,7 @@ impl Panels {
                 let scale = scale.clamp_existing_to_range(false).update_while_editing(false);
                 self.controls.see("scale", ui.add(scale).rect);
             });
-            ui.horizontal(gui_zoom::zoom_menu_buttons);
+            ui.menu_button("Size of texts", gui_zoom::zoom_menu_buttons);
             ui.horizontal(|ui| {
                 ui.label("Background");
                 ui.color_edit_button_rgb(&mut viewer.background);
