@@ -1,7 +1,7 @@
 //! Clicks through the bars and tools.
 
 use super::script::Script;
-use crate::view::events::{Event, RendererId};
+use crate::view::events::Event;
 use crate::view::navigation::{Input, Keys};
 use crate::view::panels::Tool;
 use egui::{Key, Modifiers, PointerButton, Pos2};
@@ -87,7 +87,7 @@ fn enter_chooses_the_graph_camera_or_scene_whose_name_was_typed() {
     script.until("the scene", |script| script.has_event(|event| matches!(event, Event::Scene { .. })));
     search(&mut script, "scene", "first");
     let first = script.path("first.ply");
-    assert_eq!(script.viewer().loading(RendererId::A), Some(first.as_path()));
+    script.until("the first scene", |script| script.viewer().scene_path() == first);
 }
 
 #[test]
