@@ -1,7 +1,6 @@
 //! The presets on `rules` and on captured scenes, compared with images of the published CUDA rasteriser and with each
 //! other.
 
-use splatgraph::draw::backend::Backend;
 use splatgraph::draw::inspect;
 use splatgraph::draw::session::{FrameOptions, Session, image_of};
 use splatgraph::io::image::Image;
@@ -25,29 +24,29 @@ fn by_splat(golden: &Golden) -> Arc<Vec<Image>> {
     drawn.entry(golden.name).or_insert_with(|| Arc::new(draw(golden, "splat", [0.0; 3]))).clone()
 }
 
-pub fn session(scene: impl Into<Arc<Scene>>, graph: &str, set: &[(&str, &str)]) -> Session<Backend> {
+pub fn session(scene: impl Into<Arc<Scene>>, graph: &str, set: &[(&str, &str)]) -> Session {
     Session::new(common::device(), scene, graph, &settings(set))
 }
 
-pub fn frame(session: &mut Session<Backend>, camera: &Camera, request: &FrameOptions) -> FrameResult {
+pub fn frame(session: &mut Session, camera: &Camera, request: &FrameOptions) -> FrameResult {
     let size = (camera.width, camera.height);
     session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("it is prepared: {error}"));
     let frame = session.submit(camera, request).expect("submitted");
     session.wait(frame).expect("drawn")
 }
 
-pub fn picture(session: &mut Session<Backend>, camera: &Camera, background: [f32; 3]) -> Image {
+pub fn picture(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Image {
     let request = FrameOptions { background, read_output: true, ..FrameOptions::default() };
     image_of(&frame(session, camera, &request).output.expect("asked for")).expect("colours")
 }
 
 /// Draws another graph in an open session.
-pub fn drawn(session: &mut Session<Backend>, camera: &Camera, graph: &str, set: &[(&str, &str)]) -> Image {
+pub fn drawn(session: &mut Session, camera: &Camera, graph: &str, set: &[(&str, &str)]) -> Image {
     session.set_graph(graph, &settings(set));
     picture(session, camera, [0.0; 3])
 }
 
-pub fn close(mut session: Session<Backend>, what: &str) {
+pub fn close(mut session: Session, what: &str) {
     common::assert_silent(session.device(), what);
     assert_eq!(session.into_device().close(), Vec::<String>::new(), "{what}: closing the device");
 }

@@ -3,7 +3,6 @@
 
 use crate::common::{self, EXACT_TILES, Graph, OPEN, OPEN_TILES, settings};
 use crate::images;
-use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
@@ -27,7 +26,7 @@ fn as_drawn() -> Rules {
     rules(Rules::PUBLISHED, &settings(&OPEN)).expect("rules")
 }
 
-fn drawn(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
+fn drawn(session: &mut Session, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
     images::drawn(session, camera, graph.0, &common::with(graph, set))
 }
 

@@ -2,7 +2,6 @@
 
 use crate::common::{self, EXACT_TILES, Graph, OPEN, QUADS, settings};
 use crate::golden::Golden;
-use splatgraph::draw::backend::Backend;
 use splatgraph::draw::facts;
 use splatgraph::draw::inspect::Words;
 use splatgraph::draw::outputs::{self, NAMES, Output};
@@ -38,12 +37,7 @@ fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     found
 }
 
-fn drawn(
-    session: &mut Session<Backend>,
-    camera: &Camera,
-    graph: Graph,
-    more: &[(&str, &str)],
-) -> Vec<Output> {
+fn drawn(session: &mut Session, camera: &Camera, graph: Graph, more: &[(&str, &str)]) -> Vec<Output> {
     session.set_graph(graph.0, &settings(&[graph.1, more].concat()));
     let names: Vec<String> = match graph.0 {
         "splat" => SUMS.map(str::to_owned).into(),

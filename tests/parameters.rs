@@ -2,7 +2,6 @@
 
 use crate::common::{self, EXACT_TILES, Graph, OPEN, OPEN_TILES, QUADS, settings};
 use crate::images::{self, psnr};
-use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
@@ -32,14 +31,14 @@ fn scene() -> (Arc<Scene>, Camera) {
     (Arc::new(scene), camera)
 }
 
-fn drawn(session: &mut Session<Backend>, camera: &Camera, set: &[(&str, &str)]) -> Image {
+fn drawn(session: &mut Session, camera: &Camera, set: &[(&str, &str)]) -> Image {
     drawn_by(session, camera, QUADS, set)
 }
 
 /// Quads, and the tile renderers for CPUs and for GPUs.
 const ALL: [Graph; 3] = [QUADS, EXACT_TILES[1], EXACT_TILES[0]];
 
-fn drawn_by(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
+fn drawn_by(session: &mut Session, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
     let of_quads: &[_] = if graph.0 == "splat" { &[] } else { &OPEN_TILES };
     images::drawn(session, camera, graph.0, &common::with(graph, &[of_quads, set].concat()))
 }

@@ -38,7 +38,7 @@ fn draw(api: Api, scene: &Arc<Scene>, preset: &str) -> Image {
         options.device = None;
     }
     let device = Backend::open(api, &options).unwrap_or_else(|error| panic!("{api}: {error}"));
-    let mut session: Session<Backend> = Session::new(device, scene.clone(), preset, &[]);
+    let mut session: Session = Session::new(device, scene.clone(), preset, &[]);
     let camera = synth::demo_cameras().swap_remove(0).resized(SIZE.0, SIZE.1);
     let image = images::picture(&mut session, &camera, [0.0; 3]);
     common::assert_silent(session.device(), preset);

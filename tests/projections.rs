@@ -4,7 +4,6 @@
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, OPEN, OPEN_TILES, QUADS, settings};
 use crate::golden::Golden;
 use crate::images::{self, psnr};
-use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
@@ -60,7 +59,7 @@ fn camera(projection: Projection, (width, height): (u32, u32)) -> Camera {
     Camera { projection, fx: focal, fy: focal, ..pinhole }
 }
 
-fn drawn(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
+fn drawn(session: &mut Session, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
     let key_of = if camera.projection.sees_behind() { "distance" } else { "depth" };
     let lens = [("projection", camera.projection.name()), ("key_of", key_of)];
     images::drawn(session, camera, graph.0, &common::with(graph, &[&lens[..], set].concat()))

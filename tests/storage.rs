@@ -4,23 +4,22 @@ use crate::common::{self, settings};
 use crate::golden::Golden;
 use crate::images::{self, bytes, draw_scene, psnr};
 use crate::place::Place;
-use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::Session;
 use splatgraph::io::image::Image;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};
 use std::sync::Arc;
 
-fn session(scene: &Arc<Scene>, set: &[(&str, &str)]) -> Session<Backend> {
+fn session(scene: &Arc<Scene>, set: &[(&str, &str)]) -> Session {
     images::session(scene.clone(), "tiled_cpu", set)
 }
 
-fn draw(session: &mut Session<Backend>, camera: &Camera) -> Image {
+fn draw(session: &mut Session, camera: &Camera) -> Image {
     images::picture(session, camera, [0.0; 3])
 }
 
 /// Returns the bytes of the session's whole memory, and of the scene in it.
-fn memory(session: &mut Session<Backend>) -> (u64, u64) {
+fn memory(session: &mut Session) -> (u64, u64) {
     let listed = session.device().memory();
     let scene = listed.iter().filter(|(name, _)| name.starts_with("splats.scene."));
     (listed.iter().map(|(_, bytes)| bytes).sum(), scene.map(|(_, bytes)| bytes).sum())
@@ -28,7 +27,7 @@ fn memory(session: &mut Session<Backend>) -> (u64, u64) {
 
 /// Checks the listed bytes against the device's own count, which includes the gaps between its allocator's
 /// suballocations.
-fn assert_all_is_listed(session: &mut Session<Backend>, what: &str) {
+fn assert_all_is_listed(session: &mut Session, what: &str) {
     let (listed, used) = (memory(session).0, session.device().device_memory().used);
     assert!((listed..listed + 4096).contains(&used), "{what}: {listed} bytes are listed, {used} are used");
 }

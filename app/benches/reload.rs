@@ -136,7 +136,7 @@ fn main() -> Result<()> {
 }
 
 /// Draws until a plan is swapped. Returns its latency, plan and device times in milliseconds, and the frames drawn.
-fn until_swapped(viewer: &mut Viewer<Backend>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
+fn until_swapped(viewer: &mut Viewer, size: (u32, u32)) -> Result<([f64; 3], u64)> {
     let begun = Instant::now();
     let mut frames = 0;
     while begun.elapsed() < PATIENCE {

@@ -13,7 +13,7 @@ use crate::common::{OPEN, OPEN_TILES};
 use crate::place::Place;
 use crate::{common, images};
 use cases::{Bounds, Case};
-use splatgraph::draw::{backend::Backend, builtin, session::Session, truth};
+use splatgraph::draw::{builtin, session::Session, truth};
 use splatgraph::io::image::Image;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, Splat};
@@ -129,7 +129,7 @@ fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     drawn
 }
 
-fn draw_with(session: &mut Session<Backend>, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
+fn draw_with(session: &mut Session, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     let mut drawn = Vec::new();
     for way in ways {
         session.set_graph(way.preset, &way.set);

@@ -14,7 +14,7 @@ use crate::common;
 use crate::fuzz::damaged;
 use crate::numbers::Random;
 use crate::place::{Place, shipped};
-use splatgraph::draw::backend::{Backend, Validation};
+use splatgraph::draw::backend::Validation;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::{Planner, Settings};
 use splatgraph::view::events::{Event, RendererId};
@@ -168,7 +168,7 @@ impl Fuzz {
     }
 }
 
-fn renderer(viewer: &TestShell, who: RendererId) -> &Renderer<Backend> {
+fn renderer(viewer: &TestShell, who: RendererId) -> &Renderer {
     match who {
         RendererId::Window => viewer.shell.window(),
         _ => &viewer.shell.viewer.a.renderer,

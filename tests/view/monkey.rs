@@ -15,7 +15,7 @@ use crate::numbers::Random;
 use crate::place::shipped;
 use crate::{common, images};
 use egui::{Event as Input, Key, Modifiers, PointerButton, Popup, Pos2, Rect, Vec2};
-use splatgraph::draw::backend::Validation;
+use splatgraph::draw::backend::{Api, Backend, Options, Validation};
 use splatgraph::draw::builtin;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::panels::Tool;
@@ -34,14 +34,14 @@ const PIXELS_PER_POINT: f32 = 0.25;
 /// Sizes of the window, in pixels: 1600 x 900 points, 1280 x 800, 700 x 600, 500 x 400, 1200 x 340.
 const SIZES: [(u32, u32); 5] = [(400, 225), (320, 200), (175, 150), (125, 100), (300, 85)];
 
-struct Monkey<D: Device> {
-    viewer: TestShell<D>,
+struct Monkey {
+    viewer: TestShell,
     dice: Random,
     /// The latest 12 actions, for messages.
     deeds: VecDeque<String>,
 }
 
-impl<D: Device> Drop for Monkey<D> {
+impl Drop for Monkey {
     fn drop(&mut self) {
         if std::thread::panicking() {
             eprintln!("after {:#?}", self.deeds);
@@ -49,8 +49,8 @@ impl<D: Device> Drop for Monkey<D> {
     }
 }
 
-impl<D: Device> Monkey<D> {
-    fn new(devices: [D; 2], graph: &str, seed: u64) -> Monkey<D> {
+impl Monkey {
+    fn new(devices: [Backend; 2], graph: &str, seed: u64) -> Monkey {
         let graph = format!("pipelines/{graph}.ron");
         let mut viewer = TestShell::on(devices, ("demo", 300), &graph, SIZES[0]);
         viewer.place.scene("other.ply", "demo", 200, 0);
@@ -286,10 +286,9 @@ impl<D: Device> Monkey<D> {
         format!("drag {name}")
     }
 
-    fn play(&mut self, actions: usize, mut after_each: impl FnMut()) {
+    fn play(&mut self, actions: usize) {
         for _ in 0..actions {
             self.something();
-            after_each();
         }
         for preset in builtin::names() {
             let name = format!("pipelines/{preset}.ron");
@@ -320,13 +319,10 @@ fn random_actions_leave_the_tools_whole_on_every_preset() {
 }
 
 fn walk_on_null(preset: &str, actions: usize) {
-    let (canvas, journal) = splatgraph_null::open(&Default::default());
-    let canvas = canvas.expect("the device opens");
+    let canvas = Backend::open(Api::Null, &Options::default()).expect("the device opens");
     let device = canvas.new_context().expect("a second executor");
     let seed = 77 + builtin::names().iter().position(|name| *name == preset).expect("it is shipped") as u64;
-    let mut monkey = Monkey::new([canvas, device], preset, seed);
-    // Empties the journal of calls, which would grow.
-    monkey.play(actions, || _ = journal.take());
+    Monkey::new([canvas, device], preset, seed).play(actions);
 }
 
 #[test]
@@ -334,7 +330,7 @@ fn after_two_hundred_random_actions_the_picture_is_the_one_that_render_draws() {
     let canvas = common::open(&common::options(Validation::Synchronization));
     let device = canvas.new_context().expect("a second executor");
     let mut monkey = Monkey::new([canvas, device], "auto", 4);
-    monkey.play(200, || {});
+    monkey.play(200);
     // The watcher reports a changed file with a delay.
     let begun = Instant::now();
     while monkey.viewer.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {

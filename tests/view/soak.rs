@@ -27,7 +27,7 @@ use deeds::{DEEDS, GRAPHS};
 use egui::Event as Input;
 use indexmap::IndexMap;
 use process::{open_files, resident, settled_threads, threads};
-use splatgraph::draw::backend::{Backend, Validation};
+use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::navigation::Navigation;
@@ -168,8 +168,7 @@ impl std::fmt::Display for Reference {
 
 fn device_memory(viewer: &TestShell) -> DeviceMemory {
     let shell = &viewer.shell;
-    let of =
-        |renderer: &Renderer<Backend>| renderer.device().expect("the device is not lost").device_memory();
+    let of = |renderer: &Renderer| renderer.device().expect("the device is not lost").device_memory();
     let (window, scene) = (of(shell.window()), of(&shell.viewer.a.renderer));
     DeviceMemory { used: window.used + scene.used, reserved: window.reserved + scene.reserved }
 }

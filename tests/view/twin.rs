@@ -18,7 +18,7 @@ pub const SIZE: (u32, u32) = (96, 54);
 
 /// A viewer over its own copy of graphs and shaders, which can be edited.
 pub struct Twin {
-    pub viewer: Viewer<Backend>,
+    pub viewer: Viewer,
     /// Events so far.
     pub events: Vec<Event>,
     /// Size of the view, in pixels.

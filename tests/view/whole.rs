@@ -17,7 +17,6 @@ use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::shell::{Frame, FrameRequest, Shell};
 use splatgraph::view::viewer::Viewer;
-use splatgraph_api::Device;
 use splatgraph_assets::Scene;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -34,8 +33,8 @@ const REST: Duration = Duration::from_millis(20);
 pub const PIXELS_PER_POINT: f32 = 0.4;
 
 /// A viewer over its own copy of graphs and shaders, which can be edited.
-pub struct TestShell<D: Device = Backend> {
-    pub shell: Shell<D>,
+pub struct TestShell {
+    pub shell: Shell,
     /// Folder with the scene, the graphs and the shaders.
     pub place: Place,
     /// Events that the test has not taken yet.
@@ -76,9 +75,14 @@ impl TestShell {
     }
 }
 
-impl<D: Device> TestShell<D> {
+impl TestShell {
     /// Opens a viewer that draws the window on one device, and the scene on another.
-    pub fn on([canvas, device]: [D; 2], scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell<D> {
+    pub fn on(
+        [canvas, device]: [Backend; 2],
+        scene: (&str, u32),
+        graph: &str,
+        size: (u32, u32),
+    ) -> TestShell {
         let place = Place::shipped();
         place.scene("scene.ply", scene.0, scene.1, 0);
         // Read from the file, which rounds, so that reopening the file gives an equal scene.
@@ -207,7 +211,7 @@ impl<D: Device> TestShell<D> {
     }
 
     /// Draws frames until `is_so`. Between frames, waits up to [`REST`] for news from other threads.
-    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut TestShell<D>) -> bool) {
+    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut TestShell) -> bool) {
         let begun = Instant::now();
         loop {
             self.frame();

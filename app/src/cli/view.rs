@@ -3,7 +3,6 @@
 use super::cameras;
 use super::options::{self, BackendArgs, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
-use crate::draw::backend::Backend;
 use crate::draw::camera;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit;
@@ -287,7 +286,7 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
 }
 
 /// Sets the initial state of the shell. The pair is the window's size, in pixels.
-fn set_up(args: &Args, shell: &mut Shell<Backend>, (width, _): (u32, u32)) -> Result<()> {
+fn set_up(args: &Args, shell: &mut Shell, (width, _): (u32, u32)) -> Result<()> {
     let restored = shell.panels.is_restored() && args.show.is_empty();
     let show = match args.show.as_slice() {
         [] if width < SMALL => vec![ShowPanel::Parameters, ShowPanel::Hud],

@@ -8,6 +8,7 @@
 
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};
+use crate::draw::backend::Backend;
 use egui::RawInput;
 use splatgraph_api::{BackendError, Device};
 use std::time::{Duration, Instant};
@@ -24,7 +25,7 @@ const BUILDS: Duration = Duration::from_secs(5);
 const SOON: Duration = Duration::from_secs(30);
 
 /// A function that opens two devices for a window of this size: the window's and the scene's. The flag turns vsync on.
-pub type Open<D> = Box<dyn FnMut((u32, u32), bool) -> Result<(D, D), BackendError>>;
+pub type Open = Box<dyn FnMut((u32, u32), bool) -> Result<(Backend, Backend), BackendError>>;
 
 /// A device was lost, and no other could be opened.
 #[derive(Debug, thiserror::Error)]
@@ -46,16 +47,16 @@ struct Loss {
 }
 
 /// Opener of devices, and the state of a loss; see the module's documentation.
-pub struct Recovery<D> {
-    open: Open<D>,
+pub struct Recovery {
+    open: Open,
     loss: Option<Loss>,
     /// Time at which a device was last reopened; `None` if none was.
     opened: Option<Instant>,
 }
 
-impl<D: Device> Recovery<D> {
+impl Recovery {
     /// Creates a recovery that opens devices with `open`.
-    pub fn new(open: Open<D>) -> Recovery<D> {
+    pub fn new(open: Open) -> Recovery {
         Recovery { open, loss: None, opened: None }
     }
 
@@ -63,7 +64,7 @@ impl<D: Device> Recovery<D> {
     ///
     /// # Errors
     /// The device cannot be opened.
-    pub fn open(&mut self, size: (u32, u32), vsync: bool) -> Result<(D, D), BackendError> {
+    pub fn open(&mut self, size: (u32, u32), vsync: bool) -> Result<(Backend, Backend), BackendError> {
         (self.open)(size, vsync)
     }
 
@@ -78,7 +79,7 @@ impl<D: Device> Recovery<D> {
     /// No device could be opened within `ATTEMPTS` attempts.
     pub fn frame(
         &mut self,
-        shell: &mut Shell<D>,
+        shell: &mut Shell,
         input: RawInput,
         request: FrameRequest,
     ) -> Result<Option<Frame>, Box<Unrecovered>> {
@@ -92,7 +93,7 @@ impl<D: Device> Recovery<D> {
         Ok(Some(frame))
     }
 
-    fn lose(&mut self, shell: &mut Shell<D>, error: BackendError) {
+    fn lose(&mut self, shell: &mut Shell, error: BackendError) {
         shell.release();
         shell.report(Event::DeviceLost { error: error.to_string() });
         let again = matches!(error, BackendError::DeviceLost(_))
@@ -102,7 +103,7 @@ impl<D: Device> Recovery<D> {
     }
 
     /// Tries to open another device if one was lost; returns true if there is a device now.
-    fn reopen(&mut self, shell: &mut Shell<D>, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
+    fn reopen(&mut self, shell: &mut Shell, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
         // A running build holds the previous device, and some window systems allow only one.
         let released = shell.is_released() || loss.since.elapsed() > BUILDS;

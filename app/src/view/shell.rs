@@ -19,6 +19,7 @@ use super::profile::{self, zone};
 use super::renderer::{self, Failure, PlanInputs, Renderer, Wake};
 use super::viewer::{Viewer, ViewerError};
 use super::viewport::Viewport;
+use crate::draw::backend::Backend;
 use egui::epaint::ClippedPrimitive;
 use egui::epaint::textures::TexturesDelta;
 use egui::{Context, RawInput, Rect, ViewportId};
@@ -77,14 +78,14 @@ pub struct Frame {
 }
 
 /// The viewer with its panels and the window's graph.
-pub struct Shell<D: Device> {
+pub struct Shell {
     /// Scene, camera and viewports.
-    pub viewer: Viewer<D>,
+    pub viewer: Viewer,
     /// Panels around the pictures.
     pub panels: Panels,
     ctx: Context,
     painter: Painter,
-    canvas: Renderer<D>,
+    canvas: Renderer,
     catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
@@ -109,12 +110,12 @@ struct Content {
     arrangement: Vec<u8>,
 }
 
-impl<D: Device> Shell<D> {
+impl Shell {
     /// Creates a shell. `canvas` draws the window; it must be the device of the window, if there is one.
     ///
     /// # Errors
     /// See [`Renderer::new`].
-    pub fn new(viewer: Viewer<D>, canvas: D, wake: Wake) -> Result<Shell<D>, ViewerError> {
+    pub fn new(viewer: Viewer, canvas: Backend, wake: Wake) -> Result<Shell, ViewerError> {
         Shell::with_graph(viewer, canvas, paint::GRAPH, wake)
     }
 
@@ -124,11 +125,11 @@ impl<D: Device> Shell<D> {
     /// # Errors
     /// See [`Renderer::new`].
     pub fn with_graph(
-        mut viewer: Viewer<D>,
-        canvas: D,
+        mut viewer: Viewer,
+        canvas: Backend,
         graph: &str,
         wake: Wake,
-    ) -> Result<Shell<D>, ViewerError> {
+    ) -> Result<Shell, ViewerError> {
         let ctx = Context::default();
         ctx.set_theme(egui::Theme::Dark);
         theme::install(&ctx);
@@ -164,17 +165,17 @@ impl<D: Device> Shell<D> {
     }
 
     /// Returns the renderer of the window.
-    pub fn window(&self) -> &Renderer<D> {
+    pub fn window(&self) -> &Renderer {
         &self.canvas
     }
 
     /// Returns the window's renderer, to change how long it waits for a frame.
-    pub fn window_mut(&mut self) -> &mut Renderer<D> {
+    pub fn window_mut(&mut self) -> &mut Renderer {
         &mut self.canvas
     }
 
     /// Returns the device of the window; `None` between [`Shell::release`] and [`Shell::give`].
-    pub fn canvas_mut(&mut self) -> Option<&mut D> {
+    pub fn canvas_mut(&mut self) -> Option<&mut Backend> {
         self.canvas.device_mut()
     }
 
@@ -454,7 +455,7 @@ impl<D: Device> Shell<D> {
     ///
     /// # Errors
     /// See [`Viewer::give`].
-    pub fn give(&mut self, canvas: D, device: D) -> Result<(), BackendError> {
+    pub fn give(&mut self, canvas: Backend, device: Backend) -> Result<(), BackendError> {
         self.viewer.to_host = !device.shares_device(&canvas);
         self.shown = None;
         self.canvas.give(canvas);
@@ -462,7 +463,7 @@ impl<D: Device> Shell<D> {
     }
 
     /// Closes the shell, and returns the devices of the scene and of the window, except released ones.
-    pub fn into_devices(self) -> Vec<D> {
+    pub fn into_devices(self) -> Vec<Backend> {
         let Shell { viewer, canvas, .. } = self;
         [viewer.into_device(), canvas.into_device()].into_iter().flatten().collect()
     }

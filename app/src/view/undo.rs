@@ -11,7 +11,6 @@ use super::renderer::Renderer;
 use super::viewer::{Marks, Viewer};
 use crate::draw::splat_set::SplatSet;
 use indexmap::IndexMap;
-use splatgraph_api::Device;
 use std::path::{Path, PathBuf};
 
 const STEPS: usize = 200;
@@ -39,9 +38,9 @@ pub struct Settings {
 
 impl Settings {
     /// Returns the settings of a viewer. A scene that is being loaded counts as loaded.
-    pub fn of<D: Device>(viewer: &Viewer<D>) -> Settings {
+    pub fn of(viewer: &Viewer) -> Settings {
         let side =
-            |renderer: &Renderer<D>| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
+            |renderer: &Renderer| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
         let own = viewer.has_two_scenes().then(|| viewer.scene_path_of(RendererId::B));
         let other = viewer.loading(RendererId::B).or(own);
         let marks = |id| match viewer.loading(id) {
@@ -69,7 +68,7 @@ impl Settings {
     }
 
     /// Applies these settings to a viewer, where they differ from its own.
-    fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
+    fn apply(&self, viewer: &mut Viewer) {
         let mut now = Settings::of(viewer);
         if now.scene != self.scene && now.other.as_ref() == Some(&self.scene) {
             // The scenes were exchanged, so neither has to be loaded again.
@@ -212,7 +211,7 @@ impl History {
 
     /// Undoes the newest step; returns a description of the change, or `None` if there is no step. A step without
     /// effect, such as a value of a parameter that the file no longer declares, is dropped.
-    pub fn undo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
+    pub fn undo(&mut self, viewer: &mut Viewer) -> Option<String> {
         while let (Some(to), Some(now)) = (self.past.pop(), self.now.clone()) {
             if let Some(text) = self.go(&to, &now, viewer) {
                 self.future.push(now);
@@ -223,7 +222,7 @@ impl History {
     }
 
     /// Redoes the last undone step; returns a description of the change, or `None` if there is no step.
-    pub fn redo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
+    pub fn redo(&mut self, viewer: &mut Viewer) -> Option<String> {
         while let (Some(to), Some(now)) = (self.future.pop(), self.now.clone()) {
             if let Some(text) = self.go(&to, &now, viewer) {
                 self.past.push(now);
@@ -234,7 +233,7 @@ impl History {
     }
 
     /// Applies settings, and describes the change; `None` if nothing changed.
-    fn go<D: Device>(&mut self, to: &Settings, now: &Settings, viewer: &mut Viewer<D>) -> Option<String> {
+    fn go(&mut self, to: &Settings, now: &Settings, viewer: &mut Viewer) -> Option<String> {
         to.apply(viewer);
         // Settings that could not be applied, such as B without a device, must not appear as a new step.
         let reached = Settings::of(viewer);

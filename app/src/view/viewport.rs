@@ -100,9 +100,9 @@ struct Exhibit {
 }
 
 /// A renderer of the scene with its history and inspection.
-pub struct Viewport<D: Device> {
+pub struct Viewport {
     /// Renderer of the picture.
-    pub renderer: Renderer<D>,
+    pub renderer: Renderer,
     /// Times of recent frames.
     pub history: History,
     /// The inspection; while there is one, resources do not share memory.
@@ -122,8 +122,8 @@ pub struct Viewport<D: Device> {
     track: GpuTrack,
 }
 
-impl<D: Device> Viewport<D> {
-    pub(super) fn new(renderer: Renderer<D>) -> Viewport<D> {
+impl Viewport {
+    pub(super) fn new(renderer: Renderer) -> Viewport {
         Viewport {
             renderer,
             history: History::default(),

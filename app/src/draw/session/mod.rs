@@ -94,8 +94,8 @@ pub enum SessionError {
 }
 
 /// Draws a scene on a device with a plan; see the [module documentation](self).
-pub struct Session<D = Backend> {
-    device: D,
+pub struct Session {
+    device: Backend,
     scene: Arc<Scene>,
     pipeline: String,
     set: Vec<(String, String)>,
@@ -141,16 +141,16 @@ pub struct FrameOptions {
     pub untimed_passes: bool,
 }
 
-impl<D: Device> Session<D> {
+impl Session {
     /// Creates a session that draws `scene` with a graph. No plan is built yet.
     ///
     /// `pipeline` is a preset's name or a path; `set` are the graph's parameters.
     pub fn new(
-        device: D,
+        device: Backend,
         scene: impl Into<Arc<Scene>>,
         pipeline: &str,
         set: &[(String, String)],
-    ) -> Session<D> {
+    ) -> Session {
         Session {
             device,
             scene: scene.into(),
@@ -172,7 +172,7 @@ impl<D: Device> Session<D> {
     ///
     /// # Errors
     /// The device cannot open another context, for example because its memory is full.
-    pub fn beside(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, SessionError> {
+    pub fn beside(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session, SessionError> {
         self.beside_with(self.scene.clone(), pipeline, set)
     }
 
@@ -185,7 +185,7 @@ impl<D: Device> Session<D> {
         scene: impl Into<Arc<Scene>>,
         pipeline: &str,
         set: &[(String, String)],
-    ) -> Result<Session<D>, SessionError> {
+    ) -> Result<Session, SessionError> {
         Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
@@ -324,12 +324,12 @@ impl<D: Device> Session<D> {
     }
 
     /// Returns the device, with the loaded plan.
-    pub fn device(&mut self) -> &mut D {
+    pub fn device(&mut self) -> &mut Backend {
         &mut self.device
     }
 
     /// Returns the device, so that it can be closed.
-    pub fn into_device(self) -> D {
+    pub fn into_device(self) -> Backend {
         self.device
     }
 

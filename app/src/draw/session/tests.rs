@@ -3,24 +3,24 @@
 use super::*;
 use splatgraph_assets::synth;
 use splatgraph_framework::ir::Value;
-use splatgraph_null::{Call, Config, Journal, Null, open};
+use splatgraph_null::{Call, Config, Journal, open};
 
 const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growing/graph.ron");
 
 const SIZE: (u32, u32) = (32, 16);
 
 /// Makes a session on a device whose every frame needs this many entries.
-fn session(needed: u32, config: Config) -> (Session<Null>, Journal, Camera) {
+fn session(needed: u32, config: Config) -> (Session, Journal, Camera) {
     let (null, journal) = open(&Config { read: needed, ..config });
     let scene = synth::generate("demo", 10, 0).expect("a scene");
     let camera = Camera::framing(&scene, SIZE.0, SIZE.1);
-    let mut session = Session::new(null.expect("it opens"), scene, GRAPH, &[]);
+    let mut session = Session::new(Backend::Null(null.expect("it opens")), scene, GRAPH, &[]);
     session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
     journal.take();
     (session, journal, camera)
 }
 
-fn entries(session: &Session<Null>) -> Value {
+fn entries(session: &Session) -> Value {
     session.plan().expect("a plan").params[0].value.clone()
 }
 
@@ -28,7 +28,7 @@ fn submitted(journal: &Journal) -> usize {
     journal.take().iter().filter(|call| matches!(call, Call::BindPass { pass, .. } if pass == "list")).count()
 }
 
-fn draw(session: &mut Session<Null>, camera: &Camera) -> Result<FrameResult, SessionError> {
+fn draw(session: &mut Session, camera: &Camera) -> Result<FrameResult, SessionError> {
     let frame = session.submit(camera, &FrameOptions::default())?;
     session.wait(frame)
 }
@@ -112,7 +112,7 @@ fn a_scene_whose_buffers_fit_and_whose_plan_does_not_is_packed() {
             splat.sh[47] = 0.5;
             splat
         });
-        Session::new(null, scene, "tiled_cpu", &[])
+        Session::new(Backend::Null(null), scene, "tiled_cpu", &[])
     };
     let chosen = |budget| {
         let mut session = opened(Some(budget));

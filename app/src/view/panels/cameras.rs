@@ -10,7 +10,6 @@ use crate::view::navigation::FIELDS_OF_VIEW;
 use crate::view::opening::CameraRole;
 use crate::view::viewer::Viewer;
 use egui::{Button, DragValue, RichText, Slider, Ui};
-use splatgraph_api::Device;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +21,7 @@ enum Act {
 }
 
 /// Draws the tool. Its command line draws the picture of the viewport `selected`.
-pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId, controls: &mut Controls) {
+pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId, controls: &mut Controls) {
     field_of_view(ui, viewer, controls);
     ui.horizontal_wrapped(|ui| {
         if hint(
@@ -45,7 +44,7 @@ pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId
     path(ui, viewer, controls);
 }
 
-fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+fn field_of_view(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     ui.horizontal(|ui| {
         ui.set_min_height(ROW);
         ui.label("Field of view, vertical");
@@ -62,7 +61,7 @@ fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut 
     });
 }
 
-fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+fn views(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     heading(ui, "Saved views");
     // Above the list: below it, a new row would move under the pointer, and a second click would remove the view.
     ui.horizontal(|ui| {
@@ -92,7 +91,7 @@ fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls
     }
 }
 
-fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     heading(ui, "Path");
     ui.horizontal_wrapped(|ui| {
         if controls.seen("record_key", ui.button("Add this view (K)")).clicked() {
@@ -169,13 +168,13 @@ fn read_button(ui: &mut Ui, role: CameraRole, about: &str, controls: &mut Contro
 }
 
 /// `write` gets the next free name; its result is reported as an event.
-fn write_button<D: Device, E: Display>(
+fn write_button<E: Display>(
     ui: &mut Ui,
-    viewer: &mut Viewer<D>,
+    viewer: &mut Viewer,
     controls: &mut Controls,
     stem: &str,
     enabled: bool,
-    write: impl FnOnce(&mut Viewer<D>, &Path) -> Result<(), E>,
+    write: impl FnOnce(&mut Viewer, &Path) -> Result<(), E>,
 ) {
     let button =
         controls.seen(&format!("write_{stem}"), ui.add_enabled(enabled, Button::new("Write a file")));
@@ -190,7 +189,7 @@ fn write_button<D: Device, E: Display>(
 }
 
 /// Adds the view to the path; returns a confirmation, or reports the error.
-pub fn record<D: Device>(viewer: &mut Viewer<D>) -> Option<String> {
+pub fn record(viewer: &mut Viewer) -> Option<String> {
     match viewer.record_key(usize::MAX) {
         Ok(()) => Some(format!("Key {} added to the path", viewer.path.keys().len())),
         Err(error) => {
@@ -201,7 +200,7 @@ pub fn record<D: Device>(viewer: &mut Viewer<D>) -> Option<String> {
 }
 
 /// Plays the path, or pauses it. A path with fewer than two keys cannot be played.
-pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
+pub fn toggle(viewer: &mut Viewer) {
     if viewer.play.is_playing() {
         viewer.play.pause();
     } else if viewer.path.keys().len() > 1 {

@@ -9,7 +9,6 @@ use crate::view::viewport::{Inspection, Viewport};
 use egui::style::ScrollAnimation;
 use egui::{Align, Button, Color32, ColorImage, ComboBox, Rect, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
-use splatgraph_api::Device;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 
@@ -53,13 +52,7 @@ pub struct State {
 
 impl State {
     /// Draws the choice of resource and pass, and the contents that were read back.
-    pub fn show<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        viewport: &mut Viewport<D>,
-        plan: &Plan,
-        target: &mut Target,
-    ) {
+    pub fn show(&mut self, ui: &mut Ui, viewport: &mut Viewport, plan: &Plan, target: &mut Target) {
         ui.horizontal_wrapped(|ui| {
             let sorted = sorted_keys(plan);
             let keys = target

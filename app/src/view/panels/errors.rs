@@ -8,7 +8,6 @@ use super::{failures, hud};
 use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
 use egui::{Align2, Context, FontId, Rect, RichText};
-use splatgraph_api::Device;
 use splatgraph_framework::ir::Origin;
 use std::path::Path;
 
@@ -19,10 +18,10 @@ pub struct State {
 }
 
 impl State {
-    pub fn show<D: Device>(
+    pub fn show(
         &mut self,
         ctx: &Context,
-        viewer: &mut Viewer<D>,
+        viewer: &mut Viewer,
         window_failure: Option<&str>,
         view: Rect,
         controls: &mut Controls,

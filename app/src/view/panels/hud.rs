@@ -145,13 +145,7 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
 
 /// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner, once a frame is measured
 /// and if they fit.
-pub fn show<D: Device>(
-    ui: &Ui,
-    viewer: &Viewer<D>,
-    interval: Option<f64>,
-    view: Rect,
-    controls: &mut Controls,
-) {
+pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, controls: &mut Controls) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
     let memory: u64 =
@@ -202,7 +196,7 @@ pub fn rate(interval_ms: f64) -> String {
 }
 
 /// Draws the progress of A's build in the middle of the view, until there is a picture or a failure.
-pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
+pub fn progress(ui: &Ui, viewer: &Viewer, view: Rect) {
     let renderer = &viewer.a.renderer;
     if viewer.pictures()[0].is_some() || renderer.failure().is_some() {
         return;
@@ -229,9 +223,9 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
 }
 
 /// Draws a running comparison or its result at the bottom of the split line, with a button that marks the worst pixel.
-pub fn comparison<D: Device>(
+pub fn comparison(
     ctx: &Context,
-    viewer: &mut Viewer<D>,
+    viewer: &mut Viewer,
     view: Rect,
     marked: &mut bool,
     controls: &mut Controls,
@@ -241,7 +235,7 @@ pub fn comparison<D: Device>(
     }
     let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
     let line = view.left() + viewer.split * view.width();
-    let total = |viewer: &mut Viewer<D>, id| {
+    let total = |viewer: &mut Viewer, id| {
         viewer
             .viewport(id)
             .and_then(|viewport| viewport.history.total())

@@ -9,7 +9,6 @@ use super::widgets::{self, fact, heading, hint, link};
 use crate::view::viewport::Viewport;
 use egui::{RichText, Ui};
 use egui_plot::{Line, PlotPoints};
-use splatgraph_api::Device;
 use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::ir::{Masks, Origin, Run, Use};
 
@@ -19,13 +18,7 @@ pub struct State {
 }
 
 impl State {
-    pub fn show<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        viewport: &mut Viewport<D>,
-        dumped: &mut Dumped,
-        target: &mut Target,
-    ) {
+    pub fn show(&mut self, ui: &mut Ui, viewport: &mut Viewport, dumped: &mut Dumped, target: &mut Target) {
         let Some(plan) = viewport.renderer.plan().cloned() else { return };
         let dump = dumped.of(&plan);
         if target.selection.as_ref().is_some_and(|selection| !selection.is_in(dump)) {
@@ -75,13 +68,7 @@ fn pass_link(ui: &mut Ui, name: &str, target: &mut Target) {
     }
 }
 
-fn show_pass<D: Device>(
-    ui: &mut Ui,
-    viewport: &mut Viewport<D>,
-    dump: &Dump,
-    pass: &DumpPass,
-    target: &mut Target,
-) {
+fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass, target: &mut Target) {
     let once = if pass.run == Run::Once { ", runs once" } else { "" };
     ui.label(RichText::new(&pass.name).family(theme::strong()).size(theme::HEADING));
     ui.weak(format!("{} in phase {}{once}", pass.kind, pass.phase));
@@ -185,9 +172,9 @@ fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     }
 }
 
-fn show_touch<D: Device>(
+fn show_touch(
     ui: &mut Ui,
-    viewport: &mut Viewport<D>,
+    viewport: &mut Viewport,
     pass: &DumpPass,
     touch: &Use<String>,
     target: &mut Target,

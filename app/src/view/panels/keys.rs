@@ -4,11 +4,10 @@ use super::controls::Command;
 use super::{Panels, Tool, cameras, widgets};
 use crate::view::viewer::Viewer;
 use egui::{Context, Key};
-use splatgraph_api::Device;
 
 impl Panels {
     /// Applies the shortcuts pressed in this frame, unless a control or an open list takes the keys.
-    pub(super) fn keys<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
+    pub(super) fn keys(&mut self, ctx: &Context, viewer: &mut Viewer) {
         if widgets::takes_keys(ctx) {
             return;
         }
@@ -78,7 +77,7 @@ fn on_off(on: bool) -> &'static str {
 }
 
 /// Selects the camera `step` places further in the list, wrapping around.
-fn next_camera<D: Device>(viewer: &mut Viewer<D>, step: i64) {
+fn next_camera(viewer: &mut Viewer, step: i64) {
     if !viewer.cameras.is_empty() {
         let now = viewer.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);
         let next = (now + step).rem_euclid(viewer.cameras.len() as i64) as usize;

@@ -40,7 +40,6 @@ use layout::Layout;
 use presets::Presets;
 use selection::{Dumped, Selection};
 use serde::{Deserialize, Serialize};
-use splatgraph_api::Device;
 use splatgraph_framework::plan::Plan;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf, absolute};
@@ -318,10 +317,10 @@ impl Panels {
     }
 
     /// Draws the panels and applies the user's input to the viewer.
-    pub fn show<D: Device>(
+    pub fn show(
         &mut self,
         ui: &mut Ui,
-        viewer: &mut Viewer<D>,
+        viewer: &mut Viewer,
         window: &History,
         window_failure: Option<&str>,
     ) -> PanelOutput {
@@ -364,13 +363,7 @@ impl Panels {
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
     }
 
-    fn over_picture<D: Device>(
-        &mut self,
-        ctx: &Context,
-        viewer: &mut Viewer<D>,
-        window_failure: Option<&str>,
-        view: Rect,
-    ) {
+    fn over_picture(&mut self, ctx: &Context, viewer: &mut Viewer, window_failure: Option<&str>, view: Rect) {
         if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
             hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
         }
@@ -418,7 +411,7 @@ impl Panels {
 
     /// Shows the effect of a constant on the plan above the list of parameters, if it alone has changed. Another
     /// change of the passes removes the effect.
-    fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
+    fn tell_effect(&mut self, viewer: &mut Viewer) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
         else {
@@ -445,7 +438,7 @@ impl Panels {
     }
 
     /// Undoes or redoes a step if requested, and records the frame's changes.
-    fn step<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
+    fn step(&mut self, ctx: &Context, viewer: &mut Viewer) {
         let undone = std::mem::take(&mut self.undo_now).then(|| self.undo.undo(viewer)).flatten();
         let redone = std::mem::take(&mut self.redo_now).then(|| self.undo.redo(viewer)).flatten();
         for (word, what) in [("Undone", undone), ("Redone", redone)] {
@@ -461,7 +454,7 @@ impl Panels {
     }
 
     /// Draws the view and applies the camera's input in it; returns its rectangle.
-    fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
+    fn view(&mut self, ui: &mut Ui, viewer: &mut Viewer) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
         if let Some((id, at)) = self.drag.act(ui, rect, viewer, &mut self.wheel, &mut self.select) {

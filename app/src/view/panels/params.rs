@@ -10,7 +10,6 @@ use crate::io::report::text::decimals;
 use crate::view::renderer::Renderer;
 use egui::{Align, ComboBox, DragValue, Layout, Response, RichText, Slider, SliderClamping, Ui};
 use indexmap::IndexSet;
-use splatgraph_api::Device;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
@@ -40,13 +39,7 @@ impl State {
     }
 
     /// Draws the list and applies changes. `command` is the command line that draws the same scene and graph.
-    pub fn show<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        renderer: &mut Renderer<D>,
-        command: &str,
-        controls: &mut Controls,
-    ) {
+    pub fn show(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str, controls: &mut Controls) {
         self.head(ui, renderer, command, controls);
         let mut changes: Vec<Change> = Vec::new();
         let wanted = self.filter.trim().to_lowercase();
@@ -85,13 +78,7 @@ impl State {
         }
     }
 
-    fn head<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        renderer: &mut Renderer<D>,
-        command: &str,
-        controls: &mut Controls,
-    ) {
+    fn head(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str, controls: &mut Controls) {
         let modified = renderer.set().len();
         ui.horizontal(|ui| {
             let filter = egui::TextEdit::singleline(&mut self.filter).hint_text("Filter");
@@ -188,7 +175,7 @@ impl Groups {
 }
 
 /// Formats the changed parameters as options, such as ` --set a=1 --set b=2`.
-pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
+pub fn set_line(renderer: &Renderer) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 

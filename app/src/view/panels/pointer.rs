@@ -7,7 +7,6 @@ use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
 use crate::view::wheel::Wheel;
 use egui::{CursorIcon, Key, PointerButton, Pos2, Rect, Sense, Ui};
-use splatgraph_api::Device;
 
 /// Maximum distance to the split line at which a drag moves it, in points.
 const GRIP: f32 = 6.0;
@@ -24,11 +23,11 @@ pub enum Drag {
 impl Drag {
     /// Applies the input of the last frame. Returns a click's viewport and its position, in pixels of the picture;
     /// `None` without a click, or if the brush used it.
-    pub fn act<D: Device>(
+    pub fn act(
         &mut self,
         ui: &mut Ui,
         view: Rect,
-        viewer: &mut Viewer<D>,
+        viewer: &mut Viewer,
         wheel: &mut Wheel,
         select: &mut select::State,
     ) -> Option<(RendererId, [f32; 2])> {
@@ -143,7 +142,7 @@ impl Drag {
     }
 }
 
-fn viewport_at<D: Device>(viewer: &Viewer<D>, view: Rect, at: Pos2) -> RendererId {
+fn viewport_at(viewer: &Viewer, view: Rect, at: Pos2) -> RendererId {
     let share = (at.x - view.left()) / view.width().max(1.0);
     if viewer.compare == Mode::Split && share > viewer.split { RendererId::B } else { RendererId::A }
 }

@@ -5,7 +5,6 @@ use super::widgets;
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
 use egui::{RichText, Ui};
-use splatgraph_api::Device;
 use std::path::Path;
 
 #[derive(Clone, Debug)]
@@ -29,12 +28,7 @@ impl Presets {
     }
 
     /// Draws the list; returns a chosen graph. With a search text, Enter chooses the best match.
-    pub fn show<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        renderer: &Renderer<D>,
-        controls: &mut Controls,
-    ) -> Option<String> {
+    pub fn show(&mut self, ui: &mut Ui, renderer: &Renderer, controls: &mut Controls) -> Option<String> {
         self.remember(renderer);
         let mut chosen = None;
         let wanted = widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
@@ -73,7 +67,7 @@ impl Presets {
     }
 
     /// Adds the current graph, so that it can be selected again, and updates its summary.
-    fn remember<D: Device>(&mut self, renderer: &Renderer<D>) {
+    fn remember(&mut self, renderer: &Renderer) {
         let graph = renderer.graph();
         // While another graph is being built, the plan is still the previous graph's.
         let summary = renderer.plan().filter(|plan| plan.name == graph).map(|plan| &plan.summary);

@@ -15,7 +15,6 @@ use egui::{
     Align2, Area, Button, Color32, Context, CornerRadius, DragValue, Id, Key, Modifiers, Order, Pos2, Rect,
     RichText, Shape, Stroke, StrokeKind, TextEdit, Ui, Vec2,
 };
-use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use std::path::{Path, PathBuf};
 
@@ -129,7 +128,7 @@ impl State {
     }
 
     /// Ends the drag, and selects the splats in its region. `view` is the picture's rectangle, in points.
-    pub fn end<D: Device>(&mut self, view: Rect, viewer: &mut Viewer<D>) {
+    pub fn end(&mut self, view: Rect, viewer: &mut Viewer) {
         let (Some(tool), Some(drag)) = (self.tool, self.drag.take()) else { return };
         let camera = viewer.picture_camera_of(drag.viewport);
         let scale = Vec2::new(camera.width as f32, camera.height as f32) / view.size().max(Vec2::splat(1.0));
@@ -147,7 +146,7 @@ impl State {
     }
 
     /// Selects the box given to [`State::select_first`], once there is a picture.
-    pub fn start<D: Device>(&mut self, viewer: &mut Viewer<D>) {
+    pub fn start(&mut self, viewer: &mut Viewer) {
         if viewer.pictures()[0].is_none() {
             return;
         }
@@ -159,13 +158,7 @@ impl State {
     }
 
     /// Applies a key to the scene of viewport `id`; returns false if it is not a selection key.
-    pub fn key<D: Device>(
-        &mut self,
-        key: Key,
-        command: bool,
-        viewer: &mut Viewer<D>,
-        id: RendererId,
-    ) -> bool {
+    pub fn key(&mut self, key: Key, command: bool, viewer: &mut Viewer, id: RendererId) -> bool {
         match (key, command) {
             (Key::A, true) => viewer.select_all(id),
             (_, true) => return false,
@@ -207,10 +200,10 @@ impl State {
     }
 
     /// Draws the card at the bottom of the picture, for the scene of viewport `id`.
-    pub fn card<D: Device>(
+    pub fn card(
         &mut self,
         ctx: &Context,
-        viewer: &mut Viewer<D>,
+        viewer: &mut Viewer,
         id: RendererId,
         view: Rect,
         controls: &mut Controls,
@@ -270,13 +263,7 @@ impl State {
     }
 
     /// Draws the path field and the buttons that write a file, or the progress of the file that is being written.
-    fn files<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        viewer: &mut Viewer<D>,
-        id: RendererId,
-        controls: &mut Controls,
-    ) {
+    fn files(&mut self, ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Controls) {
         if let Some(text) = viewer.exporting() {
             ui.horizontal(|ui| {
                 ui.spinner();
@@ -314,7 +301,7 @@ impl State {
     }
 }
 
-fn marks<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, id: RendererId, controls: &mut Controls) {
+fn marks(ui: &mut Ui, viewer: &mut Viewer, id: RendererId, controls: &mut Controls) {
     let Marks { selected, hidden } = viewer.marks(id).clone();
     let count = |count: u32| grouped(count.into());
     ui.horizontal_wrapped(|ui| {
@@ -328,8 +315,8 @@ fn marks<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, id: RendererId, control
             ui.spinner();
         }
     });
-    type Act<D> = fn(&mut Viewer<D>, RendererId);
-    let rows: [(&str, &str, bool, &str, Act<D>); 4] = [
+    type Act = fn(&mut Viewer, RendererId);
+    let rows: [(&str, &str, bool, &str, Act); 4] = [
         (
             "splats:invert",
             "Invert (I)",

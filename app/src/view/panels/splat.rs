@@ -6,13 +6,12 @@ use super::widgets::{self, fact, heading};
 use crate::draw::pick;
 use crate::view::viewer::Viewer;
 use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
-use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 
 const POINTS: usize = 64;
 const LIST: usize = 200;
 
-pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
+pub fn show(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     if viewer.is_picking() {
         ui.spinner();
     }
@@ -76,7 +75,7 @@ pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Contr
 }
 
 /// Draws the outline of the picked splat under the current camera.
-pub fn draw_outline<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
+pub fn draw_outline(ui: &Ui, viewer: &Viewer, view: Rect) {
     let Some(splat) = viewer.picked.as_ref().and_then(|picked| picked.splat()) else { return };
     let id = viewer.picked_in();
     let camera = viewer.picture_camera_of(id);

@@ -7,13 +7,12 @@ use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
 use crate::view::viewport::Viewport;
 use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
-use splatgraph_api::Device;
 use splatgraph_framework::reload::WatchKind;
 
 const LINES: usize = 20;
 
 impl Panels {
-    pub(super) fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+    pub(super) fn status(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let palette = Palette::of(ui);
         // Drawn in a child that does not affect the panel's size: a growing panel would resize the picture.
         let room = UiBuilder::new().max_rect(ui.max_rect()).layout(Layout::left_to_right(Align::Center));
@@ -51,7 +50,7 @@ impl Panels {
     }
 
     /// Draws a word for each notable state of a viewport, with the reason as its tooltip.
-    fn states<D: Device>(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport<D>) {
+    fn states(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport) {
         let palette = Palette::of(ui);
         let mut state = |name: &str, short: String, colour, reason: String| {
             let label = self.controls.seen(

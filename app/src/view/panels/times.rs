@@ -17,9 +17,9 @@ const COLUMN: f32 = 72.0;
 
 /// Draws the times of one viewport. `window` is the history of the window's graph; `plotted` is the phase whose passes
 /// are plotted, `None` for all phases.
-pub fn show<D: Device>(
+pub fn show(
     ui: &mut Ui,
-    viewport: &Viewport<D>,
+    viewport: &Viewport,
     loaded: u32,
     interval: Option<f64>,
     window: &History,

@@ -9,16 +9,10 @@ use crate::view::history::History;
 use crate::view::viewer::Viewer;
 use egui::{Frame, Rect, Response, Ui, WidgetText};
 use egui_tiles::{SimplificationOptions, TileId, Tiles, UiResponse};
-use splatgraph_api::Device;
 
 impl Panels {
     /// Draws the docked tools and the picture; returns the picture's rectangle, in points.
-    pub(super) fn docked<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        viewer: &mut Viewer<D>,
-        window: &History,
-    ) -> Rect {
+    pub(super) fn docked(&mut self, ui: &mut Ui, viewer: &mut Viewer, window: &History) -> Rect {
         self.layout.arrange(ui.max_rect(), self.hidden);
         let empty = egui_tiles::Tree::empty(egui::Id::unique("no layout"));
         let mut tree = std::mem::replace(&mut self.layout.tree, empty);
@@ -40,13 +34,7 @@ impl Panels {
         view
     }
 
-    pub(super) fn floating<D: Device>(
-        &mut self,
-        ui: &Ui,
-        viewer: &mut Viewer<D>,
-        window: &History,
-        area: Rect,
-    ) {
+    pub(super) fn floating(&mut self, ui: &Ui, viewer: &mut Viewer, window: &History, area: Rect) {
         for tool in self.layout.floating(area.size()) {
             let mut close = false;
             let mut dock = false;
@@ -70,7 +58,7 @@ impl Panels {
         }
     }
 
-    fn tool<D: Device>(&mut self, ui: &mut Ui, tool: Tool, viewer: &mut Viewer<D>, window: &History) {
+    fn tool(&mut self, ui: &mut Ui, tool: Tool, viewer: &mut Viewer, window: &History) {
         match tool {
             Tool::Picture => {}
             Tool::Parameters => {
@@ -142,9 +130,9 @@ enum Act {
     Float,
 }
 
-struct Tools<'a, D: Device> {
+struct Tools<'a> {
     panels: &'a mut Panels,
-    viewer: &'a mut Viewer<D>,
+    viewer: &'a mut Viewer,
     window: &'a History,
     /// Rectangle of the picture, in points; set when its tile is drawn.
     view: Rect,
@@ -154,7 +142,7 @@ struct Tools<'a, D: Device> {
     picture: TileId,
 }
 
-impl<D: Device> egui_tiles::Behavior<Tool> for Tools<'_, D> {
+impl egui_tiles::Behavior<Tool> for Tools<'_> {
     fn pane_ui(&mut self, ui: &mut Ui, _: TileId, tool: &mut Tool) -> UiResponse {
         if *tool == Tool::Picture {
             self.view = self.panels.view(ui, self.viewer);

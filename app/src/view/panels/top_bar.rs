@@ -14,7 +14,6 @@ use egui::{
     Align, Button, Color32, Layout, Popup, PopupCloseBehavior, Rect, Response, RichText, TextStyle, Ui,
     UiBuilder, gui_zoom, pos2,
 };
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, grouped};
 use std::path::Path;
 
@@ -47,7 +46,7 @@ fn drop_down(ui: &mut Ui, start: &str, text: &str, width: f32, contents: impl Fn
 }
 
 impl Panels {
-    pub(super) fn top_bar<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+    pub(super) fn top_bar(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let mut compare = viewer.compare;
         ui.horizontal_wrapped(|ui| {
             ui.spacing_mut().item_spacing.x = GRID;
@@ -86,7 +85,7 @@ impl Panels {
         }
     }
 
-    fn scene_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+    fn scene_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let selected = self.selected;
         let path = viewer.scene_path_of(selected).to_owned();
         self.remember_scene(&path);
@@ -123,7 +122,7 @@ impl Panels {
         }
     }
 
-    fn camera_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+    fn camera_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let names: Vec<String> = viewer.cameras.iter().enumerate().map(camera_name).collect();
         let (cameras, now) = (&viewer.cameras, viewer.shown_camera());
         let (search, controls) = (&mut self.camera_search, &mut self.controls);
@@ -160,7 +159,7 @@ impl Panels {
         }
     }
 
-    fn graph_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+    fn graph_list(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let selected = self.selected;
         let Some(viewport) = viewer.viewport(selected) else { return };
         let (presets, controls) = (&mut self.presets, &mut self.controls);
@@ -180,7 +179,7 @@ impl Panels {
         }
     }
 
-    fn comparison_controls<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, compare: Mode) {
+    fn comparison_controls(&mut self, ui: &mut Ui, viewer: &mut Viewer, compare: Mode) {
         widgets::divider(ui);
         ui.weak("edit");
         for (name, id) in [("A", RendererId::A), ("B", RendererId::B)] {
@@ -219,7 +218,7 @@ impl Panels {
         }
     }
 
-    fn view_menu<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+    fn view_menu(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let button = drop_down(ui, "", "View", 72.0, |ui| {
             ui.horizontal(|ui| {
                 let undo =
@@ -286,7 +285,7 @@ impl Panels {
         self.controls.see("menu", button.rect);
     }
 
-    fn readout<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
+    fn readout(&mut self, ui: &mut Ui, viewer: &mut Viewer) {
         let palette = Palette::of(ui);
         let splats = format!("{} splats", grouped(viewer.scene_of(self.selected).count().into()));
         let interval = self.interval();

@@ -3,18 +3,19 @@
 use super::Renderer;
 use super::events::{Cause, Failure};
 use super::state::{BuildState, DeviceState, Fault, Pause};
+use crate::draw::backend::Backend;
 use splatgraph_api::{BackendError, Device, DeviceInfo};
 use splatgraph_framework::reload::LastGood;
 use std::time::Instant;
 
-impl<D: Device> Renderer<D> {
+impl Renderer {
     /// Returns the device, even if it is lost; `None` between [`Renderer::release`] and [`Renderer::give`].
-    pub fn device(&self) -> Option<&D> {
+    pub fn device(&self) -> Option<&Backend> {
         self.device.device.as_ref()
     }
 
     /// Returns the device, for changes that do not affect a plan; `None` as for [`Renderer::device`].
-    pub fn device_mut(&mut self) -> Option<&mut D> {
+    pub fn device_mut(&mut self) -> Option<&mut Backend> {
         self.device.device.as_mut()
     }
 
@@ -60,7 +61,7 @@ impl<D: Device> Renderer<D> {
     }
 
     /// Continues on another device after [`Renderer::release`], and builds the plan again.
-    pub fn give(&mut self, device: D) {
+    pub fn give(&mut self, device: Backend) {
         self.info = device.info().clone();
         self.device = DeviceState::new(Some(device));
     }
@@ -73,7 +74,7 @@ impl<D: Device> Renderer<D> {
     }
 
     /// Returns the device, even if it is lost; `None` if it was released.
-    pub fn into_device(self) -> Option<D> {
+    pub fn into_device(self) -> Option<Backend> {
         self.device.device
     }
 }

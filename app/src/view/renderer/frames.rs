@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 const FIRST_PAUSE: Duration = Duration::from_micros(50);
 const MAX_PAUSE: Duration = Duration::from_micros(400);
 
-impl<D: Device> Renderer<D> {
+impl Renderer {
     /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced by the
     /// controls'.
     ///
@@ -170,7 +170,7 @@ impl<D: Device> Renderer<D> {
 /// Takes the results of finished frames of all renderers of a device. If [reads block](Renderer::reads_block), first
 /// waits up to `patience` for the newest frame: reading an older result would block just as long. Returns false if that
 /// frame is still in flight; no other must be submitted then.
-pub(in crate::view) fn collect<D: Device>(renderers: &mut [&mut Renderer<D>], patience: Duration) -> bool {
+pub(in crate::view) fn collect(renderers: &mut [&mut Renderer], patience: Duration) -> bool {
     let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
     if let Some(newest) = newest.filter(|newest| newest.reads_block()) {
         match newest.wait_for_newest(patience) {

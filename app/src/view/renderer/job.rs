@@ -2,12 +2,13 @@
 
 use super::events::{Causes, Failure};
 use super::state::PlanInputs;
+use crate::draw::backend::{Loader, Ready};
 use crate::draw::capacity::Capacities;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
 use crate::draw::session::Upload;
 use crate::view::profile::zone;
-use splatgraph_api::{Loader, Progress};
+use splatgraph_api::{Loader as _, Progress};
 use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
@@ -16,7 +17,7 @@ use splatgraph_framework::shader::Cancel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-pub(super) struct Job<L> {
+pub(super) struct Job {
     pub graph: String,
     pub set: Vec<(String, String)>,
     pub capacities: Capacities,
@@ -24,14 +25,14 @@ pub(super) struct Job<L> {
     pub strict: bool,
     pub inputs: PlanInputs,
     pub device: DeviceFacts,
-    pub loader: L,
+    pub loader: Loader,
     pub causes: Causes,
     pub asked: Instant,
     pub progress: Arc<Mutex<String>>,
 }
 
-pub(super) struct Built<R> {
-    pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
+pub(super) struct Built {
+    pub outcome: Result<(Plan, Vec<Control>, Ready), Failure>,
     pub wanted: Vec<Wanted>,
     pub capacities: Capacities,
     pub inputs: PlanInputs,
@@ -42,13 +43,13 @@ pub(super) struct Built<R> {
 }
 
 /// Creates the build thread's function, which owns the cache of compiled shaders.
-pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<L::Ready> {
+pub(super) fn builder(cancel: Cancel) -> impl FnMut(Job) -> Built {
     let mut planner = Planner::default();
     planner.set_cancel(cancel.clone());
     move |job| build(&mut planner, &cancel, job)
 }
 
-fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Built<L::Ready> {
+fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
     let Job { graph, mut set, capacities, strict, inputs, device, loader, causes, asked, progress } = job;
     let milliseconds = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     zone!("build a plan");

@@ -26,10 +26,11 @@ mod job;
 mod room;
 mod state;
 
+use crate::draw::backend::Backend;
 use crate::draw::capacity::{Capacities, Overflow};
 use indexmap::IndexMap;
 use job::{Built, Job, builder};
-use splatgraph_api::{BackendError, Device, DeviceInfo, FrameId, FrameResult, Inspect, Loader, Running};
+use splatgraph_api::{BackendError, Device, DeviceInfo, FrameId, FrameResult, Inspect, Running};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
@@ -78,15 +79,13 @@ struct PendingSwap {
     asked: Instant,
 }
 
-type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
-
 /// A graph on a device, with its plans, builds and frames in flight; see the module's documentation.
-pub struct Renderer<D: Device> {
+pub struct Renderer {
     /// Maximum wait for a frame in [`Renderer::submit`].
     pub patience: Duration,
     /// True while frames must not be submitted.
     pub(super) paused: bool,
-    device: DeviceState<D>,
+    device: DeviceState,
     info: DeviceInfo,
     /// Number of devices released so far; identifies the current device.
     epoch: u64,
@@ -107,7 +106,7 @@ pub struct Renderer<D: Device> {
     redraw: bool,
     changes: u64,
     strict: bool,
-    builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
+    builder: Rebuilder<Job, Built>,
     watcher: Watcher,
     build: BuildState,
     /// Number of failed builds that are retried, since the last change or plan.
@@ -131,12 +130,17 @@ pub struct Renderer<D: Device> {
     progress: Arc<Mutex<String>>,
 }
 
-impl<D: Device> Renderer<D> {
+impl Renderer {
     /// Creates a renderer that draws `graph`, a built-in graph's name or a path, with the parameters in `set`.
     ///
     /// # Errors
     /// The file watcher or the build thread cannot be started.
-    pub fn new(device: D, graph: &str, set: &[(String, String)], wake: Wake) -> std::io::Result<Renderer<D>> {
+    pub fn new(
+        device: Backend,
+        graph: &str,
+        set: &[(String, String)],
+        wake: Wake,
+    ) -> std::io::Result<Renderer> {
         let woken = wake.clone();
         let watcher = Watcher::new(move || woken())?;
         let woken = wake;
@@ -469,7 +473,7 @@ impl<D: Device> Renderer<D> {
         self.now + pause_after(self.attempts - 1)
     }
 
-    fn take(&mut self, built: Built<Ready<D>>) {
+    fn take(&mut self, built: Built) {
         self.watcher.watch(&built.wanted);
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,

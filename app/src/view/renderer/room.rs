@@ -4,12 +4,12 @@ use super::Renderer;
 use super::events::{Cause, Causes, Failure};
 use super::state::{Crowded, ends_device};
 use crate::draw::capacity::{Overflow, overflows};
-use splatgraph_api::{Device, FrameResult};
+use splatgraph_api::FrameResult;
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::Instant;
 
-impl<D: Device> Renderer<D> {
+impl Renderer {
     /// Returns the reason why more capacity was rejected; `None` if it was not, or after a change or the retry time.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
@@ -21,7 +21,7 @@ impl<D: Device> Renderer<D> {
     }
 
     /// Copies the capacities of another renderer that draws the same scene with the same graph.
-    pub fn take_room_of(&mut self, other: &Renderer<D>) {
+    pub fn take_room_of(&mut self, other: &Renderer) {
         self.capacities = other.capacities.clone();
     }
 

@@ -1,6 +1,7 @@
 //! Defines the states of a renderer's device and builds.
 
 use super::events::{Cause, Causes};
+use crate::draw::backend::Backend;
 use splatgraph_api::{BackendError, Recovery};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::Catalog;
@@ -49,9 +50,9 @@ impl PlanInputs {
     }
 }
 
-pub(super) struct DeviceState<D> {
+pub(super) struct DeviceState {
     /// `None` after the device was released, until it is replaced. A lost device is kept until it is released.
-    pub device: Option<D>,
+    pub device: Option<Backend>,
     pub fault: Option<Fault>,
 }
 
@@ -62,8 +63,8 @@ pub(super) enum Fault {
     Lost(BackendError),
 }
 
-impl<D> DeviceState<D> {
-    pub fn new(device: Option<D>) -> DeviceState<D> {
+impl DeviceState {
+    pub fn new(device: Option<Backend>) -> DeviceState {
         DeviceState { device, fault: None }
     }
 

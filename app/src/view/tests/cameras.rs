@@ -9,7 +9,7 @@ use crate::view::navigation::{Buttons, Input};
 use crate::view::opening::CameraRole;
 use crate::view::viewer::{Marks, Viewer};
 use splatgraph_assets::{Camera, Projection, synth};
-use splatgraph_null::{Config, Null};
+use splatgraph_null::Config;
 use std::path::Path;
 
 /// Origin with coordinates that are not short binary fractions, so that conversion to the world rounds a camera.
@@ -35,7 +35,7 @@ fn drag(x: f64, y: f64) -> Input {
 }
 
 /// Records three keys of an orbit, and returns to the first.
-fn record(viewer: &mut Viewer<Null>) {
+fn record(viewer: &mut Viewer) {
     for _ in 0..3 {
         viewer.record_key(usize::MAX).expect("a sound camera");
         viewer.navigate(&drag(120.0, 15.0));
@@ -135,7 +135,7 @@ fn a_path_moves_the_camera_until_the_user_does() {
             record(viewer);
             let offset = viewer.scene().offset();
             assert!(offset.iter().all(|v| v.abs() > 100.0), "{offset:?}");
-            let shown = |viewer: &Viewer<Null>, seconds: f64| {
+            let shown = |viewer: &Viewer, seconds: f64| {
                 let expected = viewer.path.at(seconds).expect("a camera").relative_to(offset);
                 viewer.navigation.camera(320, 180) == expected
             };

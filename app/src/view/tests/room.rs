@@ -1,12 +1,12 @@
 //! Tests frames that need more capacity than their plan has: they are shown incomplete until a larger plan is built.
 
 use super::script::{Script, arranged};
-use crate::draw::facts;
+use crate::draw::{backend::Backend, facts};
 use crate::view::events::Event;
 use crate::view::renderer::{PlanInputs, Renderer};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::Value;
-use splatgraph_null::{Config, Fault, Null, Point, limits, open};
+use splatgraph_null::{Config, Fault, Point, limits, open};
 use splatgraph_runtime::Limits;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -231,10 +231,10 @@ fn a_plan_that_never_fits_is_tried_less_and_less_often_until_something_changes()
         size: (64, 36),
         share_memory: true,
     };
-    let renderer = Renderer::new(device, &graph.to_string_lossy(), &[], Arc::new(|| {}));
+    let renderer = Renderer::new(Backend::Null(device), &graph.to_string_lossy(), &[], Arc::new(|| {}));
     let (mut renderer, mut now) = (renderer.expect("a renderer"), Instant::now());
     // The clock is set to the time of each attempt, so nothing waits.
-    let mut pauses = |renderer: &mut Renderer<Null>, count: usize| {
+    let mut pauses = |renderer: &mut Renderer, count: usize| {
         let pause = |_| {
             renderer.poll(&inputs, now);
             while renderer.busy() {

@@ -1,5 +1,6 @@
 //! Simulates a user's visit to the viewer on a device that executes nothing.
 
+use crate::draw::backend::Backend;
 use crate::view::events::Event;
 use crate::view::paint::Mode;
 use crate::view::panels::Panels;
@@ -10,7 +11,7 @@ use egui::{Pos2, RawInput, Rect, Vec2};
 use splatgraph_api::{Device, Running, Windowed};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Value;
-use splatgraph_null::{Call, Config, Fault, Journal, Null, open};
+use splatgraph_null::{Call, Config, Fault, Journal, open};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs;
@@ -81,7 +82,7 @@ const SHADERS: [(&str, &str); 3] = [
 /// Devices opened during the visit, each with a context from which its messages are read at the end.
 #[derive(Default)]
 struct Devices {
-    opened: Vec<(Option<Null>, Journal)>,
+    opened: Vec<(Option<Backend>, Journal)>,
 }
 
 /// Final state of a visit, for comparison with other visits.
@@ -96,8 +97,8 @@ pub struct Outcome {
 }
 
 pub struct Script {
-    shell: Shell<Null>,
-    recovery: Recovery<Null>,
+    shell: Shell,
+    recovery: Recovery,
     devices: Rc<RefCell<Devices>>,
     size: (u32, u32),
     pub events: Vec<Event>,
@@ -148,7 +149,7 @@ impl Script {
             let open = |config: &Config| {
                 let (device, journal) = open(config);
                 opened.borrow_mut().opened.push((None, journal));
-                let device = device?;
+                let device = Backend::Null(device?);
                 let probe = device.new_context()?;
                 if let Some(last) = opened.borrow_mut().opened.last_mut() {
                     last.0 = Some(probe);
@@ -209,7 +210,7 @@ impl Script {
         }
     }
 
-    pub fn viewer(&mut self) -> &mut Viewer<Null> {
+    pub fn viewer(&mut self) -> &mut Viewer {
         &mut self.shell.viewer
     }
 
@@ -504,7 +505,7 @@ impl Script {
         drop(shell.into_devices());
         let mut reached = BTreeMap::new();
         for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
-            let messages = probe.map(Null::close).unwrap_or_default();
+            let messages = probe.map(Backend::close).unwrap_or_default();
             assert_eq!(messages, Vec::<String>::new(), "device {index} under {faults:?}");
             // An abandoned compiler thread that was resumed must notice that its result is no longer awaited.
             let begun = Instant::now();

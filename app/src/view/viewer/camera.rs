@@ -9,14 +9,13 @@ use crate::view::cameras::SaveError;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use crate::view::opening::CameraRole;
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
 /// Picture size for comparing cameras; any size would do.
 const ANY_SIZE: (u32, u32) = (1, 1);
 
-impl<D: Device> Viewer<D> {
+impl Viewer {
     /// Returns the camera of the last frame's pictures in the world's coordinates, as in files, at the pictures' size.
     pub fn world_camera(&self) -> Camera {
         self.world_camera_of(self.asked)

@@ -8,10 +8,10 @@ use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
-use splatgraph_api::{Device, Pixels};
+use splatgraph_api::Pixels;
 use splatgraph_reference::metrics;
 
-impl<D: Device> Viewer<D> {
+impl Viewer {
     /// Compares the next pictures of A and B. The result is reported as an event and by [`Viewer::comparison`].
     ///
     /// Does nothing without B, or while a comparison is in progress.
@@ -42,7 +42,7 @@ impl<D: Device> Viewer<D> {
     }
 
     fn compares_now(&self) -> Compared {
-        let side = |id, viewport: &Viewport<D>| Side {
+        let side = |id, viewport: &Viewport| Side {
             graph: viewport.renderer.graph().to_owned(),
             set: viewport.renderer.set().clone(),
             scene: self.scene_of(id).identity(),

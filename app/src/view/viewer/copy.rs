@@ -17,7 +17,7 @@ const FRAMES: u64 = 40;
 /// Size of the measuring graph's output, in pixels; it is never shown.
 const SIZE: (u32, u32) = (16, 16);
 
-impl<D: Device> Viewer<D> {
+impl Viewer {
     /// Returns the copy limit in 10^9 bytes per second, reads plus writes; `None` before it is measured.
     pub fn copy_limit(&self) -> Option<f64> {
         self.copy_limit
@@ -87,7 +87,7 @@ impl<D: Device> Viewer<D> {
 }
 
 /// Computes the bandwidth in the pass, or in the whole frame if the passes' times are unreliable.
-fn rate<D: Device>(viewport: &Viewport<D>) -> Option<f64> {
+fn rate(viewport: &Viewport) -> Option<f64> {
     let plan = viewport.renderer.plan()?;
     let pass = plan.passes.iter().find(|pass| pass.name == PASS)?;
     let bytes: u64 = pass.bindings.iter().map(|binding| plan.resource(binding.resource).bytes()).sum();

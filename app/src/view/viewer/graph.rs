@@ -4,14 +4,13 @@ use super::Viewer;
 use crate::draw::builtin;
 use crate::view::events::{Event, RendererId};
 use indexmap::IndexMap;
-use splatgraph_api::Device;
 use splatgraph_framework::schema::Document;
 use splatgraph_framework::source::Kind;
 
 /// Presets based on each other that are read; a longer chain may be a cycle.
 const MAX_PRESETS: usize = 8;
 
-impl<D: Device> Viewer<D> {
+impl Viewer {
     /// Draws a viewport with another graph. Parameters keep their settings, except those that the graph is a preset for.
     /// The renderer drops, and reports, settings that the graph rejects.
     pub fn choose_graph(&mut self, id: RendererId, graph: &str) {

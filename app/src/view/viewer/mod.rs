@@ -14,6 +14,7 @@ use super::paint::{Mode, Shown};
 use super::profile::zone;
 use super::renderer::{self, PlanInputs, Renderer, Wake};
 use super::viewport::{View, Viewport};
+use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::Masked;
@@ -53,7 +54,7 @@ pub enum ViewerError {
 }
 
 /// A scene, a camera and one or two viewports; see the module's documentation.
-pub struct Viewer<D: Device> {
+pub struct Viewer {
     /// A's scene. The camera and the selectable cameras are in its coordinates.
     subject: Subject,
     /// B's scene; `None` if B draws A's.
@@ -74,9 +75,9 @@ pub struct Viewer<D: Device> {
     played: Option<Camera>,
     camera_files: CameraFiles,
     /// Viewport that draws the whole picture, or the part left of the split line.
-    pub a: Viewport<D>,
+    pub a: Viewport,
     /// Viewport that A is compared with; `None` before the first comparison. Hiding it keeps its parameters.
-    pub b: Option<Viewport<D>>,
+    pub b: Option<Viewport>,
     /// Pictures to show: A alone, or a comparison of A and B.
     pub compare: Mode,
     /// Position of the split line, as a fraction of the view's width.
@@ -115,23 +116,23 @@ pub struct Viewer<D: Device> {
     /// Bandwidth for copies, in 10^9 bytes per second; `None` before it is measured.
     copy_limit: Option<f64>,
     /// Viewport that measures the copy limit.
-    copying: Option<Viewport<D>>,
+    copying: Option<Viewport>,
     events: Vec<Event>,
     wake: Wake,
 }
 
-impl<D: Device> Viewer<D> {
+impl Viewer {
     /// Creates a viewer of `scene`, loaded from `path`, with `graph` and the parameters in `set`.
     ///
     /// # Errors
     /// The system cannot start a thread.
     pub fn new(
-        device: D,
+        device: Backend,
         (scene, path): (Scene, PathBuf),
         graph: &str,
         set: &[(String, String)],
         wake: Wake,
-    ) -> Result<Viewer<D>, ViewerError> {
+    ) -> Result<Viewer, ViewerError> {
         let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
         let renderer = Renderer::new(device, graph, set, wake.clone())?;
         let mut placed = PlacedFiles::default();
@@ -178,7 +179,7 @@ impl<D: Device> Viewer<D> {
     }
 
     /// Returns a viewport; `None` for the window, and for B until A and B are first compared.
-    pub fn viewport(&mut self, id: RendererId) -> Option<&mut Viewport<D>> {
+    pub fn viewport(&mut self, id: RendererId) -> Option<&mut Viewport> {
         match id {
             RendererId::A => Some(&mut self.a),
             RendererId::B => self.b.as_mut(),
@@ -194,7 +195,7 @@ impl<D: Device> Viewer<D> {
 
     /// Returns true while the pictures do not show the requested state.
     fn changes_soon(&self) -> bool {
-        let busy = |viewport: &Viewport<D>| {
+        let busy = |viewport: &Viewport| {
             viewport.renderer.busy() || viewport.renderer.may_grow() || viewport.is_coming()
         };
         let scenes = [Some(&self.subject), self.other.as_ref()];
@@ -202,31 +203,31 @@ impl<D: Device> Viewer<D> {
     }
 
     /// Iterates over A, and B after the first comparison.
-    pub fn viewports(&self) -> impl Iterator<Item = &Viewport<D>> {
+    pub fn viewports(&self) -> impl Iterator<Item = &Viewport> {
         [Some(&self.a), self.b.as_ref()].into_iter().flatten()
     }
 
-    fn viewports_mut(&mut self) -> impl Iterator<Item = &mut Viewport<D>> {
+    fn viewports_mut(&mut self) -> impl Iterator<Item = &mut Viewport> {
         [Some(&mut self.a), self.b.as_mut()].into_iter().flatten()
     }
 
     /// Iterates over A, and B unless it is hidden.
-    pub fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
+    pub fn shown(&self) -> impl Iterator<Item = &Viewport> {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [Some(&self.a), b].into_iter().flatten()
     }
 
     /// Iterates over A, B, and the viewport of the copy measurement while it runs.
-    fn all(&self) -> impl Iterator<Item = &Viewport<D>> {
+    fn all(&self) -> impl Iterator<Item = &Viewport> {
         self.viewports().chain(&self.copying)
     }
 
-    fn all_mut(&mut self) -> impl Iterator<Item = &mut Viewport<D>> {
+    fn all_mut(&mut self) -> impl Iterator<Item = &mut Viewport> {
         [Some(&mut self.a), self.b.as_mut(), self.copying.as_mut()].into_iter().flatten()
     }
 
     /// Iterates over the shown viewports, and the viewport of the copy measurement while it runs.
-    fn drawing(&self) -> impl Iterator<Item = &Viewport<D>> {
+    fn drawing(&self) -> impl Iterator<Item = &Viewport> {
         self.shown().chain(&self.copying)
     }
 
@@ -242,13 +243,13 @@ impl<D: Device> Viewer<D> {
 
     /// Returns a counter of changes that panels show: finished frames, and [`Renderer::changes`].
     pub(super) fn changes(&self) -> u64 {
-        let of = |viewport: &Viewport<D>| viewport.renderer.changes() + viewport.history.frames();
+        let of = |viewport: &Viewport| viewport.renderer.changes() + viewport.history.frames();
         self.all().map(of).sum()
     }
 
     /// Returns the time at which the next frame is due, unless a wake or the end of a frame comes first.
     pub(super) fn next(&self) -> Option<Instant> {
-        let of = |viewport: &Viewport<D>| {
+        let of = |viewport: &Viewport| {
             let retry = viewport.renderer.retry().filter(|_| viewport.waits());
             [viewport.renderer.next(), retry]
         };
@@ -468,7 +469,7 @@ impl<D: Device> Viewer<D> {
     ///
     /// # Errors
     /// A context for B cannot be created; B is then dropped.
-    pub fn give(&mut self, device: D) -> Result<(), BackendError> {
+    pub fn give(&mut self, device: Backend) -> Result<(), BackendError> {
         // The copy limit must be measured again on the new device.
         (self.copy_limit, self.copying) = (None, None);
         let b = self.b.as_ref().map(|_| device.new_context()).transpose();
@@ -507,7 +508,7 @@ impl<D: Device> Viewer<D> {
     }
 
     /// Closes the viewer, and returns A's device; `None` if it was released.
-    pub fn into_device(self) -> Option<D> {
+    pub fn into_device(self) -> Option<Backend> {
         let Viewer { a, b, copying, .. } = self;
         drop((b, copying));
         a.renderer.into_device()

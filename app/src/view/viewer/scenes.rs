@@ -11,11 +11,10 @@ use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Navigation;
 use crate::view::opening::{self, CameraRole, Content, Opened, OpenedScene};
 use glam::DVec3;
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use std::path::{Path, PathBuf};
 
-impl<D: Device> Viewer<D> {
+impl Viewer {
     pub(super) fn subject_of(&self, id: RendererId) -> &Subject {
         self.other.as_ref().filter(|_| id == RendererId::B).unwrap_or(&self.subject)
     }

@@ -7,12 +7,11 @@ use crate::draw::splat_set::Masked;
 use crate::view::events::{Event, RendererId};
 use crate::view::export::Written;
 use crate::view::opening;
-use splatgraph_api::Device;
 use splatgraph_assets::Scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-impl<D: Device> Viewer<D> {
+impl Viewer {
     /// Returns the selected and hidden splats of a viewport's scene, as indices into the scene as loaded.
     pub fn marks(&self, id: RendererId) -> &Marks {
         self.subject_of(id).marks()

@@ -65,7 +65,7 @@ const SLOW: Duration = Duration::from_secs(1);
 const MANY: u64 = 30;
 
 /// A function that sets the initial state of the shell. The pair is the window's size, in pixels.
-pub type Setup<'a> = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()> + 'a>;
+pub type Setup<'a> = Box<dyn FnOnce(&mut Shell, (u32, u32)) -> Result<()> + 'a>;
 
 /// Options of the window.
 pub struct WindowOptions<'a> {
@@ -135,8 +135,8 @@ struct App<'a> {
 }
 
 struct Running {
-    shell: Shell<Backend>,
-    recovery: Recovery<Backend>,
+    shell: Shell,
+    recovery: Recovery,
     input: egui_winit::State,
     window: display::Handle,
     covered: bool,
