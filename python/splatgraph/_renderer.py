@@ -160,7 +160,8 @@ class Renderer:
         self._pipeline = graph_name(pipeline)
         self._set = dict(params or {})
         #: Held while the scene, the graph or its parameters change, so that concurrent changes are all kept.
-        self._changing = threading.Lock()
+        # A signal handler may set parameters while this thread waits for the engine.
+        self._changing = threading.RLock()
         name = None if device is None else str(device)
         self._engine = _native.Engine(scene, self._pipeline, texts(self._set), backend=backend, device=name, validation=validation)
         _open.add(self)
@@ -253,9 +254,12 @@ class Renderer:
             GraphError: a name or a value is invalid. Nothing is changed then.
         """
         with self._changing:
-            changed = {**self._set, **params}
-            self._engine.set_graph(self._pipeline, texts(changed), self._size())
-            self._set = changed
+            former, self._set = self._set, {**self._set, **params}
+            try:
+                self._engine.set_graph(self._pipeline, texts(self._set), self._size())
+            except BaseException:
+                self._set = former
+                raise
 
     def use(self, pipeline: str | os.PathLike[str], params: Mapping[str, Setting] | None = None) -> None:
         """Draws with another graph from now on.

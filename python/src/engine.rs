@@ -122,8 +122,11 @@ impl Engine {
         &self,
         camera: &Bound<'_, Camera>,
         background: [f32; 3],
-        outputs: Vec<String>,
+        mut outputs: Vec<String>,
     ) -> PyResult<Pending> {
+        // In another order, they would need another plan.
+        outputs.sort_unstable();
+        outputs.dedup();
         let (reply, receiver) = channel();
         let abandoned = Arc::new(AtomicBool::new(false));
         let camera = camera.get().0.clone();
@@ -286,13 +289,19 @@ fn serve(session: &mut Session, requests: &Receiver<Request>) {
             false => requests.try_recv(),
         };
         match request {
+            Ok(Request::Draw(draw)) if draw.abandoned.load(Ordering::Relaxed) => {}
             Ok(Request::Draw(draw)) => {
                 if draw.outputs != outputs {
                     land(session, &mut flying, 0);
                     session.set_outputs(&draw.outputs);
-                    outputs.clone_from(&draw.outputs);
                 }
-                start(session, &mut flying, *draw);
+                let wanted = draw.outputs.clone();
+                match start(session, &mut flying, *draw) {
+                    true => outputs = wanted,
+                    // The plan must not depend on a request that failed.
+                    false if wanted != outputs => session.set_outputs(&outputs),
+                    false => {}
+                }
             }
             Ok(Request::Call(call)) => {
                 land(session, &mut flying, 0);
@@ -310,11 +319,8 @@ fn serve(session: &mut Session, requests: &Receiver<Request>) {
     }
 }
 
-/// Submits the frame of a request, unless the request was abandoned. Builds the plan first if necessary.
-fn start(session: &mut Session, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) {
-    if draw.abandoned.load(Ordering::Relaxed) {
-        return;
-    }
+/// Submits the frame of a request, and builds the plan first if necessary. Returns false after an error.
+fn start(session: &mut Session, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) -> bool {
     let size = (draw.camera.width, draw.camera.height);
     if !session.is_prepared(size) {
         land(session, flying, 0);
@@ -328,8 +334,14 @@ fn start(session: &mut Session, flying: &mut VecDeque<(FrameId, Draw)>, draw: Dr
         session.submit(&camera, &options)
     });
     match submitted {
-        Ok(frame) => flying.push_back((frame, draw)),
-        Err(error) => drop(draw.reply.send(Err(error))),
+        Ok(frame) => {
+            flying.push_back((frame, draw));
+            true
+        }
+        Err(error) => {
+            drop(draw.reply.send(Err(error)));
+            false
+        }
     }
 }
 

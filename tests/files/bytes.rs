@@ -48,6 +48,14 @@ fn names_that_are_not_valid_utf_8_are_read_written_and_reported() {
     assert_eq!(compared["pictures"].as_array().map(Vec::len), Some(2), "{compared}");
     assert_eq!(compared["pictures"][0]["a"], "\u{fffd}\u{fffd}/@.png", "{compared}");
 
+    // Different bytes are different names, though they are spelled alike.
+    for (folder, name) in [("x", b"\xff.png"), ("y", b"\xfe.png")] {
+        fs::create_dir(place.at(folder)).expect("a folder");
+        let copy = place.at(folder).join(OsStr::from_bytes(name));
+        fs::copy(place.at(OsStr::from_bytes(b"\xff\xfe/a.png")), copy).expect("copied");
+    }
+    run(&place, "compare x/ y/", 1);
+
     let line = "trade @.ply -p unsorted -o @t --size 16x12 --rounds 1 --frames 1 --only exact";
     done(&place, line);
     done(&place, &line.replace("@t", "@s --shard 0/1"));

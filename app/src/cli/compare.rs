@@ -208,12 +208,15 @@ impl Pictures {
             std::fs::read_dir(path).with_context(|| format!("{}: cannot be read", path.display()))?;
         for entry in entries {
             let file = entry.with_context(|| format!("{}: cannot be read", path.display()))?.path();
-            let Some(stem) = file.file_stem().map(|stem| stem.to_string_lossy()) else { continue };
+            let Some(stem) = file.file_stem() else { continue };
             // The folder may hold other files, such as statistics.
             if Format::of(&file).is_none() {
                 continue;
             }
-            if let Some(other) = pictures.insert(stem.into_owned(), file.clone()) {
+            // Names that are not UTF-8 must stay distinct.
+            let escaped = || stem.as_encoded_bytes().escape_ascii().to_string();
+            let name = stem.to_str().map_or_else(escaped, str::to_owned);
+            if let Some(other) = pictures.insert(name, file.clone()) {
                 bail!("{} and {} have the same name without extension", other.display(), file.display());
             }
         }

@@ -249,7 +249,8 @@ fn not_utf_8(arguments: &[OsString]) -> Usage {
         Some(option) if option.starts_with('-') => format!("{option} {}", word.display()),
         _ => word.display().to_string(),
     });
-    Usage(format!("expected valid UTF-8, found {}", found.collect::<Vec<_>>().join(" and ")))
+    // Paths may be any bytes, so perhaps only one of these is wrong.
+    Usage(format!("expected valid UTF-8, found {}", found.collect::<Vec<_>>().join(" or ")))
 }
 
 fn command_line(arguments: &[OsString]) -> String {

@@ -159,6 +159,8 @@ pub fn scene_or_demo(
                 say(format!("the demo scene was generated into {}", path.display()));
                 load_scene(&path, load)?
             }
+            // Loading a level would be an error.
+            Err(error) if load.level.is_some() => return Err(error.into()),
             Err(error) => {
                 say(format!("the demo scene is generated at each use, because {error}"));
                 Scene::parse(&bytes, QUIET)?

@@ -5,12 +5,14 @@ use std::path::Path;
 #[path = "../../../tests/module_order.rs"]
 mod module_order;
 
-const ORDER: [&str; 18] = [
+const ORDER: [&str; 20] = [
     "objc",
     "error",
     "surface",
     "features",
     "lower",
+    "progress",
+    "times",
     "capture",
     "device",
     "gpu",

@@ -3,7 +3,7 @@
 use crate::descriptors::DescriptorSets;
 use crate::encoder::Encoder;
 use crate::error::api;
-use crate::gpu::{Owned, VulkanGpu};
+use crate::gpu::{HOST_BLOCK, Owned, VulkanGpu};
 use crate::instance::Instance;
 use crate::memory::{self, Image, Memory, UnboundImage};
 use crate::pipelines::Pipelines;
@@ -82,9 +82,12 @@ impl Gpu for VulkanGpu {
         let available = device::heap(&self.instance, self.physical, self.budget).available?;
         let allocator = self.allocator.lock().unwrap_or_else(PoisonError::into_inner);
         let report = allocator.as_ref()?.generate_report();
-        // Free space in the allocator's blocks counts as used by the driver, but is available. Blocks that the host can
-        // access are left out: on a discrete GPU, they are in another heap.
-        let blocks = report.blocks.iter().filter(|block| block.size != memory::HOST_BLOCK);
+        // Free space in the allocator's blocks counts as used by the driver, but is available. On a discrete GPU, the
+        // blocks that the host can access are in another heap.
+        // SAFETY: the physical device is one of the instance's.
+        let properties = unsafe { self.instance.raw.get_physical_device_properties(self.physical) };
+        let is_discrete = properties.device_type == vk::PhysicalDeviceType::DISCRETE_GPU;
+        let blocks = report.blocks.iter().filter(|block| !is_discrete || block.size != HOST_BLOCK);
         let free = blocks.map(|block| {
             let used = report.allocations[block.allocations.clone()].iter().map(|allocation| allocation.size);
             block.size.saturating_sub(used.sum())

@@ -160,6 +160,12 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     let memory = unsafe { instance.raw.get_physical_device_memory_properties(handle) };
     // SAFETY: as above.
     let features = unsafe { instance.raw.get_physical_device_features(handle) };
+    // SAFETY: as above.
+    let floats = unsafe {
+        instance.raw.get_physical_device_format_properties(handle, vk::Format::R32G32B32A32_SFLOAT)
+    };
+    let blends_floats =
+        floats.optimal_tiling_features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND);
 
     let buffer = maintenance4.max_buffer_size.min(maintenance3.max_memory_allocation_size);
     let limits = Limits {
@@ -197,7 +203,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
             selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_per_group: control.max_compute_workgroup_subgroups,
         },
-        rounds_half: rounds_once(driver.driver_id),
+        rounds_half: rounds_once(driver.driver_id) || !blends_floats,
         fused_fma: rounds_once(driver.driver_id),
         features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,
@@ -288,6 +294,7 @@ pub(crate) fn create(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::instance::no_driver_in;
 
     #[test]
     fn the_queue_is_of_a_family_that_draws_and_computes_and_shows_pictures_in_the_window() {
@@ -300,8 +307,10 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_without_drivers_is_told_what_to_install() {
-        let error = choose(Vec::new(), None).map(|device| device.info.name).unwrap_err().to_string();
+    fn a_machine_without_drivers_is_told_what_to_install_or_which_variable_is_wrong() {
+        let named = no_driver_in(Some(("VK_DRIVER_FILES", "/none.json".into()))).to_string();
+        assert!(named.contains("VK_DRIVER_FILES=/none.json"), "{named}");
+        let error = no_driver_in(None).to_string();
         let named = [("macos", "MoltenVK"), ("windows", "graphics card"), ("linux", "mesa-vulkan-drivers")];
         for (_, what) in named.into_iter().filter(|(system, _)| *system == std::env::consts::OS) {
             assert!(error.contains(what), "{error}");

@@ -11,7 +11,6 @@
 use crate::device::{self, Physical};
 use crate::error::api;
 use crate::instance::Instance;
-use crate::memory;
 use ash::{ext, vk};
 use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -22,6 +21,10 @@ use std::fmt::Arguments;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+
+/// Size of the allocator's blocks in memory that the host cannot access, and in memory that it can.
+const DEVICE_BLOCK: u64 = 256 << 20;
+pub(crate) const HOST_BLOCK: u64 = 64 << 20;
 
 /// An open Vulkan device; see [`crate::Vulkan`].
 pub struct VulkanGpu {
@@ -77,7 +80,7 @@ impl VulkanGpu {
             physical_device: physical.handle,
             debug_settings: Default::default(),
             buffer_device_address: false,
-            allocation_sizes: AllocationSizes::new(memory::DEVICE_BLOCK, memory::HOST_BLOCK),
+            allocation_sizes: AllocationSizes::new(DEVICE_BLOCK, HOST_BLOCK),
         });
         let allocator =
             allocator.map_err(|e| BackendError::Api { call: "Allocator::new", answer: e.to_string() })?;

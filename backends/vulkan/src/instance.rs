@@ -8,7 +8,7 @@ use crate::surface::{self, Surface};
 use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, Validation};
 use splatgraph_runtime::{Messages, Window};
-use std::ffi::{CStr, c_char, c_void};
+use std::ffi::{CStr, OsString, c_char, c_void};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -35,7 +35,12 @@ const LOADER_SOURCE: &str = if cfg!(target_os = "macos") {
 /// Returns the error for a machine without a working driver, or with a variable that hides its drivers.
 pub(crate) fn no_driver() -> BackendError {
     let set = |name| Some((name, std::env::var_os(name).filter(|files| !files.is_empty())?));
-    BackendError::Unavailable(match ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().find_map(set) {
+    no_driver_in(["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().find_map(set))
+}
+
+/// Returns the error if the loader looked into the files of a variable, or into its own folders.
+pub(crate) fn no_driver_in(variable: Option<(&str, OsString)>) -> BackendError {
+    BackendError::Unavailable(match variable {
         Some((name, files)) => format!(
             "the Vulkan loader finds no driver that works in {name}={}, and looks nowhere else: name the manifest of a \
              driver (a .json file), or unset {name}",

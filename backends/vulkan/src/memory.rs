@@ -13,10 +13,6 @@ use splatgraph_api::BackendError;
 use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind, Requirements};
 use std::sync::{Arc, PoisonError};
 
-/// Size of the allocator's blocks in memory that the host cannot access, and in memory that it can.
-pub(crate) const DEVICE_BLOCK: u64 = 256 << 20;
-pub(crate) const HOST_BLOCK: u64 = 64 << 20;
-
 /// A device memory allocation.
 pub struct Memory {
     // An `Option` so that `drop` can move it out.

@@ -293,7 +293,7 @@ fn type_name(value: &Value) -> &'static str {
 }
 
 /// Maximum number of names that an error lists if none is similar.
-const MAX_LISTED_NAMES: usize = 16;
+const MAX_LISTED_NAMES: usize = 20;
 
 /// Returns the message for a name that is not in scope.
 pub(crate) fn unknown_name(name: &str) -> String {

@@ -68,7 +68,10 @@ impl Destination {
     pub fn of(output: Option<&Path>, asked: Option<Format>) -> Result<Option<Destination>, Usage> {
         let Some(output) = output else { return Ok(None) };
         if is_standard_output(output) {
-            return Ok(Some(Destination::Picture(output.to_owned(), asked.unwrap_or(Format::Png))));
+            return Ok(Some(Destination::Picture(
+                output.to_owned(),
+                asked.or(Format::of(output)).unwrap_or(Format::Png),
+            )));
         }
         if let Some(format) = Format::of(output) {
             if asked.is_some_and(|wanted| wanted != format) {

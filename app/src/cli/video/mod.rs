@@ -149,7 +149,7 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
     let path = &args.output;
     let file = if is_standard_output(path) {
         options::refuse_terminal("the film")?;
-        Some(Format::Y4m)
+        Format::of(path).or(Some(Format::Y4m))
     } else {
         Format::of(path).filter(|_| !path.is_dir())
     };

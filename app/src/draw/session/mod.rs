@@ -22,7 +22,7 @@ use crate::draw::storage::{Choice, StorageError};
 use crate::io::output::say;
 use crate::io::timeline;
 use splatgraph_api::{
-    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Progress, SceneData,
+    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Progress, Recovery, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{Catalog, Facts, Fallback, Run, Source};
@@ -532,7 +532,12 @@ impl Session {
         let has_spare = tight != capacities;
         let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
         let mut outcome = self.load(size, share, &mut |_| {});
-        if outcome.is_err() && has_spare {
+        let lacks_room = |error: &SessionError| {
+            let of_device =
+                matches!(error, SessionError::Backend(error) if error.recovery() == Recovery::User);
+            of_device || matches!(error, SessionError::Graph(_))
+        };
+        if has_spare && outcome.as_ref().is_err_and(lacks_room) {
             self.planner.capacities = tight;
             outcome = self.load(size, share, &mut |_| {});
         }

@@ -13,7 +13,7 @@ use serde_json::Value as Json;
 use splatgraph_reference::metrics::squared_error;
 use std::collections::BTreeSet;
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{BufRead as _, BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
 /// The inputs that all rows of a ledger depend on, besides the plan of each setting ([`Row::plan`]).
@@ -112,14 +112,25 @@ pub struct Book {
 /// # Errors
 /// The file cannot be read, or it has other contents.
 pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
-    let bytes = match fs::read(path) {
-        Ok(bytes) => bytes,
+    let is_replaceable = || -> std::io::Result<bool> {
+        if !fs::metadata(path)?.is_file() {
+            return Ok(false);
+        }
+        let mut file = BufReader::new(fs::File::open(path)?);
+        match file.fill_buf()?.first() {
+            None => return Ok(true),
+            Some(b'{') => {}
+            // Not read further: a scene may have gigabytes.
+            Some(_) => return Ok(false),
+        }
+        let json: Json = serde_json::from_reader(file).unwrap_or_default();
+        Ok(json["origin"].is_object() && json["rows"].is_array())
+    };
+    match is_replaceable() {
+        Ok(true) => return Ok(()),
+        Ok(false) => {}
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(StudyError::Input(format!("{}: {error}", path.display()))),
-    };
-    let json: Json = serde_json::from_slice(&bytes).unwrap_or_default();
-    if bytes.is_empty() || (json["origin"].is_object() && json["rows"].is_array()) {
-        return Ok(());
     }
     Err(StudyError::Input(format!(
         "{}: expected a ledger of an earlier run, or no file, found a file with other contents, which would be lost; choose another name",

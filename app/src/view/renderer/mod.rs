@@ -309,11 +309,12 @@ impl Renderer {
         self.watcher.kind()
     }
 
-    /// Selects another graph, and replaces all changed parameters with `set`.
+    /// Selects another graph, and replaces all changed parameters with `set`. Those that the graph rejects are dropped.
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.graph = graph.to_owned();
         self.set = set;
         self.rejected.clear();
+        self.strict = false;
         self.capacities = Capacities::default();
         self.want(Cause::Graph, Instant::now());
     }

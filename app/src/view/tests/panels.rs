@@ -185,7 +185,7 @@ fn actions_without_another_effect_on_the_window_are_confirmed() {
 }
 
 #[test]
-fn a_graph_that_fails_at_the_start_is_named_in_the_status_line() {
+fn a_graph_that_fails_is_named_in_the_status_line() {
     let mut script = window(&[Tool::Parameters]);
     assert_eq!(script.panels().controls.find("problem:A"), None);
     std::fs::write(script.path("graph.ron"), "Graph(").unwrap();

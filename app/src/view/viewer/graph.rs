@@ -17,15 +17,12 @@ impl Viewer {
         let Some(viewport) = self.viewport(id) else { return };
         let renderer = &mut viewport.renderer;
         let own = preset_settings(graph);
-        // Before the first plan, a wrong setting may be the reason why there is none.
-        let checked = renderer.plan().is_some();
         let (kept, dropped): (IndexMap<_, _>, IndexMap<_, _>) =
-            renderer.set().clone().into_iter().partition(|(name, _)| checked && !own.contains(name));
+            renderer.set().clone().into_iter().partition(|(name, _)| !own.contains(name));
         renderer.choose(graph, kept);
         if !dropped.is_empty() {
             let values: Vec<String> = dropped.iter().map(|(name, value)| format!("{name}={value}")).collect();
-            let reason = if checked { "this graph sets it itself" } else { "no plan was built with it" };
-            let text = format!("{} is dropped: {reason}", values.join(", "));
+            let text = format!("{} is dropped: this graph sets it itself", values.join(", "));
             self.report(Event::Dropped { renderer: id, parameters: dropped.into_keys().collect(), text });
         }
     }

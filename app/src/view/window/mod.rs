@@ -161,8 +161,8 @@ struct Running {
     kept: Option<PathBuf>,
     open: dialog::Dialog,
     editor: editor::Editor,
-    /// True to save a picture of the window with the next frame.
-    save: bool,
+    /// The picture of the window to save with the next frame: its file, or `None` for a numbered one.
+    save: Option<Option<PathBuf>>,
     /// True to save A's picture once it is read back.
     save_a: bool,
 }
@@ -239,7 +239,7 @@ impl App<'_> {
             open: dialog::Dialog::new(wake.clone()),
             editor: editor::Editor::new(wake),
             kept: options.kept,
-            save: false,
+            save: None,
             save_a: false,
         });
         Ok(())
@@ -405,14 +405,16 @@ impl Running {
         }
         let input: RawInput = self.window.with(|window| self.input.take_egui_input(window));
         let close = self.must_close()?;
-        self.save |= close && self.closing.screenshot.is_some();
+        if close && let Some(path) = &self.closing.screenshot {
+            self.save = Some(Some(path.clone()));
+        }
         let request = FrameRequest {
             size: self.window.size(),
             pixels_per_point: self
                 .window
                 .with(|window| egui_winit::pixels_per_point(self.shell.context(), window)),
             present: true,
-            read: self.save,
+            read: self.save.is_some(),
             redraw: self.redraw,
         };
         let frame = self.recovery.frame(&mut self.shell, input, request)?;
@@ -423,8 +425,9 @@ impl Running {
             return Ok(false);
         };
         self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
-        if let Some(pixels) = frame.picture.filter(|_| std::mem::take(&mut self.save)) {
-            let path = self.closing.screenshot.clone().filter(|_| close);
+        if let Some(pixels) = frame.picture
+            && let Some(path) = self.save.take()
+        {
             let saved = self.save_picture(&pixels, path.as_deref(), "splatgraph-window");
             if let Some(path) = path {
                 saved.with_context(|| format!("{} cannot be written", path.display()))?;
@@ -450,7 +453,7 @@ impl Running {
         self.redraw &= !frame.drawn;
         self.frames += u64::from(frame.drawn);
         self.write_events(&request, frame.drawn);
-        Ok(close && !self.save)
+        Ok(close && self.save.is_none())
     }
 
     /// Returns true if this frame is the last: a screenshot or a number of frames was requested, the frame shows the
@@ -523,7 +526,7 @@ impl Running {
 
     fn apply(&mut self, command: Command) {
         match command {
-            Command::Screenshot => self.save = true,
+            Command::Screenshot => _ = self.save.get_or_insert_default(),
             Command::SavePicture => {
                 self.shell.viewer.a.want_picture();
                 self.save_a = true;
