@@ -264,40 +264,44 @@ fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
     draw(scene, &camera, ways);
 }
 
+/// Runs a shader in `width` workgroups of one invocation, which writes the image `color` of `width` x 1 pixels. Returns the
+/// pixels. `shader` is the text after the declarations.
+fn computed(shader: &str, width: u32) -> (Session, Vec<[f32; 3]>) {
+    let place = Place::empty();
+    let declarations = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\
+        layout(local_size_x = 1) in;\n\
+        layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D color;\n";
+    let graph = r#"Graph(version: 1, summary: "", output: "color",
+        imports: { "camera": Import(from: "frame.camera") },
+        resources: { "color": Image(format: "rgba32f", size: (WIDTH, 1)) },
+        passes: [Dispatch(name: "n", shader: "fma.comp", size: Groups(WIDTH), bind: { "Camera": "camera", "color": "color" })])"#;
+    place.write("fma.comp", format!("{declarations}{shader}"));
+    place.write("graph.ron", graph.replace("WIDTH", &width.to_string()));
+    let scene = Scene::generate(1, 0, cases::plain);
+    let camera = Camera::framing(&scene, width, 1);
+    let mut session = images::session(scene, &place.named("graph.ron"), &[]);
+    let pixels = images::picture(&mut session, &camera, [0.0; 3]).rgb;
+    (session, pixels)
+}
+
 #[test]
 fn a_device_that_says_that_its_fma_rounds_once_says_so_truly() {
-    let place = Place::empty();
     // The exact square of 1 + 2^-12 has one bit more than a float: 2^-24. Only a fused fma() keeps it.
-    let shader = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\
-        layout(local_size_x = 1) in;\n\
-        layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D color;\n\
-        void main() {\n\
+    let shader = "void main() {\n\
             float a = uintBitsToFloat(0x3f800800u + min(camera.frame, 0u));\n\
             float rest = fma(a, a, -(1.0 + 1.0 / 2048.0)) * 16777216.0;\n\
             imageStore(color, ivec2(0), vec4(vec3(rest), 1.0));\n\
         }\n";
-    let graph = r#"Graph(version: 1, summary: "", output: "color",
-        imports: { "camera": Import(from: "frame.camera") },
-        resources: { "color": Image(format: "rgba32f", size: (1, 1)) },
-        passes: [Dispatch(name: "n", shader: "fma.comp", size: Groups(1), bind: { "Camera": "camera", "color": "color" })])"#;
-    place.write("fma.comp", shader);
-    place.write("graph.ron", graph);
-    let scene = Scene::generate(1, 0, cases::plain);
-    let camera = Camera::framing(&scene, 1, 1);
-    let mut session = images::session(scene, &place.named("graph.ron"), &[]);
-    let rest = images::picture(&mut session, &camera, [0.0; 3]).rgb[0][0];
+    let (mut session, found) = computed(shader, 1);
+    let rest = found[0][0];
     assert!(rest == 0.0 || rest == 1.0, "{rest}");
     assert!(!session.device().info().facts.fused_fma || rest == 1.0);
 }
 
 #[test]
 fn without_a_fused_fma_and_without_doubles_a_product_and_a_sum_are_rounded_once() {
-    let place = Place::empty();
-    let shader = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\
-        #undef DEVICE_FUSED_FMA\n#define DEVICE_FUSED_FMA 0\n#undef DEVICE_FLOAT64\n#define DEVICE_FLOAT64 0\n\
+    let shader = "#undef DEVICE_FUSED_FMA\n#define DEVICE_FUSED_FMA 0\n#undef DEVICE_FLOAT64\n#define DEVICE_FLOAT64 0\n\
         #include \"exact_fma.glsl\"\n\
-        layout(local_size_x = 1) in;\n\
-        layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D color;\n\
         float number(uint seed) { return uintBitsToFloat(0x3f000000u + (seed * 2654435769u >> 8)); }\n\
         void main() {\n\
             uint i = gl_WorkGroupID.x + min(camera.frame, 0u);\n\
@@ -308,16 +312,7 @@ fn without_a_fused_fma_and_without_doubles_a_product_and_a_sum_are_rounded_once(
             precise vec3 found = vec3(exact_fma(a, b, c), exact_fma(a, b, -rounded), exact_fma(a, b, c * 1e-6));\n\
             imageStore(color, ivec2(i, 0), vec4(found, 1.0));\n\
         }\n";
-    let graph = r#"Graph(version: 1, summary: "", output: "color",
-        imports: { "camera": Import(from: "frame.camera") },
-        resources: { "color": Image(format: "rgba32f", size: (4096, 1)) },
-        passes: [Dispatch(name: "n", shader: "fma.comp", size: Groups(4096), bind: { "Camera": "camera", "color": "color" })])"#;
-    place.write("fma.comp", shader);
-    place.write("graph.ron", graph);
-    let scene = Scene::generate(1, 0, cases::plain);
-    let camera = Camera::framing(&scene, 4096, 1);
-    let mut session = images::session(scene, &place.named("graph.ron"), &[]);
-    let found = images::picture(&mut session, &camera, [0.0; 3]).rgb;
+    let (session, found) = computed(shader, 4096);
     let number = |seed: u32| f32::from_bits(0x3f00_0000 + (seed.wrapping_mul(2_654_435_769) >> 8));
     for (i, found) in (0..).zip(&found) {
         let (a, b, c) = (number(3 * i), -number(3 * i + 1), number(3 * i + 2));

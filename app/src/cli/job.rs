@@ -10,14 +10,13 @@
 
 use super::outcome::{Outcome, Usage};
 use crate::draw::session::Session;
-use crate::io::output::{self, one_line, say};
+use crate::io::output::{self, Claim, one_line, say};
 use crate::io::program;
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
 use splatgraph_framework::source::Content;
 use std::fs;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -131,24 +130,15 @@ impl Manifest {
     fn claim(&self, folder: &Path) -> Result<()> {
         let path = folder.join(MANIFEST);
         let text = format!("{:#}\n", serde_json::to_value(self)?);
-        let mut found = fs::read(&path);
-        if found.as_ref().is_err_and(|error| error.kind() == ErrorKind::NotFound) {
-            let file = self.files.iter().flatten().map(|file| folder.join(file)).find(|file| file.exists());
-            match file {
-                // Another process may have written the description in the meantime.
-                Some(file) if !path.exists() => bail!(
-                    "expected an empty folder, or one with the {MANIFEST} of this request, found {}",
-                    file.display()
-                ),
-                _ => {}
-            }
-            match output::write_new_bytes(&path, text.as_bytes()) {
-                Err(error) if error.is_taken() => found = fs::read(&path),
-                written => return Ok(written?),
-            }
-        }
-        if found.with_context(|| path.display().to_string())? == text.as_bytes() {
-            return Ok(());
+        let result = || self.files.iter().flatten().map(|file| folder.join(file)).find(|file| file.exists());
+        match output::claim(&path, text.as_bytes(), result)? {
+            Claim::Written => return Ok(()),
+            Claim::Found(found) if found == text.as_bytes() => return Ok(()),
+            Claim::Found(_) => {}
+            Claim::Stray(file) => bail!(
+                "expected an empty folder, or one with the {MANIFEST} of this request, found {}",
+                file.display()
+            ),
         }
         let (own, found) = (serde_json::from_str::<Manifest>(&text)?, Manifest::read(folder)?);
         let changes = own.changes(&found);

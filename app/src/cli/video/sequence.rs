@@ -4,10 +4,9 @@
 //! Therefore, pictures in a folder with an equal record need not be drawn again.
 
 use crate::io::image::{Format, Image, ImageError};
-use crate::io::output;
+use crate::io::output::{self, Claim};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Debug)]
@@ -48,24 +47,16 @@ impl Sequence {
     /// Writes the record into the folder, or checks that the folder has an equal one.
     fn claim(&self, record: &Value, frames: u32) -> Result<()> {
         let file = self.record();
-        let mut found = std::fs::read_to_string(&file);
-        if found.as_ref().is_err_and(|error| error.kind() == ErrorKind::NotFound) {
-            let stray = (0..frames).map(|frame| self.picture(frame)).find(|path| path.exists());
-            match stray {
-                // Another process may have written the record in the meantime.
-                Some(path) if !file.exists() => bail!(
-                    "expected film.json beside {}, which describes the film: name another folder, or remove this one",
-                    path.display()
-                ),
-                _ => {}
-            }
-            match output::write_new_bytes(&file, format!("{record:#}\n").as_bytes()) {
-                Err(error) if error.is_taken() => found = std::fs::read_to_string(&file),
-                written => return Ok(written?),
-            }
-        }
-        let read = || serde_json::from_str(&found?).map_err(anyhow::Error::from);
-        let found: Value = read().with_context(|| file.display().to_string())?;
+        let picture = || (0..frames).map(|frame| self.picture(frame)).find(|path| path.exists());
+        let found = match output::claim(&file, format!("{record:#}\n").as_bytes(), picture)? {
+            Claim::Written => return Ok(()),
+            Claim::Found(found) => found,
+            Claim::Stray(path) => bail!(
+                "expected film.json beside {}, which describes the film: name another folder, or remove this one",
+                path.display()
+            ),
+        };
+        let found: Value = serde_json::from_slice(&found).with_context(|| file.display().to_string())?;
         if let Some(difference) = difference(&found, record) {
             bail!(
                 "{} belongs to another film ({difference}): name another folder, or remove this one",

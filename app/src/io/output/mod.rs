@@ -5,6 +5,7 @@
 //! [`names`] gives each camera a unique file name, and [`guard`] rejects an output that is also an input, before
 //! anything is drawn. All text passes through [`terminal`], which escapes control characters.
 
+pub mod claim;
 pub(crate) mod faults;
 pub mod file;
 pub mod guard;
@@ -13,6 +14,7 @@ pub mod names;
 pub mod signals;
 pub mod terminal;
 
+pub use claim::{Claim, claim};
 pub use file::{OutputError, is_standard_output, write, write_bytes, write_new, write_new_bytes};
 pub use guard::OutputGuard;
 pub use log::Log;

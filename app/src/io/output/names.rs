@@ -25,7 +25,7 @@ pub fn first_free(path: impl Fn(u32) -> PathBuf) -> PathBuf {
 
 /// Writes a new file with these bytes at the first path, numbered from 1, that does not exist. Returns the path.
 ///
-/// Of two programs that do so at once, each gets a file of its own.
+/// If two programs do so at once, each gets a file of its own.
 ///
 /// # Errors
 /// See [`write_new_bytes`].

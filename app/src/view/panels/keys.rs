@@ -33,11 +33,11 @@ impl Panels {
                 (Key::V, _) => {
                     self.vsync = !self.vsync;
                     self.controls.commands.push(Command::Vsync(self.vsync));
-                    self.toasts.done(format!("Wait for the display: {}", on_off(self.vsync)));
+                    self.toasts.done(format!("Wait for the display: {}", widgets::on_off(self.vsync)));
                 }
                 (Key::C, _) => {
                     viewer.continuous = !viewer.continuous;
-                    self.toasts.done(format!("Draw continuously: {}", on_off(viewer.continuous)));
+                    self.toasts.done(format!("Draw continuously: {}", widgets::on_off(viewer.continuous)));
                 }
                 (Key::T, _) => ctx.set_theme(match ctx.theme() {
                     egui::Theme::Dark => egui::Theme::Light,
@@ -70,10 +70,6 @@ impl Panels {
             self.layout.reveal(tool);
         }
     }
-}
-
-fn on_off(on: bool) -> &'static str {
-    if on { "on" } else { "off" }
 }
 
 /// Selects the camera `step` places further in the list, wrapping around.

@@ -272,7 +272,7 @@ fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Op
     match (&param.domain, &param.value) {
         (Domain::Bool, Value::Bool(value)) => {
             let mut value = *value;
-            let text = if value { "on" } else { "off" };
+            let text = widgets::on_off(value);
             let response = controls.seen(
                 &name,
                 ui.add_sized([width, ROW], |ui: &mut Ui| {

@@ -52,6 +52,11 @@ pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     });
 }
 
+/// Describes a switch in a word.
+pub fn on_off(on: bool) -> &'static str {
+    if on { "on" } else { "off" }
+}
+
 /// Returns true if keys belong to a control or to an open list or menu, so that they must not act as shortcuts.
 pub fn takes_keys(ctx: &Context) -> bool {
     ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx)

@@ -15,15 +15,21 @@ fn drag() -> Input {
     Input { size: [320.0, 180.0], seconds: 0.01, moved: [90.0, 20.0], buttons, ..Input::default() }
 }
 
-#[test]
-fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keeps_the_former() {
+/// Starts to open a list of scenes in a viewer that shows `first.ply`. Returns the viewer, and a function that replaces the
+/// list.
+fn opened(list: &str) -> (Script, impl Fn(&str)) {
     let mut script = Script::open(&Config::default());
     let file = script.path("both.ron");
-    let write = |text: &str| fs::write(&file, text).expect("written");
-    write("Scenes([Scene(file: \"first.ply\")])");
+    fs::write(&file, list).expect("written");
     script.settle();
-    let first = script.viewer().scene().count();
     script.viewer().open(&file);
+    (script, move |text: &str| fs::write(&file, text).expect("written"))
+}
+
+#[test]
+fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keeps_the_former() {
+    let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\")])");
+    let first = script.viewer().scene().count();
     script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
     assert_eq!(script.viewer().scene().count(), first);
     assert!(script.viewer().navigate(&drag()));
@@ -48,12 +54,7 @@ fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keep
 
 #[test]
 fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_changed_one_is_told() {
-    let mut script = Script::open(&Config::default());
-    let file = script.path("both.ron");
-    let write = |text: &str| fs::write(&file, text).expect("written");
-    write("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");
-    script.settle();
-    script.viewer().open(&file);
+    let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\"), Scene(file: \"second.ply\")])");
     script.until("both scenes", |script| script.viewer().scene().count() == 300);
     let set = |indices: &[u32]| SplatSet::from_iter(indices.iter().copied()).into();
     let marks = Marks { hidden: set(&[0, 7, 100, 299]), selected: set(&[8, 101]) };
@@ -87,12 +88,7 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
 
 #[test]
 fn a_file_of_scenes_that_was_missing_or_began_with_a_mistake_is_shown_again_from_where_the_camera_is() {
-    let mut script = Script::open(&Config::default());
-    let file = script.path("both.ron");
-    let write = |text: &str| fs::write(&file, text).expect("written");
-    write("Scenes([Scene(file: \"first.ply\")])");
-    script.settle();
-    script.viewer().open(&file);
+    let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\")])");
     script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
     assert!(script.viewer().navigate(&drag()));
     let camera = script.viewer().world_camera();
@@ -100,7 +96,7 @@ fn a_file_of_scenes_that_was_missing_or_began_with_a_mistake_is_shown_again_from
         script.events.iter().filter(|event| matches!(event, Event::SceneFailed { .. })).count()
     };
 
-    fs::remove_file(&file).expect("removed");
+    fs::remove_file(script.path("both.ron")).expect("removed");
     script.until("the missing file", |script| failures(script) == 1);
     write("Scenes([Scene(file: \"second.ply\")])");
     script.until("the file that came back", |script| script.viewer().scene().count() == 200);
@@ -115,12 +111,7 @@ fn a_file_of_scenes_that_was_missing_or_began_with_a_mistake_is_shown_again_from
 
 #[test]
 fn a_file_of_scenes_is_followed_while_it_is_on_the_screen_although_another_scene_was_opened_and_failed() {
-    let mut script = Script::open(&Config::default());
-    let file = script.path("both.ron");
-    let write = |text: &str| fs::write(&file, text).expect("written");
-    write("Scenes([Scene(file: \"first.ply\")])");
-    script.settle();
-    script.viewer().open(&file);
+    let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\")])");
     script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
     let missing = script.path("missing.ply");
     script.viewer().open(&missing);
@@ -145,12 +136,7 @@ fn a_file_of_scenes_is_followed_while_it_is_on_the_screen_although_another_scene
 
 #[test]
 fn a_file_of_scenes_that_is_saved_while_it_is_loaded_is_loaded_again() {
-    let mut script = Script::open(&Config::default());
-    let file = script.path("both.ron");
-    let write = |text: &str| fs::write(&file, text).expect("written");
-    write("Scenes([Scene(file: \"first.ply\")])");
-    script.settle();
-    script.viewer().open(&file);
+    let (mut script, write) = opened("Scenes([Scene(file: \"first.ply\")])");
     write("Scenes([Scene(file: \"second.ply\")])");
     // The load has ended and the change was noticed before the next frame.
     std::thread::sleep(Duration::from_millis(300));

@@ -1,0 +1,40 @@
+//! Claims a folder for one request, by a file in it that describes the request.
+
+use super::file::write_new_bytes;
+use anyhow::{Context, Result};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// Contents of a folder that a request claims.
+pub enum Claim {
+    /// The folder had neither a description nor results; it has the request's description now.
+    Written,
+    /// The folder has this description.
+    Found(Vec<u8>),
+    /// The folder has this result, without a description.
+    Stray(PathBuf),
+}
+
+/// Writes the description `file`, unless it exists or `stray` finds a result.
+///
+/// If two requests do so at once, one writes, and the other finds what was written.
+///
+/// # Errors
+/// The file cannot be read or written.
+pub fn claim(file: &Path, description: &[u8], stray: impl FnOnce() -> Option<PathBuf>) -> Result<Claim> {
+    let read = || fs::read(file).with_context(|| file.display().to_string()).map(Claim::Found);
+    match fs::metadata(file) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {}
+        _ => return read(),
+    }
+    match stray() {
+        // Another process may have written the description in the meantime.
+        Some(stray) if !file.exists() => return Ok(Claim::Stray(stray)),
+        _ => {}
+    }
+    match write_new_bytes(file, description) {
+        Err(error) if error.is_taken() => read(),
+        written => Ok(written.map(|()| Claim::Written)?),
+    }
+}
