@@ -4,7 +4,7 @@
 
 use crate::error::api;
 use crate::features::OptionalFeatures;
-use crate::instance::{API_VERSION, Instance, no_driver};
+use crate::instance::{API_VERSION, Instance, changing_devices, no_driver};
 use crate::robustness::RobustnessFeatures;
 use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
@@ -288,7 +288,8 @@ pub(crate) fn create(
     }
     info = info.enabled_extension_names(&names);
     // SAFETY: `info` and its chain live until the call returns; the features requested are mandatory or were found.
-    unsafe { instance.raw.create_device(physical.handle, &info, None) }.map_err(api("vkCreateDevice"))
+    let device = changing_devices(|| unsafe { instance.raw.create_device(physical.handle, &info, None) });
+    device.map_err(api("vkCreateDevice"))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@
 
 use crate::device::{self, Physical};
 use crate::error::api;
-use crate::instance::Instance;
+use crate::instance::{Instance, changing_devices, searching_devices};
 use ash::{ext, vk};
 use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -58,7 +58,9 @@ impl VulkanGpu {
         let device = device::create(&instance, physical, extensions, options.unchecked)?;
         // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { device.get_device_queue(physical.family, 0) };
-        let labels = instance.labels.then(|| ext::debug_utils::Device::new(&instance.raw, &device));
+        let labels = instance
+            .labels
+            .then(|| searching_devices(|| ext::debug_utils::Device::new(&instance.raw, &device)));
         let mut gpu = VulkanGpu {
             device,
             queue: Mutex::new(queue),
@@ -122,7 +124,7 @@ impl VulkanGpu {
         let name = c_string(name);
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
         // SAFETY: `object` is alive and of this device. A failure to set a name is ignored.
-        let _ = unsafe { labels.set_debug_utils_object_name(&info) };
+        let _ = searching_devices(|| unsafe { labels.set_debug_utils_object_name(&info) });
     }
 
     pub(crate) fn begin_label(&self, commands: vk::CommandBuffer, name: Arguments) {
@@ -154,7 +156,7 @@ impl Drop for VulkanGpu {
                 self.device.destroy_fence(fence, None);
             }
             self.device.destroy_pipeline_cache(self.pipeline_cache, None);
-            self.device.destroy_device(None);
+            changing_devices(|| self.device.destroy_device(None));
         }
     }
 }

@@ -9,7 +9,7 @@ use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, Validation};
 use splatgraph_runtime::{Messages, Window};
 use std::ffi::{CStr, OsString, c_char, c_void};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -159,7 +159,8 @@ impl Instance {
         let info = info.enabled_extension_names(&names);
         // SAFETY: everything that `info` points to lives until the call returns; the messenger's user data lives in the
         // `Arc` that the instance keeps.
-        let raw = unsafe { entry.create_instance(&info, None) }.map_err(|answer| match answer {
+        let raw = changing_devices(|| unsafe { entry.create_instance(&info, None) });
+        let raw = raw.map_err(|answer| match answer {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => no_driver(),
             _ => api("vkCreateInstance")(answer),
         })?;
@@ -195,9 +196,26 @@ impl Drop for Instance {
             if let Some((functions, messenger)) = self.messenger.take() {
                 functions.destroy_debug_utils_messenger(messenger, None);
             }
-            self.raw.destroy_instance(None);
+            changing_devices(|| self.raw.destroy_instance(None));
         }
     }
+}
+
+/// Guards the loader's list of devices, which is one for all instances of a process. Naming an object and looking up a
+/// function of a device search it, opening and closing a device change it, and the loader lets these run concurrently
+/// (KhronosGroup/Vulkan-Loader, issues 200 and 2018): a thread then reads a device that another has freed.
+static DEVICES: RwLock<()> = RwLock::new(());
+
+/// Opens or closes an instance or a device, while no other thread does, nor searches the loader's list of devices.
+pub fn changing_devices<T>(change: impl FnOnce() -> T) -> T {
+    let _guard = DEVICES.write().unwrap_or_else(PoisonError::into_inner);
+    change()
+}
+
+/// Calls a function that searches the loader's list of devices, while no thread changes it.
+pub fn searching_devices<T>(search: impl FnOnce() -> T) -> T {
+    let _guard = DEVICES.read().unwrap_or_else(PoisonError::into_inner);
+    search()
 }
 
 /// Returns the Vulkan loader, opened once and never closed, because drivers can leave threads and thread-local data.

@@ -9,6 +9,7 @@
 
 use crate::encoder::{image_barrier, memory_barrier, pipeline_barrier};
 use crate::gpu::{Owned, VulkanGpu};
+use crate::instance::searching_devices;
 use crate::lower;
 use crate::memory::LAYER;
 use crate::queue::{self, Blit};
@@ -70,7 +71,7 @@ impl Swapchain {
                 "this window's images cannot be copied to, so no picture can be shown in it".to_string(),
             ));
         }
-        let functions = khr::swapchain::Device::new(&gpu.instance.raw, &gpu.device);
+        let functions = searching_devices(|| khr::swapchain::Device::new(&gpu.instance.raw, &gpu.device));
         let can_blit = |format| gpu.format_features(format).contains(vk::FormatFeatureFlags::BLIT_DST);
         let format = surface::format(&surface.formats(gpu.physical)?, can_blit)?;
         let extent = vk::Extent2D { width, height };

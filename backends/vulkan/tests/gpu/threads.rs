@@ -295,3 +295,22 @@ fn messages_are_the_devices_and_closing_one_executor_leaves_the_others_open() {
     second.submit(&FrameInputs::default()).expect("the frame is submitted");
     finish(second);
 }
+
+/// A stress test: without the lock, one run in some ten ends in the loader or in the validation layer.
+#[test]
+fn devices_are_opened_and_closed_while_objects_of_others_are_named() {
+    let done = AtomicBool::new(false);
+    thread::scope(|scope| {
+        let naming = scope.spawn(|| {
+            let mut vulkan = open();
+            while !done.load(Ordering::Acquire) {
+                load(&mut vulkan, growing("named", 1));
+            }
+        });
+        for _ in 0..100 {
+            drop(open());
+        }
+        done.store(true, Ordering::Release);
+        naming.join().expect("it ends well");
+    });
+}
