@@ -2,8 +2,8 @@
 
 use super::output::{self, OutputError};
 use splatgraph_assets::{
-    Dropped, FileNotes, Progress, QuaternionNorms, Scene, SceneFormat, SizeBreakdown, SortKey, SpzVersion,
-    grouped, sh_floats,
+    Dropped, FileNotes, Progress, QuaternionNorms, SH_C0, Scene, SceneFormat, SizeBreakdown, SortKey,
+    SpzVersion, grouped, sh_floats,
 };
 use std::io::{self, Write};
 use std::path::Path;
@@ -138,6 +138,76 @@ fn unread(breakdown: &SizeBreakdown) -> Option<String> {
     (!names.is_empty()).then(|| format!("properties that splats do not have: {named}{others}"))
 }
 
+/// Describes the step of positions in SPZ if the largest coordinate makes it coarser than usual, and what to do.
+fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
+    if format != SceneFormat::Spz {
+        return None;
+    }
+    let largest = scene.largest_coordinate();
+    let step = SpzVersion::position_step(largest)?;
+    let finest = SpzVersion::position_step(0.0)?;
+    if step <= finest {
+        return None;
+    }
+    let (offset, most) = (scene.offset(), scene.robust_bounds());
+    let world = |point: [f64; 3]| -> [f64; 3] { std::array::from_fn(|axis| point[axis] + offset[axis]) };
+    let farthest = most.corners().map(world).as_flattened().iter().fold(0.0, |far: f64, v| v.abs().max(far));
+    let finer = |largest: f64| SpzVersion::position_step(largest).filter(|finer| *finer < step);
+    let advice = if let Some(finer) = finer(farthest) {
+        // The step is a power of two, and so is the largest coordinate that it allows, but for one step.
+        let limit = finer / finest * 2048.0;
+        let beyond = |index: &u32| scene.world_position(*index as usize).iter().any(|v| v.abs() >= limit);
+        let count = (0..scene.count()).filter(beyond).count() as u64;
+        format!(
+            ": {} splats are beyond {limit}; with `--crop box:-{limit},-{limit},-{limit},{limit},{limit},{limit}`, \
+             which drops them, it is {}",
+            grouped(count),
+            fraction(finer)
+        )
+    } else if finer(0.5 * scene.bounds().extent()).is_some_and(|finer| finer <= step / 4.0) {
+        let [x, y, z] = world(most.center()).map(|v| -v.round() + 0.0);
+        format!(": the scene is far from the origin; `--transform move:{x},{y},{z}` moves it there")
+    } else {
+        String::new()
+    };
+    let (step, finest) = (fraction(step), fraction(finest));
+    Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest}{advice}"))
+}
+
+/// Formats a power of two: `1/8`.
+fn fraction(step: f64) -> String {
+    if step < 1.0 { format!("1/{}", 1.0 / step) } else { step.to_string() }
+}
+
+/// Counts the values that a format clips.
+fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
+    // The logarithms of scales, the harmonics of band 0 and those above: what is within half a step is only rounded.
+    let byte = 0.5 + 0.5 / 255.0;
+    let (scales, band_0, above) = match format {
+        SceneFormat::Spz => ((-10.0, 5.9375, 0.5 / 16.0), byte / 0.15, 1.0),
+        SceneFormat::CompressedPly => ((-20.0, 20.0, 0.0), f64::INFINITY, 4.0),
+        SceneFormat::Splat => ((f64::NEG_INFINITY, f64::INFINITY, 0.0), byte / SH_C0, f64::INFINITY),
+        _ => return Vec::new(),
+    };
+    let (least, most, half) = scales;
+    let (low, high) = ((least - half).exp(), (most + half).exp());
+    let scales = |clipped: &dyn Fn(f64) -> bool| {
+        scene.scales().as_flattened().iter().filter(|scale| clipped(f64::from(**scale))).count()
+    };
+    let splats = || scene.sh().chunks_exact(sh_floats(scene.stored_degree()));
+    let beyond = |value: &&f32, limit: f64| f64::from(value.abs()) > limit;
+    let colors = splats().flat_map(|sh| &sh[..3]).filter(|value| beyond(value, band_0)).count();
+    let harmonics = splats().flat_map(|sh| &sh[3..]).filter(|value| beyond(value, above)).count();
+    let counted = [
+        ("scales", scales(&|scale| scale > high), format!("above e^{most} are clipped")),
+        ("scales", scales(&|scale| scale < low), format!("below e^{least} are enlarged to it")),
+        ("colours", colors, "channels too dark or too bright for the format are clipped".into()),
+        ("harmonics", harmonics, format!("coefficients beyond {above} are clipped")),
+    ];
+    let counted = counted.into_iter().filter(|(_, count, _)| *count > 0);
+    counted.map(|(values, count, text)| format!("{values}: {} {text}", grouped(count as u64))).collect()
+}
+
 /// Lists what a file of a scene lacks, one phrase per loss, except for the rounding that the format always does.
 pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
@@ -154,16 +224,8 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
     if rounding > 0.0 {
         losses.push(format!("positions: rounded to 32 bits, by {rounding:.1e} at most"));
     }
-    let largest = match format {
-        SceneFormat::Spz => 1.0,
-        SceneFormat::CompressedPly => 4.0,
-        _ => f32::INFINITY,
-    };
-    let above = scene.sh().chunks_exact(sh_floats(scene.stored_degree())).flat_map(|sh| &sh[3..]);
-    let clipped = above.filter(|value| value.abs() > largest).count() as u64;
-    if clipped > 0 {
-        losses.push(format!("harmonics: {} coefficients beyond {largest} are clipped", grouped(clipped)));
-    }
+    losses.extend(coarse_positions(scene, format));
+    losses.extend(clipped(scene, format));
     if let Some(mesh) = scene.mesh() {
         losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
     }
@@ -207,7 +269,10 @@ impl Original {
         if rounded.is_empty() {
             losses.extend(self.activated(written));
         }
-        losses.extend(rounded.into_iter().map(str::to_owned));
+        // The actual step replaces the description of the format's steps.
+        let positions = losses.iter().any(|loss| loss.starts_with("positions: steps"));
+        let usual = rounded.into_iter().filter(|usual| !(positions && usual.starts_with("positions:")));
+        losses.extend(usual.map(str::to_owned));
         losses
     }
 
@@ -227,5 +292,79 @@ impl Original {
             ));
         }
         losses
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::Splat;
+
+    fn splat(position: [f32; 3]) -> Splat {
+        let rotation = [1.0, 0.0, 0.0, 0.0];
+        Splat { position, scale: [0.1; 3], rotation, opacity: 0.5, sh: [0.0; 48] }
+    }
+
+    fn spread(index: usize) -> [f32; 3] {
+        [0.01 * index as f32, 1.0, 0.02 * index as f32]
+    }
+
+    #[test]
+    fn a_splat_that_makes_the_steps_of_all_positions_coarser_is_reported_with_the_step() {
+        let positions = |scene: &Scene| {
+            let losses = Original::of(scene).losses(scene, SceneFormat::Spz);
+            losses.into_iter().filter(|loss| loss.starts_with("positions:")).collect::<Vec<_>>()
+        };
+        let near = Scene::generate(1000, 0, |index| splat(spread(index)));
+        assert_eq!(positions(&near), ["positions: steps of 1/4096, or of more in a scene beyond 2048 units"]);
+        let floater = |index| splat(if index == 7 { [1e6, 0.0, 0.0] } else { spread(index) });
+        assert_eq!(
+            positions(&Scene::generate(1000, 0, floater)),
+            [
+                "positions: steps of 1/8, not 1/4096, because a coordinate is 1000000: 1 splats are beyond 2048; \
+              with `--crop box:-2048,-2048,-2048,2048,2048,2048`, which drops them, it is 1/4096"
+            ]
+        );
+        let far = near.with_offset([500_000.0, 4_100_000.0, 0.0]);
+        assert_eq!(
+            positions(&far),
+            ["positions: steps of 1/2, not 1/4096, because a coordinate is 4100001: \
+              the scene is far from the origin; `--transform move:-500005,-4100001,-10` moves it there"]
+        );
+        let large = Scene::generate(1000, 0, |index| splat(spread(index).map(|v| 500.0 * v)));
+        assert_eq!(
+            positions(&large),
+            ["positions: steps of 1/512, not 1/4096, because a coordinate is 9990"]
+        );
+    }
+
+    #[test]
+    fn values_that_a_format_clips_are_counted() {
+        let scene = Scene::generate(10, 1, |index| {
+            let mut splat = splat(spread(index));
+            match index {
+                1 => splat.scale = [25f32.exp(), 1.0, 1e-6],
+                2 => splat.sh[..3].copy_from_slice(&[3.4, 1.8, -1.7]),
+                3 => splat.sh[3..5].copy_from_slice(&[1.5, -4.5]),
+                _ => {}
+            }
+            splat
+        });
+        let colors = "channels too dark or too bright for the format are clipped";
+        assert_eq!(
+            missing(&scene, SceneFormat::Spz),
+            [
+                "scales: 1 above e^5.9375 are clipped",
+                "scales: 1 below e^-10 are enlarged to it",
+                &format!("colours: 1 {colors}"),
+                "harmonics: 2 coefficients beyond 1 are clipped",
+            ]
+        );
+        assert_eq!(
+            missing(&scene, SceneFormat::CompressedPly),
+            ["scales: 1 above e^20 are clipped", "harmonics: 1 coefficients beyond 4 are clipped"]
+        );
+        assert_eq!(missing(&scene, SceneFormat::Splat), [format!("colours: 2 {colors}")]);
+        assert!(missing(&scene, SceneFormat::Ply).is_empty());
     }
 }

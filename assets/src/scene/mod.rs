@@ -305,6 +305,12 @@ impl Scene {
         std::array::from_fn(|axis| position[axis] + self.offset[axis])
     }
 
+    /// Returns the largest absolute value of a centre's coordinate in the world; 0 for a scene without splats.
+    pub fn largest_coordinate(&self) -> f64 {
+        let coordinates = (0..self.count() as usize).flat_map(|index| self.world_position(index));
+        coordinates.fold(0.0, |most, value| value.abs().max(most))
+    }
+
     /// Returns the standard deviations along each splat's axes, in world units, never negative.
     pub fn scales(&self) -> &[[f32; 3]] {
         &self.columns.scale

@@ -21,6 +21,27 @@ pub enum SpzVersion {
     V4 = 4,
 }
 
+/// Fractional bits of positions, unless the scene is too large.
+const FRACTIONAL_BITS: u32 = 12;
+
+/// Largest 24-bit integer.
+pub(super) const MAX_FIXED: f64 = 8_388_607.0;
+
+/// Returns the largest number of fractional bits, at most [`FRACTIONAL_BITS`], with which a coordinate fits; `None` if
+/// none does.
+pub(super) fn fractional_bits(largest: f64) -> Option<u32> {
+    let fits = |bits: &u32| (largest * f64::from(1u32 << bits)).round() <= MAX_FIXED;
+    (0..=FRACTIONAL_BITS).rev().find(fits)
+}
+
+impl SpzVersion {
+    /// Returns the step of all positions in a file whose largest coordinate has this absolute value: 1/4096 unit, or
+    /// more beyond 2048 units. `None` if the coordinate does not fit.
+    pub fn position_step(largest: f64) -> Option<f64> {
+        fractional_bits(largest).map(|bits| 0.5f64.powi(bits as i32))
+    }
+}
+
 /// Bit of `flags`: the splats were trained with an anti-aliasing filter.
 pub(super) const ANTIALIASED: u8 = 1;
 

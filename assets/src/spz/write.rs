@@ -1,25 +1,25 @@
 //! Writes SPZ versions 3 and 4, with the reference writer's quantisation steps.
 
 use super::frame::Frame;
-use super::layout::{ANTIALIASED, COLOR_SCALE, ENTRY, HEADER, LONG_HEADER, MAGIC, SpzVersion};
+use super::layout::{
+    ANTIALIASED, COLOR_SCALE, ENTRY, HEADER, LONG_HEADER, MAGIC, MAX_FIXED, SpzVersion, fractional_bits,
+};
 use crate::activation::{largest_positive, logarithm, quantised};
 use crate::scene::{Scene, Splat, sh_floats};
 use flate2::{Compression, write::GzEncoder};
 use std::f64::consts::SQRT_2;
 use std::io::{Error, ErrorKind, Result, Write};
 
-/// Fractional bits of positions, unless the scene is too large.
-const FRACTIONAL_BITS: u32 = 12;
-
-/// Largest 24-bit integer.
-const MAX_FIXED: f64 = 8_388_607.0;
-
 /// Compression level of Zstandard, as in the reference writer.
 const LEVEL: i32 = 12;
 
 /// Writes a scene.
 pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
-    let bits = fractional_bits(scene)?;
+    let largest = scene.largest_coordinate();
+    let bits = fractional_bits(largest).ok_or_else(|| {
+        let text = format!("expected coordinates up to {MAX_FIXED}, the largest of SPZ, found {largest}");
+        Error::new(ErrorKind::InvalidInput, text)
+    })?;
     let flags = if scene.notes().is_antialiased() { ANTIALIASED } else { 0 };
     let mut header = [0; HEADER];
     header[..4].copy_from_slice(MAGIC);
@@ -102,17 +102,6 @@ fn arrays(
         bytes.extend(
             splat.sh[..sh_floats(degree)].iter().enumerate().skip(3).map(|(at, value)| harmonic(at, *value)),
         );
-    })
-}
-
-/// Returns the largest number of fractional bits, at most [`FRACTIONAL_BITS`], with which every coordinate fits.
-fn fractional_bits(scene: &Scene) -> Result<u32> {
-    let coordinates = (0..scene.count() as usize).flat_map(|index| scene.world_position(index));
-    let largest = coordinates.fold(0.0, |most: f64, value| most.max(value.abs()));
-    let fits = |bits: &u32| (largest * f64::from(1u32 << bits)).round() <= MAX_FIXED;
-    (0..=FRACTIONAL_BITS).rev().find(fits).ok_or_else(|| {
-        let text = format!("expected coordinates up to {MAX_FIXED}, the largest of SPZ, found {largest}");
-        Error::new(ErrorKind::InvalidInput, text)
     })
 }
 
