@@ -123,10 +123,18 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
         }
         if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
-    if let Content::Splats(scene) = &content
-        && scene.dropped().total() > 0
-    {
-        say(format!("{}: {} splats dropped ({})", path.display(), scene.dropped().total(), scene.dropped()));
+    if let Content::Splats(scene) = &content {
+        if scene.dropped().total() > 0 {
+            say(format!(
+                "{}: {} splats dropped ({})",
+                path.display(),
+                scene.dropped().total(),
+                scene.dropped()
+            ));
+        }
+        if let Some(mesh) = scene.notes().mesh_left_out() {
+            say(format!("{}: left out: {mesh}", path.display()));
+        }
     }
     Ok(content)
 }

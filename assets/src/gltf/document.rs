@@ -203,9 +203,10 @@ impl Document {
         Ok(found)
     }
 
-    /// Lists the primitives of splats in the scene, once per node that places them.
-    pub(super) fn splats(&self) -> Result<Vec<Splats<'_>>, SceneError> {
-        let mut found = Vec::new();
+    /// Lists the primitives of splats in the scene, once per node that places them. Also counts the other primitives,
+    /// those of meshes.
+    pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, u64), SceneError> {
+        let (mut found, mut others) = (Vec::new(), 0);
         for (index, place) in self.placed()? {
             let Some(mesh) = self.nodes[index].mesh else { continue };
             for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
@@ -214,12 +215,14 @@ impl Document {
                     let place = Similarity::of_matrix(place)
                         .map_err(|text| wrong(format!("nodes[{index}]"), text))?;
                     found.push(Splats { primitive, spz, place });
+                } else {
+                    others += 1;
                 }
             }
         }
         match found.is_empty() {
             true => Err(SceneError::NotScene { found: "a glTF model without Gaussian splats".into() }),
-            false => Ok(found),
+            false => Ok((found, others)),
         }
     }
 }

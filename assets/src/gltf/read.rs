@@ -40,7 +40,7 @@ fn degree(primitive: &Primitive) -> u32 {
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let document = container::document(source)?;
     let mut found = SceneHeader { count: 0, stored_degree: 0 };
-    for splats in document.splats()? {
+    for splats in document.splats()?.0 {
         let index = splats.primitive.attributes.get("POSITION");
         let accessor = index.and_then(|index| document.accessors.get(*index));
         found.count = found.count.saturating_add(accessor.map_or(0, |accessor| accessor.count));
@@ -152,7 +152,7 @@ fn packed(
 /// Parses the splats of a glTF file. `path` locates the buffers beside it.
 pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     let container = Container::open(input.source, path)?;
-    let all = container.document.splats()?;
+    let (all, mesh_primitives) = container.document.splats()?;
     let mut total = 0u64;
     for splats in all.iter().filter(|splats| splats.spz.is_none()) {
         let index = splats.primitive.attributes.get("POSITION").copied();
@@ -188,7 +188,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let values = ElementSize::new("splats", rows, fields);
     let format = "gltf, KHR_gaussian_splatting".into();
     let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, values);
-    let notes = FileNotes { key_of: SortKey::Distance, ..scene.notes() };
+    let notes = FileNotes { key_of: SortKey::Distance, mesh_primitives, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }
 

@@ -130,6 +130,31 @@ fn spz_inside_gives_the_splats_of_the_file() {
 }
 
 #[test]
+fn a_mesh_in_the_file_of_the_splats_is_left_out_and_counted() {
+    let triangle = json!({ "attributes": { "POSITION": 0 }, "mode": 4 });
+    let with = |beside: fn(&mut Value, Value)| {
+        let triangle = triangle.clone();
+        changed(move |document| beside(document, triangle)).unwrap()
+    };
+    let same_mesh = with(|document, triangle| {
+        document["meshes"][0]["primitives"].as_array_mut().unwrap().push(triangle);
+    });
+    let own_node = with(|document, triangle| {
+        document["meshes"].as_array_mut().unwrap().push(json!({ "primitives": [triangle] }));
+        document["nodes"] = json!([{ "mesh": 0 }, { "mesh": 1 }, { "mesh": 1 }]);
+        document["scenes"] = json!([{ "nodes": [0, 1, 2] }]);
+    });
+    for (scene, count) in [(same_mesh, 1), (own_node, 2)] {
+        assert_eq!((scene.count(), scene.notes().mesh_primitives), (5, count));
+        let text =
+            format!("mesh primitives beside the splats: {count}; in a file of its own, a mesh is drawn");
+        assert_eq!(scene.notes().left_out(), [text.as_str()]);
+        let report = crate::report::Report::new(&scene, &[]).to_string();
+        assert!(report.contains(&text), "{report}");
+    }
+}
+
+#[test]
 fn what_is_not_drawn_is_refused_by_name() {
     let splatting = |name: &'static str, value: &'static str| {
         changed(move |document| {

@@ -80,6 +80,9 @@ pub struct FileNotes {
     /// Number of opacities above 1 in the file. They are read as 1.
     #[serde(skip_serializing_if = "is_zero")]
     pub clamped_opacities: u64,
+    /// Number of primitives of meshes in the glTF file of the splats. They are not read.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub mesh_primitives: u64,
 }
 
 fn is_zero(count: &u64) -> bool {
@@ -102,7 +105,19 @@ impl FileNotes {
             (self.clamped_opacities, "opacities above 1, read as 1"),
         ];
         let counted = counted.into_iter().filter(|(count, _)| *count > 0);
-        counted.map(|(count, text)| format!("{} {text}", grouped(count))).collect()
+        let counted = counted.map(|(count, text)| format!("{} {text}", grouped(count)));
+        counted.chain(self.mesh_left_out()).collect()
+    }
+
+    /// Describes the meshes beside the splats that were left out, if there are any.
+    pub fn mesh_left_out(&self) -> Option<String> {
+        let count = self.mesh_primitives;
+        (count > 0).then(|| {
+            format!(
+                "mesh primitives beside the splats: {}; in a file of its own, a mesh is drawn",
+                grouped(count)
+            )
+        })
     }
 
     pub(crate) fn without_tags(self) -> Self {
@@ -137,6 +152,7 @@ impl FileNotes {
             cut_degree: self.cut_degree.max(other.cut_degree),
             lod_nodes: self.lod_nodes + other.lod_nodes,
             clamped_opacities: self.clamped_opacities + other.clamped_opacities,
+            mesh_primitives: self.mesh_primitives + other.mesh_primitives,
         }
     }
 }
