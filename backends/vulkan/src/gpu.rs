@@ -11,6 +11,7 @@
 use crate::device::{self, Physical};
 use crate::error::api;
 use crate::instance::{Instance, changing_devices, searching_devices};
+use crate::lower::PipelineKey;
 use ash::{ext, vk};
 use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -19,7 +20,7 @@ use splatgraph_runtime::{COMPILE_PATIENCE, Limits};
 use std::ffi::{CStr, CString};
 use std::fmt::Arguments;
 use std::ops::Deref;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 /// Size of the allocator's blocks in memory that the host cannot access, and in memory that it can.
@@ -34,8 +35,10 @@ pub struct VulkanGpu {
     pub(crate) limits: Limits,
     pub(crate) physical: vk::PhysicalDevice,
     pub(crate) budget: bool,
-    /// Pipeline cache, kept across loads, so that a rebuilt plan reuses pipelines that did not change.
+    /// Pipeline cache, kept across loads, so that a plan that was loaded before is quick again.
     pub(crate) pipeline_cache: vk::PipelineCache,
+    /// Pipelines that a plan holds.
+    pipelines: Mutex<Vec<(PipelineKey, Weak<Pipeline>)>>,
     /// The memory allocator; `None` only while the device is being created or destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
     /// Fences of waits for an idle device, which a submission may still signal. If the wait timed out, its fence is
@@ -69,6 +72,7 @@ impl VulkanGpu {
             physical: physical.handle,
             budget: physical.budget,
             pipeline_cache: vk::PipelineCache::null(),
+            pipelines: Mutex::default(),
             allocator: Mutex::new(None),
             fences: Mutex::default(),
             patience: options.patience.unwrap_or_else(|| physical.patience()),
@@ -108,6 +112,19 @@ impl VulkanGpu {
         self.fences.lock().unwrap_or_else(PoisonError::into_inner).retain(|&kept| kept != fence);
         // SAFETY: no submission uses the fence, and it was just removed from the list.
         unsafe { self.device.destroy_fence(fence, None) };
+    }
+
+    /// Returns a pipeline that a plan still holds.
+    pub(crate) fn find_pipeline(&self, key: &PipelineKey) -> Option<Arc<Pipeline>> {
+        let known = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        known.iter().filter(|(other, _)| other == key).find_map(|(_, pipeline)| pipeline.upgrade())
+    }
+
+    /// Offers a pipeline to later plans, for as long as a plan holds it.
+    pub(crate) fn share_pipeline(&self, key: PipelineKey, pipeline: &Arc<Pipeline>) {
+        let mut known = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        known.retain(|(_, pipeline)| pipeline.strong_count() > 0);
+        known.push((key, Arc::downgrade(pipeline)));
     }
 
     /// Returns the device's optimal-tiling features for a format.
@@ -225,4 +242,18 @@ impl<H: Destroy> Drop for Owned<H> {
         // documentation).
         unsafe { self.raw.destroy(&self.gpu.device) };
     }
+}
+
+/// A pipeline layout, with its descriptor set layout.
+pub struct PipelineLayout {
+    pub(crate) raw: Owned<vk::PipelineLayout>,
+    pub(crate) set: Owned<vk::DescriptorSetLayout>,
+    pub(crate) stages: vk::ShaderStageFlags,
+}
+
+/// A compute or graphics pipeline.
+pub struct Pipeline {
+    pub(crate) raw: Owned<vk::Pipeline>,
+    pub(crate) bind_point: vk::PipelineBindPoint,
+    pub(crate) layout: Arc<PipelineLayout>,
 }

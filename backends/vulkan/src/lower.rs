@@ -5,8 +5,9 @@
 use ash::vk;
 use splatgraph_framework::ir::Reflection;
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_runtime::{BlendFactor, PipelineStates, SubgroupLimits, position_or_push};
+use splatgraph_runtime::{BlendFactor, PipelineState, PipelineStates, SubgroupLimits, position_or_push};
 use std::ops::BitOr;
+use std::sync::Arc;
 
 /// The layout of descriptor set 0, and the push constants. Passes with equal interfaces share a pipeline layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,6 +37,42 @@ pub(crate) struct Subgroups {
 pub(crate) struct Lowered {
     pub interfaces: Vec<Interface>,
     pub pipelines: PipelineStates<usize>,
+}
+
+/// Everything that a device's pipeline depends on, and its name.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PipelineKey {
+    /// Shaders are numbered from 0, in the order of `spirv`.
+    state: PipelineState,
+    interface: Interface,
+    pub subgroups: Subgroups,
+    pub name: String,
+    spirv: Vec<Arc<Vec<u32>>>,
+}
+
+impl PipelineKey {
+    pub fn new(
+        plan: &Plan,
+        state: &PipelineState,
+        interface: &Interface,
+        limits: &SubgroupLimits,
+    ) -> PipelineKey {
+        let shaders: Vec<_> = state.shaders().into_iter().map(|shader| plan.shader(shader)).collect();
+        let mut state = state.clone();
+        match &mut state {
+            PipelineState::Compute(shader) => *shader = ShaderId(0),
+            PipelineState::Draw { vertex, fragment, .. } => {
+                [*vertex, *fragment] = [ShaderId(0), ShaderId(1)];
+            }
+        }
+        PipelineKey {
+            state,
+            interface: interface.clone(),
+            subgroups: subgroups(&shaders[0].reflection, limits),
+            name: shaders[0].name.clone(),
+            spirv: shaders.iter().map(|shader| shader.spirv.clone()).collect(),
+        }
+    }
 }
 
 /// Lowers a checked plan to interfaces and pipelines, with equal ones merged.
@@ -164,6 +201,51 @@ mod tests {
         let mut plan = plan();
         plan.passes[2].bindings[0].binding = 3;
         assert_eq!(lower(&plan).pipelines.states.len(), 3);
+    }
+
+    #[test]
+    fn a_pipeline_is_that_of_another_plan_only_if_all_that_it_depends_on_is_equal() {
+        let key = |at: usize, alter: fn(&mut Plan)| {
+            let mut plan = plan();
+            alter(&mut plan);
+            let lowered = lower(&plan);
+            let (state, interface) = &lowered.pipelines.states[at];
+            PipelineKey::new(&plan, state, &lowered.interfaces[*interface], &LIMITS)
+        };
+        for at in 0..2 {
+            let same = key(at, |_| {});
+            let renumbered = |plan: &mut Plan| {
+                plan.shaders.insert(0, plan.shaders[2].clone());
+                for pass in &mut plan.passes {
+                    match &mut pass.work {
+                        Work::Dispatch { shader, .. } => shader.0 += 1,
+                        Work::Draw { vertex, fragment, .. } => (vertex.0, fragment.0) = (2, 3),
+                        _ => {}
+                    }
+                }
+            };
+            assert!(same == key(at, renumbered), "the number of a shader is its plan's");
+            let changes: [fn(&mut Plan); 4] = [
+                |plan| plan.shaders.iter_mut().for_each(|shader| shader.spirv = Arc::new(vec![1])),
+                |plan| plan.shaders.iter_mut().for_each(|shader| shader.name.push('x')),
+                |plan| plan.passes.iter_mut().for_each(|pass| pass.push.extend([0; 4])),
+                |plan| {
+                    let bindings = plan.passes.iter_mut().flat_map(|pass| &mut pass.bindings);
+                    bindings.for_each(|binding| binding.binding += 1);
+                },
+            ];
+            for (number, change) in changes.into_iter().enumerate() {
+                assert!(same != key(at, change), "pipeline {at}, change {number}");
+            }
+        }
+        let blended = |plan: &mut Plan| {
+            let targets = plan.passes.iter_mut().flat_map(|pass| match &mut pass.work {
+                Work::Draw { targets, .. } => targets.as_mut_slice(),
+                _ => &mut [],
+            });
+            targets.for_each(|target| target.blend = Blend::Replace);
+        };
+        assert!(key(1, |_| {}) != key(1, blended));
     }
 
     #[test]

@@ -1,8 +1,11 @@
 //! Creates the pipelines of a plan and their layouts, which [`crate::lower`] lists.
+//!
+//! A plan takes over the pipelines of other plans that are still loaded, so a rebuilt plan waits only for those that
+//! changed, also with drivers that keep nothing in a pipeline cache.
 
 use crate::error::api;
-use crate::gpu::{Owned, VulkanGpu};
-use crate::lower::{self, Interface, Lowered, Subgroups};
+use crate::gpu::{Owned, Pipeline, PipelineLayout, VulkanGpu};
+use crate::lower::{self, Interface, Lowered, PipelineKey, Subgroups};
 use ash::vk;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Blend, DepthAccess, Format, PassId, ShaderId, Topology};
@@ -15,61 +18,63 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
 
-/// A pipeline layout, with its descriptor set layout.
-pub struct PipelineLayout {
-    pub(crate) raw: Owned<vk::PipelineLayout>,
-    pub(crate) set: Owned<vk::DescriptorSetLayout>,
-    pub(crate) stages: vk::ShaderStageFlags,
-}
-
-/// A compute or graphics pipeline.
-pub struct Pipeline {
-    pub(crate) raw: Owned<vk::Pipeline>,
-    pub(crate) bind_point: vk::PipelineBindPoint,
-    /// Index into [`Pipelines::layouts`], and of its interface.
-    layout: usize,
-}
-
 /// The pipelines of one plan.
 pub struct Pipelines {
-    pipelines: Vec<Pipeline>,
-    layouts: Vec<PipelineLayout>,
+    pipelines: Vec<Arc<Pipeline>>,
     lowered: Lowered,
 }
 
 impl Pipelines {
-    /// Creates a plan's pipelines on several threads. Calls `next` before it waits for each.
+    /// Creates a plan's pipelines on several threads, except those that another plan has. Calls `next` before it waits
+    /// for one.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Pipelines, BackendError> {
         let lowered = lower::lower(plan);
-        let layouts: Vec<PipelineLayout> =
-            lowered.interfaces.iter().map(|interface| layout(gpu, interface)).collect::<Result<_, _>>()?;
-        let modules = modules(gpu, plan, &lowered)?;
         let states = &lowered.pipelines.states;
-        let create = |at: usize| create(gpu, plan, (&states[at], &modules), &layouts);
-        let raw = in_parallel(states.len(), create, |done| next(lowered.pipelines.next(done)))?;
-        let pipelines = raw.into_iter().zip(states).map(|(raw, (state, interface))| {
-            let bind_point = match state {
-                PipelineState::Compute(_) => vk::PipelineBindPoint::COMPUTE,
-                PipelineState::Draw { .. } => vk::PipelineBindPoint::GRAPHICS,
-            };
-            Pipeline { raw, bind_point, layout: *interface }
-        });
-        let pipelines = pipelines.collect();
-        Ok(Pipelines { pipelines, layouts, lowered })
+        let key = |(state, interface): &(_, usize)| {
+            PipelineKey::new(plan, state, &lowered.interfaces[*interface], &gpu.limits.subgroup)
+        };
+        let keys: Vec<PipelineKey> = states.iter().map(key).collect();
+        let mut pipelines: Vec<Option<Arc<Pipeline>>> =
+            keys.iter().map(|key| gpu.find_pipeline(key)).collect();
+        let missing: Vec<usize> = (0..states.len()).filter(|at| pipelines[*at].is_none()).collect();
+        let (mut layouts, mut modules) = (HashMap::new(), HashMap::new());
+        for (state, interface) in missing.iter().map(|at| &states[*at]) {
+            if let Entry::Vacant(entry) = layouts.entry(*interface) {
+                entry.insert(Arc::new(layout(gpu, &lowered.interfaces[*interface])?));
+            }
+            for shader in state.shaders() {
+                if let Entry::Vacant(entry) = modules.entry(shader) {
+                    entry.insert(module(gpu, plan, shader)?);
+                }
+            }
+        }
+        let create = |number: usize| {
+            let at = missing[number];
+            let (state, interface) = &states[at];
+            let pipeline = Arc::new(create(gpu, &keys[at], (state, &modules), &layouts[interface])?);
+            gpu.share_pipeline(keys[at].clone(), &pipeline);
+            Ok(pipeline)
+        };
+        let next = |number: usize| next(lowered.pipelines.next(missing[number]));
+        for (at, pipeline) in missing.iter().zip(in_parallel(missing.len(), create, next)?) {
+            pipelines[*at] = Some(pipeline);
+        }
+        let pipelines = pipelines.into_iter().flatten().collect();
+        Ok(Pipelines { pipelines, lowered })
     }
 
     pub(crate) fn find(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
         let pipeline = &self.pipelines[self.lowered.pipelines.of_pass[pass.index()]?];
-        Some((pipeline, &self.layouts[pipeline.layout]))
+        Some((pipeline, &pipeline.layout))
     }
 
     pub(crate) fn interface(&self, pass: PassId) -> Option<&Interface> {
-        let pipeline = &self.pipelines[self.lowered.pipelines.of_pass[pass.index()]?];
-        Some(&self.lowered.interfaces[pipeline.layout])
+        let (_, interface) = &self.lowered.pipelines.states[self.lowered.pipelines.of_pass[pass.index()]?];
+        Some(&self.lowered.interfaces[*interface])
     }
 }
 
@@ -115,46 +120,30 @@ fn in_parallel<T: Send>(
     })
 }
 
-fn modules(
-    gpu: &Arc<VulkanGpu>,
-    plan: &Plan,
-    lowered: &Lowered,
-) -> Result<HashMap<ShaderId, Owned<vk::ShaderModule>>, BackendError> {
-    let mut modules = HashMap::new();
-    for shader in lowered.pipelines.states.iter().flat_map(|(state, _)| state.shaders()) {
-        if let Entry::Vacant(entry) = modules.entry(shader) {
-            entry.insert(module(gpu, plan, shader)?);
-        }
-    }
-    Ok(modules)
-}
-
 fn create(
     gpu: &Arc<VulkanGpu>,
-    plan: &Plan,
-    ((state, interface), modules): (&(PipelineState, usize), &HashMap<ShaderId, Owned<vk::ShaderModule>>),
-    layouts: &[PipelineLayout],
-) -> Result<Owned<vk::Pipeline>, BackendError> {
-    let layout = *layouts[*interface].raw;
-    let raw = match state {
+    key: &PipelineKey,
+    (state, modules): (&PipelineState, &HashMap<ShaderId, Owned<vk::ShaderModule>>),
+    layout: &Arc<PipelineLayout>,
+) -> Result<Pipeline, BackendError> {
+    let (raw, bind_point) = match state {
         PipelineState::Compute(shader) => {
-            let subgroups = lower::subgroups(&plan.shader(*shader).reflection, &gpu.limits.subgroup);
-            compute(gpu, *modules[shader], subgroups, layout)
+            (compute(gpu, *modules[shader], key.subgroups, *layout.raw), vk::PipelineBindPoint::COMPUTE)
         }
         PipelineState::Draw { vertex, fragment, topology, targets, depth } => {
             let modules = [*modules[vertex], *modules[fragment]];
-            draw(gpu, modules, *topology, (targets, *depth), layout)
+            let raw = draw(gpu, modules, *topology, (targets, *depth), *layout.raw);
+            (raw, vk::PipelineBindPoint::GRAPHICS)
         }
     };
-    let name = &plan.shader(state.shaders()[0]).name;
     let raw = raw.map_err(|answer| match api("vkCreatePipelines")(answer) {
         BackendError::Api { call, answer } => {
-            BackendError::Api { call, answer: format!("{answer} for `{name}`") }
+            BackendError::Api { call, answer: format!("{answer} for `{}`", key.name) }
         }
         other => other,
     })?;
-    gpu.name(raw, name);
-    Ok(Owned::new(gpu, raw))
+    gpu.name(raw, &key.name);
+    Ok(Pipeline { raw: Owned::new(gpu, raw), bind_point, layout: layout.clone() })
 }
 
 fn layout(gpu: &Arc<VulkanGpu>, interface: &Interface) -> Result<PipelineLayout, BackendError> {

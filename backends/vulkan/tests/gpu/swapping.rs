@@ -1,7 +1,7 @@
 //! Swapping plans: frames in flight of the previous plan, and histories that carry over.
 
 use crate::build::*;
-use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Progress};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
@@ -80,6 +80,29 @@ fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight
     again_comparing_submissions(
         "swapping::histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight",
     );
+}
+
+#[test]
+fn a_plan_takes_over_equal_pipelines_of_the_plan_before_and_keeps_them_when_that_is_gone() {
+    let mut vulkan = open();
+    let mut created = |plan| {
+        let mut names = Vec::new();
+        vulkan
+            .load(plan, &Scene::default(), &mut |progress| {
+                if let Progress::Pipeline { shader, .. } = progress {
+                    names.push(shader.to_owned());
+                }
+            })
+            .expect("the plan loads");
+        (names, grow(&mut vulkan))
+    };
+    assert_eq!(created(growing("first", 1)), (vec!["grow.comp".to_owned()], 1));
+    // Nothing holds the first plan any more when the third is loaded.
+    assert_eq!(created(growing("second", 1)), (vec![], 2));
+    assert_eq!(created(growing("third", 1)), (vec![], 3));
+    assert_eq!(created(growing("fast", 10)), (vec!["grow.comp".to_owned()], 13));
+    assert_eq!(created(growing("again", 1)), (vec!["grow.comp".to_owned()], 14));
+    finish(vulkan);
 }
 
 #[test]
