@@ -101,6 +101,14 @@ fn every_variant_of_tiles_draws_the_same_picture() {
 }
 
 #[test]
+fn a_bin_has_the_same_bytes_whether_one_workgroup_blends_it_or_two() {
+    for graph in [FAST_TILES[0], GPU] {
+        let [one, two] = ["1", "2"].map(|groups| drawn_bytes(graph, &[("bin_groups", groups), ("segment", "64")]));
+        assert_eq!(one, two, "{}", graph.0);
+    }
+}
+
+#[test]
 fn the_digit_width_changes_every_sort_of_tiles_and_no_byte_of_the_picture() {
     let (scene, cameras) = demo(5000, (200, 113));
     let drawn = |graph: Graph, set: &[(&str, &str)]| {

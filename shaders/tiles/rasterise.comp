@@ -42,8 +42,10 @@ layout(set = 0, binding = 5, rgba32f) writeonly uniform image2D picture;
 layout(set = 0, binding = 13, std430) writeonly buffer SegmentPixels { Pixel segment_pixels[]; };
 #endif
 
-// Cells per invocation.
-const uint OWN = BIN_CELLS / CELLS_AT_ONCE;
+// The workgroups of a bin share its rows of cells: ROWS for each. Cells per workgroup and per invocation.
+const uint ROWS = ACROSS / uint(BIN_GROUPS);
+const uint CELLS = ROWS * ACROSS;
+const uint OWN = CELLS / CELLS_AT_ONCE;
 
 // Each invocation takes a splat; the first one takes a splat that touches nothing, which pads lists.
 const uint CHUNK = THREADS - 1u;
@@ -69,9 +71,9 @@ shared uvec2 chunk_seen[THREADS];
 #define INDEX_OF_CHUNK(at) chunk_seen[at].y
 #endif
 #endif
-// A row for each 32 splats of the chunk: for each cell, a bit for each of them that touches it. Rows are not a multiple of the memory's
-// banks long, because the invocations of a cell each read another row.
-const uint ROW = BIN_CELLS + 4u;
+// A row for each 32 splats of the chunk: for each of the workgroup's cells, a bit for each of them that touches it. Rows are not a multiple
+// of the memory's banks long, because the invocations of a cell each read another row.
+const uint ROW = CELLS + 4u;
 shared uint touching[WORDS * ROW];
 // A part of each cell's list, walked at a time: positions in the chunk, a byte each. Every invocation has a word of its
 // cell's part.
@@ -112,12 +114,17 @@ uint sum_in_cell(uint value, uint lane) {
     return value;
 }
 
-// Notes the cells that splat `at` of the chunk touches. Must be called by whole subgroups.
-void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
-    uint row = at / 32u * ROW;
+// Notes the cells that splat `at` of the chunk touches in the workgroup's rows, which begin at `top`. Must be called by whole subgroups.
+void mark_cells(Cut cut, bool is_valid, uint at, uint lane, uint top) {
+    uint row = at / 32u * ROW - top * ACROSS;
     uvec2 low = uvec2(cut.low) / CELL;
     uvec2 high = uvec2(max(cut.high, vec2(0.0))) / CELL;
     bool touches = is_valid && cut.low.x <= cut.high.x && cut.low.y <= cut.high.y;
+#if BIN_GROUPS > 1
+    low.y = max(low.y, top);
+    high.y = min(high.y, top + ROWS - 1u);
+    touches = touches && low.y <= high.y;
+#endif
     uint box = touches ? (high.x - low.x + 1u) * (high.y - low.y + 1u) : 0u;
     if (subgroupAll(box <= FEW_CELLS)) {
         for (uint y = low.y; touches && y <= high.y; y++) {
@@ -130,7 +137,7 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
         }
     } else {
         // Atomics of many lanes to one word would be serialised.
-        for (uint y = 0u; y < ACROSS; y++) {
+        for (uint y = top; y < top + ROWS; y++) {
             uint columns = touches && y >= low.y && y <= high.y ? columns_of(cut, y) : 0u;
             if (subgroupAll(columns == 0u)) {
                 continue;
@@ -162,7 +169,8 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
 }
 
 void main() RECONVERGES {
-    uint group = group_index();
+    uint group = group_index() / uint(BIN_GROUPS);
+    uint share = group_index() % uint(BIN_GROUPS);
     uint number = group - uint(BIN_COUNT);
     if (group >= uint(BIN_COUNT) && number >= further[BIN_COUNT]) {
         return;
@@ -197,7 +205,7 @@ void main() RECONVERGES {
 #if WITH_OUTPUTS
             pixels_of[o][p] = empty_pixel();
 #if WITH_MESH
-            pixels_of[o][p].limit = surface_depth(uvec2(corner) + pixel_at(pixel_place(thread, o, p)));
+            pixels_of[o][p].limit = surface_depth(uvec2(corner) + pixel_at(pixel_place(thread, share * OWN + o, p)));
 #endif
 #endif
             colours[o][p] = vec3(0.0);
@@ -249,13 +257,13 @@ void main() RECONVERGES {
             touching[w] = 0u;
         }
         barrier();
-        mark_cells(cut_of(r, corner, float(BIN), alpha_floor), is_entry, thread, lane);
+        mark_cells(cut_of(r, corner, float(BIN), alpha_floor), is_entry, thread, lane, share * ROWS);
         barrier();
 
         bool all_done = true;
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
             uint cell = o * CELLS_AT_ONCE + thread / CELL_LANES;
-            vec2 place = vec2(pixel_at(pixel_place(thread, o, 0u)));
+            vec2 place = vec2(pixel_at(pixel_place(thread, share * OWN + o, 0u)));
             bool is_cell_open = (subgroupBallot(!is_done[o])[lane / 32u] >> (lane & 31u & ~(CELL_LANES - 1u)) & ((1u << CELL_LANES) - 1u)) != 0u;
             // Counts of the splats that touch the cell: in this invocation's words, up to and including these words, and in total.
             uint part = thread % CELL_LANES * PARTS;
@@ -345,7 +353,7 @@ void main() RECONVERGES {
     uint sum_place = is_whole ? 0u : segment == 0u ? numbers[bin] : FURTHER_SUMS + number;
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
-            uint place = pixel_place(thread, o, p);
+            uint place = pixel_place(thread, share * OWN + o, p);
 #if WITH_OUTPUTS
             pixels_of[o][p].light = lights[o][p];
 #endif
