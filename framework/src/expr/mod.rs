@@ -48,6 +48,13 @@ impl Expr {
         Ok(Expr { root: parse::parse(text)? })
     }
 
+    /// Changes `/` to divide integers as floats: `1 / 2` is 0.5. In graphs, which count things, it truncates.
+    #[must_use]
+    pub fn dividing_as_floats(mut self) -> Expr {
+        self.root.divide_as_floats();
+        self
+    }
+
     /// Lists every use of a name from the scope, in text order, with its place. Functions are not included.
     pub fn names(&self) -> impl Iterator<Item = (&str, Range<usize>)> {
         let mut names = Vec::new();

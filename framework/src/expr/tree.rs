@@ -83,6 +83,23 @@ impl Node {
         }
     }
 
+    /// Converts the dividends to floats, so that integers divide as floats.
+    pub fn divide_as_floats(&mut self) {
+        match &mut self.kind {
+            NodeKind::Literal(_) | NodeKind::Name(_) => {}
+            NodeKind::Unary(_, operand) => operand.divide_as_floats(),
+            NodeKind::Binary(op, operands) => {
+                operands.iter_mut().for_each(Node::divide_as_floats);
+                if *op == BinaryOp::Divide {
+                    let left = operands[0].clone();
+                    operands[0].kind = NodeKind::Call(Function::Float, vec![left]);
+                }
+            }
+            NodeKind::Conditional(parts) => parts.iter_mut().for_each(Node::divide_as_floats),
+            NodeKind::Call(_, arguments) => arguments.iter_mut().for_each(Node::divide_as_floats),
+        }
+    }
+
     /// Collects comparisons of a name with a literal text, by `==` or `!=`: the name, the text, and its place.
     pub fn collect_comparisons<'a>(&'a self, found: &mut Vec<(&'a str, &'a str, Range<usize>)>) {
         if let NodeKind::Binary(BinaryOp::Equal | BinaryOp::NotEqual, operands) = &self.kind {

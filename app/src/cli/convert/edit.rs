@@ -35,7 +35,8 @@ pub struct EditArgs {
     /// Keep the splats for which this expression is true, for instance 'opacity > 0.05 && scale_max < 0.5'
     ///
     /// The names are x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red, green,
-    /// blue (band 0, 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs.
+    /// blue (band 0, 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs,
+    /// but `/` divides whole numbers as floats: 1/2 is 0.5.
     #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true, value_parser = condition)]
     condition: Option<Condition>,
     /// Order of the splats: `file`, or `morton`, which stores neighbours in space near each other
@@ -142,7 +143,7 @@ impl Scope for Names<'_> {
 
 fn condition(text: &str) -> Result<Condition, String> {
     let expr = Expr::parse(text).map_err(|error| place(text, &error))?;
-    Ok(Condition { text: text.to_owned(), expr })
+    Ok(Condition { text: text.to_owned(), expr: expr.dividing_as_floats() })
 }
 
 /// Formats an error in an expression: the column in `text`, and a suggestion.
@@ -275,6 +276,12 @@ mod tests {
         let half = edit(&["--crop", "box:100,-100,100,-100,100,0"]).unwrap();
         assert_eq!(half.count(), expected(&|i| whole.positions()[i][2] >= 0.0));
         assert_eq!(edit(&["--where", "index % 2 == 0", "--order", "morton"]).unwrap().count(), 200);
+        // Whole numbers divide as floats.
+        let half = edit(&["--where", "opacity > 1/2 && x < -3/4 + 6/8 && index / 2 < 399 / 2"]).unwrap();
+        assert_eq!(
+            half.positions(),
+            edit(&["--where", "opacity > 0.5 && x < 0 && index < 399"]).unwrap().positions()
+        );
         let left = edit(&["--where", "-x > 0"]).unwrap();
         assert_eq!(left.count(), expected(&|i| whole.positions()[i][0] < 0.0));
     }
@@ -336,6 +343,8 @@ mod tests {
             unknown.contains("column 9 of `true && opacty > 0.5`") && unknown.contains("opacity"),
             "{unknown}"
         );
+        let zero = said(&["--where", "x > 1 / 0"]);
+        assert!(zero.contains("column 9 of `x > 1 / 0`: division by zero"), "{zero}");
         assert!(said(&["--where", "1.5"]).contains("expected a condition, found `1.5`"));
         assert!(
             said(&["--where", "opacity > 2"])
