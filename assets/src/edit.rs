@@ -175,6 +175,7 @@ impl Scene {
 mod tests {
     use super::*;
     use crate::harmonics::basis;
+    use crate::scene::{Filter, SortKey};
     use crate::testing::splat;
     use std::f64::consts::TAU;
 
@@ -248,6 +249,27 @@ mod tests {
         let surveyed = scene.with_offset([2e6, 0.0, 0.0]);
         let moved = surveyed.transformed(&far).unwrap();
         assert!(!moved.is_wide() && moved.offset() == [2_001_000.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn tags_in_which_joined_scenes_differ_are_reset_and_named() {
+        let with = |notes: FileNotes| Scene::generate(2, 0, splat).with_notes(notes);
+        let up = Some([0.0, 0.0, 1.0]);
+        let tagged = FileNotes { low_pass: Filter::Compensated, up, ..FileNotes::default() };
+        let distance = FileNotes { key_of: SortKey::Distance, ..FileNotes::default() };
+        let joined = |all: &[FileNotes]| {
+            let scenes: Vec<Scene> = all.iter().map(|notes| with(*notes)).collect();
+            Scene::joined(&scenes).unwrap().notes()
+        };
+        assert_eq!(joined(&[tagged, tagged]), tagged);
+        let none = FileNotes::default();
+        // The third scene has the value that the first two have left, and the fourth that of the first.
+        let mixed = joined(&[tagged, none, none, tagged]);
+        assert_eq!((mixed.tags(), mixed.mixed_tags()), (vec![], Some("low_pass, up".to_owned())));
+        assert_eq!(joined(&[mixed, distance]).mixed_tags(), Some("low_pass, key_of, up".to_owned()));
+        assert_eq!((tagged.mixed_tags(), mixed.without_tags()), (None, none));
+        let report = crate::report::Report::new(&with(mixed), &[]).to_string();
+        assert!(report.contains("low_pass, up: the merged scenes differ"), "{report}");
     }
 
     #[test]

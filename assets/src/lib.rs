@@ -72,8 +72,8 @@ pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
 pub use projection::Projection;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{
-    ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, QuaternionNorms, Scene, ScenePart, SortKey, Splat,
-    sh_floats,
+    ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, MixedTags, QuaternionNorms, Scene, ScenePart,
+    SortKey, Splat, sh_floats,
 };
 pub use scene_files::scene_files;
 pub use scene_format::SceneFormat;

@@ -223,6 +223,9 @@ impl fmt::Display for Report {
         for (name, value) in self.file.tags() {
             line(f, "tag", format!("{name} {value}"))?;
         }
+        if let Some(tags) = self.file.mixed_tags() {
+            line(f, "tags left out", format!("{tags}: the merged scenes differ"))?;
+        }
         let c = &self.color;
         let beyond = if c.brightest > MAX_HALF { ", beyond half floats" } else { "" };
         line(

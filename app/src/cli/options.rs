@@ -51,7 +51,7 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
 }
 
 /// Maximum width and height of a picture, in pixels.
-pub const MAX_SIDE: u32 = 32_768;
+pub const MAX_SIDE: u32 = Camera::MAX_SIDE;
 
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parse = || -> Option<(u32, u32)> {
@@ -71,7 +71,15 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
-        &[r, g, b] if text.split(',').count() == 3 && values.iter().all(|v| v.is_finite()) => Ok([r, g, b]),
+        &[r, g, b] if text.split(',').count() == 3 && values.iter().all(|v| v.is_finite()) => {
+            // Values below 0 mark the background in float pictures. Values above 1 are mostly meant as 0 to 255.
+            match values.iter().find(|value| **value > 1.0) {
+                Some(value) => {
+                    Err(format!("expected the channels of --background from 0 to 1, found {value}"))
+                }
+                None => Ok([r, g, b]),
+            }
+        }
         _ => Err("expected three numbers, for instance 1,0.5,0.25".into()),
     }
 }
@@ -135,8 +143,16 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
         if let Some(mesh) = scene.notes().mesh_left_out() {
             say(format!("{}: left out: {mesh}", path.display()));
         }
+        tell_mixed_tags(&path.display().to_string(), scene);
     }
     Ok(content)
+}
+
+/// Reports the tags that a merged scene lost because the scenes differ, and that pictures of it do not follow.
+pub fn tell_mixed_tags(name: &str, scene: &Scene) {
+    if let Some(tags) = scene.notes().mixed_tags() {
+        say(format!("{name}: the tags {tags} are ignored, because the scenes differ"));
+    }
 }
 
 /// Loads the scene at `path`, or the demo scene. Returns the scene, its path, and the demo scene's camera.

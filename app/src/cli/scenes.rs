@@ -8,8 +8,8 @@ use crate::io::load::LoadOptions;
 use crate::io::output::OutputGuard;
 use anyhow::Result;
 use splatgraph_api::DeviceInfo;
-use splatgraph_assets::{Camera, Content, Scene, Similarity};
-use std::path::PathBuf;
+use splatgraph_assets::{Camera, Content, Scene, SceneHeader, Similarity};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 /// Arguments that name scenes.
@@ -41,9 +41,22 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.scene("a further scene", path)?))
     }
 
+    /// Returns the load options of one of the scenes. `--level` applies to the scenes that have levels, if any does.
+    fn options_of(&self, path: Option<&Path>) -> LoadOptions {
+        let has_levels = |path: Option<&Path>| path.is_some_and(SceneHeader::has_levels);
+        let others = || self.more.iter().map(|path| Some(path.as_path())).chain([self.scene.as_deref()]);
+        match self.load.level {
+            Some(_) if !has_levels(path) && others().any(has_levels) => {
+                LoadOptions { level: None, ..self.load }
+            }
+            _ => self.load,
+        }
+    }
+
     /// Rejects a first scene whose header shows that it is too large for the device.
     pub fn check_header(&self, device: &DeviceInfo, pipeline: &str, set: &[(String, String)]) -> Result<()> {
-        self.scene.iter().try_for_each(|path| fit::check_header(path, &self.load, device, pipeline, set))
+        let load = self.options_of(self.scene.as_deref());
+        self.scene.iter().try_for_each(|path| fit::check_header(path, &load, device, pipeline, set))
     }
 
     /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera if it is drawn.
@@ -51,7 +64,8 @@ impl ScenesArgs {
     /// # Errors
     /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.
     pub fn load(&self, cancel: &AtomicBool) -> Result<(Scene, Option<Camera>)> {
-        let (first, _, camera) = options::scene_or_demo(cancel, self.scene.as_deref(), &self.load)?;
+        let scene = self.scene.as_deref();
+        let (first, _, camera) = options::scene_or_demo(cancel, scene, &self.options_of(scene))?;
         if self.more.is_empty() {
             return Ok((first, camera));
         }
@@ -59,7 +73,7 @@ impl ScenesArgs {
         for (index, path) in self.more.iter().enumerate() {
             let at = self.at.get(index).map(|at| (*at).into());
             let by = at.map(|translation| Similarity { translation, ..Similarity::IDENTITY });
-            match (options::load_any_unless(cancel, path, &self.load)?, by) {
+            match (options::load_any_unless(cancel, path, &self.options_of(Some(path)))?, by) {
                 (Content::Splats(scene), Some(by)) => all.push(scene.transformed(&by)?),
                 (Content::Splats(scene), None) => all.push(*scene),
                 (Content::Mesh(mesh), by) => meshes.push((mesh, by.unwrap_or(Similarity::IDENTITY))),
@@ -69,7 +83,9 @@ impl ScenesArgs {
             Some(only) if all.is_empty() => only,
             last => {
                 all.extend(last);
-                Scene::joined(&all)?
+                let joined = Scene::joined(&all)?;
+                options::tell_mixed_tags("all scenes", &joined);
+                joined
             }
         };
         Ok((meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)), camera))

@@ -217,6 +217,8 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
         Some((_, other)) => format!("the tag {tag} {value}: the file has {other} instead, another rule"),
         None => format!("the tag {tag} {value}"),
     }));
+    losses
+        .extend(scene.notes().mixed_tags().map(|tags| format!("the tags {tags}: the merged scenes differ")));
     if format == SceneFormat::Gltf && scene.notes().key_of == SortKey::Depth {
         losses.push("the order by depth: the format only supports order by distance from the camera".into());
     }

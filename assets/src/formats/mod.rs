@@ -159,7 +159,11 @@ impl SceneHeader {
             Found::Mesh(_) => return Err(alone(path)),
             Found::Several(parts) => parts,
         };
-        let all = parts.iter().map(|part| match open(&part.file, of)? {
+        let has_levels = parts_with_levels(&parts, level).map_err(|error| within(path, error))?;
+        let of = |part: &Placed, has_levels: bool| {
+            open(&part.file, |source, path| Self::of(source, path, level.filter(|_| has_levels)))
+        };
+        let all = parts.iter().zip(has_levels).map(|(part, has_levels)| match of(part, has_levels)? {
             Found::One(header) => Ok(header),
             Found::Mesh(_) => Ok(Self { count: 0, stored_degree: 0 }),
             Found::Several(_) => Err(nested(&part.file)),
@@ -167,6 +171,12 @@ impl SceneHeader {
         let all: Vec<Self> = all.collect::<Result<_, _>>().map_err(|error| within(path, error))?;
         let stored_degree = all.iter().map(|header| header.stored_degree).max().unwrap_or(0);
         Ok(Self { count: all.iter().map(|header| header.count).sum(), stored_degree })
+    }
+
+    /// Returns false for a mesh and for a scene without levels. Errors of other kinds give true: a load reports them.
+    pub fn has_levels(path: impl AsRef<Path>) -> bool {
+        let found = Self::load_level(path, Some(0)).map_err(|error| error.problem);
+        !matches!(found, Err(SceneError::NoLevels | SceneError::MeshAlone))
     }
 
     fn of(source: &Source, path: &Path, level: Option<u32>) -> Result<Self, SceneError> {
@@ -181,6 +191,21 @@ impl SceneHeader {
             SceneFormat::Usd => usd::header(source),
             SceneFormat::Gltf => gltf::header(source),
         }
+    }
+}
+
+/// Finds the parts of a composition that a `level` applies to: those with levels.
+///
+/// # Errors
+/// A level is given, but no part has levels.
+fn parts_with_levels(parts: &[Placed], level: Option<u32>) -> Result<Vec<bool>, LoadError> {
+    let has_levels = |part: &Placed| level.is_some() && SceneHeader::has_levels(&part.file);
+    let found: Vec<bool> = parts.iter().map(has_levels).collect();
+    match parts.last() {
+        Some(last) if level.is_some() && !found.contains(&true) => {
+            Err(LoadError { path: last.file.clone(), problem: SceneError::NoLevels })
+        }
+        _ => Ok(found),
     }
 }
 
@@ -225,10 +250,11 @@ impl Scene {
         Self::load_level(path, None, progress)
     }
 
-    /// Loads a level of a streamed SOG. Level 0 is the finest, and the default.
+    /// Loads a level of a streamed SOG. Level 0 is the finest, and the default. In a composition, the level applies to
+    /// the scenes that have levels.
     ///
     /// # Errors
-    /// The errors of [`Scene::load`], a level for a scene of another format, and a level that the scene lacks.
+    /// The errors of [`Scene::load`], a level for scenes without levels, and a level that a scene lacks.
     pub fn load_level(
         path: impl AsRef<Path>,
         level: Option<u32>,
@@ -282,6 +308,7 @@ impl Scene {
     ) -> Result<(Self, Vec<ElementSize>), LoadError> {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
+        let has_levels = parts_with_levels(parts, level)?;
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
         let mut files = Vec::with_capacity(parts.len());
         let mut sizes = Vec::with_capacity(parts.len());
@@ -301,6 +328,7 @@ impl Scene {
                     sizes.push(ElementSize::new(&format!("{name} ({format})"), rows, vec![contents]));
                 }
             };
+            let level = level.filter(|_| has_levels[index]);
             let scene = match Self::load_one(&part.file, level, &tell)? {
                 Found::One(scene) => {
                     let rows = u64::from(scene.count()) + scene.dropped().total();

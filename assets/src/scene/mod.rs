@@ -15,7 +15,7 @@ mod world;
 pub(crate) use columns::{Columns, Rows};
 pub(crate) use gathered::Gathered;
 pub use gathered::{Dropped, QuaternionNorms};
-pub use notes::{FileNotes, Filter, SortKey};
+pub use notes::{FileNotes, Filter, MixedTags, SortKey};
 pub use parts::ScenePart;
 pub use splat::{Splat, sh_floats};
 

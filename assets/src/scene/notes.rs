@@ -63,6 +63,23 @@ impl Serialize for SortKey {
     }
 }
 
+/// Tags that were reset when scenes were merged, because the scenes have different values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct MixedTags {
+    /// [`FileNotes::low_pass`].
+    pub low_pass: bool,
+    /// [`FileNotes::key_of`].
+    pub key_of: bool,
+    /// [`FileNotes::up`].
+    pub up: bool,
+}
+
+impl MixedTags {
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Tags of a file: the rules for drawing its splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FileNotes {
@@ -83,6 +100,9 @@ pub struct FileNotes {
     /// Number of primitives of meshes in the glTF file of the splats. They are not read.
     #[serde(skip_serializing_if = "is_zero")]
     pub mesh_primitives: u64,
+    /// Tags in which merged scenes differ.
+    #[serde(skip_serializing_if = "MixedTags::is_empty")]
+    pub mixed: MixedTags,
 }
 
 fn is_zero(count: &u64) -> bool {
@@ -121,7 +141,17 @@ impl FileNotes {
     }
 
     pub(crate) fn without_tags(self) -> Self {
-        Self { low_pass: Filter::default(), key_of: SortKey::default(), up: None, ..self }
+        let mixed = MixedTags::default();
+        Self { low_pass: Filter::default(), key_of: SortKey::default(), up: None, mixed, ..self }
+    }
+
+    /// Names the tags that were reset when scenes with different values were merged: `low_pass, up`. `None` if there
+    /// are none.
+    pub fn mixed_tags(&self) -> Option<String> {
+        let MixedTags { low_pass, key_of, up } = self.mixed;
+        let all = [(low_pass, "low_pass"), (key_of, "key_of"), (up, "up")];
+        let names: Vec<&str> = all.into_iter().filter(|(mixed, _)| *mixed).map(|(_, name)| name).collect();
+        (!names.is_empty()).then(|| names.join(", "))
     }
 
     /// Lists the file's tags, each with the name and the value of the parameter that it sets.
@@ -139,8 +169,8 @@ impl FileNotes {
         tags
     }
 
-    /// Keeps the tags that are equal in both files and resets the others. Sums the counts; keeps the higher
-    /// `cut_degree`.
+    /// Keeps the tags that are equal in both files; resets the others, and records them in [`FileNotes::mixed`]. Sums the
+    /// counts; keeps the higher `cut_degree`.
     pub(crate) fn common(self, other: Self) -> Self {
         fn both<T: PartialEq + Default>(a: T, b: T) -> T {
             if a == b { a } else { T::default() }
@@ -153,6 +183,11 @@ impl FileNotes {
             lod_nodes: self.lod_nodes + other.lod_nodes,
             clamped_opacities: self.clamped_opacities + other.clamped_opacities,
             mesh_primitives: self.mesh_primitives + other.mesh_primitives,
+            mixed: MixedTags {
+                low_pass: self.mixed.low_pass || other.mixed.low_pass || self.low_pass != other.low_pass,
+                key_of: self.mixed.key_of || other.mixed.key_of || self.key_of != other.key_of,
+                up: self.mixed.up || other.mixed.up || self.up != other.up,
+            },
         }
     }
 }

@@ -316,6 +316,30 @@ fn a_level_of_a_streamed_scene_has_its_runs_and_the_environment() {
 }
 
 #[test]
+fn in_a_list_a_level_is_that_of_the_scenes_with_levels() {
+    let place = tempfile::tempdir().unwrap();
+    streamed(place.path());
+    Scene::generate(5, 0, crate::testing::splat).write_ply(place.path().join("a.ply")).unwrap();
+    let list = place.path().join("list.ron");
+    let load = |text: &str, level: u32| {
+        std::fs::write(&list, text).unwrap();
+        let header = SceneHeader::load_level(&list, Some(level)).map(|header| header.count);
+        let scene = Scene::load_level(&list, Some(level), crate::QUIET).map(|scene| scene.count());
+        (header.map_err(|error| error.to_string()), scene.map_err(|error| error.to_string()))
+    };
+    let mixed = r#"Scenes([Scene(file: "a.ply"), Scene(file: "lod-meta.json")])"#;
+    assert_eq!([load(mixed, 0), load(mixed, 1)], [7, 6].map(|count| (Ok(count), Ok(count))));
+    for (text, level, why) in [
+        (r#"Scenes([Scene(file: "a.ply")])"#, 0, "expected a scene with levels"),
+        (mixed, 2, "to 1, the coarsest, found 2"),
+    ] {
+        let (header, scene) = load(text, level);
+        let errors = [header.unwrap_err(), scene.unwrap_err()];
+        assert!(errors.iter().all(|error| error.contains(why)), "{errors:?}");
+    }
+}
+
+#[test]
 fn damage_of_a_streamed_scene_names_the_field_or_the_file() {
     let place = tempfile::tempdir().unwrap();
     let document = streamed(place.path());
