@@ -171,6 +171,8 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     place.done("video scene.ply --orbit=5 --eye=0,-1,-4 --size=32x18 -o turn");
     let pictures = fs::read_dir(place.at("turn")).expect("a folder").count();
     assert_eq!(pictures, 6, "five pictures and film.json");
+    place.done("video scene.ply --orbit=1 --size=32x18 -o turn.v2/");
+    assert!(place.at("turn.v2/00000.png").exists(), "a slash makes a name with a dot a folder's");
 
     let no_encoder = "found .mp4; other formats need an encoder: `-o - | ffmpeg -i - film.mp4`, or a program built with `--features av1`";
     place.refuses(
@@ -181,7 +183,8 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
             ("film.gif --shutter=0.5", 2, "--samples"),
             ("film.gif --orbit=4", 2, "cannot be used with"),
             ("cameras.json/x.gif", 2, "which cannot be written: Not a directory"),
-            ("scene.ply", 2, "expected a folder, or a name that ends in"),
+            ("scene.ply", 2, "found .ply; other formats need an encoder: `-o - | ffmpeg -i - FILM`"),
+            ("film.gif --fps=60", 2, "expected at most 50 frames per second in a .gif, found 60"),
         ],
     );
     let one = "expected two cameras or more for a path, found 1";
@@ -189,6 +192,8 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
         "video scene.ply -o film.gif",
         &[
             ("--cameras=cameras.json#0", 2, one),
+            ("--orbit=3 --closed", 2, "expected --cameras with --closed, found none"),
+            ("--closed", 2, "expected --cameras with --closed, found none"),
             ("--fps=29.97", 2, "a whole number or a fraction, for instance 30 or 30000/1001"),
         ],
     );

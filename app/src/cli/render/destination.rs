@@ -4,7 +4,7 @@ use crate::cli::help;
 use crate::cli::outcome::Usage;
 use crate::draw::outputs::{NAMES, check_format};
 use crate::io::image::Format;
-use crate::io::output::is_standard_output;
+use crate::io::output::{is_standard_output, names};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -73,16 +73,19 @@ impl Destination {
                 asked.or(Format::of(output)).unwrap_or(Format::Png),
             )));
         }
-        if let Some(format) = Format::of(output) {
+        let is_folder = names::ends_in_separator(output);
+        if let Some(format) = Format::of(output).filter(|_| !is_folder) {
             if asked.is_some_and(|wanted| wanted != format) {
                 return Err(Usage(format!("--format differs from the extension of {}", output.display())));
             }
             return Ok(Some(Destination::Picture(output.to_owned(), format)));
         }
         // A path such as `pictures.jpg` is more likely a mistake than a new folder.
-        if let Some(extension) = output.extension().filter(|_| !output.is_dir() && asked.is_none()) {
+        if let Some(extension) =
+            output.extension().filter(|_| !is_folder && !output.is_dir() && asked.is_none())
+        {
             return Err(Usage(format!(
-                "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, add --format)",
+                "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, end it with a slash)",
                 extension.display()
             )));
         }
@@ -140,6 +143,12 @@ mod tests {
             destination("render -o out.v2 --format exr").unwrap(),
             Some(Destination::Folder("out.v2".into(), Format::Exr))
         );
+        for name in ["out.v2/", "out.png/"] {
+            assert_eq!(
+                destination(&format!("render -o {name}")).unwrap(),
+                Some(Destination::Folder(name.into(), Format::Png))
+            );
+        }
         assert_eq!(destination("render --json").unwrap(), None);
         assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("found .jpg"));
         assert!(destination("render -o out.png --format exr").is_err());

@@ -4,7 +4,7 @@ mod sequence;
 
 use super::cameras;
 use super::look_at::LookAtArgs;
-use super::options::{self, BackendArgs, Drawing, MAX_SIDE};
+use super::options::{self, BackendArgs, Drawing};
 use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
@@ -15,7 +15,7 @@ use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
 use crate::io::image;
-use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, names, note, say};
 use crate::io::progress::Progress;
 use crate::studies::measurement::plans;
 use anyhow::{Context, Result, anyhow, bail};
@@ -45,7 +45,7 @@ pub struct Args {
     #[command(flatten)]
     drawing: Drawing,
     /// Return from the last camera to the first, so that the film repeats without a jump
-    #[arg(long, requires = "cameras")]
+    #[arg(long)]
     closed: bool,
     #[command(flatten, next_help_heading = "A circle without a file of cameras")]
     look: LookAtArgs,
@@ -119,6 +119,12 @@ pub(super) struct Work {
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
+    // With an option of the circle, which --cameras conflicts with, clap would waive that --closed requires --cameras.
+    if args.closed && args.drawing.cameras.is_none() {
+        bail!(Usage(
+            "expected --cameras with --closed, found none; a circle always returns to its start".into()
+        ));
+    }
     let keys = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
     if let Some(keys) = &keys {
         check_keys(args, keys)?;
@@ -147,24 +153,29 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
 
 fn destination(args: &Args) -> Result<Destination, Usage> {
     let path = &args.output;
+    let is_folder = names::ends_in_separator(path) || path.is_dir();
     let file = if is_standard_output(path) {
         options::refuse_terminal("the film")?;
         Format::of(path).or(Some(Format::Y4m))
     } else {
-        Format::of(path).filter(|_| !path.is_dir())
+        Format::of(path).filter(|_| !is_folder)
     };
     match (file, args.format, path.extension()) {
         (Some(_), Some(_), _) => Err(Usage("--format is for the pictures of a folder".into())),
-        (Some(format), None, _) => Ok(Destination::File(path.clone(), format)),
-        (None, None, Some(extension)) if !path.is_dir() => {
+        (Some(format), None, _) => {
+            format.check_rate(args.fps).map_err(Usage)?;
+            Ok(Destination::File(path.clone(), format))
+        }
+        (None, None, Some(extension)) if !is_folder => {
             let feature = match extension.eq_ignore_ascii_case("mp4") {
                 true => ", or a program built with `--features av1`",
                 false => "",
             };
+            // A film would replace an existing file, which may be the scene.
+            let film = if path.exists() { "FILM".into() } else { path.display().to_string() };
             Err(Usage(format!(
-                "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {}`{feature}",
-                extension.display(),
-                path.display()
+                "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {film}`{feature}",
+                extension.display()
             )))
         }
         (None, format, _) => {
@@ -193,12 +204,6 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     }
     let graph = args.projection();
     keys.iter().try_for_each(|key| projection::check(key.projection, graph))?;
-    let (width, height) = (keys[0].width, keys[0].height);
-    if args.drawing.size.is_none() && width.max(height) > MAX_SIDE {
-        bail!(
-            "the first camera: expected pictures of at most {MAX_SIDE} x {MAX_SIDE} pixels, found {width} x {height}"
-        );
-    }
     Ok(())
 }
 

@@ -51,6 +51,20 @@ impl Format {
         }
     }
 
+    /// Checks that the format can represent a frame rate, so that players keep it.
+    ///
+    /// # Errors
+    /// A GIF has more than 50 frames per second.
+    pub fn check_rate(self, rate: Rate) -> Result<(), String> {
+        // The delays of a GIF are hundredths of a second, and browsers replace those below 0.02 s by 0.1 s.
+        if self == Format::Gif && rate.per_second() > 50.0 {
+            return Err(format!(
+                "expected at most 50 frames per second in a .gif, found {rate}: players show shorter frames for 0.1 s; an .apng keeps the rate"
+            ));
+        }
+        Ok(())
+    }
+
     /// Encodes a frame as far as possible without the other frames.
     ///
     /// # Errors
@@ -76,6 +90,7 @@ impl Format {
         rate: Rate,
         frames: u32,
     ) -> Result<Box<dyn Writer + 'a>, Cause> {
+        self.check_rate(rate)?;
         Ok(match self {
             Format::Gif => Box::new(gif::Film::begin(out, size, rate)?),
             Format::Apng => Box::new(apng::Film::begin(out, size, rate, frames)?),
@@ -126,6 +141,19 @@ mod tests {
         // Four frames take 13.3 hundredths of a second.
         assert_eq!(delays, [3, 4, 3, 3]);
         assert_eq!(decoder.repeat(), ::gif::Repeat::Infinite);
+    }
+
+    #[test]
+    fn a_gif_has_no_delay_that_players_lengthen() {
+        let rate = |text: &str| text.parse::<Rate>().expect("a rate");
+        for allowed in ["50", "25", "1/10"] {
+            assert_eq!(Format::Gif.check_rate(rate(allowed)), Ok(()));
+        }
+        for refused in ["60", "200", "60000/1001"] {
+            assert!(Format::Gif.check_rate(rate(refused)).is_err_and(|error| error.contains(refused)));
+            assert!(Format::Gif.begin(&mut Vec::new(), SIZE, rate(refused), 4).is_err());
+            assert_eq!(Format::Apng.check_rate(rate(refused)), Ok(()));
+        }
     }
 
     #[test]

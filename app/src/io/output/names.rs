@@ -10,13 +10,18 @@
 use super::file::{OutputError, write_new_bytes};
 use super::terminal::is_harmful;
 use std::collections::HashSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf, is_separator};
 
 /// Maximum length of a file name on common file systems, in bytes.
 pub const MAX_NAME_BYTES: usize = 255;
 
 /// Minimum length that is left for a camera's name, in bytes: for its hash, its index, and a recognisable part.
 pub const MIN_ROOM_BYTES: usize = 48;
+
+/// Returns true if the path ends in a separator, which makes it a folder's whatever its extension.
+pub fn ends_in_separator(path: &Path) -> bool {
+    path.as_os_str().as_encoded_bytes().last().is_some_and(|byte| is_separator(char::from(*byte)))
+}
 
 /// Returns the first path, numbered from 1, that does not exist yet.
 pub fn first_free(path: impl Fn(u32) -> PathBuf) -> PathBuf {
