@@ -67,6 +67,10 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     place.write("shared/job.json", "{}");
     let shared = "expected a folder without job.json, found shared";
     place.refuses("", &[("evaluate scene.ply -c views -o shared", 2, shared)]);
+    let images = place.text("views/sparse/0/images.txt");
+    let used = "expected a new or empty folder for --dataset, found views";
+    place.refuses("synth --photograph scene.ply --views 2 --dataset", &[("views", 2, used)]);
+    assert_eq!(place.text("views/sparse/0/images.txt"), images);
     std::fs::remove_file(place.at("views/images/view-0008.png")).expect("it is there");
     std::fs::create_dir(place.at("empty")).expect("a folder");
     place.refuses(
@@ -77,6 +81,8 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
             ("evaluate scene.ply -c empty", 1, "expected cameras.json, transforms.json"),
             ("evaluate scene.ply -c views --backend reference --set cutoff=3", 2, "--set is for graphs"),
             ("synth --photograph scene.ply", 2, "--dataset"),
+            ("synth uniform -o u.ply --dataset new", 2, "expected --photograph with --dataset, found none"),
+            ("synth uniform -o u.ply --views 3", 2, "expected --photograph with --views, found none"),
             ("render scene.ply --orbit 2 -o one.png", 2, "expected one camera for the picture"),
         ],
     );

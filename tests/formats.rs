@@ -81,6 +81,8 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
     std::fs::write(place.at("mip.ply"), tagged).expect("it is written");
     let text = place.done("convert mip.ply mip.spz");
     assert!(text.contains("lost: the tag low_pass mip: the file has compensated instead"), "{text}");
+    let merged = place.done("convert mip.ply merged.ply --merge cut.ply");
+    assert!(merged.contains("lost: the tags low_pass: the merged scenes differ"), "{merged}");
     let text = place.done("convert scene.ply sorted.compressed.ply");
     assert!(text.contains("lost: the order of the splats: they follow a Morton curve"), "{text}");
     place.refuses(
@@ -95,6 +97,9 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
             ),
             ("scene.ply ./scene.ply", 2, "would overwrite the scene"),
             ("cameras.json out.spz", 1, "), found JSON text"),
+            ("scene.ply out.ply --json=prices.json", 2, "expected --price with --json, found none"),
+            ("scene.ply out.ply -c none.json", 2, "expected --price with --cameras, found none"),
+            ("scene.ply out.ply --size 9x9", 2, "expected --price with --size, found none"),
         ],
     );
 }

@@ -46,14 +46,14 @@ pub struct Args {
     /// Make a COLMAP dataset (--dataset) of exact pictures of this scene, from cameras on a circle around it
     #[arg(long, value_name = "SCENE", requires = "dataset", conflicts_with_all = ["enlarge", "output", "cameras", "count"])]
     photograph: Option<PathBuf>,
-    /// Folder of the COLMAP dataset: images/ and sparse/0/, as text
-    #[arg(long, value_name = "DIR", requires = "photograph")]
+    /// Folder of the COLMAP dataset: images/ and sparse/0/, as text; new or empty
+    #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
-    /// Number of photographs [default: 24]
-    #[arg(long, value_name = "N", requires = "photograph", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    /// Number of photographs of --photograph [default: 24]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     views: Option<u32>,
     /// Size of the photographs [default: 480x270]
-    #[arg(long, value_name = "WIDTHxHEIGHT", requires = "photograph", value_parser = options::size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
     #[command(flatten)]
     load: LoadOptions,
@@ -87,7 +87,17 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     }
     if let (Some(path), Some(folder)) = (&args.photograph, &args.dataset) {
         guard.scene("the scene", path)?;
+        refuse_used(folder)?;
         return photographs(args, folder).iter().try_for_each(|path| Ok(guard.output("--dataset", path)?));
+    }
+    // With a name, which --photograph conflicts with, clap would waive that these options require --photograph.
+    let given = [
+        ("--dataset", args.dataset.is_some()),
+        ("--views", args.views.is_some()),
+        ("--size", args.size.is_some()),
+    ];
+    if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
+        return Err(Usage(format!("expected --photograph with {option}, found none")));
     }
     let Some(output) = &args.output else {
         return match (&args.name, &args.enlarge) {
@@ -109,6 +119,14 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
         guard.output("--cameras", path)?;
     }
     Ok(())
+}
+
+/// Refuses a folder with any files. The photographs of another dataset would stay among the new ones, and its binary
+/// model would be read instead of the new text.
+fn refuse_used(folder: &Path) -> Result<(), Usage> {
+    let entry = std::fs::read_dir(folder).ok().and_then(|mut entries| entries.next());
+    let Some(Ok(entry)) = entry else { return Ok(()) };
+    Err(Usage(format!("expected a new or empty folder for --dataset, found {}", entry.path().display())))
 }
 
 fn extension(args: &Args) -> &'static str {

@@ -17,14 +17,14 @@ pub struct PriceArgs {
     /// pictures
     #[arg(long, conflicts_with_all = ["output", "format", "spz_version"])]
     price: bool,
-    /// Cameras of the pictures [default: the first camera beside the scene, or one that frames the scene]
-    #[arg(short, long, value_name = "PATH[#INDEX]|JSON", requires = "price")]
+    /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene]
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
-    /// Size of the pictures [default: the cameras']
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size, requires = "price")]
+    /// Size of the pictures of --price [default: the cameras']
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// Print JSON, or write it to a file
-    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-", requires = "price")]
+    /// Print the results of --price as JSON, or write them to a file
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
 }
 
@@ -32,6 +32,16 @@ impl PriceArgs {
     pub(super) fn claim(&self, guard: &mut OutputGuard, scene: &Path) -> Result<(), Usage> {
         if self.price {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
+        } else {
+            // With OUT, which --price conflicts with, clap would waive that these options require --price.
+            let given = [
+                ("--cameras", self.cameras.is_some()),
+                ("--size", self.size.is_some()),
+                ("--json", self.json.is_some()),
+            ];
+            if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
+                return Err(Usage(format!("expected --price with {option}, found none")));
+            }
         }
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
     }
