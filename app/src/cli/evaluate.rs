@@ -245,7 +245,7 @@ fn request(args: &Args) -> Json {
     json!({
         "scene": options::text_of(&args.scene), "dataset": options::text_of(&args.cameras),
         "backend": args.backend.to_string(), "pipeline": graph,
-        "set": args.set, "downscale": args.downscale, "photographs": args.photographs, "all": args.all,
+        "set": args.set, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of), "all": args.all,
         "background": args.background,
     })
 }
