@@ -19,6 +19,9 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
+/// Some editors write this mark at the beginning of a text.
+pub(crate) const BYTE_ORDER_MARK: &str = "\u{feff}";
+
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
 
 #[derive(Deserialize)]
@@ -62,7 +65,7 @@ pub(crate) struct Placed {
 
 /// Returns true for a composition: its text begins with `Scenes`, after blanks and comments.
 pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
-    let mut rest = head;
+    let mut rest = head.strip_prefix(BYTE_ORDER_MARK.as_bytes()).unwrap_or(head);
     loop {
         rest = rest.trim_ascii_start();
         let end = if rest.starts_with(b"//") {
@@ -79,6 +82,7 @@ pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
 
 /// Parses the text of a file in `folder`.
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
+    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let scenes: Scenes = ron::from_str(text).map_err(|error| {
         let at = error.span.start;
         SceneError::Text { line: at.line, column: at.col, message: error.code.to_string() }
@@ -150,6 +154,9 @@ mod tests {
             ])"#;
         assert!(begins_as_scenes(text.as_bytes()));
         let all = parse(text, Path::new("/world")).expect("scenes");
+        let marked = format!("{BYTE_ORDER_MARK}{text}");
+        assert!(begins_as_scenes(marked.as_bytes()));
+        assert_eq!(parse(&marked, Path::new("/world")).expect("scenes"), all);
         assert_eq!(all[0], Placed { file: "/world/a.ply".into(), by: Similarity::IDENTITY });
         assert_eq!((all[1].file.as_path(), all[1].by.scale), (Path::new("/b.spz"), 0.5));
         let turned = all[1].by.rotation * DVec3::Z;

@@ -30,7 +30,7 @@ pub enum SceneError {
     Empty,
 
     /// The bytes belong to no scene format.
-    #[error("expected a scene ({}), found {found}", SceneFormat::endings())]
+    #[error("expected a scene ({}, or .ron, a list of scenes), found {found}", SceneFormat::endings())]
     NotScene {
         /// The likely kind of the file.
         found: String,

@@ -9,6 +9,7 @@ use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
 use super::view::{Dataset, View, stem};
 use crate::camera::Camera;
+use crate::composition::BYTE_ORDER_MARK;
 use crate::projection::Projection;
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -18,6 +19,7 @@ use std::path::Path;
 
 /// Parses a camera file in either format: an object is a `transforms.json`, anything else a list.
 pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
+    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let reached = Cell::new(None);
     let parsed = if text.trim_start().starts_with('{') {
         transforms(text, path, &reached)

@@ -19,6 +19,14 @@ fn the_reference_form_is_read_and_fields_not_known_are_ignored() {
 }
 
 #[test]
+fn a_byte_order_mark_before_the_text_is_skipped() {
+    let text =
+        serde_json::to_string(&[Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 64))]).unwrap();
+    let cameras = |text: &str| Camera::parse(text, Path::new("cameras.json")).unwrap();
+    assert_eq!(cameras(&format!("\u{feff}{text}")), cameras(&text));
+}
+
+#[test]
 fn errors_say_line_column_and_which_camera() {
     let missing = error(&format!("[{ONE},\n{}]", ONE.replace("\"fx\"", "\"fz\"")));
     assert!(
@@ -34,6 +42,7 @@ fn errors_say_line_column_and_which_camera() {
     assert!(error(&format!("[{}]", ONE.replace("5.0", "0"))).contains("positive fx"));
     assert!(error(&format!("[{}]", ONE.replace(": 4", ": 0"))).contains("0 x 2 pixels"));
     for (from, to, what) in [
+        (": 4", ": 32769", "expected an image of at most 32768 x 32768 pixels, found 32769 x 2"),
         ("5.0", "1e40", "expected fx from 1e-20 to 1e20 pixels, found 1e40"),
         ("6.0", "1e-50", "expected fy from 1e-20 to 1e20 pixels, found "),
         ("3.5", "-1e40", "expected a position within 1e18 of the origin, found z = -1e40"),
@@ -302,10 +311,16 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
         files[file][at..at + bytes.len()].copy_from_slice(bytes);
         files
     };
-    let cases: [(usize, usize, &[u8], &str); 6] = [
+    let cases: [(usize, usize, &[u8], &str); 7] = [
         (0, 0, &[255; 8], "cameras.bin: byte 0, `num_cameras`: expected at most 1, as the rest"),
         (0, 12, &[99], "cameras.bin: byte 12, `MODEL`: expected a model of 0 to 10, found 99"),
         (0, 24, &[0; 8], "images.bin: byte 8, `IMAGE_ID`: the image is 100 x 0 pixels"),
+        (
+            0,
+            16,
+            &[255; 8],
+            "images.bin: byte 8, `IMAGE_ID`: expected an image of at most 32768 x 32768 pixels",
+        ),
         (1, 68, &[9], "images.bin: byte 68, `CAMERA_ID`: expected 7, the only ID of cameras, found 9"),
         (1, 78, &[255; 7], "images.bin: byte 78, `num_points2D`: expected at most "),
         (1, 72, &[0xFF], "images.bin: byte 72, `NAME`: expected UTF-8 text"),
