@@ -160,7 +160,10 @@ impl Output {
             let found = std::array::from_fn(|c| values[at + c.min(channels - 1)]);
             if self.name == "normal" { colour_of_normal(found) } else { found }
         };
-        Image::from_fn(size.0, size.1, pixel).save(path)
+        let image = Image::from_fn(size.0, size.1, pixel);
+        // Other outputs of three channels may be colours.
+        let is_data = channels == 1 || self.name == "normal";
+        if is_data { image.save_png_of_data(path) } else { image.save(path) }
     }
 }
 

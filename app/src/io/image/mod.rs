@@ -95,10 +95,20 @@ impl Image {
     pub fn save_as(&self, format: Format, path: &Path) -> Result<(), ImageError> {
         let _span = info_span!("encode and write", path = %path.display()).entered();
         Ok(output::write(path, |out| match format {
-            Format::Png => png::write(self, out),
+            Format::Png => png::write(self, true, out),
             Format::Exr => exr::write(self, out),
             Format::Npy => npy::write(self, out),
         })?)
+    }
+
+    /// Saves values that are not colours, such as alpha, as a PNG file. Programs must not convert them as colours, so the
+    /// file does not declare an encoding.
+    ///
+    /// # Errors
+    /// The file cannot be written. An existing file is then kept.
+    pub fn save_png_of_data(&self, path: &Path) -> Result<(), ImageError> {
+        let _span = info_span!("encode and write", path = %path.display()).entered();
+        Ok(output::write(path, |out| png::write(self, false, out))?)
     }
 
     /// Encodes the picture as a PNG file, and returns its bytes.
@@ -107,7 +117,7 @@ impl Image {
     /// The picture has no pixels, or too many for the format.
     pub fn png(&self) -> Result<Vec<u8>, ImageError> {
         let mut bytes = Vec::new();
-        png::write(self, &mut bytes).map_err(|cause| ImageError::because(Path::new("a PNG"), cause))?;
+        png::write(self, true, &mut bytes).map_err(|cause| ImageError::because(Path::new("a PNG"), cause))?;
         Ok(bytes)
     }
 }
@@ -237,6 +247,21 @@ mod tests {
         image.save(&path).unwrap();
         let levels = |l: [u8; 3]| l.map(|v| f32::from(v) / 255.0);
         assert_eq!(Image::load(&path).unwrap().rgb, [levels([0, 128, 255]), levels([1, 0, 255])]);
+    }
+
+    #[test]
+    fn a_png_of_colours_declares_srgb_and_one_of_data_declares_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let declares = || {
+            let bytes = std::fs::read(&path).unwrap();
+            [b"sRGB", b"gAMA", b"cHRM", b"iCCP"].map(|chunk| bytes.windows(4).any(|name| name == chunk))
+        };
+        ramp().save(&path).unwrap();
+        assert!(declares()[0]);
+        let colors = Image::load(&path).unwrap();
+        ramp().save_png_of_data(&path).unwrap();
+        assert_eq!((declares(), Image::load(&path).unwrap()), ([false; 4], colors));
     }
 
     #[test]

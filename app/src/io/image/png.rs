@@ -6,11 +6,14 @@ use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::Path;
 
-pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
+/// Writes a picture. Unless its values are `colors`, the file does not declare them as sRGB.
+pub(super) fn write(image: &Image, colors: bool, out: &mut dyn Write) -> Result<(), Cause> {
     let mut encoder = png::Encoder::new(out, image.width as u32, image.height as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    if colors {
+        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    }
     // `Balanced` takes many times as long, for files that are only a few percent smaller.
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header()?;
