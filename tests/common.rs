@@ -4,14 +4,17 @@ use crate::again::passes_again;
 use splatgraph::draw::backend::{Api, Backend, Options, Validation};
 use splatgraph::draw::builtin;
 use splatgraph::draw::facts::{self, SceneFacts};
+use splatgraph::draw::planner::{self, Settings};
 use splatgraph::studies::bench;
 use splatgraph::view::paint;
 use splatgraph_api::{Device, SceneData};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts};
-use splatgraph_framework::shader::Worker;
+use splatgraph_framework::shader::{SpirvStore, Worker};
+use std::collections::HashMap;
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, Once, PoisonError};
 
 /// Opens the machine's device with full validation: on Apple's systems the GPU, by Metal; elsewhere lavapipe, by
 /// Vulkan.
@@ -36,6 +39,7 @@ pub fn open(options: &Options) -> Backend {
 }
 
 pub fn options(validation: Validation) -> Options {
+    share_shaders();
     let usual = if Api::default() == Api::Vulkan { Some("llvmpipe".into()) } else { None };
     let device = std::env::var("SPLATGRAPH_TEST_DEVICE").ok().or(usual);
     Options { device, validation, ..Options::default() }
@@ -93,8 +97,32 @@ pub fn graphs() -> Vec<&'static str> {
     builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).collect()
 }
 
+/// Keeps the SPIR-V of every shader that a planner of this process compiles, as the program's folder does between runs.
+#[derive(Debug, Default)]
+struct Shaders(Mutex<HashMap<Vec<u8>, Vec<u32>>>);
+
+impl SpirvStore for Shaders {
+    fn load(&self, key: &[u8]) -> Option<Vec<u32>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(key).cloned()
+    }
+
+    fn store(&self, key: &[u8], spirv: &[u32]) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(key.to_vec(), spirv.to_vec());
+    }
+}
+
+/// Lets the planners of all tests share their shaders: most tests draw the same graphs.
+pub fn share_shaders() {
+    static SHARED: Once = Once::new();
+    SHARED.call_once(|| {
+        let store = Some(Arc::<Shaders>::default() as Arc<_>);
+        planner::configure(Settings { store, ..Settings::default() });
+    });
+}
+
 /// Returns the catalog for plans of [`graphs`] without a scene.
 pub fn catalog() -> Catalog {
+    share_shaders();
     let mut catalog = facts::nominal_catalog();
     paint::offer(&mut catalog);
     catalog

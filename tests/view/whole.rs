@@ -83,6 +83,7 @@ impl TestShell {
         graph: &str,
         size: (u32, u32),
     ) -> TestShell {
+        common::share_shaders();
         let place = Place::shipped();
         place.scene("scene.ply", scene.0, scene.1, 0);
         // Read from the file, which rounds, so that reopening the file gives an equal scene.
