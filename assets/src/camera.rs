@@ -38,6 +38,9 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// Maximum width and height of the image, in pixels.
+    pub const MAX_SIDE: u32 = 32_768;
+
     /// Creates a camera at `eye` that looks at `target`, upright in a world with y down.
     ///
     /// `horizontal_fov` is in degrees. For a view straight up or down, the camera's x axis is the world's.
@@ -200,6 +203,14 @@ impl Camera {
         const MIN_FOCAL: f64 = 1e-20;
         if self.width == 0 || self.height == 0 {
             return Some(format!("the image is {} x {} pixels", self.width, self.height));
+        }
+        if self.width.max(self.height) > Self::MAX_SIDE {
+            return Some(format!(
+                "expected an image of at most {0} x {0} pixels, found {1} x {2}",
+                Self::MAX_SIDE,
+                self.width,
+                self.height
+            ));
         }
         for (name, focal) in [("fx", self.fx), ("fy", self.fy)] {
             if !(focal > 0.0 && focal.is_finite()) {

@@ -148,7 +148,7 @@ fn a_picture_larger_than_any_device_has_is_refused_with_its_camera_and_size() {
             (
                 "--cameras cameras.json",
                 1,
-                "the camera one: expected pictures of at most 32768 x 32768 pixels, found 100000 x 48",
+                "camera 0: expected an image of at most 32768 x 32768 pixels, found 100000 x 48",
             ),
             ("--size 100000x48", 2, "32768x32768"),
         ],

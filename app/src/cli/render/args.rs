@@ -6,7 +6,7 @@ use crate::cli::cameras;
 use crate::cli::help;
 use crate::cli::job::ShardArgs;
 use crate::cli::look_at::LookAtArgs;
-use crate::cli::options::{self, DeviceArgs, Drawing, MAX_SIDE, MemoryArgs};
+use crate::cli::options::{self, DeviceArgs, Drawing, MemoryArgs};
 use crate::cli::outcome::Usage;
 use crate::cli::scenes::ScenesArgs;
 use crate::draw::backend::Api;
@@ -14,8 +14,8 @@ use crate::draw::outputs::NAMES;
 use crate::draw::truth::rule_list;
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
-use crate::io::output::{OutputGuard, is_standard_output, one_line};
-use anyhow::{Result, bail};
+use crate::io::output::{OutputGuard, is_standard_output};
+use anyhow::Result;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use splatgraph_assets::{Camera, Projection};
 use std::fmt;
@@ -157,7 +157,7 @@ pub struct Work {
 /// Reads the cameras, and chooses the names of all files.
 ///
 /// # Errors
-/// The cameras cannot be read, their pictures are too large, or the command line is invalid.
+/// The cameras cannot be read, or the command line is invalid.
 pub fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;
@@ -165,16 +165,6 @@ pub fn prepare(args: &Args) -> Result<Work> {
     let looking = args.look.names();
     let scene = args.scenes.scene.as_deref().filter(|_| looking.is_none());
     let given = args.drawing.cameras(scene)?;
-    for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
-        if camera.width.max(camera.height) > MAX_SIDE {
-            bail!(
-                "the camera {}: expected pictures of at most {MAX_SIDE} x {MAX_SIDE} pixels, found {} x {}",
-                one_line(&camera.img_name),
-                camera.width,
-                camera.height
-            );
-        }
-    }
     let own = || options::camera_names(args.scenes.scene.as_deref(), given.as_deref());
     let names = looking.unwrap_or_else(own);
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
