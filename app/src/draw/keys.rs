@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use splatgraph_assets::{Bounds, Camera, NEAR, Scene};
 use splatgraph_reference::{Rules, Visible, visible};
+use std::collections::HashMap;
 use std::ops::Range;
 
 /// Mapping of depths to keys: a value of the graphs' parameter `key_map`.
@@ -260,16 +261,12 @@ const MAX_WORK: u64 = 20_000_000;
 fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
     let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
-    let mut ties = Ties { view, limit, work: 0, count: 0 };
-    let tiles = (view.tiles[0] * view.tiles[1]) as usize;
-    let (mut greatest, mut in_tile) = (vec![None; tiles], vec![Vec::new(); tiles]);
+    let mut ties = Ties { view, limit, work: 0, count: 0, greatest: Vec::new() };
     let mut begin = 0;
     while begin < keys.len() && ties.count <= limit {
         let end = begin + keys[begin..].iter().take_while(|key| **key == keys[begin]).count();
-        match (end - begin, limit) {
-            (1, _) => {}
-            (_, 0) => ties.find_one(begin..end, &mut greatest),
-            _ => ties.count_all(begin..end, &mut in_tile),
+        if end - begin > 1 {
+            ties.count(begin..end);
         }
         begin = end;
     }
@@ -281,9 +278,28 @@ struct Ties<'a, 'b> {
     limit: u64,
     work: u64,
     count: u64,
+    /// For each tile, the end of the last run that touched it, and the greatest index in that run. Empty until needed.
+    greatest: Vec<(usize, u32)>,
 }
 
 impl Ties<'_, '_> {
+    /// Counts the wrong pairs in a run of equal keys: those whose farther splat comes first in the file.
+    fn count(&mut self, run: Range<usize>) {
+        let splats = &self.view.visible[run.clone()];
+        let area = |splat: &Visible| {
+            let [x0, y0, x1, y1] = splat.tiles;
+            u64::from(x1.saturating_sub(x0)) * u64::from(y1.saturating_sub(y0))
+        };
+        let tiles = splats.iter().map(area).fold(0, u64::saturating_add);
+        let pairs = splats.len() as u64 * (splats.len() as u64 - 1) / 2;
+        match self.limit {
+            // Few splats may touch millions of tiles.
+            _ if pairs <= tiles => self.compare_pairs(run),
+            0 => self.find_one(run),
+            _ => self.count_by_tile(run),
+        }
+    }
+
     /// Adds units of work. Returns true once there are too many units or wrong pairs.
     fn work(&mut self, units: u64) -> bool {
         self.work += units;
@@ -294,54 +310,74 @@ impl Ties<'_, '_> {
     }
 
     fn tiles(&self, at: usize) -> impl Iterator<Item = (u32, u32, usize)> + use<> {
-        let ([x0, y0, x1, y1], across) = (self.view.visible[at].tiles, self.view.tiles[0]);
-        (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y, (y * across + x) as usize)))
+        let ([x0, y0, x1, y1], across) = (self.view.visible[at].tiles, self.view.tiles[0] as usize);
+        (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y, y as usize * across + x as usize)))
     }
 
-    /// Searches a run of equal keys for one wrong pair: the farther splat comes first in the file.
-    ///
-    /// `greatest` holds, for each tile, the last run that touched it, and the greatest index in that run.
-    fn find_one(&mut self, run: Range<usize>, greatest: &mut [Option<(usize, u32)>]) {
+    /// Counts the wrong pairs by comparing each splat with all nearer ones.
+    fn compare_pairs(&mut self, run: Range<usize>) {
+        let view = self.view;
+        for at in run.clone() {
+            if self.work((at - run.start) as u64) {
+                return;
+            }
+            let splat = &view.visible[at];
+            let [x0, y0, x1, y1] = splat.tiles;
+            let overlaps = |[left, top, right, bottom]: [u32; 4]| {
+                x0.max(left) < x1.min(right) && y0.max(top) < y1.min(bottom)
+            };
+            let nearer = &view.visible[run.start..at];
+            let wrong = nearer.iter().filter(|other| other.index > splat.index && overlaps(other.tiles));
+            self.count += wrong.count() as u64;
+        }
+    }
+
+    /// Searches for one wrong pair.
+    fn find_one(&mut self, run: Range<usize>) {
+        if self.greatest.is_empty() {
+            let [across, down] = self.view.tiles.map(|count| count as usize);
+            // Zeros: the system provides the memory of a tile when a splat touches it.
+            self.greatest = vec![(0, 0); across * down];
+        }
         for at in run.clone() {
             let index = self.view.visible[at].index;
             for (_, _, tile) in self.tiles(at) {
                 if self.work(1) {
                     return;
                 }
-                match &mut greatest[tile] {
-                    Some((begin, nearer)) if *begin == run.start => {
+                match &mut self.greatest[tile] {
+                    (end, nearer) if *end == run.end => {
                         if *nearer > index {
                             self.count = 1;
                             return;
                         }
                         *nearer = index;
                     }
-                    other => *other = Some((run.start, index)),
+                    other => *other = (run.end, index),
                 }
             }
         }
     }
 
-    /// Counts the wrong pairs in a run of equal keys. The lists in `in_tile` must be empty, and are emptied again.
-    fn count_all(&mut self, run: Range<usize>, in_tile: &mut [Vec<usize>]) {
-        let mut touched = Vec::new();
-        'run: for at in run {
+    /// Counts the wrong pairs among the splats of each tile.
+    fn count_by_tile(&mut self, run: Range<usize>) {
+        let mut in_tile: HashMap<usize, Vec<usize>> = HashMap::new();
+        for at in run {
             let splat = &self.view.visible[at];
             for (x, y, tile) in self.tiles(at) {
-                if self.work(1 + in_tile[tile].len() as u64) {
-                    break 'run;
+                let in_tile = in_tile.entry(tile).or_default();
+                if self.work(1 + in_tile.len() as u64) {
+                    return;
                 }
-                for &nearer in &in_tile[tile] {
+                for &nearer in &*in_tile {
                     let other = &self.view.visible[nearer];
                     // Count a pair only in the first tile that both touch.
                     let first = (splat.tiles[0].max(other.tiles[0]), splat.tiles[1].max(other.tiles[1]));
                     self.count += u64::from(other.index > splat.index && first == (x, y));
                 }
-                in_tile[tile].push(at);
-                touched.push(tile);
+                in_tile.push(at);
             }
         }
-        touched.into_iter().for_each(|tile| in_tile[tile].clear());
     }
 }
 
@@ -400,6 +436,41 @@ mod tests {
             (0..10_000).map(|index| Visible { index: 9_999 - index, ..same[0] }).collect();
         assert_eq!(bits(&behind, Mapping::FloatBits, 0), None);
         assert_eq!(bits(&same, Mapping::FloatBits, 1), None);
+    }
+
+    #[test]
+    fn few_splats_that_touch_millions_of_tiles_cost_no_more_than_their_pairs() {
+        let same: Vec<Visible> =
+            (0..300).map(|index| Visible { index, depth: 10.0, tiles: [0, 0, 2048, 2048] }).collect();
+        let view = |visible| View { visible, tiles: [2048, 2048], range: (10.0, 10.0) };
+        assert_eq!(wrong_pairs(&view(&same), Mapping::FloatBits, 8, 0), 0);
+        let behind: Vec<Visible> =
+            same.iter().map(|splat| Visible { index: 299 - splat.index, ..*splat }).collect();
+        assert_eq!(wrong_pairs(&view(&behind), Mapping::FloatBits, 8, u64::MAX), 300 * 299 / 2);
+    }
+
+    #[test]
+    fn pairs_counted_by_tile_are_those_that_overlap() {
+        // 60 splats of one key, in a file order without a pattern, each in one to four of 16 tiles.
+        let visible: Vec<Visible> = (0..60)
+            .map(|at| {
+                let [x, y] = [at * 7 % 4, at * 5 % 3];
+                Visible {
+                    index: at * 37 % 61,
+                    depth: 10.0,
+                    tiles: [x, y, (x + 1 + at % 2).min(4), y + 1 + at % 2],
+                }
+            })
+            .collect();
+        let overlap = |[a, b, c, d]: [u32; 4], [e, f, g, h]: [u32; 4]| a < g && e < c && b < h && f < d;
+        let nearer = |at: usize| visible[..at].iter().map(move |other| (other, at));
+        let pairs = (0..visible.len()).flat_map(nearer);
+        let wrong = pairs.filter(|(other, at)| {
+            other.index > visible[*at].index && overlap(other.tiles, visible[*at].tiles)
+        });
+        let view = View { visible: &visible, tiles: [4, 4], range: (10.0, 10.0) };
+        assert_eq!(wrong_pairs(&view, Mapping::FloatBits, 8, u64::MAX), wrong.count() as u64);
+        assert_eq!(wrong_pairs(&view, Mapping::FloatBits, 8, 0), 1);
     }
 
     #[test]
