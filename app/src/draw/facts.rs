@@ -124,6 +124,8 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
 /// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Beyond its guarantees,
 /// the graphs require 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
 /// shader (guaranteed: 4), and [`PORTABLE_FEATURES`] (guaranteed: only the basic subgroup operations).
+///
+/// Images may be as large as on most GPUs (guaranteed: 4096), because a graph cannot `require` a size of images.
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -135,6 +137,7 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
         max_invocations: 256,
         max_push_bytes: 128,
         max_targets: 8,
+        max_image_size: 16_384,
         rounds_half: false,
         fused_fma: false,
         features: PORTABLE_FEATURES,

@@ -4,7 +4,7 @@ use crate::draw::builtin;
 use crate::draw::capacity::Capacities;
 use serde::Serialize;
 use splatgraph_framework::build_candidate;
-use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Request, Span, Value};
+use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Origin, Request, Span, Value};
 use splatgraph_framework::lower::{self, Candidate, Control, ExpressionNames, Standing, no_output};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -144,10 +144,27 @@ impl Planner {
         facts.host.extend(asked);
         let share_memory = self.share_memory;
         let request = Request { graph, set, capacities, facts: &facts, catalog, share_memory };
-        build_candidate(&request, candidate, &mut self.files, &mut self.compiler).map_err(|mut found| {
+        let built = build_candidate(&request, candidate, &mut self.files, &mut self.compiler);
+        let plan = built.map_err(|mut found| {
             self.outputs.iter().for_each(|name| name_graphs_with(name, &mut found));
             GraphErrors::new(&self.files, &found)
-        })
+        })?;
+        let too_large = splatgraph_runtime::too_large(&plan, &facts.device);
+        let error = too_large
+            .and_then(|(error, origin)| Some(Diagnostic::new(error.to_string(), self.token_at(origin)?, "")));
+        error.map_or(Ok(plan), |error| Err(GraphErrors::new(&self.files, &[error])))
+    }
+
+    /// Returns the span of the token that is declared at a place in a graph; `None` if the file is not open.
+    fn token_at(&self, origin: &Origin) -> Option<Span> {
+        let (file, ..) = self.files.opened().find(|(_, path, _)| *path == origin.file)?;
+        let text = self.files.text(file);
+        let line = text.split_inclusive('\n').take(origin.line as usize - 1).map(str::len).sum::<usize>();
+        let columns = text[line..].char_indices().nth(origin.column as usize - 1);
+        let start = line + columns.map_or(0, |(offset, _)| offset);
+        let is_inside = |c: &char| !c.is_whitespace() && !"\",:(".contains(*c);
+        let length = text[start..].chars().take_while(is_inside).map(char::len_utf8).sum::<usize>();
+        Some(Span::new(file, start..start + length.max(1)))
     }
 
     /// Renders the warnings about a plan with the source text; empty if there are none.
@@ -386,7 +403,36 @@ impl PlainDiagnostic {
 mod tests {
     use super::*;
     use crate::draw::facts::{self, SceneFacts};
-    use splatgraph_framework::ir::DescriptorKind;
+    use splatgraph_framework::ir::{DescriptorKind, DeviceFacts};
+
+    #[test]
+    fn an_image_or_a_dispatch_that_is_too_large_for_the_device_is_an_error_at_its_declaration() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let shader = "#version 460\nlayout(local_size_x = 64) in;\n\
+            layout(rgba8, set = 0, binding = 0) uniform writeonly image2D picture;\n\
+            void main() { imageStore(picture, ivec2(gl_GlobalInvocationID.xy), vec4(1)); }\n";
+        std::fs::write(folder.path().join("paint.comp"), shader).expect("writable");
+        let path = folder.path().join("graph.ron");
+        let graph = path.display().to_string();
+        let errors = |width: u32, groups: u32, most: u32| {
+            let text = format!(
+                "Graph(\n  version: 1, summary: \"Too large\",\n  resources: {{\n    \"out\": Image(format: \"rgba8\", size: ({width}, 8)),\n  }},\n  \
+                 passes: [\n    Dispatch(name: \"paint\", shader: \"paint.comp\", size: Groups({groups}, {groups}, {groups}), \
+                 bind: {{ \"picture\": \"out\" }}),\n  ],\n  output: \"out\",\n)"
+            );
+            std::fs::write(&path, text).expect("writable");
+            let device = DeviceFacts { max_image_size: most, ..facts::portable_device(32) };
+            let facts = facts::without_scene(&device, facts::DEFAULT_SIZE);
+            Planner::default().plan(&graph, &[], &facts, &Catalog::default()).err()
+        };
+        assert_eq!(errors(16_384, 1, 16_384).map(|error| error.to_string()), None);
+        let error = errors(16_384, 1, 8192).expect("the image is too large");
+        assert_eq!((error.found[0].line, error.found[0].column, error.found[0].end_column), (4, 6, 9));
+        assert!(error.found[0].message.ends_with("expected at most 8192, found 16384"), "{error}");
+        let error = errors(64, 65_535, 8192).expect("the dispatch is too large");
+        assert_eq!(error.found[0].line, 7, "{error}");
+        assert!(error.found[0].message.starts_with("pass `paint` has more invocations"), "{error}");
+    }
 
     #[test]
     fn the_built_in_graphs_bind_as_many_storage_buffers_as_the_portable_device_promises() {

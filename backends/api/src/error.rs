@@ -1,5 +1,6 @@
 //! Defines the errors of backends, classified by how to recover.
 
+use splatgraph_framework::ir::Origin;
 use std::fmt;
 
 /// An error of a backend call. [`BackendError::recovery`] classifies it.
@@ -96,6 +97,11 @@ fn quoted(name: &str) -> String {
     if name.contains('`') { name.to_string() } else { format!("`{name}`") }
 }
 
+/// Writes a place in a graph as below the message of a graph's error.
+fn place(Origin { file, line, column }: &Origin) -> String {
+    format!("\n --> {file}:{line}:{column}")
+}
+
 /// The class of a [`BackendError`], by the way to recover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recovery {
@@ -110,6 +116,18 @@ pub enum Recovery {
 }
 
 impl BackendError {
+    /// Adds the declaration of the resource or pass to an error about the plan.
+    #[must_use]
+    pub fn at(self, origin: &Origin) -> BackendError {
+        match self {
+            BackendError::Limit(limit) => {
+                BackendError::Limit(LimitExceeded { origin: Some(origin.clone()), ..limit })
+            }
+            BackendError::Unsupported(text) => BackendError::Unsupported(text + &place(origin)),
+            other => other,
+        }
+    }
+
     /// Returns the class of the error.
     pub fn recovery(&self) -> Recovery {
         match self {
@@ -140,6 +158,8 @@ pub struct LimitExceeded {
     pub available: u64,
     /// The unit of both amounts.
     pub unit: Unit,
+    /// Declaration of the resource or pass in the graph; `None` if the limit concerns the plan or a frame.
+    pub origin: Option<Origin>,
 }
 
 /// The unit of a limit.
@@ -153,12 +173,13 @@ pub enum Unit {
 
 impl fmt::Display for LimitExceeded {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let LimitExceeded { what, needed, available, unit } = self;
+        let LimitExceeded { what, needed, available, unit, origin } = self;
         let [available, needed] = [*available, *needed].map(|amount| match unit {
             Unit::Bytes => display_bytes(amount),
             Unit::Count => amount.to_string(),
         });
-        write!(f, "{what} exceeds the device's limit: expected at most {available}, found {needed}")
+        write!(f, "{what} exceeds the device's limit: expected at most {available}, found {needed}")?;
+        origin.as_ref().map_or(Ok(()), |origin| f.write_str(&place(origin)))
     }
 }
 
@@ -207,11 +228,15 @@ mod tests {
             needed: 160_000_000,
             available: 4096,
             unit: Unit::Bytes,
+            origin: None,
         };
         let text = "the size of buffer `keys` exceeds the device's limit: expected at most 4096 bytes, found 152.6 MiB";
         assert_eq!(limit.to_string(), text);
         limit.unit = Unit::Count;
         assert!(limit.to_string().ends_with("expected at most 4096, found 160000000"));
-        assert_eq!(BackendError::Limit(limit).recovery(), Recovery::User);
+        let origin = Origin { file: "sort.ron".to_string(), line: 7, column: 9 };
+        let placed = BackendError::Limit(limit).at(&origin);
+        assert!(placed.to_string().ends_with("found 160000000\n --> sort.ron:7:9"), "{placed}");
+        assert_eq!(placed.recovery(), Recovery::User);
     }
 }

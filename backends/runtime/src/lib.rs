@@ -54,6 +54,7 @@ mod usage;
 mod watch;
 mod window;
 
+pub use check::too_large;
 pub use devices::choose;
 pub use executor::Executor;
 pub use gpu::{

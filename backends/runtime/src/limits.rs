@@ -101,6 +101,7 @@ impl Limits {
             max_invocations: self.max_invocations,
             max_push_bytes: self.max_push_bytes,
             max_targets: self.max_targets,
+            max_image_size: self.max_image_size,
             rounds_half: self.rounds_half,
             fused_fma: self.fused_fma,
             features: self.features,

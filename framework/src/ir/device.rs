@@ -25,6 +25,8 @@ pub struct DeviceFacts {
     pub max_push_bytes: u32,
     /// Maximum number of colour targets of a draw.
     pub max_targets: u32,
+    /// Maximum width and height of an image, in pixels.
+    pub max_image_size: u32,
     /// True if blending into half-precision targets is known to round to nearest, or is the most precise blending that
     /// the device has; false if it may truncate.
     pub rounds_half: bool,
@@ -48,6 +50,7 @@ impl DeviceFacts {
             max_invocations: 1024,
             max_push_bytes: 256,
             max_targets: 8,
+            max_image_size: 16_384,
             rounds_half: true,
             fused_fma: true,
             features: Features::all(),

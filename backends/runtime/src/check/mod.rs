@@ -22,7 +22,7 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     let checker = Checker { plan, limits };
     let mut histories = HashSet::new();
     for resource in &plan.resources {
-        checker.resource(resource)?;
+        checker.resource(resource).map_err(|error| error.at(&resource.origin))?;
         if let Some(history) = &resource.history
             && !histories.insert(history)
         {
@@ -39,13 +39,53 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
         if !seen.insert(id) {
             return invalid(format!("pass `{}` runs twice", pass.name));
         }
-        checker.pass(pass)?;
+        checker.pass(pass).map_err(|error| error.at(&pass.origin))?;
     }
     checker.memory()?;
     checker.dependencies()?;
     checker.layout_changes()?;
     checker.order()?;
     checker.output()
+}
+
+/// Finds an image or a pass that is too large for a device with these facts; returns the error and the declaration.
+///
+/// The linker checks the other facts. The remaining limits are known only once a device is open.
+pub fn too_large<'a>(plan: &'a Plan, device: &DeviceFacts) -> Option<(BackendError, &'a Origin)> {
+    let image = |r: &'a Resource| Some((image_size(r, device.max_image_size).err()?, &r.origin));
+    let work = |pass: &'a Pass| Some((work_size(plan, pass).err()?, &pass.origin));
+    let mut passes = plan.order().map(|id| plan.pass(id));
+    plan.resources.iter().find_map(image).or_else(|| passes.find_map(work))
+}
+
+fn image_size(resource: &Resource, most: u32) -> Result<(), BackendError> {
+    let Shape::Image { width, height, .. } = resource.shape else { return Ok(()) };
+    let what = || format!("the longer side of image `{}` ({width} x {height} pixels)", resource.name);
+    within_count(what, width.max(height), most)
+}
+
+/// Refuses a pass with more than [`MAX_INVOCATIONS`].
+fn work_size(plan: &Plan, pass: &Pass) -> Result<(), BackendError> {
+    let product = |numbers: &[u32]| numbers.iter().fold(1u64, |all, &n| all.saturating_mul(n.into()));
+    let (count, what) = match pass.work {
+        Work::Dispatch { shader, groups: Groups::Direct(groups) } => {
+            let local =
+                plan.shaders.get(shader.index()).map_or([1; 3], |shader| shader.reflection.local_size);
+            (product(&groups).saturating_mul(product(&local)), "invocations")
+        }
+        Work::Draw { call: DrawCall::Direct { vertices, instances }, .. } => {
+            (product(&[vertices, instances]), "vertices")
+        }
+        _ => return Ok(()),
+    };
+    if count <= MAX_INVOCATIONS {
+        return Ok(());
+    }
+    Err(BackendError::Unsupported(format!(
+        "pass `{}` has more {what} than any device finishes in a reasonable time: expected at most {MAX_INVOCATIONS}, found \
+         {count}",
+        pass.name
+    )))
 }
 
 pub(crate) fn invalid<T>(text: String) -> Result<T, BackendError> {
@@ -83,7 +123,7 @@ fn within(
     if needed <= available {
         return Ok(());
     }
-    Err(BackendError::Limit(LimitExceeded { what: what(), needed, available, unit }))
+    Err(BackendError::Limit(LimitExceeded { what: what(), needed, available, unit, origin: None }))
 }
 
 fn is_image(resource: &Resource) -> bool {
@@ -158,8 +198,7 @@ impl<'a> Checker<'a> {
                         resource.source
                     ));
                 }
-                let what = || format!("the longer side of image `{name}` ({width} x {height} pixels)");
-                within_count(what, width.max(height), self.limits.max_image_size)
+                image_size(resource, self.limits.max_image_size)
             }
         }
     }
@@ -252,21 +291,14 @@ impl<'a> Checker<'a> {
             self.resources(touch.resource, name)?;
         }
         self.host_buffers(pass)?;
+        work_size(self.plan, pass)?;
         match &pass.work {
             Work::Dispatch { shader, groups } => self.dispatch(pass, *shader, *groups),
             Work::Draw { vertex, fragment, call, targets, depth, .. } => {
                 self.shader(*vertex, ShaderStage::Vertex, name)?;
                 self.shader(*fragment, ShaderStage::Fragment, name)?;
-                match *call {
-                    DrawCall::Indirect { buffer, offset } => self.indirect(buffer, offset, 16, name)?,
-                    DrawCall::Direct { vertices, instances } => {
-                        let all = u64::from(vertices).saturating_mul(instances.into());
-                        within_count(
-                            || format!("the number of vertices of pass `{name}`"),
-                            all,
-                            MAX_INVOCATIONS,
-                        )?;
-                    }
+                if let DrawCall::Indirect { buffer, offset } = *call {
+                    self.indirect(buffer, offset, 16, name)?;
                 }
                 self.targets(targets, *depth, name)
             }
@@ -356,12 +388,6 @@ impl<'a> Checker<'a> {
         self.subgroups(shader)?;
         match groups {
             Groups::Direct(groups) => {
-                let all = groups.iter().fold(invocations, |product, &n| product.saturating_mul(n.into()));
-                within_count(
-                    || format!("the number of invocations of pass `{}`", pass.name),
-                    all,
-                    MAX_INVOCATIONS,
-                )?;
                 let what = || format!("the number of workgroups {groups:?} of pass `{}`", pass.name);
                 within_axes(what, groups, self.limits.max_groups)
             }

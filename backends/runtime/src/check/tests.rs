@@ -34,7 +34,8 @@ fn limits() -> Limits {
 fn said(alter: impl FnOnce(&mut Plan, &mut Limits)) -> String {
     let (mut plan, mut limits) = (plan(), limits());
     alter(&mut plan, &mut limits);
-    check(&plan, &limits).err().map(|error| error.to_string()).unwrap_or_default()
+    let text = check(&plan, &limits).err().map(|error| error.to_string()).unwrap_or_default();
+    text.lines().next().unwrap_or_default().to_string()
 }
 
 fn buffer(plan: &mut Plan, id: ResourceId, count: u64) {
@@ -95,6 +96,26 @@ fn more_of_anything_than_the_limit_is_refused_with_both_numbers() {
 }
 
 #[test]
+fn what_exceeds_a_limit_is_refused_at_the_declaration_of_its_pass_or_resource() {
+    let (mut plan, limits) = (plan(), limits());
+    plan.resources[COLOR.index()].origin = Origin { file: "a.ron".into(), line: 3, column: 5 };
+    plan.passes[1].origin = Origin { file: "b.ron".into(), line: 7, column: 9 };
+    let refused = |limits: &Limits, place: &str| {
+        let error = check(&plan, limits).expect_err("the limit is exceeded");
+        assert!(error.to_string().ends_with(place), "{error}");
+        too_large(&plan, &limits.facts()).map(|(error, origin)| error.at(origin)) == Some(error)
+    };
+    assert!(
+        refused(&Limits { max_image_size: 63, ..limits.clone() }, "\n --> a.ron:3:5"),
+        "without a device"
+    );
+    assert!(
+        !refused(&Limits { max_groups: [1; 3], ..limits }, "\n --> b.ron:7:9"),
+        "the linker refuses this"
+    );
+}
+
+#[test]
 fn work_that_no_device_ends_in_a_reasonable_time_is_refused() {
     let huge = said(|plan, _| {
         let shader = plan.passes.iter().find_map(|pass| match pass.work {
@@ -104,7 +125,7 @@ fn work_that_no_device_ends_in_a_reasonable_time_is_refused() {
         plan.passes[1].work =
             Work::Dispatch { shader: shader.expect("a dispatch"), groups: Groups::Direct([65535, 65535, 8]) };
     });
-    assert!(huge.starts_with("the number of invocations of pass `scan[0]` exceeds"), "{huge}");
+    assert!(huge.starts_with("pass `scan[0]` has more invocations than any device finishes"), "{huge}");
     assert!(huge.contains("at most 1099511627776"), "{huge}");
     let vertices = said(|plan, _| {
         let draw = plan.passes.iter_mut().find_map(|pass| match &mut pass.work {
@@ -113,7 +134,7 @@ fn work_that_no_device_ends_in_a_reasonable_time_is_refused() {
         });
         *draw.expect("a draw") = DrawCall::Direct { vertices: u32::MAX, instances: u32::MAX };
     });
-    assert!(vertices.starts_with("the number of vertices of pass `splat` exceeds"), "{vertices}");
+    assert!(vertices.starts_with("pass `splat` has more vertices than any device finishes"), "{vertices}");
 }
 
 #[test]
