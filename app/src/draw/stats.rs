@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::{DeviceInfo, FrameResult};
 use splatgraph_assets::grouped;
-use splatgraph_framework::ir::{Fallback, PassId, Reason, Run, Value};
+use splatgraph_framework::ir::{Fallback, PassId, Reason, Run, Source, Value};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
@@ -34,7 +34,8 @@ pub struct CameraStats {
     pub parameters: Map<String, Json>,
     /// The reason for each parameter value that comes from an expression over facts or other parameters.
     pub reasons: BTreeMap<String, Reason>,
-    /// Counts by name: `loaded`, the scene's splats, and the last frame's statistics, such as `visible` and `drawn`.
+    /// Counts by name: `loaded`, the scene's splats, and the last frame's statistics, such as `visible` and `drawn`. A
+    /// statistic of the graph named `loaded` takes the place of the scene's splats.
     pub counts: Map<String, Json>,
     /// Times of the passes, in order of execution.
     pub passes: Vec<PassTime>,
@@ -51,10 +52,21 @@ pub struct CameraStats {
     pub frames: usize,
     /// Device memory by allocation.
     pub buffers: Vec<BufferSize>,
+    /// Number of splats of the scene; `None` if the graph draws no scene.
+    #[serde(skip)]
+    pub(crate) loaded: Option<u64>,
+    /// The last frame's statistics, in the order of the graph.
+    #[serde(skip)]
+    pub(crate) stats: Vec<(String, u32)>,
     /// Contents that `--inspect` read back.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inspected: Vec<crate::draw::inspect::Finding>,
 }
+
+const VISIBLE: &str = "visible";
+
+/// Statistics of the built-in graphs. Of these, [`CameraStats::line`] contains only the visible splats.
+const SHIPPED: [&str; 4] = [VISIBLE, "drawn", "entries_needed", "tied"];
 
 /// Value of [`CameraStats::busy`] below which the device idles so much that its clock may fall.
 pub const BUSY: f64 = 0.5;
@@ -93,9 +105,11 @@ impl CameraStats {
     ) -> CameraStats {
         let mut counts = Map::new();
         counts.insert("loaded".into(), loaded.into());
-        for (name, value) in frames.last().map_or(&[][..], |f| &f.stats) {
+        let stats = frames.last().map(|frame| frame.stats.clone()).unwrap_or_default();
+        for (name, value) in &stats {
             counts.insert(name.clone(), (*value).into());
         }
+        let draws_scene = plan.resources.iter().any(|r| matches!(r.source, Source::Scene { .. }));
         let passes = pass_times(plan, frames);
         let (name, (width, height)) = camera;
         CameraStats {
@@ -117,6 +131,8 @@ impl CameraStats {
             busy: None,
             frames: frames.len(),
             buffers: memory.into_iter().map(|(name, bytes)| BufferSize { name, bytes }).collect(),
+            loaded: draws_scene.then_some(loaded),
+            stats,
             inspected: Vec::new(),
         }
     }
@@ -127,14 +143,22 @@ impl CameraStats {
     }
 
     /// Formats a summary line: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
+    ///
+    /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. A graph that draws no scene has no
+    /// splats.
     pub fn line(&self) -> String {
-        let mut line = grouped(self.count("loaded").unwrap_or(0)) + " splats";
-        if let Some(visible) = self.count("visible") {
-            line = format!("{} of {line} visible", grouped(visible));
-        }
-        if let Some(ms) = self.gpu_ms {
-            line += &format!(", {ms:.3} ms");
-        }
+        let visible = self.stats.iter().find(|(name, _)| name == VISIBLE);
+        let splats = self.loaded.map(|loaded| match visible {
+            Some((_, visible)) => {
+                format!("{} of {} splats visible", grouped((*visible).into()), grouped(loaded))
+            }
+            None => format!("{} splats", grouped(loaded)),
+        });
+        let own = self.stats.iter().filter(|(name, _)| !SHIPPED.contains(&name.as_str()));
+        let own = own.map(|(name, count)| format!("{name} {}", grouped((*count).into())));
+        let ms = self.gpu_ms.map(|ms| format!("{ms:.3} ms"));
+        let parts: Vec<String> = splats.into_iter().chain(own).chain(ms).collect();
+        let mut line = if parts.is_empty() { "drawn".to_owned() } else { parts.join(", ") };
         line += &format!(" on {}", self.device);
         if let Some(busy) = self.busy.filter(|busy| *busy < BUSY) {
             line += &format!(", which was idle for {:.0} % of the time", 100.0 * (1.0 - busy));
@@ -228,12 +252,45 @@ fn total_time(plan: &Plan, frames: &[FrameResult]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatgraph_api::Device;
+    use splatgraph_framework::ir::{Origin, Shape, Usage};
+    use splatgraph_framework::plan::Resource;
 
     #[test]
     fn the_median_of_an_even_number_is_between_the_middle_two() {
         assert_eq!(median(vec![]), None);
         assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median(vec![4.0, 1.0, 2.0, 9.0]), Some(3.0));
+    }
+
+    #[test]
+    fn a_line_has_the_statistics_of_a_users_graph_and_splats_only_if_the_graph_draws_them() {
+        let line = |source: Option<Source>, stats: &[(&str, u32)]| {
+            let resource = |source| Resource {
+                name: "position".into(),
+                shape: Shape::Buffer { stride: 12, count: 2000 },
+                usage: Usage::STORAGE,
+                source,
+                block: None,
+                history: None,
+                origin: Origin::default(),
+            };
+            let plan = Plan { resources: source.into_iter().map(resource).collect(), ..Plan::default() };
+            let stats = stats.iter().map(|(name, count)| ((*name).to_owned(), *count)).collect();
+            let frame = FrameResult { stats, ..FrameResult::default() };
+            let device =
+                splatgraph_null::open(&splatgraph_null::Config::default()).0.expect("no fault is set");
+            let device = DeviceInfo { name: "device".into(), ..device.info().clone() };
+            CameraStats::new(("0", (1, 1)), &plan, &device, 2000, &[frame], Vec::new()).line()
+        };
+        let scene = || Some(Source::Scene { attribute: "scene.position".into(), plane: 0 });
+        assert_eq!(line(scene(), &[]), "2,000 splats on device");
+        let usual = [("visible", 1500), ("drawn", 1400), ("tied", 3)];
+        assert_eq!(line(scene(), &usual), "1,500 of 2,000 splats visible on device");
+        let own = [("in_view", 1500), ("loaded", 2)];
+        assert_eq!(line(scene(), &own), "2,000 splats, in_view 1,500, loaded 2 on device");
+        assert_eq!(line(None, &own), "in_view 1,500, loaded 2 on device");
+        assert_eq!(line(None, &[]), "drawn on device");
     }
 
     #[test]
