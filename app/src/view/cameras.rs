@@ -10,11 +10,13 @@ use std::fs;
 use std::io::ErrorKind;
 use std::iter;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The user's saved views. A view's name is its camera's `img_name`, and is unique.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Views {
-    list: Vec<Camera>,
+    /// Shared with the steps that can be undone.
+    list: Arc<Vec<Camera>>,
 }
 
 impl Views {
@@ -26,14 +28,14 @@ impl Views {
     /// Adds a view at the end, and returns its index. A name already in use gets a number; an empty one becomes `view`.
     pub fn add(&mut self, name: &str, camera: Camera) -> usize {
         let img_name = self.free_name(name);
-        self.list.push(Camera { img_name, ..camera });
+        Arc::make_mut(&mut self.list).push(Camera { img_name, ..camera });
         self.list.len() - 1
     }
 
     /// Removes the view at this index, if there is one.
     pub fn remove(&mut self, index: usize) {
         if index < self.list.len() {
-            self.list.remove(index);
+            Arc::make_mut(&mut self.list).remove(index);
         }
     }
 

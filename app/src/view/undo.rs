@@ -1,10 +1,11 @@
 //! Undoes and redoes the user's changes: scene, selected and hidden splats, graphs, parameters, comparison, background,
-//! resolution.
+//! resolution, saved views.
 //!
 //! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
 //! mouse button is held. Changes by the program itself, such as dropping a parameter that a new graph lacks, become
 //! part of the previous step.
 
+use super::cameras::Views;
 use super::events::RendererId;
 use super::paint::Mode;
 use super::renderer::Renderer;
@@ -34,6 +35,7 @@ pub struct Settings {
     compare: Mode,
     background: [f32; 3],
     scale: f32,
+    views: Views,
 }
 
 impl Settings {
@@ -59,6 +61,7 @@ impl Settings {
             compare: viewer.compare,
             background: viewer.background,
             scale: viewer.scale,
+            views: viewer.views.clone(),
         }
     }
 
@@ -98,6 +101,7 @@ impl Settings {
             viewer.choose_compare(self.compare);
         }
         (viewer.background, viewer.scale) = (self.background, self.scale);
+        viewer.views.clone_from(&self.views);
         for (id, side) in [(RendererId::A, Some(&self.a)), (RendererId::B, self.b.as_ref())] {
             if let (Some(side), Some(viewport)) = (side, viewer.viewport(id)) {
                 let renderer = &mut viewport.renderer;
@@ -140,6 +144,9 @@ impl Settings {
         }
         if self.scale != other.scale {
             parts.push("scale".to_owned());
+        }
+        if self.views != other.views {
+            parts.push("saved views".to_owned());
         }
         match parts.len() {
             0..=3 => parts.join(", "),
@@ -258,6 +265,7 @@ mod tests {
             compare: Mode::A,
             background: [0.0; 3],
             scale: 1.0,
+            views: Views::default(),
         }
     }
 
