@@ -20,8 +20,8 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::Fallback;
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
 use std::time::Instant;
 
 /// An inspection of a resource after a pass.
@@ -36,18 +36,34 @@ pub struct Inspection {
     /// Latest finding, or the reason why there is none; `None` before the first reading.
     pub found: Option<Result<Finding, String>>,
     asked: bool,
+    /// Plan of the last reading, which may be in flight. Every other plan is read again.
+    read: Weak<Plan>,
+    /// Plan of `found`.
+    found_in: Weak<Plan>,
 }
 
 impl Inspection {
     /// Creates an inspection that reads the resource once.
     pub fn new(resource: &str, pass: &str) -> Inspection {
         let (resource, pass) = (resource.to_owned(), pass.to_owned());
-        Inspection { resource, pass, follow: false, found: None, asked: true }
+        let (read, found_in) = Default::default();
+        Inspection { resource, pass, follow: false, found: None, asked: true, read, found_in }
     }
 
     /// Requests another reading in the next frame.
     pub fn ask(&mut self) {
         self.asked = true;
+    }
+
+    fn set_found(&mut self, found: Result<Finding, String>, plan: &Arc<Plan>) {
+        self.found = Some(found);
+        self.found_in = Arc::downgrade(plan);
+    }
+
+    /// Records that the inspection was read in a frame of `plan`, or cannot be read in it.
+    fn set_read(&mut self, plan: &Arc<Plan>) {
+        self.asked = false;
+        self.read = Arc::downgrade(plan);
     }
 }
 
@@ -218,6 +234,12 @@ impl Viewport {
         self.inspection = Some(Inspection { follow, ..Inspection::new(resource, pass) });
     }
 
+    /// Returns true if an inspection has no finding of the current plan yet.
+    pub fn lacks_finding(&self) -> bool {
+        let current = self.renderer.plan().map(Arc::downgrade).unwrap_or_default();
+        self.inspection.as_ref().is_some_and(|i| i.found.is_none() || !i.found_in.ptr_eq(&current))
+    }
+
     /// Returns the number of successful readings so far.
     pub fn readings(&self) -> u64 {
         self.readings
@@ -289,9 +311,9 @@ impl Viewport {
             show: show && !view.to_host,
             ..FrameInputs::default()
         };
-        match self.submit(&mut inputs, view.to_host) {
+        match self.submit(&mut inputs, &drawn.plan, view.to_host) {
             Ok(true) => {
-                self.note(&inputs);
+                self.note(&inputs, &drawn.plan);
                 if inputs.show
                     && let Some(picture) = self.renderer.device().and_then(Device::picture)
                 {
@@ -328,7 +350,12 @@ impl Viewport {
 
     /// Submits a frame. If the device refuses it, retries without the inspection and then without the read-back, so
     /// that neither prevents the frame.
-    fn submit(&mut self, inputs: &mut FrameInputs, to_host: bool) -> Result<bool, BackendError> {
+    fn submit(
+        &mut self,
+        inputs: &mut FrameInputs,
+        plan: &Arc<Plan>,
+        to_host: bool,
+    ) -> Result<bool, BackendError> {
         loop {
             let error = match self.renderer.submit(inputs.clone()) {
                 Err(error) if matches!(error.recovery(), Recovery::User | Recovery::Defect) => error,
@@ -336,8 +363,10 @@ impl Viewport {
             };
             if !inputs.inspect.is_empty() {
                 inputs.inspect.clear();
-                self.set_asked(false);
-                self.set_found(Err(error.to_string()));
+                if let Some(inspection) = &mut self.inspection {
+                    inspection.set_read(plan);
+                    inspection.set_found(Err(error.to_string()), plan);
+                }
             } else if matches!(self.reading, Reading::Wanted) {
                 inputs.read_output = to_host;
                 self.reading = Reading::Done(Err(error.to_string()));
@@ -348,19 +377,23 @@ impl Viewport {
     }
 
     /// Records that the requested read-back and inspection are in flight.
-    fn note(&mut self, inputs: &FrameInputs) {
+    fn note(&mut self, inputs: &FrameInputs, plan: &Arc<Plan>) {
         if inputs.read_output && matches!(self.reading, Reading::Wanted) {
             self.reading = Reading::InFlight(self.renderer.submitted());
         }
-        if !inputs.inspect.is_empty() {
-            self.set_asked(false);
+        if let Some(inspection) = self.inspection.as_mut().filter(|_| !inputs.inspect.is_empty()) {
+            inspection.set_read(plan);
         }
     }
 
     fn due(&mut self) -> Option<Inspect> {
         let first = self.renderer.is_first_next();
         let plan = self.renderer.plan()?.clone();
-        let inspection = self.inspection.as_mut().filter(|i| i.asked || i.follow)?;
+        let inspection = self.inspection.as_mut()?;
+        inspection.asked |= !inspection.read.ptr_eq(&Arc::downgrade(&plan));
+        if !inspection.asked && !inspection.follow {
+            return None;
+        }
         match inspect::resolve(&plan, &inspection.resource, &inspection.pass) {
             Ok(target) if inspect::in_prologue(&plan, &target) && !first => {
                 // The prologue runs once per load, so the plan must be loaded again.
@@ -371,8 +404,8 @@ impl Viewport {
             }
             Ok(target) => Some(target),
             Err(error) => {
-                inspection.asked = false;
-                self.set_found(Err(error.to_string()));
+                inspection.set_read(&plan);
+                inspection.set_found(Err(error.to_string()), &plan);
                 None
             }
         }
@@ -383,18 +416,6 @@ impl Viewport {
         self.inspection.as_ref().is_some_and(|inspection| inspection.asked)
     }
 
-    fn set_found(&mut self, found: Result<Finding, String>) {
-        if let Some(inspection) = &mut self.inspection {
-            inspection.found = Some(found);
-        }
-    }
-
-    fn set_asked(&mut self, asked: bool) {
-        if let Some(inspection) = &mut self.inspection {
-            inspection.asked = asked;
-        }
-    }
-
     /// Takes the results of finished frames. If `to_host`, their pictures become the window's.
     pub(super) fn collect(&mut self, to_host: bool) {
         if self.renderer.take_forgot() {
@@ -402,8 +423,8 @@ impl Viewport {
             if matches!(self.reading, Reading::InFlight(_)) {
                 self.reading = Reading::Wanted;
             }
-            if self.inspection.as_ref().is_some_and(|inspection| inspection.found.is_none()) {
-                self.set_asked(true);
+            if let Some(inspection) = &mut self.inspection {
+                inspection.read = Weak::new();
             }
         }
         for mut done in self.renderer.take_done() {
@@ -416,7 +437,10 @@ impl Viewport {
             self.stats = done.result.stats;
             for (target, bytes) in done.inspected.iter().zip(&done.result.inspected) {
                 self.readings += 1;
-                self.set_found(Ok(Finding::new(&done.plan, target, bytes, &self.stats)));
+                if let Some(inspection) = &mut self.inspection {
+                    let found = Finding::new(&done.plan, target, bytes, &self.stats);
+                    inspection.set_found(Ok(found), &done.plan);
+                }
             }
         }
     }

@@ -92,6 +92,64 @@ fn a_picture_and_the_window_are_submitted_after_each_change_of_the_picture() {
 }
 
 #[test]
+fn what_is_inspected_is_read_again_in_each_new_plan_and_is_an_error_without_its_resource() {
+    let mut script = resting();
+    let found = |script: &mut Script| {
+        script.settle();
+        assert!(!script.viewer().a.lacks_finding());
+        script.viewer().a.inspection.as_ref().and_then(|i| i.found.clone()).expect("a finding")
+    };
+    script.viewer().a.look_at("table", "once");
+    assert_eq!(found(&mut script).expect("contents").shape, [1024]);
+    script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+    assert_eq!(found(&mut script).expect("contents").shape, [2048]);
+    let graph = script.path("graph.ron");
+    let text = std::fs::read_to_string(&graph).expect("the graph");
+    let save = |script: &mut Script, text: &str| {
+        let swaps = |script: &Script| {
+            script.events.iter().filter(|event| matches!(event, Event::Swapped { .. })).count()
+        };
+        let before = swaps(script);
+        std::fs::write(&graph, text).expect("it is written");
+        script.until("the file", |script| swaps(script) > before);
+    };
+    save(&mut script, &text.replace("\"table\"", "\"list\""));
+    script.until("an error", |script| {
+        let found = script.viewer().a.inspection.as_ref().and_then(|i| i.found.as_ref());
+        matches!(found, Some(Err(error)) if error.contains("no resource `table`"))
+    });
+    save(&mut script, &text);
+    assert_eq!(found(&mut script).expect("contents").shape, [2048]);
+    script.close(&[]);
+}
+
+fn undo(script: &mut Script) {
+    let (key, modifiers) = (egui::Key::Z, egui::Modifiers::COMMAND);
+    let event = |pressed| egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
+    script.input = vec![event(true), event(false)];
+    script.frame(false);
+}
+
+#[test]
+fn undoing_brings_removed_views_back_with_their_names() {
+    let mut script = resting();
+    for name in ["front", "side"] {
+        script.viewer().save_view(name);
+        script.frame(false);
+    }
+    script.viewer().views.remove(0);
+    script.frame(false);
+    undo(&mut script);
+    let names = |script: &mut Script| {
+        script.viewer().views.list().iter().map(|view| view.img_name.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(names(&mut script), ["front", "side"]);
+    undo(&mut script);
+    assert_eq!(names(&mut script), ["front"]);
+    script.close(&[]);
+}
+
+#[test]
 fn undoing_skips_a_parameter_that_the_file_no_longer_declares() {
     let mut script = resting();
     script.viewer().background = [0.5; 3];
@@ -105,11 +163,7 @@ fn undoing_skips_a_parameter_that_the_file_no_longer_declares() {
         .expect("it is written");
     script.until("the file", |script| script.has_event(|event| matches!(event, Event::Dropped { .. })));
     script.settle();
-    let modifiers = egui::Modifiers::COMMAND;
-    let key = egui::Key::Z;
-    script.input =
-        vec![egui::Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers }];
-    script.frame(false);
+    undo(&mut script);
     assert_eq!(script.viewer().background, [0.0; 3]);
     assert_eq!(script.panels().undo_steps(), 0);
     script.close(&[]);
