@@ -29,6 +29,10 @@ impl State {
         let mut problems: Vec<(RendererId, String)> = Vec::new();
         let mut goes_on = "Drawing with the last good plan";
         for id in [RendererId::A, RendererId::B] {
+            if let Some(error) = viewer.list_error(id) {
+                problems.push((id, error.to_owned()));
+                goes_on = "The last scene stays";
+            }
             let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
             let Some(problem) = renderer.problem(true) else { continue };
             problems.push((id, problem));
@@ -83,10 +87,11 @@ impl State {
                     });
                     let glyph =
                         ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
-                    let columns = (ui.max_rect().width() / glyph) as usize;
+                    let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
                     let height = (0.6 * view.height()).max(60.0);
                     egui::ScrollArea::both().max_height(height).show(ui, |ui| {
-                        for text in texts.iter().map(|text| failures::narrowed(text, columns.max(8))) {
+                        for text in texts.iter().map(|text| failures::narrowed(text, columns)) {
+                            let text = failures::wrapped(&text, columns);
                             ui.add(egui::Label::new(failures::layout(&text, TEXT)).extend().selectable(true));
                             ui.add_space(6.0);
                         }

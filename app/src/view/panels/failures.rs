@@ -52,11 +52,6 @@ pub fn layout(ansi: &str, size: f32) -> LayoutJob {
 pub fn narrowed(ansi: &str, columns: usize) -> String {
     let mut lines: Vec<String> = ansi.split('\n').map(str::to_owned).collect();
     let texts: Vec<Vec<char>> = lines.iter().map(|line| layout(line, 1.0).text.chars().collect()).collect();
-    // The column of `|` after a line number or after spaces; `None` for lines of other text.
-    let gutter = |text: &[char]| {
-        let bar = text.iter().position(|c| *c == '|')?;
-        text[..bar].iter().all(|c| *c == ' ' || c.is_ascii_digit()).then_some(bar)
-    };
     let has_number = |text: &[char]| text.iter().any(char::is_ascii_digit);
     let mut at = 0;
     while at < lines.len() {
@@ -81,6 +76,44 @@ pub fn narrowed(ansi: &str, columns: usize) -> String {
         }
     }
     lines.join("\n")
+}
+
+/// Breaks long lines at spaces, except source lines and the notes below them. A continued line is indented.
+pub fn wrapped(ansi: &str, columns: usize) -> String {
+    let lines = ansi.split('\n').map(|line| {
+        let text: Vec<char> = layout(line, 1.0).text.chars().collect();
+        if text.len() <= columns || gutter(&text).is_some() {
+            return line.to_owned();
+        }
+        let (mut kept, mut column, mut in_escape) = (String::new(), 0, false);
+        // Position in `kept` and column of the last space outside the indent.
+        let mut space = None;
+        for c in line.chars() {
+            if in_escape || c == '\u{1b}' {
+                in_escape = !c.is_ascii_alphabetic();
+            } else {
+                if c == ' ' && !kept.trim().is_empty() {
+                    space = Some((kept.len(), column));
+                }
+                column += 1;
+            }
+            kept.push(c);
+            if column > columns
+                && let Some((at, before)) = space.take()
+            {
+                kept.replace_range(at..=at, "\n    ");
+                column = 4 + column - before - 1;
+            }
+        }
+        kept
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// Returns the column of `|` after a line number or after spaces; `None` for lines of other text.
+fn gutter(text: &[char]) -> Option<usize> {
+    let bar = text.iter().position(|c| *c == '|')?;
+    text[..bar].iter().all(|c| *c == ' ' || c.is_ascii_digit()).then_some(bar)
 }
 
 /// Replaces these columns of a line by one mark; keeps all escape sequences.
@@ -163,6 +196,18 @@ mod tests {
         assert_eq!((lines[0], lines[4]), ("error: no `y`", "8 | z"));
         assert_eq!(narrowed(&text, 200), text, "it fits");
         assert_eq!(narrowed("a\nb\u{1b}[31", 1), "a\nb\u{1b}[31");
+    }
+
+    #[test]
+    fn long_sentences_are_wrapped_and_source_lines_are_not() {
+        let source = format!("7 | {}", "x ".repeat(30));
+        let text =
+            format!("\u{1b}[31merror\u{1b}[0m: the image is larger than this\n --> a.ron:1:1\n{source}");
+        let expected = format!(
+            "\u{1b}[31merror\u{1b}[0m: the image\n    is larger than\n    this\n --> a.ron:1:1\n{source}"
+        );
+        assert_eq!(wrapped(&text, 18), expected);
+        assert_eq!(wrapped("unbreakable", 3), "unbreakable");
     }
 
     #[test]

@@ -6,6 +6,7 @@ use crate::view::events::{Event, RendererId};
 use crate::view::navigation::{Buttons, Input};
 use crate::view::viewer::Marks;
 use splatgraph_assets::synth;
+use splatgraph_framework::reload::Content;
 use splatgraph_null::Config;
 use std::fs;
 use std::time::Duration;
@@ -45,8 +46,17 @@ fn a_changed_file_of_scenes_is_shown_from_where_the_camera_is_and_a_mistake_keep
         |event: &Event| matches!(event, Event::SceneFailed { error, .. } if error.contains("third.ply"));
     script.until("the mistake", |script| script.has_event(is_failure));
     assert_eq!(script.viewer().scene().count(), first + 200);
+    write("Scenes([\n  Scene(fil: \"second.ply\"),\n])");
+    script.until("the other mistake", |script| {
+        let error = script.viewer().list_error(RendererId::A).map(str::to_owned);
+        error.is_some_and(|error| error.contains("both.ron:2:"))
+    });
+    script.sleep(60);
+    script.frame(false);
+    assert!(script.panels().controls.find("mistakes:edit").is_some(), "the error stays");
     write("Scenes([Scene(file: \"second.ply\")])");
     script.until("the mended file", |script| script.viewer().scene().count() == 200);
+    assert_eq!(script.viewer().list_error(RendererId::A), None);
     let (_, events, _) = script.close(&[]);
     let scenes = events.iter().filter(|event| matches!(event, Event::Scene { .. })).count();
     assert_eq!(scenes, 3);
@@ -131,6 +141,18 @@ fn a_file_of_scenes_is_followed_while_it_is_on_the_screen_although_another_scene
     std::thread::sleep(Duration::from_millis(300));
     script.settle();
     assert_eq!(script.viewer().scene().count(), 100);
+    script.close(&[]);
+}
+
+#[test]
+fn a_file_of_scenes_that_was_saved_after_it_was_read_and_before_it_was_watched_is_loaded_again() {
+    let (mut script, _) = opened("Scenes([Scene(file: \"first.ply\")])");
+    script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));
+    let loads =
+        |script: &Script| script.events.iter().filter(|event| matches!(event, Event::Scene { .. })).count();
+    let before = loads(&script);
+    script.viewer().set_list_read(Content::of(b"Scenes([Scene(file: \"second.ply\")])"));
+    script.until("the other load", |script| loads(script) > before);
     script.close(&[]);
 }
 

@@ -110,6 +110,8 @@ pub struct Viewer {
     asked: (u32, u32),
     opening: Opening,
     placed: PlacedFiles,
+    /// Errors of A's and B's lists of scenes, until a scene is loaded for the viewport.
+    list_errors: [Option<String>; 2],
     /// Number of the last request that opened selectable cameras separately from a scene; 0 before the first.
     cameras_number: u64,
     comparing: Comparing,
@@ -169,6 +171,7 @@ impl Viewer {
             asked: (0, 0),
             opening: Opening::new(&wake),
             placed,
+            list_errors: [const { None }; 2],
             cameras_number: 0,
             comparing: Comparing::new(wake.clone()),
             copy_limit: None,

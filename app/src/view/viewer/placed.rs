@@ -42,6 +42,14 @@ impl PlacedFiles {
         Ok(())
     }
 
+    /// Sets the contents that a watched file had when it was read. If it has others by now, it counts as changed.
+    pub fn read_as(&mut self, id: RendererId, path: &Path, content: Content) {
+        if let Some(read) = self.lists[opening::index(id)].read.get_mut(path) {
+            *read = content;
+            self.watch();
+        }
+    }
+
     /// Ends the watch of all files of a viewport but `shown`, after a load has ended. Returns true if `shown` changed
     /// during the load of another scene.
     pub fn settle(&mut self, id: RendererId, shown: &Path) -> bool {

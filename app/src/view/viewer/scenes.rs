@@ -12,6 +12,7 @@ use crate::view::navigation::Navigation;
 use crate::view::opening::{self, CameraRole, Content, Opened, OpenedScene};
 use glam::DVec3;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::reload::Content as FileContent;
 use std::path::{Path, PathBuf};
 
 impl Viewer {
@@ -41,6 +42,12 @@ impl Viewer {
     /// Returns the path of a viewport's scene.
     pub fn scene_path_of(&self, id: RendererId) -> &Path {
         &self.subject_of(id).path
+    }
+
+    /// Returns the error of the list of scenes that was read last for a viewport, with its place; `None` once a scene is
+    /// loaded.
+    pub fn list_error(&self, id: RendererId) -> Option<&str> {
+        self.list_errors[opening::index(id)].as_deref()
     }
 
     /// Sets the options of all later loads of scenes.
@@ -77,6 +84,13 @@ impl Viewer {
         }
     }
 
+    /// Sets the contents that the list of scenes had before A's scene was loaded from it, so that a save during the load
+    /// is not missed.
+    pub fn set_list_read(&mut self, content: FileContent) {
+        let path = self.scene_path().to_owned();
+        self.placed.read_as(RendererId::A, &path, content);
+    }
+
     pub(super) fn reload_scenes(&mut self) {
         for path in self.placed.take() {
             for id in [RendererId::A, RendererId::B] {
@@ -107,6 +121,7 @@ impl Viewer {
     pub fn share_scene(&mut self) {
         self.opening.cancel_scene(RendererId::B);
         self.placed.forget(RendererId::B);
+        self.list_errors[opening::index(RendererId::B)] = None;
         if self.other.take().is_some() && self.picked_in == RendererId::B {
             self.forget_picked();
         }
@@ -130,6 +145,7 @@ impl Viewer {
             self.other = Some(former);
             self.placed.exchange();
             self.restored.swap(0, 1);
+            self.list_errors.swap(0, 1);
             self.opening.exchange_scenes();
             self.forget_picked();
         }
@@ -160,6 +176,7 @@ impl Viewer {
         let Opened { path, number, content } = opened;
         match content {
             Content::Scene(id, Ok(OpenedScene { scene, cameras, load_ms })) => {
+                self.list_errors[opening::index(id)] = None;
                 let splats = scene.count();
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
                 let mut subject = Subject::new(scene, path, self.wake.clone());
@@ -185,7 +202,12 @@ impl Viewer {
                 self.settle(id);
             }
             Content::Scene(id, Err(error)) => {
-                self.events.push(Event::SceneFailed { path, error });
+                let is_list = self.placed.follows(id, &path);
+                let event = Event::SceneFailed { path: path.clone(), error };
+                if is_list {
+                    self.list_errors[opening::index(id)] = Some(placed_error(&event.to_string(), &path));
+                }
+                self.events.push(event);
                 self.settle(id);
             }
             Content::Cameras(role, cameras) => {
@@ -245,6 +267,17 @@ impl Viewer {
             }
         }
     }
+}
+
+/// Adds the place to the error of a list of scenes, as in the errors of graphs: the line and column that the text names,
+/// or the start of the file.
+fn placed_error(text: &str, path: &Path) -> String {
+    let number = |name: &str| {
+        let after = text.split_once(name)?.1;
+        after.split(|c: char| !c.is_ascii_digit()).next()?.parse::<u32>().ok()
+    };
+    let (line, column) = number(": line ").zip(number(", column ")).unwrap_or((1, 1));
+    format!("error: {text}\n --> {}:{line}:{column}", path.display())
 }
 
 enum SceneCameras {
