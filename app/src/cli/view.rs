@@ -21,7 +21,8 @@ use crate::view::window::{self, WindowOptions};
 use anyhow::Result;
 use clap::ValueEnum;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Scene, names_scenes};
+use splatgraph_framework::reload::Content;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
@@ -104,8 +105,8 @@ pub struct Args {
     /// Write events as JSON, one object per line; `-` is standard output
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
-    /// Save a picture of the window once everything is built, and close the window
-    #[arg(long, value_name = "FILE.png")]
+    /// Save a picture of the window (.png, .exr or .npy) once everything is built, and close the window
+    #[arg(long, value_name = "FILE")]
     screenshot: Option<PathBuf>,
     /// Draw continuously, and close the window after this many frames (with --screenshot: draw at least this many)
     #[arg(long, value_name = "N")]
@@ -234,12 +235,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
     let cameras = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
+    let list = args.scene.as_deref().filter(|path| names_scenes(path)).map(Content::at);
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, mut set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
     set.extend(storage(args, &scene.0)?);
     let messages = window::run(WindowOptions {
         scene,
+        list,
         pipeline,
         set,
         cameras,
