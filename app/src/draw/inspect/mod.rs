@@ -6,6 +6,7 @@
 //! use ascend.
 
 mod contents;
+mod declared;
 mod keys;
 
 use crate::io::image::{ImageError, save_words};
@@ -137,6 +138,9 @@ pub struct Finding {
     /// True for an image, false for a buffer.
     #[serde(skip)]
     pub is_image: bool,
+    /// Type of the words that the shaders declare; only for buffers.
+    #[serde(skip)]
+    pub declared: ReadAs,
     /// Contents as 32-bit words.
     #[serde(skip)]
     pub words: Words,
@@ -164,6 +168,10 @@ impl Finding {
         }
         let pass = pass.name.clone();
         let is_image = matches!(resource.shape, Shape::Image { .. });
+        let declared = match is_image {
+            true => ReadAs::Uint,
+            false => declared::of_buffer(plan, target.after, target.resource),
+        };
         let counted = order.as_ref().map(|order: &KeyOrder| order.keys);
         Finding {
             resource: resource.name.clone(),
@@ -173,6 +181,7 @@ impl Finding {
             unknown_order,
             counted,
             is_image,
+            declared,
             words,
         }
     }
@@ -202,6 +211,9 @@ impl Finding {
             text += &format!("\n  {reason}");
         }
         match &self.words {
+            Words::Uint(words) if self.declared == ReadAs::Float => {
+                text + &ends(&words.iter().map(|word| f32::from_bits(*word)).collect::<Vec<_>>())
+            }
             Words::Uint(words) => text + &ends(words),
             Words::Float(words) => text + &ends(words),
         }

@@ -41,7 +41,8 @@ const MAX_WIDTH: usize = 512;
 #[derive(Default)]
 pub struct State {
     first: usize,
-    read: ReadAs,
+    /// Type that the user chose for a resource; another resource has its declared type.
+    read: Option<(String, ReadAs)>,
     channel: usize,
     picture: Option<TextureHandle>,
     /// Reading whose image is shown; see [`Viewport::readings`].
@@ -129,14 +130,25 @@ impl State {
         let shape: Vec<String> = finding.shape.iter().map(u64::to_string).collect();
         ui.horizontal(|ui| {
             ui.label(shape.join(" x "));
-            ui.selectable_value(&mut self.read, ReadAs::Uint, "integers");
-            ui.selectable_value(&mut self.read, ReadAs::Float, "floats");
+            // The format determines the type of an image.
+            if !finding.is_image {
+                for (kind, text) in [(ReadAs::Uint, "integers"), (ReadAs::Float, "floats")] {
+                    if ui.selectable_label(self.read_as(finding) == kind, text).clicked() {
+                        self.read = Some((finding.resource.clone(), kind));
+                    }
+                }
+            }
         });
         if finding.is_image {
             self.picture(ui, finding, number);
         }
         self.histogram(ui, finding, per_element);
         self.numbers(ui, finding, per_element, elements, controls);
+    }
+
+    fn read_as(&self, finding: &Finding) -> ReadAs {
+        let chosen = self.read.as_ref().filter(|(resource, _)| *resource == finding.resource);
+        chosen.map_or(finding.declared, |(_, read)| *read)
     }
 
     fn picture(&mut self, ui: &mut Ui, finding: &Finding, number: u64) {
@@ -165,14 +177,18 @@ impl State {
         let channels = per_element;
         self.channel = self.channel.min(channels - 1);
         if channels > 1 {
-            ComboBox::from_label("of").selected_text(format!("word {}", self.channel)).show_ui(ui, |ui| {
-                for channel in 0..channels {
-                    ui.selectable_value(&mut self.channel, channel, format!("word {channel}"));
-                }
+            ui.horizontal(|ui| {
+                ui.label("Histogram of");
+                let chosen = ComboBox::from_id_salt("word").selected_text(format!("word {}", self.channel));
+                chosen.show_ui(ui, |ui| {
+                    for channel in 0..channels {
+                        ui.selectable_value(&mut self.channel, channel, format!("word {channel}"));
+                    }
+                });
             });
         }
         let end = finding.counted.map_or(finding.words.len(), |n| n as usize * channels);
-        let found = finding.words.histogram(self.channel..end, channels, self.read, BINS);
+        let found = finding.words.histogram(self.channel..end, channels, self.read_as(finding), BINS);
         let [least, greatest] = found.range;
         let width = ((greatest - least) / BINS as f64).max(f64::MIN_POSITIVE);
         let bar = |(index, count): (usize, &u64)| {
@@ -217,9 +233,10 @@ impl State {
             }
         });
         self.first = self.first.min(last);
+        let read = self.read_as(finding);
         for element in self.first..(self.first + LINES).min(elements) {
-            let words = (0..per_element.min(16))
-                .filter_map(|w| finding.words.text(element * per_element + w, self.read));
+            let words =
+                (0..per_element.min(16)).filter_map(|w| finding.words.text(element * per_element + w, read));
             ui.monospace(format!("{element:>9}  {}", words.collect::<Vec<_>>().join("  ")));
         }
     }
