@@ -430,7 +430,8 @@ pub trait Device: Sized {
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted
-    /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it.
+    /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it. If only the presentation fails,
+    /// the frame runs, but its result cannot be taken.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Returns true if the last submitted frame was to be presented, but could not be shown in the window.

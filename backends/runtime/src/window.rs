@@ -91,10 +91,12 @@ impl<G: Gpu> Swapchain<G> {
 
     /// Presents an image; returns true if it is shown. Its blit must have been submitted.
     pub fn present(&mut self, image: u32, slot: usize) -> Result<bool, BackendError> {
-        self.acquired = false;
         let gpu = self.gpu.clone();
         let Some(show) = self.show(image, slot) else { return Ok(false) };
-        match gpu.present(show) {
+        let presented = gpu.present(show);
+        // Any other error leaves the image acquired: only a new swapchain gets it back.
+        self.acquired = !matches!(presented, Ok(_) | Err(BackendError::SurfaceLost { .. }));
+        match presented {
             Ok(Presented::Shown) => return Ok(true),
             Ok(Presented::Suboptimal) => {
                 self.set_suboptimal();
@@ -126,7 +128,7 @@ impl<G: Gpu> Swapchain<G> {
     /// Replaces a stale swapchain, then acquires an image. `None` if that is impossible now: the window has no pixels,
     /// the device is busy, no image is ready, or two attempts failed.
     fn acquire(&mut self, slot: usize) -> Result<Option<u32>, BackendError> {
-        // A submission failed after its image was acquired: only a new swapchain gets the image back.
+        // A submission or a presentation failed after its image was acquired: only a new swapchain gets it back.
         self.stale |= self.acquired;
         // The window may be resized between the two calls. After a second failure, the next frame tries again.
         for _ in 0..2 {
