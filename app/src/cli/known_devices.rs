@@ -41,6 +41,7 @@ pub fn catalogue() -> Vec<KnownDevice> {
         ..portable(lanes)
     };
     let most = u64::from(u32::MAX);
+    let webgpu = DeviceFacts { max_image_size: 8192, ..portable(facts::USUAL_SUBGROUP_SIZE) };
     vec![
         device(
             "lavapipe",
@@ -50,7 +51,7 @@ pub fn catalogue() -> Vec<KnownDevice> {
         ),
         device(
             "raspberry-pi-5",
-            limits(16, 1 << 30, 256, 16),
+            DeviceFacts { max_image_size: 4096, ..limits(16, 1 << 30, 256, 16) },
             Some(64),
             "Mesa, src/broadcom/vulkan/v3dv_device.c: V3D 7.1",
         ),
@@ -84,13 +85,13 @@ pub fn catalogue() -> Vec<KnownDevice> {
         device("apple", facts::apple_device(), Some(31), "Apple, Metal Feature Set Tables: family Apple 7"),
         device(
             "webgpu",
-            DeviceFacts { features: Features::empty(), ..portable(facts::USUAL_SUBGROUP_SIZE) },
+            DeviceFacts { features: Features::empty(), ..webgpu },
             Some(8),
             "W3C, WebGPU: default limits, without the feature `subgroups`",
         ),
         device(
             "webgpu-subgroups",
-            portable(facts::USUAL_SUBGROUP_SIZE),
+            webgpu,
             Some(8),
             "W3C, WebGPU: default limits, with the feature `subgroups`",
         ),
