@@ -44,6 +44,28 @@ fn scenes_on_the_command_line_are_drawn_in_one_sort_with_their_places() {
 }
 
 #[test]
+fn tags_in_which_scenes_differ_are_reported_by_every_command_that_merges() {
+    let place = scenes();
+    let mut tagged = place.bytes("b.ply");
+    tagged.splice(4..4, b"comment vertical axis: z\n".iter().copied());
+    place.write("tagged.ply", tagged);
+    place.write("both.ron", "Scenes([Scene(file: \"a.ply\"), Scene(file: \"tagged.ply\")])");
+    let told = "tags that are ignored, because the scenes differ in them: up\n";
+    let render = "render -c cameras.json#0 --size 16x9 -p splat -o out.png";
+    for (scenes, name) in [("both.ron", "both.ron"), ("a.ply tagged.ply", "all scenes")] {
+        let (_, errors) = place.said(&format!("{render} {scenes}"));
+        assert!(errors.contains(&format!("{name}: {told}")), "{errors}");
+        let (_, errors) = place.said(&format!("{render} {scenes} --ignore-tags"));
+        assert!(!errors.contains("tags"), "{errors}");
+    }
+    assert!(place.done("info both.ron").contains("tags left out         up: the merged scenes differ"));
+    let lost = "lost: tags in which the merged scenes differ: up\n";
+    for scenes in ["both.ron", "a.ply --merge=tagged.ply"] {
+        assert!(place.done(&format!("convert {scenes} out.ply")).contains(lost), "{scenes}");
+    }
+}
+
+#[test]
 fn mistakes_in_places_are_told() {
     let place = scenes();
     for (text, why) in [

@@ -184,7 +184,6 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
             ("film.gif --orbit=4", 2, "cannot be used with"),
             ("cameras.json/x.gif", 2, "which cannot be written: Not a directory"),
             ("scene.ply", 2, "found .ply; other formats need an encoder: `-o - | ffmpeg -i - FILM`"),
-            ("film.gif --fps=60", 2, "expected at most 50 frames per second in a .gif, found 60"),
         ],
     );
     let one = "expected two cameras or more for a path, found 1";
@@ -194,6 +193,7 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
             ("--cameras=cameras.json#0", 2, one),
             ("--orbit=3 --closed", 2, "expected --cameras with --closed, found none"),
             ("--closed", 2, "expected --cameras with --closed, found none"),
+            ("--fps=60", 2, "expected at most 50 frames per second in a .gif, found 60"),
             ("--fps=29.97", 2, "a whole number or a fraction, for instance 30 or 30000/1001"),
         ],
     );

@@ -370,3 +370,28 @@ pub fn merge(origin: &job::Origin, scores: Vec<Score>, output: &Path) -> Result<
     output::write_bytes(&output.join(SCORES), (as_json(request, &found) + "\n").as_bytes())?;
     options::print(found.table().trim_end())
 }
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use std::ffi::OsString;
+    use std::os::unix::ffi::OsStringExt;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn names_that_are_not_utf_8_are_text_in_the_json() {
+        let name = || OsString::from_vec(b"p\xff".to_vec());
+        let option = |name: &str| OsString::from(name);
+        let words = [option("evaluate"), name(), option("-c"), name(), option("--photographs"), name()];
+        let request = request(&Line::parse_from(words).args);
+        for field in ["scene", "dataset", "photographs"] {
+            assert_eq!(request[field], "p\u{fffd}", "{field}");
+        }
+    }
+}

@@ -151,7 +151,7 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
 /// Reports the tags that a merged scene lost because the scenes differ, and that pictures of it do not follow.
 pub fn tell_mixed_tags(name: &str, scene: &Scene) {
     if let Some(tags) = scene.notes().mixed_tags() {
-        say(format!("{name}: the tags {tags} are ignored, because the scenes differ"));
+        say(format!("{name}: tags that are ignored, because the scenes differ in them: {tags}"));
     }
 }
 

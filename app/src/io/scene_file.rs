@@ -171,7 +171,7 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
         String::new()
     };
     let (step, finest) = (fraction(step), fraction(finest));
-    Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest}{advice}"))
+    Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest:.0}{advice}"))
 }
 
 /// Formats a power of two: `1/8`.
@@ -217,8 +217,9 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
         Some((_, other)) => format!("the tag {tag} {value}: the file has {other} instead, another rule"),
         None => format!("the tag {tag} {value}"),
     }));
-    losses
-        .extend(scene.notes().mixed_tags().map(|tags| format!("the tags {tags}: the merged scenes differ")));
+    losses.extend(
+        scene.notes().mixed_tags().map(|tags| format!("tags in which the merged scenes differ: {tags}")),
+    );
     if format == SceneFormat::Gltf && scene.notes().key_of == SortKey::Depth {
         losses.push("the order by depth: the format only supports order by distance from the camera".into());
     }
