@@ -8,7 +8,13 @@ use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normali
 use super::{Diagnostic, Label, SourceMap};
 use crate::ir::{FileId, Span};
 
+/// Maximum number of diagnostics to render. Each shows its whole line, so the time grows with their number times the
+/// length of the line.
+const MAX_RENDERED: usize = 100;
+
 /// Renders diagnostics as errors, separated by blank lines. The result ends in a line break.
+///
+/// After the first 100, it gives only the number of the others.
 ///
 /// ```text
 /// error: unknown field `shadr` in `Dispatch`
@@ -32,12 +38,17 @@ pub fn render_warnings(files: &SourceMap, diagnostics: &[Diagnostic], colour: bo
 fn render_as(level: Level<'static>, files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
     let mut out = String::new();
-    for diagnostic in diagnostics {
+    let (shown, others) = diagnostics.split_at(diagnostics.len().min(MAX_RENDERED));
+    for diagnostic in shown {
         if !out.is_empty() {
             out.push('\n');
         }
         out.push_str(&render_one(&level, files, diagnostic, &renderer));
         out.push('\n');
+    }
+    if !others.is_empty() {
+        let title = Group::with_title(level.primary_title(format!("{} more, not shown", others.len())));
+        out.push_str(&format!("\n{}\n", renderer.render(&[title])));
     }
     out
 }

@@ -49,13 +49,17 @@ fn labels_in_other_files_are_drawn_in_their_files() {
 }
 
 #[test]
-fn several_errors_have_a_blank_line_between() {
+fn errors_have_blank_lines_between_and_those_after_the_first_hundred_are_only_counted() {
     let (files, file) = one_file("a.ron", "x");
     let error = Diagnostic::new("wrong", Span { file, start: 0, end: 1 }, "");
     let one = render(&files, std::slice::from_ref(&error), false);
     assert_eq!(one, "error: wrong\n --> a.ron:1:1\n  |\n1 | x\n  | ^\n");
-    assert_eq!(render(&files, &[error.clone(), error], false), format!("{one}\n{one}"));
+    assert_eq!(render(&files, &[error.clone(), error.clone()], false), format!("{one}\n{one}"));
     assert_eq!(render(&files, &[], false), "");
+    let hundred = vec![error.clone(); 100];
+    let text = render(&files, &hundred, false);
+    assert_eq!(text.matches(&one).count(), 100);
+    assert_eq!(render(&files, &vec![error; 102], false), format!("{text}\nerror: 2 more, not shown\n"));
 }
 
 #[test]
