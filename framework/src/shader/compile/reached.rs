@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use super::generate::{INCLUDE_BYTES, MAX_DEPTH, MAX_INCLUDED_BYTES};
-use super::scan::{Token, TokenKind, is_number_type, lex};
+use super::scan::{Token, TokenKind, lex};
 
 /// Maximum number of words visited while expanding a condition. A longer one is not evaluated.
 const MAX_WORDS: usize = 10_000;
@@ -32,7 +32,8 @@ pub(super) struct Reached {
     /// The first undefined name in a condition: the index of its text, and its bytes. Operands of `defined` do not
     /// count, nor do names that the compiler or an extension may define.
     pub undefined: Option<(usize, Range<usize>)>,
-    /// The first define that a compiled line declares, as in `uint COUNT`: the index of its text, and its bytes.
+    /// The first define that a compiled line declares, as in `uint COUNT`, `buffer COUNT` or `#define COUNT 3`: the
+    /// index of its text, and its bytes.
     pub redeclared: Option<(usize, Range<usize>)>,
 }
 
@@ -172,8 +173,8 @@ impl<'t> Walk<'t> {
                 "define" => self.define(rest, now),
                 "undef" => self.undefine(rest, now),
                 _ => {
-                    if now == Truth::Yes {
-                        self.redeclare(rest);
+                    if now == Truth::Yes && directive.is_empty() {
+                        self.find_declared(rest);
                     }
                     self.reach_all(rest);
                 }
@@ -182,11 +183,23 @@ impl<'t> Walk<'t> {
         Some(())
     }
 
-    /// Notes the first define that a compiled line declares.
-    fn redeclare(&mut self, words: &[Word<'t>]) {
-        let declares =
-            |two: &&[Word<'t>]| is_number_type(two[0].text) && self.defines.contains_key(two[1].text);
+    /// Finds the first define that a compiled line declares. Two words in a row are a declaration, unless the first is
+    /// a statement's keyword or a macro.
+    fn find_declared(&mut self, words: &[Word<'t>]) {
+        let is_define = |word: &Word<'t>| self.defines.contains_key(word.text);
+        let declares = |two: &&[Word<'t>]| {
+            let [first, second] = two else { return false };
+            first.kind == TokenKind::Identifier
+                && !matches!(first.text, "return" | "case" | "else" | "do")
+                && !self.macros.contains_key(first.text)
+                && !is_define(first)
+                && is_define(second)
+        };
         let name = words.windows(2).find(declares).map(|two| two[1]);
+        self.note_redeclared(name);
+    }
+
+    fn note_redeclared(&mut self, name: Option<Word<'t>>) {
         let place = name.map(|name| (name.at.0, name.at.1..name.at.1 + name.text.len()));
         self.redeclared = self.redeclared.take().or(place);
     }
@@ -194,6 +207,11 @@ impl<'t> Walk<'t> {
     fn define(&mut self, words: &[Word<'t>], now: Truth) {
         let [name, body @ ..] = words else { return };
         self.names.insert(name.text);
+        let value: String = body.iter().map(|word| word.text).collect();
+        // The preprocessor accepts a second definition that equals the first.
+        if now == Truth::Yes && self.defines.get(name.text).is_some_and(|define| *define != value) {
+            self.note_redeclared(Some(*name));
+        }
         let plain = !body.first().is_some_and(|first| first.text == "(" && first.joined);
         let new = Macro { body: body.to_vec(), plain, certain: now == Truth::Yes };
         match self.macros.get_mut(name.text) {
@@ -530,6 +548,37 @@ mod tests {
         let included =
             walked(&[("main", "#include \"a\""), ("a", "\n#if C\n#endif")]).expect("it is followed");
         assert_eq!(included.undefined, Some((1, 5..6)));
+    }
+
+    #[test]
+    fn a_define_that_the_shader_declares_is_found_whatever_it_declares() {
+        let redeclared = |text: &str| {
+            let (_, place) = walked(&[("main", text)]).expect("it is followed").redeclared?;
+            Some(place.start)
+        };
+        for (text, start) in [
+            ("const uint A = 4u;", 11),
+            ("layout(binding = 0) readonly buffer A { uint a[]; };", 36),
+            ("layout(rgba8) uniform image2D A;", 30),
+            ("struct A { float x; };", 7),
+            ("Splat A;", 6),
+            ("#define A 3", 8),
+            ("#define A(x) x", 8),
+        ] {
+            assert_eq!(redeclared(text), Some(start), "{text}");
+        }
+        for text in [
+            "return A;",
+            "case A: x = B; else A;",
+            "#define NEGATE -\nint x = NEGATE A;",
+            "#define A 1",
+            "#undef A\n#define A 3\nuint A;",
+            "#ifndef A\n#define A 3\n#endif",
+            "#if C\n#define A 3\n#endif",
+            "int x = A + B;",
+        ] {
+            assert_eq!(redeclared(text), None, "{text}");
+        }
     }
 
     #[test]

@@ -233,12 +233,6 @@ fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {
     words.last().map(|token| token.of(text))
 }
 
-/// Returns true for `uint`, `vec3`, ...: types of variables whose names may collide with the graph's constants.
-pub(super) fn is_number_type(word: &str) -> bool {
-    let base = word.strip_prefix(['i', 'u', 'b', 'd']).filter(|rest| rest.starts_with("vec")).unwrap_or(word);
-    matches!(base, "uint" | "int" | "float" | "bool" | "double" | "vec2" | "vec3" | "vec4")
-}
-
 /// Returns the name in quotes or angle brackets at `at`, with its place; `None` if there is none.
 fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     let line = text[at..].split('\n').next()?;

@@ -308,7 +308,7 @@ fn a_shader_can_have_a_default_for_a_define() {
     assert_eq!(bench.compile("a.comp", &[("N", "8")]).unwrap().reflection.shared_bytes, 32);
     let again = format!("{HEAD}#define N 5\nvoid main() {{ }}\n");
     let found = errors_of(&[("shaders/a.comp", &again)], &[("N", "8")]);
-    assert_eq!(found, ["5:2: define | `#define`: Macro redefined; different substitutions: N | "]);
+    assert_eq!(found, ["5:9: N | `N` is a constant of the graph | declared again here"]);
 }
 
 #[test]
