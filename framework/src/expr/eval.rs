@@ -306,7 +306,7 @@ fn unknown(node: &Node, name: &str, scope: &dyn Scope) -> ExprError {
         return error.with_help(format!("`{name}` is a function: write `{name}(...)`"));
     }
     let names = scope.names();
-    if let Some(near) = nearest(name, names.iter().map(String::as_str)) {
+    if let Some(near) = nearest(name, names.iter().map(String::as_str).chain(["true", "false"])) {
         return error.with_help(format!("did you mean `{near}`?"));
     }
     if (1..=MAX_LISTED_NAMES).contains(&names.len()) {

@@ -165,6 +165,7 @@ impl<'de> Deserialize<'de> for Number {
 
 /// A parameter's declaration.
 #[derive(Clone, Debug, Deserialize)]
+#[serde(rename = "Param")]
 pub enum ParamDecl {
     /// A constant: a change rebuilds the plan.
     Const(ParamKind),
@@ -174,7 +175,7 @@ pub enum ParamDecl {
 
 /// The type, range and texts of a parameter.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, rename = "Type")]
 pub enum ParamKind {
     /// A parameter that is true or false.
     Bool {
@@ -311,7 +312,7 @@ pub enum Expose {
 
 /// A resource's declaration.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, rename = "Resource")]
 pub enum ResourceDecl {
     /// A buffer of equal elements.
     Buffer {
@@ -342,7 +343,7 @@ pub enum ResourceDecl {
 /// A pass, or a construct that generates passes.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, rename = "Pass")]
 pub enum PassDecl {
     /// Runs a compute shader.
     Dispatch {

@@ -86,11 +86,10 @@ impl Outline {
         self.nodes.iter().find(|node| node.place.start == offset)
     }
 
-    /// Returns the span of the field name or map key that starts at `offset` (at its quote, if it has one).
-    pub(super) fn key_starting_at(&self, offset: usize) -> Option<Range<usize>> {
-        let keys = self.nodes.iter().filter_map(|node| node.key.clone());
-        keys.min_by_key(|key| key.start.abs_diff(offset))
-            .filter(|key| key.start == offset || key.start == offset + 1)
+    /// Returns the span of the field name or map key that contains `offset` or ends there. A quote before it counts.
+    pub(super) fn key_at(&self, offset: usize) -> Option<Range<usize>> {
+        let mut keys = self.nodes.iter().filter_map(|node| node.key.clone());
+        keys.find(|key| key.start <= offset + 1 && offset <= key.end)
     }
 
     /// Returns the innermost element that contains `offset` or ends there, or else the root.
@@ -387,6 +386,11 @@ impl<'a> Parser<'a> {
 }
 
 pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
+    let lower = name.to_lowercase();
+    if matches!(lower.as_str(), "true" | "false") {
+        let message = format!("expected `true` or `false`, found `{name}`");
+        return Diagnostic::new(message, span, format!("did you mean `{lower}`?"));
+    }
     Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
         .with_help(format!("write it as a string: `\"{name}\"`"))
 }

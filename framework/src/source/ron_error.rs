@@ -13,8 +13,14 @@ use super::{Diagnostic, Outline, nearest};
 use crate::ir::{FileId, Span};
 
 /// Converts an error of the `ron` crate to a diagnostic at the mistake in `text`. Unknown fields and variants come with
-/// the nearest existing name.
-pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
+/// the nearest existing name. `read` parses another text as `text` was parsed: to list the names that a place expects,
+/// the text is read again with an unknown name there.
+pub fn ron_error(
+    file: FileId,
+    text: &str,
+    error: &SpannedError,
+    read: &dyn Fn(&str) -> Result<(), SpannedError>,
+) -> Diagnostic {
     let outline = match Outline::parse(file, text) {
         Ok(outline) => Some(outline),
         // Report a wrong name or value even if a bracket is missing further on.
@@ -23,7 +29,7 @@ pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
     };
     let start = offset(text, error.span.start);
     let end = offset(text, error.span.end).max(start);
-    Translator { file, text, outline, start, end }.diagnostic(&error.code)
+    Translator { file, text, read, outline, start, end }.diagnostic(&error.code)
 }
 
 fn is_about_a_name_or_value(error: &Error) -> bool {
@@ -52,6 +58,7 @@ fn offset(text: &str, position: Position) -> usize {
 struct Translator<'a> {
     file: FileId,
     text: &'a str,
+    read: &'a dyn Fn(&str) -> Result<(), SpannedError>,
     outline: Option<Outline>,
     /// Byte offset of the crate's cursor before its last token; `end` is after it.
     start: usize,
@@ -61,6 +68,12 @@ struct Translator<'a> {
 impl Translator<'_> {
     fn diagnostic(&self, error: &Error) -> Diagnostic {
         match error {
+            Error::NoSuchStructField { found, .. }
+                if self.name_before_cursor(found).is_some_and(|name| self.is_positional(name.start)) =>
+            {
+                let place = self.name_before_cursor(found).unwrap_or_default();
+                self.positional(place, &format!("`{found}`"), error)
+            }
             Error::NoSuchStructField { expected, found, outer } => {
                 let of = outer.as_deref().map(|outer| format!(" in `{outer}`")).unwrap_or_default();
                 let message = format!("unknown field `{found}`{of}");
@@ -99,7 +112,10 @@ impl Translator<'_> {
                 if expected.contains("in quotes") && is_name(&self.text[self.value_at_cursor()]) =>
             {
                 let place = self.value_at_cursor();
-                unquoted(&self.text[place.clone()], self.span(place))
+                match self.key_for_position() {
+                    Some(key) => self.named(expected, key),
+                    None => unquoted(&self.text[place.clone()], self.span(place)),
+                }
             }
             Error::InvalidValueForType { expected, found } => {
                 let (message, place) =
@@ -107,6 +123,7 @@ impl Translator<'_> {
                 self.error(message, place, &format!("expected {expected}"))
             }
             Error::ExpectedDifferentLength { expected, found } => {
+                let expected = without_type(expected);
                 let elements = if *found == 1 { "element" } else { "elements" };
                 let place = self.outline.as_ref().map(|outline| outline.enclosing(self.end).shallow());
                 let place = place.unwrap_or(self.start..self.end);
@@ -131,7 +148,7 @@ impl Translator<'_> {
                 self.error("expected the end of the file", self.cursor(), "nothing may come after the value")
             }
             Error::ExpectedComma if self.cursor_is_inside_a_number() => self.wrong_kind_before("an integer"),
-            Error::ExpectedStructLike => {
+            Error::ExpectedStructLike if self.node_at_cursor().is_none() => {
                 let place = self.value_at_cursor();
                 let message = format!("`{}` needs parentheses after it", &self.text[place.clone()]);
                 self.error(message, place, "expected `(` after this")
@@ -139,6 +156,9 @@ impl Translator<'_> {
             Error::ExpectedStructLikeEnd if self.node_at_cursor().is_some() => {
                 let label = "one element too many";
                 self.error("expected `)`", self.value_at_cursor(), label)
+            }
+            Error::ExpectedIdentifier | Error::SuggestRawIdentifier(_) if self.node_at_cursor().is_some() => {
+                self.expected_name()
             }
             _ => match wanted(error) {
                 Some(wanted) => self.wrong_kind(&wanted),
@@ -171,15 +191,30 @@ impl Translator<'_> {
     fn wrong_kind(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let Some(node) = self.node_at_cursor() else {
-            let key = self.outline.as_ref().and_then(|outline| outline.key_starting_at(self.end));
+            if let Some(key) = self.key_for_position() {
+                return self.named(wanted, key);
+            }
+            let key = self.outline.as_ref().and_then(|outline| outline.key_at(self.end));
             let (found, place) = match key {
                 Some(key) => (format!(", found `{}`", &self.text[key.clone()]), key),
                 None => (String::new(), place),
             };
             return self.error(format!("expected {wanted}{found}"), place, &format!("expected {wanted}"));
         };
+        let found = self.describe(node);
+        let error =
+            self.error(format!("expected {wanted}, found {found}"), place, &format!("expected {wanted}"));
+        match &node.content {
+            Content::List { bracket: '[', .. } if wanted == TUPLE => {
+                error.with_help("write `(` and `)` in place of `[` and `]`")
+            }
+            _ => error,
+        }
+    }
+
+    fn describe(&self, node: &Node) -> String {
         let head = &self.text[node.head.clone()];
-        let found = match &node.content {
+        match &node.content {
             Content::Text(_) => "a string".to_string(),
             Content::Scalar | Content::Record { bracket: '(', .. } | Content::List { bracket: '(', .. }
                 if !head.starts_with('(') =>
@@ -189,19 +224,72 @@ impl Translator<'_> {
             Content::Record { bracket: '{', .. } => "a map".to_string(),
             Content::List { bracket: '[', .. } => "a list".to_string(),
             _ => "`(`".to_string(),
+        }
+    }
+
+    /// Returns the error for a value in place of a variant's name, or of a field's name and its value.
+    fn expected_name(&self) -> Diagnostic {
+        let Some(node) = self.node_at_cursor() else { return self.wrong_kind(NAME) };
+        let mut probe = self.text.to_string();
+        probe.insert_str(node.place.start, "_: ");
+        let expected = (self.read)(&probe).err().map(|error| error.code);
+        let variants = match &expected {
+            Some(error @ Error::NoSuchStructField { .. }) if self.is_positional(node.place.start) => {
+                return self.positional(node.shallow(), &self.describe(node), error);
+            }
+            Some(Error::NoSuchEnumVariant { expected, .. }) => expected,
+            _ => &[][..],
         };
-        let error =
-            self.error(format!("expected {wanted}, found {found}"), place, &format!("expected {wanted}"));
-        let Content::Text(text) = &node.content else { return error };
-        let field = node.key.clone().map(|key| &self.text[key]);
-        match field {
-            _ if wanted != NAME => error,
-            Some("size") => error.with_help(format!(
+        let error = self.wrong_kind(NAME);
+        match (&node.content, node.key.clone().map(|key| &self.text[key])) {
+            (Content::Text(text), _) if variants.contains(&text.value.as_str()) => {
+                error.with_help(format!("names are written without quotes: `{}`", text.value))
+            }
+            (Content::Text(text), Some("size")) => error.with_help(format!(
                 "write `Threads(\"{0}\")` for invocations, or `Groups(\"{0}\")` for workgroups",
                 text.value
             )),
-            _ => error.with_help(format!("names are written without quotes: `{}`", text.value)),
+            _ if variants.is_empty() => error,
+            _ => error.with_help(format!("the names here are {}", variants.join(", "))),
         }
+    }
+
+    /// Returns true if the element at `start` is in parentheses and has no name.
+    fn is_positional(&self, start: usize) -> bool {
+        let around = self.outline.as_ref().map(|outline| &outline.enclosing(start.saturating_sub(1)).content);
+        matches!(around, Some(Content::List { bracket: '(', .. }))
+    }
+
+    /// Returns the error for a value without a field's name. `error` lists the fields.
+    fn positional(&self, place: Range<usize>, found: &str, error: &Error) -> Diagnostic {
+        let message = format!("expected a field `name: value`, found {found}");
+        let diagnostic = self.error(message, place, "has no name before it");
+        match error {
+            Error::NoSuchStructField { expected, .. } => {
+                diagnostic.with_help(format!("the fields are {}", expected.join(", ")))
+            }
+            _ => diagnostic,
+        }
+    }
+
+    /// Returns the field name at the cursor if the parentheses around it expect values without names.
+    fn key_for_position(&self) -> Option<Range<usize>> {
+        let outline = self.outline.as_ref()?;
+        let before = self.text[..self.end].trim_end();
+        // After a value and its comma, the cursor is at the key of the next value.
+        if before.ends_with(',') {
+            return None;
+        }
+        let key = outline.key_at(self.end).or_else(|| outline.key_at(before.len()))?;
+        let around = &outline.enclosing(key.start).content;
+        matches!(around, Content::Record { bracket: '(', .. }).then_some(key)
+    }
+
+    /// Returns the error for a field name before a value that must have none.
+    fn named(&self, wanted: &str, key: Range<usize>) -> Diagnostic {
+        let name = &self.text[key.clone()];
+        self.error(format!("expected {wanted}, found `{name}:`"), key, "the value here has no name")
+            .with_help(format!("leave out `{name}:`"))
     }
 
     /// Like [`Self::wrong_kind`], for a value that was read only in part.
@@ -264,7 +352,15 @@ fn is_name(text: &str) -> bool {
     text.starts_with(char::is_alphabetic) && text.chars().all(|c| c.is_alphanumeric() || c == '_')
 }
 
+/// Removes Rust's name of a type from serde's description: `tuple variant Size::Indirect with 2 elements` becomes
+/// `` `Indirect` with 2 elements``.
+fn without_type(expected: &str) -> String {
+    let parts = expected.split_once("::").and_then(|(_, rest)| rest.split_once(' '));
+    parts.map_or_else(|| expected.to_string(), |(variant, rest)| format!("`{variant}` {rest}"))
+}
+
 const NAME: &str = "a name";
+const TUPLE: &str = "`(a, b)`";
 
 /// Describes the syntax that an error expected; `None` if it does not tell.
 fn wanted(error: &Error) -> Option<String> {
@@ -281,7 +377,8 @@ fn wanted(error: &Error) -> Option<String> {
         Error::ExpectedNamedStructLike(name) => return Some(format!("`{name}(...)`")),
         Error::ExpectedUnit => "`()`",
         Error::ExpectedString => "a string in double quotes",
-        Error::ExpectedIdentifier => NAME,
+        Error::ExpectedIdentifier | Error::SuggestRawIdentifier(_) => NAME,
+        Error::ExpectedStructLike => TUPLE,
         Error::ExpectedComma => "a comma",
         Error::ExpectedArrayEnd => "`]`",
         Error::ExpectedMapEnd => "`}`",

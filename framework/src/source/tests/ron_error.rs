@@ -64,7 +64,7 @@ fn read(text: &str) -> Result<Graph, ron::error::SpannedError> {
 
 fn error_of(text: &str) -> Diagnostic {
     let error = read(text).expect_err(text);
-    ron_error(FileId(0), text, &error)
+    ron_error(FileId(0), text, &error, &|text| read(text).map(drop))
 }
 
 /// Checks the message, the text that it points at, and the label under it. Returns the diagnostic.
@@ -194,6 +194,49 @@ fn a_name_in_quotes_is_met_with_the_name() {
 }
 
 #[test]
+fn a_value_without_the_name_of_its_field_is_met_with_the_fields() {
+    let graph = |pass: &str| format!("Graph(version: 1, passes: [{pass}])");
+    let positional = |pass: &str, found: &str, at: &str| {
+        let message = format!("expected a field `name: value`, found {found}");
+        let error = fails(&graph(pass), &message, at, "has no name before it");
+        assert_eq!(error.help, ["the fields are name, shader, run, bind"]);
+    };
+    positional("Dispatch(4, \"b\")", "`4`", "4");
+    positional("Dispatch(\"a\", \"b\")", "a string", "a");
+    positional("Dispatch(false)", "`false`", "false");
+    positional("Dispatch((1, 2))", "`(`", "(");
+    let error = fails(&graph("4"), "expected a name, found `4`", "4", "expected a name");
+    assert_eq!(error.help, ["the names here are Dispatch, Swap"]);
+    let error = error_of("Graph(version: 1, passes: [], params: {\"a\": Const(2000)})");
+    assert_eq!(error.help, ["the names here are Int, Bool"]);
+}
+
+#[test]
+fn a_name_before_a_value_without_one_is_left_out() {
+    let range = |range: &str| {
+        format!("(version: 1, passes: [], params: {{\"a\": Const(Int(default: 1, range: {range}))}})")
+    };
+    let label = "the value here has no name";
+    let error = fails(&range("(min: 1, max: 2)"), "expected an integer, found `min:`", "min", label);
+    assert_eq!(error.help, ["leave out `min:`"]);
+    let swap = "Graph(version: 1, passes: [Swap(name: \"a\")])";
+    fails(swap, "expected a string in double quotes, found `name:`", "name", label);
+}
+
+#[test]
+fn what_is_not_in_parentheses_is_named() {
+    let range = |range: &str| {
+        format!("(version: 1, passes: [], params: {{\"a\": Const(Int(default: 1, range: {range}))}})")
+    };
+    let fails = |text: &str, found: &str, at: &str| {
+        fails(&range(text), &format!("expected `(a, b)`, found {found}"), at, "expected `(a, b)`")
+    };
+    fails("\"w\"", "a string", "w");
+    let error = fails("[1, 9]", "a list", "[");
+    assert_eq!(error.help, ["write `(` and `)` in place of `[` and `]`"]);
+}
+
+#[test]
 fn what_follows_the_graph_is_pointed_at() {
     let text = "Graph(version: 1, passes: []) Graph()";
     fails(text, "expected the end of the file, found `Graph`", "Graph", "not expected here");
@@ -214,7 +257,12 @@ fn a_position_beyond_the_text_is_no_trouble() {
         for text in ["", "x", "(a: é)\n", "("] {
             for code in [Error::Eof, Error::ExpectedString, Error::ExpectedComma, Error::Message("m".into())]
             {
-                let error = ron_error(FileId(0), text, &SpannedError { code, span: Span { start, end } });
+                let error = ron_error(
+                    FileId(0),
+                    text,
+                    &SpannedError { code, span: Span { start, end } },
+                    &|_| Ok(()),
+                );
                 assert!(text.get(error.primary.span.start..error.primary.span.end).is_some());
             }
         }
@@ -237,7 +285,7 @@ proptest! {
         let text = String::from_utf8_lossy(&bytes).into_owned();
         if let Err(error) = read(&text) {
             let (files, file) = one_file("a.ron", &text);
-            let diagnostic = ron_error(file, &text, &error);
+            let diagnostic = ron_error(file, &text, &error, &|text| read(text).map(drop));
             let span = diagnostic.primary.span;
             prop_assert!(text.get(span.start..span.end).is_some(), "{diagnostic:?}");
             render(&files, &[diagnostic], false);
