@@ -95,10 +95,12 @@ pub(super) fn touch(
     }
 }
 
-/// Formats a resource's shape: `12 elements of 4 bytes` or `an image of 960 x 540, Rgba16Float`.
+/// Formats a resource's shape: `12 elements of 4 bytes` or `an image of 960 x 540, rgba16f`.
 pub(super) fn describe(resource: &Resource) -> String {
     match resource.shape {
         Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),
-        Shape::Image { format, width, height } => format!("an image of {width} x {height}, {format:?}"),
+        Shape::Image { format, width, height } => {
+            format!("an image of {width} x {height}, {}", format.name())
+        }
     }
 }
