@@ -188,6 +188,10 @@ impl Entry<'_> {
             Some(token) => format!("`{token}`: {}", self.message),
             None => self.message.clone(),
         };
+        let live = self.token.filter(|_| self.message == "undeclared identifier");
+        if let Some(help) = live.and_then(|name| sources.live_help(request, name)) {
+            return Diagnostic::new(message, span, "").with_help(help);
+        }
         let unknown = ["undeclared identifier", "no matching overloaded function found"];
         let label = match self.token.filter(|_| unknown.contains(&self.message.as_str())) {
             Some(name) => {
@@ -203,7 +207,21 @@ impl Entry<'_> {
         let lacks = self.message.strip_prefix("required extension not requested: ");
         match lacks.and_then(|lacks| lacks.split_whitespace().find(|word| word.starts_with("GL_"))) {
             Some(name) => diagnostic.with_help(format!("add `#extension {name} : require` below `#version`")),
-            None => diagnostic,
+            None => match self.hint() {
+                Some(hint) => diagnostic.with_help(hint),
+                None => diagnostic,
+            },
+        }
+    }
+
+    /// Returns what to write instead of common mistakes.
+    fn hint(&self) -> Option<&'static str> {
+        match (self.token, self.message.as_str()) {
+            (_, "boolean expression expected") => Some("compare numbers with 0: `x != 0`"),
+            (Some("non-opaque uniforms outside a block"), _) => Some(
+                "a constant of the graph is defined in capitals, a live parameter is in `live.glsl`, and other numbers are members of a `push_constant` block",
+            ),
+            _ => None,
         }
     }
 }

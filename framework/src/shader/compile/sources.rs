@@ -183,8 +183,35 @@ impl Sources {
         let span = self.span(files, request, unit, place);
         let error =
             Diagnostic::new(format!("`{name}` is not defined"), span, "would count as 0 in this `#if`");
+        if self.live_help(request, name).is_some() {
+            return error.with_help(
+                "a live parameter has no value when a shader is compiled: use `if`, or declare it `Const`",
+            );
+        }
         let defined = request.defines.iter().map(|(name, _)| name.as_str()).chain(self.macros());
         error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
+    }
+
+    /// Explains an undeclared name that refers to a live parameter, which only `live.glsl` declares.
+    pub fn live_help(&self, request: &ShaderRequest, name: &str) -> Option<String> {
+        let (file, text) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
+        let tokens = scan::lex(text);
+        let mut members = tokens.iter().map(|token| token.of(text)).skip_while(|word| *word != "{");
+        let capitals = |member: &str| member.to_uppercase();
+        let member = members.find(|member| {
+            let option = name.strip_prefix(capitals(member).as_str());
+            member.starts_with(|c: char| c.is_ascii_alphabetic())
+                && (*member == name || option.is_some_and(|rest| rest.is_empty() || rest.starts_with('_')))
+        })?;
+        let include = format!("`#include \"{file}\"` declares it");
+        let is_included = self.units.iter().any(|unit| matches!(unit.origin, UnitOrigin::Generated(_)));
+        Some(match member == name {
+            true => format!("`{name}` is a live parameter: {include}"),
+            false if is_included => format!(
+                "`{member}` is a live parameter, without constants: a live choice is the index of its value, from 0"
+            ),
+            false => format!("`{member}` is a live parameter, and a variable in shaders: {include}"),
+        })
     }
 
     /// Returns the error for a mentioned constant that is too large, if any. Shaders have 32-bit numbers, and an `#if`
