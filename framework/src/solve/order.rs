@@ -11,9 +11,9 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::ir::{Accesses, Culled, ResourceId, Run, Source, Work};
+use crate::ir::{Accesses, Culled, ResourceId, Run, Source, Use, Work};
 use crate::link::LinkedPass;
-use crate::lower::Lowered;
+use crate::lower::{Lowered, LoweredPass};
 use crate::source::Diagnostic;
 
 /// The order of the passes: `once` and `frame` are indices into the list of passes, in execution order.
@@ -38,7 +38,14 @@ pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, V
     let mut unwritten = Vec::new();
     let needs = needs(passes, lowered, &users, &mut errors, &mut unwritten);
     if !errors.is_empty() {
-        return Err(errors);
+        // The iterations of a repeat have different names, and the same mistakes at the same places.
+        let mut told: Vec<Diagnostic> = Vec::new();
+        for error in errors {
+            if !told.iter().any(|old| (&old.primary, &old.secondary) == (&error.primary, &error.secondary)) {
+                told.push(error);
+            }
+        }
+        return Err(told);
     }
     if let Some(cycle) = cycle(&needs) {
         return Err(vec![describe_cycle(&cycle, &needs, passes, lowered)]);
@@ -191,11 +198,21 @@ fn never_written(
     // The export copies the words of all statistics, each of which has its own place.
     let mut stats = lowered.plan.stats.iter().zip(&lowered.stat_spans);
     let stat = stats.find(|(stat, _)| stat.buffer == resource && passes[reader].pass.work == Work::Export);
+    let reader_index = reader;
     let (reader, span) = match stat {
         Some((stat, span)) => (format!("the statistic `{}`", stat.name), *span),
         None => (format!("`{}`", passes[reader].pass.name), passes[reader].span),
     };
+    let of_reader =
+        |touch: &&Use| touch.resource == resource && touch.accesses.contains(Accesses::COLOR_READ);
+    let keeps = passes[reader_index].pass.uses.iter().any(|touch| of_reader(&touch));
     let diagnostic = match writers.first() {
+        _ if keeps => Diagnostic::new(
+            format!("{reader} keeps the contents of `{name}`, which nothing has written before"),
+            span,
+            "finds nothing to keep",
+        )
+        .with_help("`load: Clear(0, 0, 0, 1)` starts from a colour"),
         None => Diagnostic::new(
             format!("{reader} reads `{name}`, which no pass writes"),
             span,
@@ -212,6 +229,18 @@ fn never_written(
         ),
     };
     let mut diagnostic = diagnostic.with_label(lowered.declaration(resource).span, "declared here");
+    let is_unused = |pass: &&LoweredPass| {
+        let linked = passes.iter().find(|linked| linked.pass.name == pass.pass.name);
+        linked.is_some_and(|linked| linked.pass.uses.iter().all(|touch| touch.resource != resource))
+    };
+    let mut bound = lowered.passes.iter().filter(|_| writers.is_empty()).flat_map(|pass| {
+        let binds = pass.bind.iter().filter(|bind| bind.resources.contains(&resource));
+        binds.map(move |bind| (pass, bind))
+    });
+    if let Some((pass, bind)) = bound.find(|(pass, _)| is_unused(pass)) {
+        let text = format!("`{}` binds it, and its shader does not use it", pass.pass.name);
+        diagnostic = diagnostic.with_label(bind.block_span, text);
+    }
     for removed in lowered.unwritten.iter().filter(|removed| removed.resource == resource) {
         diagnostic = diagnostic.with_label(
             removed.when,
