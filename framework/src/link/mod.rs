@@ -60,17 +60,9 @@ pub fn link(
             break;
         }
     }
-    let Linker { mut errors, shaders, files, compiler, .. } = linker;
+    let Linker { errors, shaders, files, compiler, .. } = linker;
     if !errors.is_empty() {
-        let mut seen: Vec<Diagnostic> = Vec::new();
-        errors.retain(|e| {
-            let new = !seen.iter().any(|s| s.primary.span == e.primary.span && s.message == e.message);
-            if new {
-                seen.push(e.clone());
-            }
-            new
-        });
-        return Err(errors);
+        return Err(Diagnostic::distinct(errors));
     }
     // Uncompiled shaders only affect messages: the plan does not depend on their files.
     let mentioned = files.aside(|files| effects::mentioned(&lowered, &passes, files, compiler));

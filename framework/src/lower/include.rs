@@ -96,7 +96,17 @@ impl Lowering<'_> {
         let before = self.errors.len();
         let scope = Scope { names, params, exposed: parameters.exposed.clone() };
         let mut inner = self.level(opened, scope, prefix);
+        if self.errors.len() > before {
+            return Ok(());
+        }
         let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
+        if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
+            let at = place.field("with").field(unknown);
+            let diagnostic =
+                Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
+            let ports = opened.graph.ports.keys().map(String::as_str);
+            return Err(diagnostic.with_nearest(unknown, ports, ""));
+        }
         for (port_name, port) in &opened.graph.ports {
             let Some(given) = with.get(port_name) else {
                 let span = opened.root.field("ports").field(port_name).key();
@@ -135,13 +145,6 @@ impl Lowering<'_> {
             let handle =
                 handle.map(|handle| self.port(port_name, port, handle, &inner, &port_at, &at)).transpose()?;
             inner.handles.insert(port_name.clone(), handle);
-        }
-        if let Some(unknown) = with.keys().find(|k| !opened.graph.ports.contains_key(*k)) {
-            let at = place.field("with").field(unknown);
-            let diagnostic =
-                Diagnostic::new(format!("`{graph}` has no port `{unknown}`"), at.key(), "given here");
-            let ports = opened.graph.ports.keys().map(String::as_str);
-            return Err(diagnostic.with_nearest(unknown, ports, ""));
         }
         inner.include = Some(self.included.len());
         let chosen = level.names.take_notes().decided;

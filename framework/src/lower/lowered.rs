@@ -6,6 +6,7 @@ use std::rc::Rc;
 
 use crate::ir::{FileId, ParamSet, Pass, Reason, ResourceId, Span, Value};
 use crate::plan::Plan;
+use crate::source::Diagnostic;
 
 /// A lowered graph: only dispatches, draws and fills, in the order of the file.
 #[derive(Clone, Debug)]
@@ -26,6 +27,8 @@ pub struct Lowered {
     pub includes: Vec<LoweredInclude>,
     /// Ping-pong buffers that a repeat uses and does not swap.
     pub unswapped: Vec<Unswapped>,
+    /// Warnings about dispatches and draws whose size is 0 in every plan.
+    pub idle: Vec<Diagnostic>,
     /// Place of the output's name in the file.
     pub output_span: Span,
     /// Places of the plan's statistics in the file, in the same order.

@@ -1,7 +1,7 @@
 //! Defines the state of the walk over the passes, and the state of each graph file in it.
 
 use indexmap::IndexMap;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use super::declared::{Exposed, Known};
@@ -15,7 +15,7 @@ use super::scope::Names;
 use crate::expr::unknown_name;
 use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
 use crate::plan::Plan;
-use crate::schema::{Graph, Number};
+use crate::schema::{Expression, Graph, Number};
 use crate::source::{Diagnostic, Place, SourceMap};
 
 /// Maximum number of passes after repeats, so that a typing error cannot exhaust memory.
@@ -55,6 +55,7 @@ pub(super) struct Lowering<'a> {
     pub includes: Vec<FileId>,
     pub included: Vec<LoweredInclude>,
     pub unswapped: Vec<Unswapped>,
+    pub idle: Vec<Diagnostic>,
 }
 
 /// One graph file in the walk: the root, or an include.
@@ -148,6 +149,24 @@ fn declarations_of(define: &str, opened: &Opened, params: &[Param]) -> Vec<Span>
     params.chain(opened.graph.lets.keys().filter_map(|name| own("let", name))).collect()
 }
 
+/// Returns true if the value of the `let` `from` depends on the `let` `on`, directly or through other `let`s.
+fn needs(lets: &IndexMap<String, Number>, from: &str, on: &str) -> bool {
+    let (mut open, mut seen) = (vec![from], BTreeSet::new());
+    while let Some(name) = open.pop() {
+        let Some(Number::Expression(Expression { parsed: Ok(expression), .. })) = lets.get(name) else {
+            continue;
+        };
+        if !seen.insert(name) {
+            continue;
+        }
+        open.extend(expression.names().map(|(name, _)| name));
+        if open.contains(&on) {
+            return true;
+        }
+    }
+    false
+}
+
 impl<'a> Lowering<'a> {
     pub fn new(request: &'a Request<'a>, files: &'a mut SourceMap) -> Self {
         Lowering {
@@ -175,13 +194,16 @@ impl<'a> Lowering<'a> {
             includes: Vec::new(),
             included: Vec::new(),
             unswapped: Vec::new(),
+            idle: Vec::new(),
         }
     }
 
     /// Creates a level, and evaluates its `let`s.
     pub(super) fn level(&mut self, opened: &Opened, scope: Scope, prefix: String) -> Level {
         let Scope { mut names, params, exposed } = scope;
-        for (name, number) in &opened.graph.lets {
+        let lets = &opened.graph.lets;
+        let mut failed: Vec<&String> = Vec::new();
+        for (name, number) in lets {
             let place = opened.root.field("let").field(name);
             let taken = "the name is already used by a parameter, a fact or a `let`";
             if let Err(error) = names.check_new(name, "a `let`", taken, place.key()) {
@@ -200,19 +222,36 @@ impl<'a> Lowering<'a> {
                         let (name, span, decided) = (name.clone(), place.key(), read.clone());
                         self.skipped.push(SkippedUse { params, name, span, decided, reason });
                     }
+                    if names.is_constant(number) {
+                        names.constants.insert(name.clone());
+                    }
                     names.define(name, value, read);
                 }
                 Err(diagnostic) => {
-                    let below = |later: &&String| diagnostic.primary.text == unknown_name(later);
-                    let mut later = opened.graph.lets.keys().skip_while(|other| *other != name);
-                    self.errors.push(match later.find(below) {
+                    let unknown = |other: &&String| diagnostic.primary.text == unknown_name(other);
+                    // An unknown name that has an error of its own is a consequence of that error.
+                    let told = failed.iter().any(|other| unknown(other));
+                    failed.push(name);
+                    if told {
+                        continue;
+                    }
+                    let at = |name: &String| opened.root.field("let").field(name).key();
+                    self.errors.push(match lets.keys().skip_while(|other| *other != name).find(unknown) {
                         None => diagnostic,
-                        Some(later) => {
-                            let declared = opened.root.field("let").field(later).key();
-                            Diagnostic { help: Vec::new(), ..diagnostic }
-                                .with_label(declared, "declared below")
-                                .with_help("a `let` can use only those above it: move this one down")
+                        Some(later) if needs(lets, later, name) => {
+                            let message = format!("the value of `{name}` depends on itself");
+                            let span = diagnostic.primary.span;
+                            let error = Diagnostic::new(message, span, format!("needs `{later}`"));
+                            match later == name {
+                                true => error,
+                                false => {
+                                    error.with_label(at(later), format!("needs `{name}`, directly or not"))
+                                }
+                            }
                         }
+                        Some(later) => Diagnostic { help: Vec::new(), ..diagnostic }
+                            .with_label(at(later), "declared below")
+                            .with_help("a `let` can use only those above it: move this one down"),
                     });
                 }
             }

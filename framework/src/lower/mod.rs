@@ -134,11 +134,12 @@ pub fn lower_candidate(
             unwritten: walk.unwritten,
             includes: walk.included,
             unswapped: walk.unswapped,
+            idle: walk.idle,
             output_span,
             stat_spans,
             live,
         }),
-        _ => Err(walk.errors),
+        _ => Err(Diagnostic::distinct(walk.errors)),
     }
 }
 

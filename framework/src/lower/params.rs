@@ -8,6 +8,7 @@ use super::document::{Opened, Setting};
 use super::lowered::SkippedUse;
 use super::reserved::is_reserved;
 use super::scope::{Names, check_identifier, describe, is_identifier};
+use crate::expr::unknown_name;
 use crate::ir::{
     Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,
 };
@@ -113,8 +114,18 @@ pub(super) fn resolve(
                 }
                 params[index] = Some((param, unset));
             }
-            Err(diagnostic) => {
+            Err(mut diagnostic) => {
                 failed.insert(name);
+                let mut lets = root.graph.lets.keys().chain(declared.graph().lets.keys());
+                if lets.any(|name| diagnostic.primary.text == unknown_name(name)) {
+                    let other = match declared.around.is_empty() {
+                        true => "",
+                        false => ", or do not expose the parameter that needs it",
+                    };
+                    diagnostic.help = vec![format!(
+                        "parameters get their values before any `let`: use parameters and facts{other}"
+                    )];
+                }
                 errors.push(diagnostic);
             }
         }

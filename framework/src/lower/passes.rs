@@ -59,6 +59,12 @@ impl Lowering<'_> {
                     return Ok(());
                 }
                 let size_place = place.field("size");
+                if let Size::Threads(extent) | Size::Groups(extent) = size {
+                    let numbers = extent.0.iter().enumerate();
+                    numbers.for_each(|(axis, number)| {
+                        self.note_idle(level, name, number, &size_place.index(axis));
+                    });
+                }
                 let size = match size {
                     Size::Threads(extent) => LoweredSize::Threads(level.names.extent(extent, &size_place)?),
                     Size::Groups(extent) => LoweredSize::Groups(level.names.extent(extent, &size_place)?),
@@ -93,8 +99,9 @@ impl Lowering<'_> {
                 let call_place = place.field("call");
                 let call = match call {
                     Call::Direct { vertices, instances } => {
-                        let count = |number, field| -> Result<u32, Diagnostic> {
+                        let mut count = |number, field| -> Result<u32, Diagnostic> {
                             let at = call_place.field(field);
+                            self.note_idle(level, name, number, &at);
                             let n = level.names.natural(number, &at)?;
                             u32::try_from(n)
                                 .map_err(|_| at.error("this does not fit in 32 bits", format!("is {n}")))
@@ -186,6 +193,14 @@ impl Lowering<'_> {
                 }
                 result
             }
+        }
+    }
+
+    /// Warns if a size of a pass is 0 in every plan.
+    fn note_idle(&mut self, level: &Level, pass: &str, size: &Number, at: &Place) {
+        if level.names.is_constant(size) && level.names.evaluate(size, at) == Ok(Value::Int(0)) {
+            let warning = at.error(format!("no shader of `{pass}` ever runs"), "is 0");
+            self.idle.push(warning.with_help("to leave a pass out, give it `when: false`"));
         }
     }
 

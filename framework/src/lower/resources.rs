@@ -5,10 +5,10 @@ use super::lowering::{Handle, History, Level, Lowering, PingPong};
 use super::scope::{check_identifier, describe, is_identifier};
 
 use crate::expr::Scope;
-use crate::ir::{Format, HostBuffer, ParamSet, ResourceId, Shape, Source, Span, Usage, Value};
+use crate::ir::{Catalog, Format, HostBuffer, ParamSet, ResourceId, Shape, Source, Span, Usage, Value};
 use crate::plan::Resource;
 use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
-use crate::source::{Diagnostic, Place};
+use crate::source::{Diagnostic, Place, nearest};
 
 impl Lowering<'_> {
     pub(super) fn declare(&mut self, level: &mut Level) {
@@ -290,8 +290,7 @@ impl Lowering<'_> {
                 Some(None) => return Ok(None),
                 Some(Some(when)) => return Err(diagnostic.with_label(*when, "its include is left out here")),
             }
-            let names = level.handles.keys().map(String::as_str);
-            return Err(diagnostic.with_nearest(name, names, ""));
+            return Err(self.suggest_resource(level, name, diagnostic));
         };
         level.note_given(name);
         let Some(handle) = handle else { return Ok(None) };
@@ -307,6 +306,44 @@ impl Lowering<'_> {
                 format!("`{name}` has no front and back"),
                 span,
                 "declared without `ping_pong: true`",
+            )),
+        }
+    }
+
+    /// Adds to the error about an unknown resource what may be meant by its name.
+    fn suggest_resource(&self, level: &Level, name: &str, error: Diagnostic) -> Diagnostic {
+        let names = || level.handles.keys().map(String::as_str);
+        let Catalog { attributes, uniforms, buffers } = self.request.catalog;
+        if attributes.contains_key(name) || uniforms.contains_key(name) || buffers.contains_key(name) {
+            let last = name.rsplit('.').next().unwrap_or(name);
+            return error.with_help(format!("import it: `imports: {{ \"{last}\": (from: \"{name}\") }}`"));
+        }
+        let Some((include, _)) = name.split_once('.').filter(|_| nearest(name, names()).is_none()) else {
+            return error.with_nearest(name, names(), "");
+        };
+        let of = |include: &str| {
+            let prefix = format!("{include}.");
+            let own = names().filter(|name| name.starts_with(&prefix)).map(|name| format!("`{name}`"));
+            own.collect::<Vec<_>>().join(", ")
+        };
+        let includes: Vec<&str> = self
+            .included
+            .iter()
+            .filter(|known| known.parent == level.include)
+            .collect::<Vec<_>>()
+            .iter()
+            .map(|known| known.name.strip_prefix(&level.prefix).unwrap_or(&known.name))
+            .collect();
+        let near = if includes.contains(&include) { Some(include) } else { nearest(include, includes) };
+        match near {
+            None => error,
+            Some(near) if near != include => error.with_help(format!("did you mean the include `{near}`?")),
+            Some(_) if of(include).is_empty() => error.with_help(format!(
+                "the include `{include}` has no resources of its own: what its ports are given has this graph's names"
+            )),
+            Some(_) => error.with_help(format!(
+                "the include `{include}` has {}; what its ports are given has this graph's names",
+                of(include)
             )),
         }
     }
@@ -343,6 +380,11 @@ impl Lowering<'_> {
             Port::Buffer { stride, ping_pong } => (stride, ping_pong),
             Port::Image { format } => return self.image_port(name, format, given, inner, port_at, at),
         };
+        if let Handle::Plain(ids) = &given
+            && let Shape::Image { .. } = self.plan.resources[ids[0].index()].shape
+        {
+            return Err(at.error(format!("the port `{name}` takes a buffer"), "this is an image"));
+        }
         let handle = match (given, ping_pong) {
             (Handle::PingPong(index), false) => Handle::Plain(vec![self.ping_pongs[index].in_front()]),
             (Handle::Plain(_), true) => {
@@ -359,14 +401,11 @@ impl Lowering<'_> {
         };
         let wanted = inner.names.positive(stride, &port_at.field("stride"))?;
         match self.plan.resources[first.index()].shape {
-            Shape::Buffer { stride, .. } if stride == wanted => Ok(handle),
-            Shape::Buffer { stride, .. } => Err(at.error(
+            Shape::Buffer { stride, .. } if stride != wanted => Err(at.error(
                 format!("the port `{name}` takes elements of {wanted} bytes"),
                 format!("has elements of {stride}"),
             )),
-            Shape::Image { .. } => {
-                Err(at.error(format!("the port `{name}` takes a buffer"), "this is an image"))
-            }
+            _ => Ok(handle),
         }
     }
 

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::lowered::Extent;
-use crate::expr::{ExprError, Scope};
+use crate::expr::{ExprError, Scope, unknown_name};
 use crate::ir::{Domain, Facts, OUTPUTS, ParamSet, Reason, Span, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Place};
@@ -18,6 +18,8 @@ pub(super) struct Names {
     pub values: Values,
     /// Live parameters, which have no value when the plan is built.
     pub live: BTreeSet<String>,
+    /// `let`s with the same value in every plan.
+    pub constants: BTreeSet<String>,
     /// The parameters of the root graph that each name depends on; names without any are absent.
     pub params: BTreeMap<String, ParamSet>,
     /// The options of the parameters that are choices.
@@ -148,6 +150,17 @@ impl Names {
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
     }
 
+    /// Returns true if a number has the same value in every plan: it uses no parameter, no fact, and no variable of a
+    /// repeat.
+    pub fn is_constant(&self, number: &Number) -> bool {
+        match number {
+            Number::Literal(_) => true,
+            Number::Expression(Expression { parsed, .. }) => parsed
+                .as_ref()
+                .is_ok_and(|expression| expression.names().all(|(name, _)| self.constants.contains(name))),
+        }
+    }
+
     pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
         match number {
             Number::Literal(value) => Ok(value.clone()),
@@ -158,8 +171,11 @@ impl Names {
     pub fn expression(&self, expression: &Expression, place: &Place) -> Result<Value, Diagnostic> {
         let show = |error: ExprError| {
             let span = place.within_string(error.start..error.end);
-            let diagnostic = Diagnostic::new("this expression has no value", span, error.message);
-            match error.help {
+            let is_unknown = |option: &&String| error.message == unknown_name(option);
+            let option = self.options.values().flatten().find(is_unknown);
+            let option = option.map(|option| format!("texts are in single quotes: `'{option}'`"));
+            let diagnostic = Diagnostic::new("this expression has no value", span, error.message.as_str());
+            match option.or(error.help) {
                 Some(help) => diagnostic.with_help(help),
                 None => diagnostic,
             }

@@ -4,6 +4,7 @@
 //! - Culled passes of an include write to a port whose resource is read outside. Either they write the half of a
 //!   ping-pong buffer that no pass reads, or the reader comes first in the file. The reader gets the contents from
 //!   before the include.
+//! - A dispatch or a draw has a constant size of 0.
 //! - The iterations of a repeat read the same half of a ping-pong buffer and write the other: a `Swap` is missing.
 
 use super::order::Order;
@@ -33,6 +34,7 @@ pub(super) fn warnings(
     }
     found.extend(idle_includes(passes, &order.live, lowered));
     found.extend(unswapped(passes, &order.live, lowered));
+    found.extend(Diagnostic::distinct(lowered.idle.clone()));
     let warning =
         |diagnostic: Diagnostic| Warning { origin: files.origin(diagnostic.primary.span), diagnostic };
     found.into_iter().map(warning).collect()

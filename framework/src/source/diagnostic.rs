@@ -45,6 +45,18 @@ impl Diagnostic {
         self
     }
 
+    /// Removes repetitions: diagnostics with the message and the place of an earlier one. A file that is included twice
+    /// has each of its errors twice.
+    pub fn distinct(diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
+        let mut kept: Vec<Diagnostic> = Vec::new();
+        for new in diagnostics {
+            if !kept.iter().any(|old| (old.primary.span, &old.message) == (new.primary.span, &new.message)) {
+                kept.push(new);
+            }
+        }
+        kept
+    }
+
     /// Suggests the candidate nearest to `name`. If none is near, adds `otherwise` as help, unless it is empty.
     pub fn with_nearest<'a>(
         self,
