@@ -35,6 +35,7 @@ mod formats;
 mod gltf;
 pub mod harmonics;
 mod input;
+mod json;
 mod ksplat;
 pub mod memory;
 mod mesh;

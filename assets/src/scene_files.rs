@@ -4,12 +4,14 @@ use crate::composition;
 use crate::error::SceneError;
 use crate::file;
 use crate::input::{HEAD, OpenFile, Source};
+use crate::json;
 use crate::words::word;
 use crate::{gltf, rad};
 use percent_encoding::percent_decode_str;
-use serde::Deserialize;
-use serde_json::Value;
+use serde::Deserializer;
+use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use std::collections::BTreeSet;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Maximum length of a JSON document that is searched for names, in bytes.
@@ -68,13 +70,18 @@ fn named(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
     }
     let mut text = vec![0; length as usize];
     source.read(start, &mut text)?;
+    // A document beyond this limit is not read as a scene either.
+    if json::check(&text).is_err() {
+        return Ok(Vec::new());
+    }
     // A binary file pads its text.
-    let value = Value::deserialize(&mut serde_json::Deserializer::from_slice(&text)).unwrap_or_default();
     let mut names = BTreeSet::new();
-    texts(&value, &mut names);
+    if Names(&mut names).deserialize(&mut serde_json::Deserializer::from_slice(&text)).is_err() {
+        return Ok(Vec::new());
+    }
     // The names of glTF are URIs.
     let uris = names.iter().map(|name| percent_decode_str(name).decode_utf8_lossy().into_owned());
-    let all: BTreeSet<String> = uris.chain(names.iter().map(|name| (*name).to_owned())).collect();
+    let all: BTreeSet<String> = uris.chain(names.iter().cloned()).collect();
     Ok(all
         .iter()
         .filter(|name| !name.is_empty())
@@ -82,12 +89,61 @@ fn named(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
         .collect())
 }
 
-fn texts<'a>(value: &'a Value, names: &mut BTreeSet<&'a str>) {
-    match value {
-        Value::String(text) if text.len() <= MAX_NAME => _ = names.insert(text),
-        Value::Array(values) => values.iter().for_each(|value| texts(value, names)),
-        Value::Object(fields) => fields.values().for_each(|value| texts(value, names)),
-        _ => {}
+/// Collects the strings of a document that can be names, without its tree, which takes many times the memory of its text.
+struct Names<'a>(&'a mut BTreeSet<String>);
+
+impl<'de> DeserializeSeed<'de> for Names<'_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Names<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a value")
+    }
+
+    fn visit_bool<E>(self, _: bool) -> Result<(), E> {
+        Ok(())
+    }
+
+    fn visit_i64<E>(self, _: i64) -> Result<(), E> {
+        Ok(())
+    }
+
+    fn visit_u64<E>(self, _: u64) -> Result<(), E> {
+        Ok(())
+    }
+
+    fn visit_f64<E>(self, _: f64) -> Result<(), E> {
+        Ok(())
+    }
+
+    fn visit_unit<E>(self) -> Result<(), E> {
+        Ok(())
+    }
+
+    fn visit_str<E>(self, text: &str) -> Result<(), E> {
+        if (1..=MAX_NAME).contains(&text.len()) && !self.0.contains(text) {
+            self.0.insert(text.to_owned());
+        }
+        Ok(())
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<(), A::Error> {
+        while list.next_element_seed(Names(self.0))?.is_some() {}
+        Ok(())
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut fields: A) -> Result<(), A::Error> {
+        while fields.next_key::<IgnoredAny>()?.is_some() {
+            fields.next_value_seed(Names(self.0))?;
+        }
+        Ok(())
     }
 }
 

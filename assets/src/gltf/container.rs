@@ -3,6 +3,7 @@
 use super::document::{Buffer, BufferView, Document, item, wrong};
 use crate::error::{SceneError, field};
 use crate::input::{OpenFile, Source};
+use crate::json;
 use crate::uri::{self, Resource};
 use crate::words;
 use std::path::Path;
@@ -99,6 +100,7 @@ pub(super) fn json(source: &Source) -> Result<Vec<u8>, SceneError> {
     }
     let mut text = vec![0; length as usize];
     source.read(at, &mut text)?;
+    json::check(&text).map_err(|message| field(at, "JSON", message))?;
     Ok(text)
 }
 

@@ -10,6 +10,7 @@ use super::image::{self, MAX_TEXELS};
 use crate::error::SceneError;
 use crate::file;
 use crate::gltf::MAGIC;
+use crate::json;
 use crate::uri::{self, Resource};
 use crate::words::word;
 use glam::{DMat3, DMat4, DVec3};
@@ -19,7 +20,7 @@ use gltf::mesh::{Mode, Primitive};
 use gltf::{Accessor, Document, Gltf, Semantic};
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -40,6 +41,7 @@ impl Mesh {
     /// image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
+        json::check(json_of(bytes)).map_err(|message| wrong("glTF", message))?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
         if let Some(extension) = gltf.extensions_required().next() {
             let message = format!("expected no required extension, found {extension}");
@@ -48,15 +50,18 @@ impl Mesh {
         let Gltf { document, blob } = gltf;
         let json = document.into_json();
         check_accessors(&json)?;
-        let document = Document::from_json(json).map_err(|error| wrong("glTF", error))?;
-        let files = Files { folder, blob: blob.as_deref() };
+        let document = Document::from_json(json).map_err(invalid)?;
+        let files = Files::read(&document, folder)?;
         let buffers = document.buffers().map(|buffer| {
             let part = format!("buffer {}", buffer.index());
             let bytes = match buffer.source() {
                 gltf::buffer::Source::Bin => {
-                    Cow::Borrowed(files.blob.ok_or_else(|| wrong(&part, "expected a binary chunk"))?)
+                    Cow::Borrowed(blob.as_deref().ok_or_else(|| wrong(&part, "expected a binary chunk"))?)
                 }
-                gltf::buffer::Source::Uri(uri) => Cow::Owned(files.read(uri, &part)?),
+                gltf::buffer::Source::Uri(uri) => match resolve(uri, folder, &part)? {
+                    Resource::Data(bytes) => Cow::Owned(bytes),
+                    Resource::File(path) => Cow::Borrowed(files.bytes(&path)),
+                },
             };
             match bytes.len() < buffer.length() {
                 true => {
@@ -68,7 +73,7 @@ impl Mesh {
         let buffers = buffers.collect::<Result<Vec<_>, _>>()?;
         let mut reader = Reader {
             document: &document,
-            files,
+            folder,
             buffers,
             images: HashMap::new(),
             materials: HashMap::new(),
@@ -118,25 +123,72 @@ fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
     Ok(())
 }
 
-struct Files<'a> {
-    folder: Option<&'a Path>,
-    blob: Option<&'a [u8]>,
+/// Returns the JSON of a text or binary file. [`check_length`] has accepted the file.
+fn json_of(bytes: &[u8]) -> &[u8] {
+    match bytes.strip_prefix(MAGIC) {
+        // The header's other 8 bytes, and the length and the type of the first chunk.
+        Some(_) => bytes.get(20..).map_or(&[], |rest| &rest[..rest.len().min(word(bytes, 12) as usize)]),
+        None => bytes,
+    }
 }
 
-impl Files<'_> {
-    /// Reads the bytes that a URI refers to.
-    fn read(&self, name: &str, part: &str) -> Result<Vec<u8>, SceneError> {
-        let unreadable = |error| wrong(part, format!("{}: {error}", uri::shown(name)));
-        match uri::resolve(name, self.folder).map_err(|message| wrong(part, message))? {
-            Resource::Data(bytes) => Ok(bytes),
-            Resource::File(path) => file::read(path, MAX_BYTES).map_err(unreadable),
+/// Shows the first of the errors of an invalid document. There can be millions.
+fn invalid(error: gltf::Error) -> SceneError {
+    match error {
+        gltf::Error::Validation(errors) if !errors.is_empty() => {
+            let (path, first) = &errors[0];
+            let more = errors.len() - 1;
+            let others = if more > 0 { format!(", and {more} more") } else { String::new() };
+            wrong("glTF", format!("expected a valid document, found: {path}: {first}{others}"))
         }
+        error => wrong("glTF", error),
+    }
+}
+
+fn resolve(name: &str, folder: Option<&Path>, part: &str) -> Result<Resource, SceneError> {
+    uri::resolve(name, folder).map_err(|message| wrong(part, message))
+}
+
+/// The files of a document's buffers. Buffers that name the same file share its bytes.
+struct Files(HashMap<PathBuf, Vec<u8>>);
+
+impl Files {
+    /// Reads each file once, up to the length of the longest buffer that names it.
+    fn read(document: &Document, folder: Option<&Path>) -> Result<Self, SceneError> {
+        let mut longest: HashMap<PathBuf, gltf::Buffer> = HashMap::new();
+        for buffer in document.buffers() {
+            let gltf::buffer::Source::Uri(uri) = buffer.source() else { continue };
+            if uri.starts_with("data:") {
+                continue;
+            }
+            if let Resource::File(path) = resolve(uri, folder, &format!("buffer {}", buffer.index()))? {
+                let known = longest.entry(path).or_insert_with(|| buffer.clone());
+                if known.length() < buffer.length() {
+                    *known = buffer;
+                }
+            }
+        }
+        let read = longest.into_iter().map(|(path, buffer)| {
+            let length = buffer.length() as u64;
+            let part = format!("buffer {}", buffer.index());
+            if length > MAX_BYTES {
+                return Err(wrong(part, format!("expected at most {MAX_BYTES} bytes, found {length}")));
+            }
+            let bytes = file::read_start(&path, length);
+            let name = path.file_name().unwrap_or_default().display().to_string();
+            bytes.map(|bytes| (path, bytes)).map_err(|error| wrong(part, format!("{name}: {error}")))
+        });
+        read.collect::<Result<_, _>>().map(Self)
+    }
+
+    fn bytes(&self, path: &Path) -> &[u8] {
+        self.0.get(path).map_or(&[], Vec::as_slice)
     }
 }
 
 struct Reader<'a> {
     document: &'a Document,
-    files: Files<'a>,
+    folder: Option<&'a Path>,
     buffers: Vec<Cow<'a, [u8]>>,
     images: HashMap<usize, Texture>,
     /// Indices of materials in the mesh, by index in the file; `None` is the default material.
@@ -368,7 +420,11 @@ impl<'a> Reader<'a> {
         // The JSON is read directly: `gltf::Image::source` panics if the MIME type is missing.
         let image = &self.document.as_json().images[index];
         let bytes = match (&image.uri, &image.buffer_view) {
-            (Some(uri), _) => Cow::Owned(self.files.read(uri, &part)?),
+            (Some(uri), _) => Cow::Owned(match resolve(uri, self.folder, &part)? {
+                Resource::Data(bytes) => bytes,
+                Resource::File(path) => file::read(path, MAX_BYTES)
+                    .map_err(|error| wrong(&part, format!("{}: {error}", uri::shown(uri))))?,
+            }),
             (None, Some(view)) => {
                 let view = self.document.views().nth(view.value());
                 Cow::Borrowed(self.view(&view.ok_or_else(|| wrong(&part, "has no buffer view"))?, &part)?)

@@ -151,6 +151,35 @@ fn mistakes_are_told_with_their_part() {
 }
 
 #[test]
+fn a_document_of_too_many_objects_is_refused_before_it_is_parsed() {
+    let nodes = format!("\"nodes\":[{}", "{},".repeat(3 << 20));
+    let text = said("\"nodes\":[", &nodes);
+    assert!(text.contains("expected JSON with at most 8388608 bytes outside of strings, found"), "{text}");
+    // Of millions of errors in a document, the first is shown.
+    let text = said("\"nodes\":[{\"mesh\":0}", "\"nodes\":[{\"mesh\":7},{\"mesh\":8},{\"mesh\":9}");
+    assert!(text.contains("nodes[0].mesh: Index out of bounds, and 2 more"), "{text}");
+}
+
+#[cfg(unix)]
+#[test]
+fn buffers_share_the_start_of_the_file_that_they_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("one.bin");
+    let corners = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    std::fs::write(&path, corners.map(f32::to_le_bytes).as_flattened()).unwrap();
+    // A sparse file, which takes no space.
+    std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(1 << 40).unwrap();
+    let uri = "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}";
+    let text = changed(uri, "one.bin\"},{\"byteLength\":12,\"uri\":\"./one.bin\"}");
+    let read = |text: &str| Mesh::parse(text.as_bytes(), Some(folder.path()));
+    assert!(read(&text).is_err_and(|error| error.to_string().contains("in the folder of the document")));
+    let text = text.replace("./one", "%6Fne");
+    assert_eq!(read(&text).unwrap().positions, [[0.0; 3], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]);
+    let said = read(&text.replace(":12", ":1073741825")).unwrap_err().to_string();
+    assert!(said.contains("buffer 1`: expected at most 1073741824 bytes, found 1073741825"), "{said}");
+}
+
+#[test]
 fn a_binary_file_that_was_cut_short_is_told_with_both_lengths() {
     let whole = glb(&mesh());
     let told = |length: usize| Mesh::parse(&whole[..length], None).expect_err("it is refused").to_string();

@@ -9,6 +9,7 @@ use super::meta::malformed;
 use super::read;
 use crate::error::SceneError;
 use crate::input::{Input, OpenFile, SceneHeader, Source, beside};
+use crate::json;
 use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
@@ -82,6 +83,7 @@ impl Level {
             return Err(wrong("length", format!("at most {MAX_JSON} bytes"), length));
         }
         let text = source.head(length as usize)?;
+        json::check(&text).map_err(|message| damaged(NAME, message))?;
         let document: Document = serde_json::from_slice(&text).map_err(|error| malformed(NAME, &error))?;
         if let Some(found) = document.version.filter(|version| *version != 1) {
             return Err(wrong("version", "1".into(), found));
