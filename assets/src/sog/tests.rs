@@ -328,7 +328,7 @@ fn in_a_list_a_level_is_that_of_the_scenes_with_levels() {
         (header.map_err(|error| error.to_string()), scene.map_err(|error| error.to_string()))
     };
     let mixed = r#"Scenes([Scene(file: "a.ply"), Scene(file: "lod-meta.json")])"#;
-    assert_eq!([load(mixed, 0), load(mixed, 1)], [7, 6].map(|count| (Ok(count), Ok(count))));
+    assert_eq!([load(mixed, 0), load(mixed, 1)], [(Ok(7), Ok(7)), (Ok(6), Ok(6))]);
     for (text, level, why) in [
         (r#"Scenes([Scene(file: "a.ply")])"#, 0, "expected a scene with levels"),
         (mixed, 2, "to 1, the coarsest, found 2"),
