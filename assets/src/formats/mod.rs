@@ -3,7 +3,7 @@
 use crate::composition::{self, Placed};
 use crate::error::{LoadError, SceneError};
 use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
-use crate::memory;
+use crate::memory::{self, SceneMemoryError};
 use crate::mesh::Mesh;
 use crate::recognise;
 use crate::scene::{FileNotes, Filter, Scene, SortKey};
@@ -15,6 +15,8 @@ use crate::spz::SpzVersion;
 use crate::words::word;
 use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
 use rayon::prelude::*;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::io::Write;
 use std::path::Path;
 
@@ -44,9 +46,9 @@ fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene
 }
 
 /// Content of a file; `T` represents a single scene.
-enum Found<T> {
+enum Found<T, M = Mesh> {
     One(T),
-    Mesh(Mesh),
+    Mesh(M),
     /// The parts of a composition.
     Several(Vec<Placed>),
 }
@@ -62,11 +64,12 @@ pub enum Content {
 
 /// Opens a file, or the document of a folder, and reads its content.
 ///
-/// `one` reads a single scene; this function reads a mesh or a composition itself.
-fn open<T>(
+/// `one` reads a single scene, and `mesh` a mesh; this function reads a composition itself.
+fn open<T, M>(
     path: &Path,
     one: impl FnOnce(&Source, &Path) -> Result<T, SceneError>,
-) -> Result<Found<T>, LoadError> {
+    mesh: impl FnOnce(&Source, &Path) -> Result<M, SceneError>,
+) -> Result<Found<T, M>, LoadError> {
     let document = document(path);
     let path = document.as_deref().unwrap_or(path);
     let inner = || {
@@ -153,24 +156,48 @@ impl SceneHeader {
     /// The errors of [`Scene::load_level`] that the headers and the files' lengths reveal.
     pub fn load_level(path: impl AsRef<Path>, level: Option<u32>) -> Result<Self, LoadError> {
         let path = path.as_ref();
-        let of = |source: &Source, path: &Path| Self::of(source, path, level);
-        let parts = match open(path, of)? {
-            Found::One(header) => return Ok(header),
-            Found::Mesh(_) => return Err(alone(path)),
-            Found::Several(parts) => parts,
-        };
-        let has_levels = parts_with_levels(&parts, level).map_err(|error| within(path, error))?;
-        let of = |part: &Placed, has_levels: bool| {
-            open(&part.file, |source, path| Self::of(source, path, level.filter(|_| has_levels)))
-        };
-        let all = parts.iter().zip(has_levels).map(|(part, has_levels)| match of(part, has_levels)? {
+        match Self::open(path, level)? {
             Found::One(header) => Ok(header),
-            Found::Mesh(_) => Ok(Self { count: 0, stored_degree: 0 }),
-            Found::Several(_) => Err(nested(&part.file)),
+            Found::Mesh(()) => Err(alone(path)),
+            Found::Several(parts) => {
+                let all = Self::of_parts(&parts, level).map_err(|error| within(path, error))?;
+                Ok(Self::joined(&all))
+            }
+        }
+    }
+
+    fn open(path: &Path, level: Option<u32>) -> Result<Found<Self, ()>, LoadError> {
+        open(path, |source, path| Self::of(source, path, level), |_, _| Ok(()))
+    }
+
+    /// Reads the headers of a composition's parts, each file once. A mesh has 0 splats.
+    fn of_parts(parts: &[Placed], level: Option<u32>) -> Result<Vec<Self>, LoadError> {
+        let mut known = HashMap::new();
+        let header =
+            |part: &Placed, has_levels: bool| match Self::open(&part.file, level.filter(|_| has_levels))? {
+                Found::One(header) => Ok(header),
+                Found::Mesh(()) => Ok(Self { count: 0, stored_degree: 0 }),
+                Found::Several(_) => Err(nested(&part.file)),
+            };
+        let has_levels = parts_with_levels(parts, level)?;
+        let all = parts.iter().zip(has_levels).map(|(part, has_levels)| match known.entry(&part.file) {
+            Entry::Occupied(known) => Ok(*known.get()),
+            Entry::Vacant(unknown) => Ok(*unknown.insert(header(part, has_levels)?)),
         });
-        let all: Vec<Self> = all.collect::<Result<_, _>>().map_err(|error| within(path, error))?;
+        all.collect()
+    }
+
+    fn joined(all: &[Self]) -> Self {
         let stored_degree = all.iter().map(|header| header.stored_degree).max().unwrap_or(0);
-        Ok(Self { count: all.iter().map(|header| header.count).sum(), stored_degree })
+        Self { count: all.iter().map(|header| header.count).sum(), stored_degree }
+    }
+
+    /// Fails if the scenes and the joined scene do not fit in the `available` memory together.
+    fn check_joined(all: &[Self], available: Option<u64>) -> Result<(), SceneMemoryError> {
+        let bytes = |header: &Self| Scene::host_bytes(header.count, header.stored_degree);
+        let joined = Self::joined(all);
+        let needed = all.iter().chain([&joined]).fold(0u64, |sum, header| sum.saturating_add(bytes(header)));
+        SceneMemoryError::check_against(joined.count, joined.stored_degree, needed, available)
     }
 
     /// Returns false for a mesh and for a scene without levels. Errors of other kinds give true: a load reports them.
@@ -281,6 +308,11 @@ impl Scene {
             Found::One(scene) => Ok(Content::Splats(scene.into())),
             Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
             Found::Several(parts) => {
+                let headers = SceneHeader::of_parts(&parts, level).map_err(|error| within(path, error))?;
+                SceneHeader::check_joined(&headers, memory::available()).map_err(|error| LoadError {
+                    path: path.to_owned(),
+                    problem: SceneError::Memory(error),
+                })?;
                 let (scene, elements) =
                     Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))?;
                 let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
@@ -294,9 +326,10 @@ impl Scene {
     }
 
     fn load_one(path: &Path, level: Option<u32>, progress: Progress) -> Result<Found<Self>, LoadError> {
-        open(path, |source, path| {
+        let one = |source: &Source, path: &Path| {
             parse(&Input { source, memory: memory::available(), progress }, Some(path), level)
-        })
+        };
+        open(path, one, mesh)
     }
 
     /// Loads the parts of a composition: transforms and joins the scenes, and adds the meshes. Needs at least one

@@ -290,6 +290,13 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     assert_eq!(both.identity(), joined.identity());
     let header = SceneHeader::load(at("both.ron")).unwrap();
     assert_eq!((header.count, header.stored_degree), (600, 3));
+    // The scenes are in memory beside the joined one, whose degree is the highest.
+    let part = |name: &str| Placed { file: at(name), by: Similarity::IDENTITY };
+    let headers = SceneHeader::of_parts(&[part("a.ply"), part("b.ply"), part("b.ply")], None).unwrap();
+    let needed = Scene::host_bytes(300, 3) + 2 * Scene::host_bytes(300, 2) + Scene::host_bytes(900, 3);
+    assert!(SceneHeader::check_joined(&headers, Some(needed)).is_ok());
+    let said = SceneHeader::check_joined(&headers, Some(needed - 1)).unwrap_err();
+    assert_eq!((said.count, said.degree, said.needed), (900, 3, needed));
     assert!(names_scenes(&at("both.ron")) && !names_scenes(&at("a.ply")) && !names_scenes(&at("none")));
 }
 
