@@ -105,7 +105,7 @@ pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     for (folder, view) in
         photographs.iter().flat_map(|(folder, views)| views.iter().map(move |view| (folder, view)))
     {
-        if let Some(file) = Dataset::photograph_in(folder, view) {
+        if let Ok(file) = Dataset::photograph_in(folder, view) {
             guard.input("a photograph of the dataset", &file)?;
         }
     }

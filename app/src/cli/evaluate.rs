@@ -126,9 +126,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     };
     let mut views = Vec::with_capacity(chosen.len());
     for view in chosen {
-        let Some(photograph) = Dataset::photograph_in(folder, view) else {
-            bail!("expected the photograph {}, found none", folder.join(&view.photograph).display());
-        };
+        let photograph = Dataset::photograph_in(folder, view)?;
         let (width, height) = Image::photograph_size(&photograph)?;
         let [width, height] =
             [width, height].map(|side| (side as f64 / f64::from(downscale)).round().max(1.0) as u32);

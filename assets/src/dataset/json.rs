@@ -168,10 +168,9 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
     let sides = [("w", either!(w of frame, file)), ("h", either!(h of frame, file))];
     let (width, height) = match sides.map(|(_, side)| side) {
         [None, None] => {
-            let path = photograph::find(folder, photograph).ok_or_else(|| {
+            let path = photograph::find(folder, photograph).map_err(|error| {
                 format!(
-                    "missing fields `w` and `h`, the size in pixels, and no photograph {} has it; add for instance \"w\": 800, \"h\": 800",
-                    folder.join(photograph).display()
+                    "missing fields `w` and `h`, the size in pixels, and its photograph: {error}; add for instance \"w\": 800, \"h\": 800"
                 )
             })?;
             photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))?

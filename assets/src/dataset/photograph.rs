@@ -4,7 +4,7 @@ use crate::file;
 use crate::words::bytes_at;
 use std::fs::File;
 use std::io::{BufReader, Error, ErrorKind, Read, Result};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use zune_jpeg::JpegDecoder;
 
 /// Extensions to try for a photograph's name: first appended to it, then in place of its own.
@@ -18,11 +18,38 @@ pub(super) fn stem(name: &str) -> &str {
     }
 }
 
-pub(super) fn find(folder: &Path, name: &str) -> Option<PathBuf> {
+/// Finds the file of a photograph.
+///
+/// A dataset can come from a stranger, so its names lead only into `folder` and the folder around it. The latter is
+/// common in a `transforms.json`: `../images/a.png`.
+pub(super) fn find(folder: &Path, name: &str) -> Result<PathBuf> {
     let named = folder.join(name);
+    if !is_near(folder, Path::new(name)) {
+        let text = format!(
+            "expected a photograph in the folder of the dataset's photographs or in the folder around it, found {name}"
+        );
+        return Err(Error::new(ErrorKind::InvalidInput, text));
+    }
     let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
     let replaced = EXTENSIONS.iter().map(|extension| named.with_extension(extension));
-    [named.clone()].into_iter().chain(added).chain(replaced).find(|path| path.is_file())
+    let found = [named.clone()].into_iter().chain(added).chain(replaced).find(|path| path.is_file());
+    found.ok_or_else(|| {
+        let text = format!("expected the photograph {}, found none", named.display());
+        Error::new(ErrorKind::NotFound, text)
+    })
+}
+
+/// Returns true if a name leads into `folder`, or up from it by one folder.
+fn is_near(folder: &Path, name: &Path) -> bool {
+    let around = std::path::absolute(folder).ok();
+    let name = match (name.is_absolute(), &around) {
+        (true, Some(folder)) => name.strip_prefix(folder).ok(),
+        (true, None) => None,
+        (false, _) => Some(name),
+    };
+    let mut parts = name.into_iter().flat_map(Path::components).filter(|part| *part != Component::CurDir);
+    let inside = |part: Component| matches!(part, Component::Normal(_));
+    parts.next().is_some_and(|first| first == Component::ParentDir || inside(first)) && parts.all(inside)
 }
 
 /// Reads width and height in pixels from the header of a PNG or JPEG file.

@@ -412,7 +412,9 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     let said = Dataset::load(folder.path()).unwrap_err().to_string();
     assert!(
         said.contains("transforms_test.json:1:")
-            && said.contains("missing fields `w` and `h`, the size in pixels, and no photograph"),
+            && said.contains(
+                "missing fields `w` and `h`, the size in pixels, and its photograph: expected the photograph"
+            ),
         "{said}"
     );
     ["r_0.png", "r_1.png", "r_2.png", "r_3.png"].into_iter().for_each(png);
@@ -421,7 +423,32 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     let [test] = dataset.test_views().try_into().unwrap();
     assert_eq!((test.camera.img_name.as_str(), test.camera.width, test.camera.height), ("r_0", 100, 80));
     assert!((test.camera.fx - 100.0).abs() < 1e-9 && test.camera.fy == test.camera.fx);
-    assert_eq!(Dataset::photograph_in(folder.path(), test), Some(folder.path().join("./r_0.png")));
+    assert_eq!(Dataset::photograph_in(folder.path(), test).unwrap(), folder.path().join("./r_0.png"));
+}
+
+#[test]
+fn names_of_photographs_lead_no_further_than_the_folder_around_the_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    let [dataset, inner] = ["dataset", "dataset/inner"].map(|name| folder.path().join(name));
+    std::fs::create_dir_all(&inner).unwrap();
+    for name in ["top.png", "dataset/a.png", "dataset/inner/b.png"] {
+        std::fs::write(folder.path().join(name), "").unwrap();
+    }
+    let found = |folder: &Path, name: &str| match photograph::find(folder, name) {
+        Ok(path) => path.file_name().unwrap().to_string_lossy().into_owned(),
+        Err(error) => error.to_string(),
+    };
+    assert_eq!(found(&dataset, "./inner/./b"), "b.png");
+    assert_eq!(found(&dataset, "../top.png"), "top.png");
+    assert_eq!(found(&inner, "../a.png"), "a.png");
+    let absolute = inner.join("b.png").display().to_string();
+    assert_eq!(found(&dataset, &absolute), "b.png");
+    assert_eq!(found(Path::new("/"), &absolute), "b.png");
+    for name in ["../../top.png", "./inner/../a.png", "../dataset/../top.png", &absolute] {
+        let said = found(&inner.join("empty"), name);
+        assert!(said.contains("or in the folder around it, found ") && said.ends_with(name), "{said}");
+    }
+    assert!(found(&dataset, "none").starts_with("expected the photograph "));
 }
 
 #[test]
