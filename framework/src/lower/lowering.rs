@@ -230,7 +230,7 @@ impl<'a> Lowering<'a> {
                 Err(diagnostic) => {
                     let unknown = |other: &&String| diagnostic.primary.text == unknown_name(other);
                     // An unknown name that has an error of its own is a consequence of that error.
-                    let told = failed.iter().any(|other| unknown(other));
+                    let told = failed.iter().any(unknown);
                     failed.push(name);
                     if told {
                         continue;

@@ -326,14 +326,8 @@ impl Lowering<'_> {
             let own = names().filter(|name| name.starts_with(&prefix)).map(|name| format!("`{name}`"));
             own.collect::<Vec<_>>().join(", ")
         };
-        let includes: Vec<&str> = self
-            .included
-            .iter()
-            .filter(|known| known.parent == level.include)
-            .collect::<Vec<_>>()
-            .iter()
-            .map(|known| known.name.strip_prefix(&level.prefix).unwrap_or(&known.name))
-            .collect();
+        let here = self.included.iter().filter(|known| known.parent == level.include);
+        let includes: Vec<&str> = here.filter_map(|known| known.name.strip_prefix(&level.prefix)).collect();
         let near = if includes.contains(&include) { Some(include) } else { nearest(include, includes) };
         match near {
             None => error,
