@@ -318,7 +318,7 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
         (
             0,
             16,
-            &[255; 8],
+            &[255; 4],
             "images.bin: byte 8, `IMAGE_ID`: expected an image of at most 32768 x 32768 pixels",
         ),
         (1, 68, &[9], "images.bin: byte 68, `CAMERA_ID`: expected 7, the only ID of cameras, found 9"),
