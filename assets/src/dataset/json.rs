@@ -14,6 +14,7 @@ use crate::projection::Projection;
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use std::cell::Cell;
+use std::collections::HashSet;
 use std::marker::PhantomData;
 use std::path::Path;
 
@@ -121,7 +122,7 @@ struct Fields {
     /// Camera-to-world, row by row.
     transform_matrix: Option<[[f64; 4]; 4]>,
     /// Photographs reserved for tests, in nerfstudio's files.
-    test_filenames: Option<Vec<String>>,
+    test_filenames: Option<HashSet<String>>,
 }
 
 impl Fields {
@@ -212,7 +213,7 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
         fy: fy.unwrap_or(fx),
         projection,
     };
-    let test = file.test_filenames.as_ref().map(|names| names.iter().any(|name| name == photograph));
+    let test = file.test_filenames.as_ref().map(|names| names.contains(photograph));
     Ok(View { camera, photograph: photograph.to_owned(), test })
 }
 
