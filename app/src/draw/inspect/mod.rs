@@ -91,12 +91,11 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
         halves = named(&holds_keys);
     }
     if halves.is_empty() {
-        let names = plan.resources.iter().map(|r| without_half(&r.name));
-        return Err(InspectError(match nearest(name, names.clone()) {
+        let mut names: Vec<&str> = plan.resources.iter().map(|r| without_half(&r.name)).collect();
+        names.dedup();
+        return Err(InspectError(match nearest(name, names.iter().copied()) {
             Some(near) => format!("the plan has no resource `{name}`; did you mean `{near}`?"),
-            None => {
-                format!("the plan has no resource `{name}`; it has {}", names.collect::<Vec<_>>().join(", "))
-            }
+            None => format!("the plan has no resource `{name}`; it has {}", names.join(", ")),
         }));
     }
     let touched = |writes: bool| -> Vec<ResourceId> {
@@ -328,6 +327,7 @@ mod tests {
     fn what_cannot_be_meant_is_an_error_with_a_hint() {
         let error = |resource, pass| resolve(&plan(), resource, pass).unwrap_err().to_string();
         assert_eq!(error("keys", "sort.scater"), "no pass `sort.scater` runs; did you mean `sort.scatter`?");
+        assert_eq!(error("colours", "draw"), "the plan has no resource `colours`; it has keys, args");
         assert_eq!(error("key", "draw"), "the plan has no resource `key`; did you mean `keys`?");
         assert!(
             error("keys", "draw").starts_with("`keys` is keys#0 or keys#1, and `draw` does not say which")

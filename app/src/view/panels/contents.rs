@@ -190,7 +190,9 @@ impl State {
         let end = finding.counted.map_or(finding.words.len(), |n| n as usize * channels);
         let found = finding.words.histogram(self.channel..end, channels, self.read_as(finding), BINS);
         let [least, greatest] = found.range;
-        let width = ((greatest - least) / BINS as f64).max(f64::MIN_POSITIVE);
+        // Equal values share one bar, which needs a width that can be seen.
+        let range = if greatest > least { greatest - least } else { 1.0 };
+        let width = range / BINS as f64;
         let bar = |(index, count): (usize, &u64)| {
             Bar::new(least + (index as f64 + 0.5) * width, *count as f64).width(width)
         };
