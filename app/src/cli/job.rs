@@ -11,7 +11,7 @@
 use super::outcome::{Outcome, Usage};
 use crate::draw::session::Session;
 use crate::io::output::{self, Claim, one_line, say};
-use crate::io::program;
+use crate::io::{own_file, program};
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
@@ -117,7 +117,7 @@ impl Manifest {
     /// The folder has no description, or one from another version of the program.
     pub fn read(folder: &Path) -> Result<Manifest> {
         let path = folder.join(MANIFEST);
-        let text = fs::read(&path)
+        let text = own_file::read(&path)
             .with_context(|| format!("expected a folder of --shard, found no {}", path.display()))?;
         serde_json::from_slice(&text)
             .with_context(|| format!("{}: expected the description of a job", path.display()))

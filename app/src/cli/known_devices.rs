@@ -1,6 +1,7 @@
 //! Describes devices of other machines, from a catalogue of published limits, and from files of facts.
 
 use crate::draw::facts;
+use crate::io::own_file;
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 use splatgraph_framework::ir::{DeviceFacts, Features, Value as Fact};
@@ -40,8 +41,8 @@ pub fn catalogue() -> Vec<KnownDevice> {
         shared_bytes: shared_kib << 10,
         ..portable(lanes)
     };
-    let most = u64::from(u32::MAX);
     let webgpu = DeviceFacts { max_image_size: 8192, ..portable(facts::USUAL_SUBGROUP_SIZE) };
+    let most = u64::from(u32::MAX);
     vec![
         device(
             "lavapipe",
@@ -110,13 +111,13 @@ pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     if !path.is_file() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(path).with_context(|| format!("{wanted} cannot be read"))?;
+    let text = own_file::read(path).with_context(|| format!("{wanted} cannot be read"))?;
     from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
 }
 
 /// Parses device facts: a list, of which the first device is read, one device, or the facts alone.
-fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
-    let value: Value = serde_json::from_str(text)?;
+fn from_json(name: &str, text: &[u8]) -> Result<KnownDevice> {
+    let value: Value = serde_json::from_slice(text)?;
     let device = match &value {
         Value::Array(all) => all.first().context("expected a device, found an empty list")?,
         other => other,
@@ -166,16 +167,16 @@ mod tests {
     fn the_facts_of_each_device_come_back_from_what_devices_writes_of_them() {
         for device in catalogue() {
             let listed = serde_json::json!([{ "name": device.name, "facts": device.facts }]);
-            let read = from_json("x.json", &listed.to_string()).expect("facts");
+            let read = from_json("x.json", listed.to_string().as_bytes()).expect("facts");
             assert_eq!((&read.name, read.facts.named()), (&device.name, device.facts.named()));
-            let alone = from_json("x.json", &listed[0]["facts"].to_string()).expect("facts");
+            let alone = from_json("x.json", listed[0]["facts"].to_string().as_bytes()).expect("facts");
             assert_eq!((alone.name.as_str(), alone.facts), ("x.json", read.facts));
         }
     }
 
     #[test]
     fn a_file_without_a_devices_facts_is_refused_with_the_name_of_the_fact() {
-        let error = |text: &str| format!("{:#}", from_json("x.json", text).expect_err("no facts"));
+        let error = |text: &str| format!("{:#}", from_json("x.json", text.as_bytes()).expect_err("no facts"));
         assert!(error(r#"{"device.lanes": 32}"#).ends_with("found `device.lanes`"));
         assert_eq!(error(r#"{"device.int64": 1}"#), "expected true or false for `device.int64`, found 1");
         assert_eq!(

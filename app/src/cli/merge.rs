@@ -4,9 +4,9 @@ use super::job::{Manifest, Origin, is_present};
 use super::outcome::{Outcome, Usage};
 use super::{evaluate, render, sweep, trade};
 use crate::io::output::{one_line, say};
+use crate::io::own_file;
 use anyhow::{Context, Result, bail};
 use serde::de::DeserializeOwned;
-use std::fs;
 use std::path::PathBuf;
 
 /// Join the results of a command that several processes shared (--shard), and name missing views
@@ -85,7 +85,7 @@ fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Resul
 
 fn parts<T: DeserializeOwned>(found: &[PathBuf]) -> Result<Vec<T>> {
     let read = |path: &PathBuf| -> Result<T> {
-        let bytes = fs::read(path).with_context(|| path.display().to_string())?;
+        let bytes = own_file::read(path).with_context(|| path.display().to_string())?;
         serde_json::from_slice(&bytes)
             .with_context(|| format!("{}: expected results of a view", path.display()))
     };

@@ -6,9 +6,10 @@
 //! collisions.
 
 use crate::io::folders;
+use splatgraph_assets::file;
 use splatgraph_framework::shader::SpirvStore;
 use std::collections::hash_map::DefaultHasher;
-use std::fs::{self, File};
+use std::fs;
 use std::hash::{Hash, Hasher};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -59,7 +60,7 @@ impl ShaderCache {
 
     fn read(&self, key: &[u8]) -> io::Result<Option<Vec<u32>>> {
         let mut bytes = Vec::new();
-        File::open(self.path(key))?.take(MAX_FILE_BYTES).read_to_end(&mut bytes)?;
+        file::open(self.path(key))?.take(MAX_FILE_BYTES).read_to_end(&mut bytes)?;
         let words = bytes.strip_prefix(&self.head(key)[..]).and_then(|rest| rest.split_last_chunk::<4>());
         let Some((words, sum)) = words.filter(|(words, _)| words.len() % 4 == 0) else { return Ok(None) };
         if crc32fast::hash(words) != u32::from_le_bytes(*sum) {
@@ -170,7 +171,7 @@ mod tests {
         let words = vec![0; (MAX_BYTES / 5 / 4) as usize];
         for key in 0..6u8 {
             cache.store(&[key], &words);
-            let file = File::options().append(true).open(cache.path(&[key])).unwrap();
+            let file = fs::File::options().append(true).open(cache.path(&[key])).unwrap();
             file.set_modified(UNIX_EPOCH + std::time::Duration::from_secs(key.into())).unwrap();
         }
         let left: Vec<u8> = (0..6).filter(|key| cache.load(&[*key]).is_some()).collect();

@@ -4,9 +4,8 @@
 //! `convert --keep` and `--remove` read it.
 
 use serde::{Deserialize, Serialize};
-use splatgraph_assets::{Mesh, Scene};
+use splatgraph_assets::{Mesh, Scene, file};
 use splatgraph_reference::{Gaussian, Splats};
-use std::fs;
 use std::path::Path;
 
 /// A set of splats, by their indices in the scene.
@@ -19,6 +18,11 @@ pub struct SplatSet {
 /// Example of a selection file, for errors.
 const FORM: &str =
     "a selection such as {\"splats\": 1000, \"indices\": [0, 7]}, with the scene's number of splats";
+
+/// Maximum size of a selection file without its indices, in bytes.
+const MAX_FRAME_BYTES: u64 = 1 << 20;
+/// Maximum size of an index in a selection file, with the comma and the indentation, in bytes.
+const MAX_INDEX_BYTES: u64 = 32;
 
 /// JSON contents of a selection file.
 #[derive(Debug, Serialize, Deserialize)]
@@ -95,8 +99,9 @@ impl SplatSet {
     /// The file cannot be read, belongs to another scene, or lists a splat that the scene lacks.
     pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
         let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-        let text = fs::read_to_string(path).map_err(|error| of_file(&error))?;
-        let SelectionFile { splats, indices } = serde_json::from_str(&text)
+        let limit = MAX_FRAME_BYTES + MAX_INDEX_BYTES * u64::from(count);
+        let text = file::read(path, limit).map_err(|error| of_file(&error))?;
+        let SelectionFile { splats, indices } = serde_json::from_slice(&text)
             .map_err(|error| of_file(&format!("expected {FORM}, found {error}")))?;
         if splats != count {
             return Err(of_file(&format!("expected a selection of {count} splats, found one of {splats}")));
@@ -161,6 +166,7 @@ impl Splats for Masked<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn set(indices: &[u32]) -> SplatSet {
         indices.iter().copied().collect()
@@ -203,6 +209,11 @@ mod tests {
             let error = read(text).unwrap_err();
             assert!(error.contains(expected) && error.contains("selection.json: "), "{error}");
         }
+        let long = read(&" ".repeat(2 << 20)).unwrap_err();
+        assert!(
+            long.contains("selection.json: expected a file of at most 1051776 bytes, found 2097152"),
+            "{long}"
+        );
         fs::remove_file(&path).unwrap();
         assert!(SplatSet::read(&path, 100).unwrap_err().contains("selection.json: "));
     }

@@ -6,6 +6,7 @@ pub(crate) mod folders;
 pub mod image;
 pub mod load;
 pub mod output;
+pub(crate) mod own_file;
 pub mod program;
 pub mod progress;
 pub mod report;

@@ -4,10 +4,9 @@
 
 use super::panels::{Arrangement, Panels};
 use crate::io::folders;
-use crate::io::output;
+use crate::io::{output, own_file};
 use egui::Theme;
 use serde::{Deserialize, Serialize};
-use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -32,12 +31,12 @@ pub fn path() -> Option<PathBuf> {
 /// # Errors
 /// The file exists but cannot be used; the panels are then unchanged.
 pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String> {
-    let text = match fs::read_to_string(path) {
+    let text = match own_file::read(path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(format!("{}: {error}", path.display())),
     };
-    let kept: Kept = serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
+    let kept: Kept = serde_json::from_slice(&text).map_err(|error| format!("{}: {error}", path.display()))?;
     if kept.version != VERSION {
         return Err(format!("{}: expected version {VERSION}, found {}", path.display(), kept.version));
     }
@@ -54,7 +53,7 @@ pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String
 pub fn keep(path: &Path, panels: &Panels, theme: Theme) -> Result<(), String> {
     let kept = Kept { version: VERSION, light: theme == Theme::Light, arrangement: panels.arrangement() };
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;
-    if fs::read_to_string(path).is_ok_and(|former| former == text) {
+    if own_file::read(path).is_ok_and(|former| former == text.as_bytes()) {
         return Ok(());
     }
     output::write(path, |out| out.write_all(text.as_bytes()).map_err(Into::into))
@@ -65,6 +64,7 @@ pub fn keep(path: &Path, panels: &Panels, theme: Theme) -> Result<(), String> {
 mod tests {
     use super::*;
     use crate::view::panels::Tool;
+    use std::fs;
 
     #[test]
     fn the_arrangement_of_the_window_is_there_again_at_the_next_start() {

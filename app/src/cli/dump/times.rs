@@ -1,6 +1,7 @@
 //! Reads GPU times for a dump from the statistics of `splatgraph render --json`.
 
 use crate::draw::stats::median;
+use crate::io::own_file;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -27,12 +28,12 @@ pub struct Times {
 }
 
 pub fn load(path: &Path) -> Result<Times> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let text = own_file::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
     parse(&text).with_context(|| format!("{} has no GPU times", path.display()))
 }
 
-fn parse(text: &str) -> Result<Times> {
-    let cameras: Vec<Camera> = serde_json::from_str(text)
+fn parse(text: &[u8]) -> Result<Times> {
+    let cameras: Vec<Camera> = serde_json::from_slice(text)
         .context("expected the output of `splatgraph render --json`, a list with an entry for each camera")?;
     let Some(first) = cameras.first() else {
         bail!("expected an entry for each camera, found an empty list")
@@ -68,7 +69,7 @@ mod tests {
             camera(r#"{"name": "draw", "gpu_ms": 1.0}, {"name": "untimed", "gpu_ms": null}"#),
             camera(r#"{"name": "draw", "gpu_ms": 2.0}"#),
         ];
-        let times = parse(&format!("[{}]", cameras.join(","))).expect("they have times");
+        let times = parse(format!("[{}]", cameras.join(",")).as_bytes()).expect("they have times");
         assert_eq!(times.pipeline, "splat");
         assert_eq!(times.passes, [("draw".to_owned(), 2.0), ("once".to_owned(), 7.0)]);
     }
@@ -81,7 +82,7 @@ mod tests {
             (&format!("[{}]", camera(r#"{"name": "draw", "gpu_ms": null}"#)), "timestamps"),
             (&format!("[{},{}]", camera(""), camera("").replace("splat", "key16")), "key16"),
         ] {
-            let error = format!("{:#}", parse(text).unwrap_err());
+            let error = format!("{:#}", parse(text.as_bytes()).unwrap_err());
             assert!(error.contains(reason), "{text}: {error}");
         }
     }

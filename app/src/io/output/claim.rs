@@ -1,6 +1,7 @@
 //! Claims a folder for one request, by a file in it that describes the request.
 
 use super::file::write_new_bytes;
+use crate::io::own_file;
 use anyhow::{Context, Result};
 use std::fs;
 use std::io::ErrorKind;
@@ -23,7 +24,7 @@ pub enum Claim {
 /// # Errors
 /// The file cannot be read or written.
 pub fn claim(file: &Path, description: &[u8], stray: impl FnOnce() -> Option<PathBuf>) -> Result<Claim> {
-    let read = || fs::read(file).with_context(|| file.display().to_string()).map(Claim::Found);
+    let read = || own_file::read(file).with_context(|| file.display().to_string()).map(Claim::Found);
     match fs::metadata(file) {
         Err(error) if error.kind() == ErrorKind::NotFound => {}
         _ => return read(),

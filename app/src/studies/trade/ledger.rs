@@ -1,7 +1,7 @@
 //! Stores the rows of a ledger in a file, and summarises them.
 
 use super::measure::Row;
-use crate::io::output;
+use crate::io::{output, own_file};
 use crate::studies::measurement::error::{joint_psnr, mean};
 use crate::studies::measurement::noise::{self, Mark, Point, Share};
 use crate::studies::measurement::settings::EXACT;
@@ -10,6 +10,7 @@ use crate::studies::measurement::view::Measured;
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
+use splatgraph_assets::file;
 use splatgraph_reference::metrics::squared_error;
 use std::collections::BTreeSet;
 use std::fs;
@@ -116,7 +117,7 @@ pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
         if !fs::metadata(path)?.is_file() {
             return Ok(false);
         }
-        let mut file = BufReader::new(fs::File::open(path)?);
+        let mut file = BufReader::new(file::open(path)?);
         match file.fill_buf()?.first() {
             None => return Ok(true),
             Some(b'{') => {}
@@ -148,7 +149,7 @@ impl Book {
         origin: Origin,
         plans: &[(&str, Option<u64>)],
     ) -> (Book, Option<String>) {
-        let bytes = path.as_ref().and_then(|path| fs::read(path).ok());
+        let bytes = path.as_ref().and_then(|path| own_file::read(path).ok());
         let found: Option<Ledger> = bytes.as_ref().and_then(|bytes| serde_json::from_slice(bytes).ok());
         let mut lost = bytes.is_some().then(|| "it was written by another version of the program".to_owned());
         let mut rows = Vec::new();

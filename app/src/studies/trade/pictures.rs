@@ -8,11 +8,11 @@ use super::measure::Row;
 use crate::io::image::{Image, ImageError};
 use crate::io::output::names::{MAX_NAME_BYTES, unique};
 use crate::io::output::{self, OutputError};
+use crate::io::own_file;
 use crate::io::report::page::Linked;
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use rayon::prelude::*;
 use splatgraph_reference::metrics::squared_error;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Maximum width of a stored picture, in pixels.
@@ -57,7 +57,7 @@ impl Album {
     pub fn copy(&self, from: &Album, camera: &str, setting: &str) -> Result<(), OutputError> {
         let (Some(folder), Some(from)) = (&self.folder, &from.folder) else { return Ok(()) };
         for file in files(setting).into_iter().chain([truth_file(camera)]) {
-            if let Ok(bytes) = fs::read(from.join(&file)) {
+            if let Ok(bytes) = own_file::read(&from.join(&file)) {
                 output::write_bytes(&folder.join(&file), &bytes)?;
             }
         }
