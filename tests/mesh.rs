@@ -53,7 +53,7 @@ fn away_from_edges(mesh: &Mesh, camera: &Camera) -> Vec<bool> {
         sh: [0.0; 48],
     };
     let alone = Scene::generate(1, 0, unseen).with_mesh(Some(Arc::new(mesh.clone())));
-    let blue = Truth::draw(&alone, camera, [0.0, 0.0, 1e3], &Rules::PUBLISHED).image();
+    let blue = Truth::draw(&alone, camera, [0.0, 0.0, 1e3], &Rules::PUBLISHED).unwrap().image();
     let (width, height) = (blue.width as i32, blue.height as i32);
     let shown = |x: i32, y: i32| {
         let (x, y) = (x.clamp(0, width - 1), y.clamp(0, height - 1));
@@ -72,7 +72,7 @@ fn quads_and_tiles_with_a_mesh_draw_what_the_exact_renderer_draws_from_four_came
     let mut session = Session::new(common::device(), scene.clone(), "mesh_quads", &[]);
     for camera in synth::demo_cameras() {
         let camera = camera.resized(192, 108);
-        let truth = Truth::draw(&scene, &camera, [0.0; 3], &as_drawn()).image();
+        let truth = Truth::draw(&scene, &camera, [0.0; 3], &as_drawn()).unwrap().image();
         let counted = away_from_edges(scene.mesh().expect("the ring"), &camera);
         assert!(counted.iter().filter(|counted| **counted).count() * 10 > counted.len() * 8, "few edges");
         for (graph, set) in GRAPHS {

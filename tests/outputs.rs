@@ -105,12 +105,12 @@ fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
     ];
     for (name, scene, camera) in scenes() {
         let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);
-        let truth = Truth::draw(&scene, &camera, [0.2, 0.4, 0.6], &quads);
+        let truth = Truth::draw(&scene, &camera, [0.2, 0.4, 0.6], &quads).unwrap();
         for (graph, set) in by_quads {
             let found = drawn(&mut session, &camera, graph, set);
             compare(name, graph, &found, &truth);
         }
-        let truth = Truth::draw(&scene, &camera, [0.2, 0.4, 0.6], &published);
+        let truth = Truth::draw(&scene, &camera, [0.2, 0.4, 0.6], &published).unwrap();
         for graph in EXACT_TILES {
             let found = drawn(&mut session, &camera, graph, &[]);
             compare(name, graph, &found, &truth);

@@ -50,7 +50,7 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
     let exact = |rule: &str, value: &str| {
         let changes = settings(&[&OPEN[..], &[(rule, value)]].concat());
         let rules = rules(Rules::PUBLISHED, &changes).expect("rules");
-        Truth::draw(&scene, &camera, [0.0; 3], &rules).image()
+        Truth::draw(&scene, &camera, [0.0; 3], &rules).unwrap().image()
     };
     let published = exact("near", "0.2");
     let mut session = Session::new(common::device(), scene.clone(), "splat", &[]);

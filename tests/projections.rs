@@ -67,7 +67,7 @@ fn drawn(session: &mut Session, camera: &Camera, graph: Graph, set: &[(&str, &st
 
 fn exact(scene: &Scene, camera: &Camera, changes: &[(&str, &str)]) -> Image {
     let rules = rules(Rules::of_view(scene, camera), &settings(changes)).expect("rules");
-    Truth::draw(scene, camera, [0.0; 3], &rules).image()
+    Truth::draw(scene, camera, [0.0; 3], &rules).unwrap().image()
 }
 
 #[test]

@@ -103,7 +103,8 @@ fn every_variant_of_tiles_draws_the_same_picture() {
 #[test]
 fn a_bin_has_the_same_bytes_whether_one_workgroup_blends_it_or_two() {
     for graph in [FAST_TILES[0], GPU] {
-        let [one, two] = ["1", "2"].map(|groups| drawn_bytes(graph, &[("bin_groups", groups), ("segment", "64")]));
+        let [one, two] =
+            ["1", "2"].map(|groups| drawn_bytes(graph, &[("bin_groups", groups), ("segment", "64")]));
         assert_eq!(one, two, "{}", graph.0);
     }
 }
@@ -286,7 +287,7 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
 fn pictures_wider_than_256_bins_have_larger_ones() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(8200, 40);
-    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).unwrap().image();
     for graph in EXACT_TILES {
         let image = draw_one(scene.clone(), &camera, graph.0, graph.1);
         assert_close(graph.0, &image, &truth, 95.0);
@@ -355,7 +356,7 @@ fn tiles_give_the_same_bytes_in_every_run() {
 fn tiles_are_right_on_subgroups_of_4_8_and_16() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(160, 90);
-    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).unwrap().image();
     for graph in EXACT_TILES {
         let image = draw_one(scene.clone(), &camera, graph.0, graph.1);
         assert_close(graph.0, &image, &truth, 95.0);
@@ -414,7 +415,7 @@ fn long_lists_are_blended_to_their_end() {
             ..sample
         }
     }));
-    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).unwrap().image();
     for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
         let image = draw_one(scene.clone(), &camera, graph.0, graph.1);
         assert_close(&format!("{graph:?}"), &image, &truth, 60.0);

@@ -137,6 +137,40 @@ fn counts_that_no_memory_holds_are_errors_in_one_sentence_and_write_nothing() {
 }
 
 #[test]
+fn a_fifo_in_place_of_a_file_that_the_program_reads_again_is_refused_without_waiting_for_a_writer() {
+    let place = Place::new();
+    place.cameras(&["one", "two"]);
+    for name in ["pipe", "job/job.json", "film/film.json"] {
+        let path = place.at(name);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+        assert!(Command::new("mkfifo").arg(&path).status().expect("mkfifo runs").success());
+    }
+    for args in [
+        "convert scene.ply kept.ply --keep pipe",
+        "dump splat --times pipe -o dump.html",
+        "render scene.ply -c cameras.json -o job --shard 0/1",
+        "merge job",
+        "video scene.ply -c cameras.json --seconds 1 -o film",
+    ] {
+        let output = place.run(args);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && errors.contains("found a FIFO"), "{args}: {errors}");
+    }
+}
+
+#[test]
+fn an_exact_picture_larger_than_the_memory_is_refused_with_its_size() {
+    let place = Place::new();
+    let mut command = place.program("render scene.ply --backend reference --size 8192x8192 -o a.png");
+    limit(&mut command, Resource::As, 4 << 30);
+    let output = command.output().expect("it runs");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("memory available, found 8192 x 8192 pixels, which need"), "{errors}");
+    assert!(!place.at("a.png").exists());
+}
+
+#[test]
 fn a_picture_larger_than_any_device_has_is_refused_with_its_camera_and_size() {
     let place = Place::new();
     place.cameras(&["one"]);

@@ -201,7 +201,7 @@ impl Drawer {
         match self {
             Drawer::Reference(scene) => {
                 let camera = camera.relative_to(scene.offset());
-                Ok(Truth::draw(scene, &camera, background, &Rules::of_view(scene, &camera)).image())
+                Ok(Truth::draw(scene, &camera, background, &Rules::of_view(scene, &camera))?.image())
             }
             Drawer::Device(session) => {
                 let camera = camera.relative_to(session.scene().offset());

@@ -169,7 +169,7 @@ fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     let mut cameras = look_at::on_circle(&circle, paths.len());
     for (camera, path) in cameras.iter_mut().zip(&paths) {
         camera.img_name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Truth::draw(&scene, camera, [0.0; 3], &Rules::of(&scene)).image().save(path)?;
+        Truth::draw(&scene, camera, [0.0; 3], &Rules::of(&scene))?.image().save(path)?;
     }
     let world: Vec<Camera> = cameras.iter().map(|camera| camera.in_world(scene.offset())).collect();
     for (name, text) in Dataset::colmap_text(&world, "png")? {

@@ -8,7 +8,7 @@ use crate::io::image::Image;
 use crate::io::progress::Progress;
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::{Picture, RULES, RuleError, Rules, render};
+use splatgraph_reference::{Picture, PictureMemoryError, RULES, RuleError, Rules, check_memory, render};
 use std::fmt;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -61,7 +61,16 @@ pub struct Truth {
 
 impl Truth {
     /// Draws the exact picture of a scene, and shows the progress. `background` is display-encoded.
-    pub fn draw(scene: &Scene, camera: &Camera, background: [f32; 3], rules: &Rules) -> Truth {
+    ///
+    /// # Errors
+    /// The picture does not fit in memory.
+    pub fn draw(
+        scene: &Scene,
+        camera: &Camera,
+        background: [f32; 3],
+        rules: &Rules,
+    ) -> Result<Truth, PictureMemoryError> {
+        check_memory(scene, camera)?;
         let begun = Instant::now();
         let progress = Mutex::new(Progress::new("drawing exactly"));
         let picture = render(scene, camera, background.map(f64::from), rules, &|done, of| {
@@ -84,7 +93,7 @@ impl Truth {
             covered: picture.transmittance.iter().filter(|t| **t < 1.0).count() as f64 / pixels,
             cpu_ms: begun.elapsed().as_secs_f64() * 1000.0,
         };
-        Truth { picture, stats }
+        Ok(Truth { picture, stats })
     }
 
     /// Converts the picture to an image, with colours rounded to f32.
@@ -150,7 +159,7 @@ mod tests {
     fn an_exact_picture_is_as_large_as_its_camera_and_its_outputs_fit_it() {
         let scene = synth::generate("uniform", 40, 0).unwrap();
         let camera = Camera::framing(&scene, 40, 30);
-        let truth = Truth::draw(&scene, &camera, [0.0, 0.0, 1.0], &Rules::PUBLISHED);
+        let truth = Truth::draw(&scene, &camera, [0.0, 0.0, 1.0], &Rules::PUBLISHED).unwrap();
         let image = truth.image();
         assert_eq!((image.width, image.height), (40, 30));
         assert!(truth.stats.covered > 0.0 && truth.stats.most_contributors > 1, "{}", truth.stats);

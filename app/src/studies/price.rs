@@ -56,10 +56,10 @@ pub struct Measured {
 /// error. The scene's mesh is not drawn: no format stores it, and the price is that of the splats.
 ///
 /// # Errors
-/// A written file cannot be read, or its pictures have values that are not finite.
+/// A picture does not fit in memory, a written file cannot be read, or its pictures have values that are not finite.
 pub fn measure(scene: Scene, cameras: &[Camera]) -> Result<Vec<Price>> {
     let scene = &scene.with_mesh(None);
-    let views = pictures(scene, cameras);
+    let views = pictures(scene, cameras)?;
     let versions = SceneFormat::WRITTEN.into_iter().flat_map(|format| match format {
         SceneFormat::Spz => vec![(format, Some(SpzVersion::V3)), (format, Some(SpzVersion::V4))],
         _ => vec![(format, None)],
@@ -67,10 +67,10 @@ pub fn measure(scene: Scene, cameras: &[Camera]) -> Result<Vec<Price>> {
     versions.map(|(format, version)| price(scene, cameras, &views, format, version)).collect()
 }
 
-fn pictures(scene: &Scene, cameras: &[Camera]) -> Vec<Image> {
+fn pictures(scene: &Scene, cameras: &[Camera]) -> Result<Vec<Image>> {
     let draw = |camera: &Camera| {
         let camera = camera.relative_to(scene.offset());
-        Truth::draw(scene, &camera, [0.0; 3], &Rules::of_view(scene, &camera)).image()
+        Ok(Truth::draw(scene, &camera, [0.0; 3], &Rules::of_view(scene, &camera))?.image())
     };
     cameras.iter().map(draw).collect()
 }
@@ -100,7 +100,7 @@ fn price(
         load_ms = load_ms.min(begun.elapsed().as_secs_f64() * 1e3);
     }
     let loaded = loaded.context("a scene was loaded")?;
-    let found = pictures(&loaded, cameras);
+    let found = pictures(&loaded, cameras)?;
     let scores: Result<Vec<Score>, _> = found
         .iter()
         .zip(views)

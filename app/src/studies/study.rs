@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use splatgraph_api::{BackendError, Device};
 use splatgraph_assets::{Camera, Scene, synth::SynthError};
 use splatgraph_framework::reload::Wanted;
-use splatgraph_reference::metrics::MetricError;
+use splatgraph_reference::{PictureMemoryError, metrics::MetricError};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -168,6 +168,9 @@ pub enum StudyError {
     /// A plot cannot be drawn.
     #[error("{0}")]
     Plot(#[from] PlotError),
+    /// An exact picture does not fit in memory.
+    #[error("{0}")]
+    Memory(#[from] PictureMemoryError),
     /// A scene cannot be generated.
     #[error("{0}")]
     Scene(#[from] SynthError),

@@ -28,6 +28,7 @@
 mod gaussian;
 mod harmonics;
 mod lens;
+mod memory;
 mod mesh;
 pub mod metrics;
 mod order;
@@ -38,6 +39,7 @@ mod rules;
 mod srgb;
 
 pub use gaussian::{Gaussian, Splats};
+pub use memory::{PictureMemoryError, check_memory};
 pub use order::{depth_order, inversions, sort_pairs};
 pub use pixel::{Fragment, Fragments, Projected, fragments, project};
 pub use raster::{Picture, Progress, Visible, largest, render, visible};

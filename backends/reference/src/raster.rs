@@ -108,8 +108,14 @@ impl Pixel {
     }
 }
 
+/// Bytes per pixel that [`render`] needs without a mesh: a [`Pixel`], and an entry of each list of [`Picture`].
+pub(crate) const PIXEL_BYTES: usize =
+    size_of::<Pixel>() + 2 * size_of::<[f64; 3]>() + 3 * size_of::<f64>() + 2 * size_of::<u32>();
+
 /// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it; only
 /// pinhole cameras draw it. The result does not depend on the number of threads.
+///
+/// A picture that does not fit in memory ends the process: see [`check_memory`](crate::check_memory).
 pub fn render(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,

@@ -244,7 +244,7 @@ fn draw_exactly(
 ) -> Result<TruthStats> {
     let _span = info_span!("draw exactly").entered();
     let rules = truth::rules(Rules::of_view(scene, camera), &args.rule)?;
-    let truth = Truth::draw(scene, camera, args.background, &rules);
+    let truth = Truth::draw(scene, camera, args.background, &rules)?;
     for (name, file) in args.named() {
         let output =
             truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;

@@ -91,7 +91,8 @@ pub fn study(
     exact.prepare((first.width, first.height), &mut |_| {})?;
     let singles = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
     let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
-    let views: Vec<View> = cameras.iter().map(|camera| View::exact(&subject.scene, camera)).collect();
+    let views: Vec<View> =
+        cameras.iter().map(|camera| View::exact(&subject.scene, camera)).collect::<Result<_, _>>()?;
 
     let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);
     let mut tried = Vec::new();

@@ -64,7 +64,7 @@ pub fn measure(
     let mut steps = Steps::new(listener, "experiment order", 2 + WAYS.len() + KEY_BITS.len());
     steps.next("the exact picture")?;
     let rules = Rules::of(session.scene());
-    let truth = Truth::draw(session.scene(), camera, [0.0; 3], &rules).image();
+    let truth = Truth::draw(session.scene(), camera, [0.0; 3], &rules)?.image();
     let order = depth_order(session.scene(), camera, &rules);
     let exact = exact::values(session, (camera.width, camera.height))?;
 

@@ -16,7 +16,7 @@ use crate::studies::advise::harmonics::{Energy, energy};
 use crate::studies::study::{Listener, Steps, StudyError};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::metrics::{self, squared_error};
-use splatgraph_reference::{Rules, Splats};
+use splatgraph_reference::{Rules, Splats, check_memory};
 use std::f64::consts::PI;
 
 /// Directions from which the part is drawn, in degrees to the side of the first camera.
@@ -86,6 +86,7 @@ pub fn measure(
     let mut steps = Steps::new(listener, "experiment sh", of);
     steps.next("the glossiest part")?;
     let found = cameras.first().filter(|_| degree[1] > 0);
+    found.map_or(Ok(()), |first| check_memory(session.scene(), first))?;
     let found = found.and_then(|first| Some((first, gloss::find(session.scene(), first)?)));
     let Some((first, part)) = found else { return Ok(Sh { view, degree, all, glossy: None }) };
 
@@ -95,7 +96,7 @@ pub fn measure(
     let mut directions = Vec::new();
     for (name, camera) in &views {
         steps.next(&format!("the exact picture, {name}"))?;
-        let exact = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::of(session.scene())).image();
+        let exact = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::of(session.scene()))?.image();
         directions.push(Direction { name: name.clone(), exact, degrees: Vec::new() });
     }
     // Degrees are the outer loop, because each needs its own plan.

@@ -66,7 +66,7 @@ pub struct Two {
 pub fn work_out(session: &mut Session) -> Result<Two, StudyError> {
     let scene = scene();
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, SIZE);
-    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED);
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED)?;
     let pixel = (SIZE.1 / 2 * SIZE.0 + SIZE.0 / 2) as usize;
     // The scene lists the far splat first.
     let layers = [1, 0].map(|index| layer(&scene.get(index), &camera, pixel));
@@ -135,7 +135,7 @@ mod tests {
             let way = WAYS.iter().find(|way| way.name == name).expect("a way");
             steps(way, layers).last().expect("steps").0
         };
-        let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).picture.color[pixel];
+        let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).unwrap().picture.color[pixel];
         let close = |a: [f64; 3], b: [f64; 3]| (0..3).all(|c| (a[c] - b[c]).abs() < 1e-12);
         assert!(close(result("back to front"), truth) && close(result("front to back"), truth));
         assert!(close(result("unsorted"), result("front to back, naive")));

@@ -11,7 +11,7 @@ use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::{Rules, depth_order};
+use splatgraph_reference::{PictureMemoryError, Rules, depth_order};
 use std::panic::resume_unwind;
 use std::thread::{Scope, ScopedJoinHandle};
 use std::time::Duration;
@@ -30,14 +30,17 @@ pub struct View {
 
 impl View {
     /// Draws the exact picture by the scene's rules, and shows the progress. The order stays empty.
-    pub fn exact(scene: &Scene, camera: &Camera) -> View {
-        let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of_view(scene, camera));
-        View {
+    ///
+    /// # Errors
+    /// The picture does not fit in memory.
+    pub fn exact(scene: &Scene, camera: &Camera) -> Result<View, PictureMemoryError> {
+        let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of_view(scene, camera))?;
+        Ok(View {
             camera: camera.clone(),
             picture: truth.image(),
             covered: truth.picture.transmittance.iter().map(|share| *share < 1.0).collect(),
             order: Vec::new(),
-        }
+        })
     }
 
     /// Adds the true order of the splats.

@@ -98,7 +98,7 @@ pub fn study(
     let mut path = Vec::new();
     for (at, camera) in cameras.iter().enumerate() {
         steps.next(&format!("the exact pictures, frame {at}"))?;
-        path.push(View::exact(scene, camera).with_order(scene));
+        path.push(View::exact(scene, camera)?.with_order(scene));
     }
     let mut tracks = Vec::new();
     let mut messages = Vec::new();

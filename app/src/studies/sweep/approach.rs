@@ -9,7 +9,7 @@ use crate::studies::measurement::time::{Time, time_alone};
 use crate::studies::study::{Steps, StudyError};
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::{Camera, NEAR, Scene};
-use splatgraph_reference::{Rules, render};
+use splatgraph_reference::{Rules, check_memory, render};
 
 /// The measurements of one step of the approach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,6 +82,7 @@ pub fn measure(
         progress.next("moving the camera closer")?;
         let size = (camera.width, camera.height);
         session.prepare(size, &mut |_| {})?;
+        check_memory(session.scene(), camera)?;
         let picture = render(session.scene(), camera, [0.0; 3], &rules, &|_, _| {});
         let fragments: u64 = picture.contributors.iter().map(|count| u64::from(*count)).sum();
         let covered = picture.contributors.iter().filter(|count| **count > 0).count() as u64;

@@ -97,7 +97,7 @@ impl Study {
         let camera = &subject.cameras[at];
         let (pipeline, set) = (wanted.pipeline.as_str(), wanted.set.as_slice());
         // Without the true order: indices in a part of the scene are not those in the whole scene.
-        let view = View::exact(self.whole.scene(), camera);
+        let view = View::exact(self.whole.scene(), camera)?;
         self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
         let effort = wanted.frames.choose(&mut self.whole, camera, FRAMES_DIVISOR)?;
         let mut progress = self.progress(subject, at, listener);

@@ -15,6 +15,7 @@ use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::lower::Control;
+use splatgraph_reference::PictureMemoryError;
 use std::collections::VecDeque;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
@@ -128,7 +129,7 @@ impl Study {
                 exact.prepare((camera.width, camera.height), &mut |_| {})?;
                 let effort = wanted.frames.choose(exact, camera, FRAMES_DIVISOR)?;
                 let picture = wanted.truths.as_ref().and_then(|(_, pictures)| pictures.get(index));
-                together.push((view(&subject.scene, camera, picture), effort));
+                together.push((view(&subject.scene, camera, picture)?, effort));
             }
             if together.len() < VIEWS_AT_ONCE && index + 1 < last {
                 continue;
@@ -264,12 +265,15 @@ fn content(pictures: &[Image]) -> String {
 }
 
 /// Makes a view with the exact renderer's picture and order, or with a given picture instead of the renderer's.
-fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
-    let mut view = View::exact(scene, camera).with_order(scene);
+///
+/// # Errors
+/// The renderer's picture does not fit in memory.
+fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> Result<View, PictureMemoryError> {
+    let mut view = View::exact(scene, camera)?.with_order(scene);
     if let Some(picture) = picture {
         view.picture = picture.clone();
     }
-    view
+    Ok(view)
 }
 
 #[cfg(test)]
