@@ -24,7 +24,7 @@ fn values_without_a_meaning_are_refused_before_anything_is_loaded() {
         // The scene is missing, too, but the option's error comes first.
         let errors = Place::empty().fails(&format!("view nothing.ply {options}"), 2);
         assert!(errors.contains(expected), "{options}: {errors}");
-        assert_eq!(errors.trim().lines().count(), 1, "{options}: {errors}");
+        assert!(!errors.contains("nothing.ply"), "{options}: {errors}");
     }
 }
 
