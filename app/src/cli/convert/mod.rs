@@ -124,6 +124,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         grouped(before.count),
         before.degree
     ));
+    if bytes == 0 {
+        // Every format has a header.
+        tell(format!("{}: the reader closed the pipe before the end of the scene", output.display()));
+        return Ok(Outcome::Done);
+    }
     let percent = 100.0 * bytes as f64 / before.file_bytes.max(1) as f64;
     let (path, to) = (output.display(), format.extension());
     let count = u64::from(scene.count());
