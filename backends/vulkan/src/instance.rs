@@ -201,9 +201,10 @@ impl Drop for Instance {
     }
 }
 
-/// Guards the loader's list of devices, which is one for all instances of a process. Naming an object and looking up a
-/// function of a device search it, opening and closing a device change it, and the loader lets these run concurrently
-/// (KhronosGroup/Vulkan-Loader, issues 200 and 2018): a thread then reads a device that another has freed.
+/// Guards the loader's list of devices, which is one for all instances of a process. Naming an object, creating a
+/// swapchain and looking up a function of a device search it, opening and closing a device change it, and the loader
+/// lets these run concurrently (KhronosGroup/Vulkan-Loader, issues 200 and 2018): a thread then reads a device that
+/// another has freed.
 static DEVICES: RwLock<()> = RwLock::new(());
 
 /// Opens or closes an instance or a device, while no other thread does, nor searches the loader's list of devices.

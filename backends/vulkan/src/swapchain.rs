@@ -95,7 +95,7 @@ impl Swapchain {
             gpu.name(*commands, "blit to the window");
         }
         // SAFETY: `info` uses what the surface offers, and the previous swapchain belongs to the same surface.
-        let raw = unsafe { functions.create_swapchain(&info, None) };
+        let raw = searching_devices(|| unsafe { functions.create_swapchain(&info, None) });
         let raw = raw.map_err(surface::window("vkCreateSwapchainKHR"))?;
         let mut swapchain = Swapchain {
             raw,
