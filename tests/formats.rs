@@ -60,7 +60,7 @@ fn a_conversion_between_two_ply_files_says_what_activation_loses() {
     for lost in [
         "lost: properties that splats do not have: segment\n",
         "lost: the lengths of quaternions: 500 were not 1, but 2.000 to 2.000",
-        "lost: logits above 9.9, in 1 splats: rounded",
+        "lost: logits above 9.9, in 1 splat: rounded",
     ] {
         assert!(text.contains(lost), "{lost}: {text}");
     }

@@ -159,9 +159,10 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
         let beyond = |index: &u32| scene.world_position(*index as usize).iter().any(|v| v.abs() >= limit);
         let count = (0..scene.count()).filter(beyond).count() as u64;
         format!(
-            ": {} splats are beyond {limit}; with `--crop box:-{limit},-{limit},-{limit},{limit},{limit},{limit}`, \
+            ": {} {} beyond {limit}; with `--crop box:-{limit},-{limit},-{limit},{limit},{limit},{limit}`, \
              which drops them, it is {}",
-            grouped(count),
+            splats(count),
+            if count == 1 { "is" } else { "are" },
             fraction(finer)
         )
     } else if finer(0.5 * scene.bounds().extent()).is_some_and(|finer| finer <= step / 4.0) {
@@ -172,6 +173,11 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     };
     let (step, finest) = (fraction(step), fraction(finest));
     Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest:.0}{advice}"))
+}
+
+/// Formats a number of splats: `1 splat`, `2,000 splats`.
+pub fn splats(count: u64) -> String {
+    format!("{} {}", grouped(count), if count == 1 { "splat" } else { "splats" })
 }
 
 /// Formats a power of two: `1/8`.
@@ -256,7 +262,7 @@ impl Original {
         let mut losses = Vec::new();
         let dropped = &self.dropped;
         if dropped.total() > 0 {
-            losses.push(format!("{} splats that cannot be drawn: {dropped}", grouped(dropped.total())));
+            losses.push(format!("{} that cannot be drawn: {dropped}", splats(dropped.total())));
         }
         if let Some(degree) = self.notes.cut_degree {
             losses.push(format!("harmonics: cut from degree {degree} to 3, the highest that is read"));
@@ -290,8 +296,8 @@ impl Original {
         let nearly = written.opacities().iter().filter(|opacity| **opacity > NEARLY_OPAQUE).count() as u64;
         if nearly > 0 && self.format.starts_with("ply,") {
             losses.push(format!(
-                "logits above 9.9, in {} splats: rounded to those of opacities in 32 bits, at most 18",
-                grouped(nearly)
+                "logits above 9.9, in {}: rounded to those of opacities in 32 bits, at most 18",
+                splats(nearly)
             ));
         }
         losses
@@ -324,7 +330,7 @@ mod tests {
         assert_eq!(
             positions(&Scene::generate(1000, 0, floater)),
             [
-                "positions: steps of 1/8, not 1/4096, because a coordinate is 1000000: 1 splats are beyond 2048; \
+                "positions: steps of 1/8, not 1/4096, because a coordinate is 1000000: 1 splat is beyond 2048; \
               with `--crop box:-2048,-2048,-2048,2048,2048,2048`, which drops them, it is 1/4096"
             ]
         );

@@ -5,10 +5,11 @@ use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
 use crate::io::load::LoadOptions;
 use crate::io::output::say;
+use crate::io::scene_file;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-use splatgraph_assets::{SH_C0, Scene, Similarity, grouped};
+use splatgraph_assets::{SH_C0, Scene, Similarity};
 use splatgraph_framework::expr::{Expr, ExprError, Scope};
 use splatgraph_framework::ir::Value;
 use std::path::PathBuf;
@@ -209,7 +210,7 @@ impl EditArgs {
                 .into());
             }
             if lost.total() > 0 {
-                say(format!("--transform: {} splats dropped ({lost})", grouped(lost.total())));
+                say(format!("--transform: {} dropped ({lost})", scene_file::splats(lost.total())));
             }
             scene = moved;
         }

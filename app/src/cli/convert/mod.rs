@@ -120,8 +120,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let tell = |line: String| if is_standard_output(output) { say(line) } else { note(line) };
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));
     tell(format!(
-        "{path}: {from}, {} splats of degree {}, {size} bytes",
-        grouped(before.count),
+        "{path}: {from}, {} of degree {}, {size} bytes",
+        scene_file::splats(before.count),
         before.degree
     ));
     if bytes == 0 {
@@ -132,7 +132,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let percent = 100.0 * bytes as f64 / before.file_bytes.max(1) as f64;
     let (path, to) = (output.display(), format.extension());
     let count = u64::from(scene.count());
-    let splats = if count == before.count { String::new() } else { format!("{} splats, ", grouped(count)) };
+    let splats = if count == before.count { String::new() } else { scene_file::splats(count) + ", " };
     tell(format!("{path}: {to}, {splats}{} bytes, {percent:.1} % of the original", grouped(bytes)));
     for loss in before.losses(&scene, format) {
         tell(format!("  lost: {loss}"));
