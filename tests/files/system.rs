@@ -7,6 +7,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
+use std::thread;
 
 pub fn limit(command: &mut Command, resource: Resource, most: u64) {
     let limit = move || Ok(setrlimit(resource, Rlimit { current: Some(most), maximum: Some(most) })?);
@@ -140,14 +141,12 @@ fn counts_that_no_memory_holds_are_errors_in_one_sentence_and_write_nothing() {
 fn a_fifo_in_place_of_a_file_that_the_program_reads_again_is_refused_without_waiting_for_a_writer() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
-    for name in ["pipe", "job/job.json", "film/film.json"] {
+    for name in ["job/job.json", "film/film.json"] {
         let path = place.at(name);
         fs::create_dir_all(path.parent().expect("a folder")).expect("made");
         assert!(Command::new("mkfifo").arg(&path).status().expect("mkfifo runs").success());
     }
     for args in [
-        "convert scene.ply kept.ply --keep pipe",
-        "dump splat --times pipe -o dump.html",
         "render scene.ply -c cameras.json -o job --shard 0/1",
         "merge job",
         "video scene.ply -c cameras.json --seconds 1 -o film",
@@ -156,6 +155,27 @@ fn a_fifo_in_place_of_a_file_that_the_program_reads_again_is_refused_without_wai
         let errors = String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success() && errors.contains("found a FIFO"), "{args}: {errors}");
     }
+}
+
+#[test]
+fn a_selection_and_times_are_read_from_the_pipes_that_options_name() {
+    let place = Place::new();
+    place.scene("two.ply", "uniform", 2, 0);
+    let pipe = place.at("pipe");
+    assert!(Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs").success());
+    let first = r#"{"splats": 2, "indices": [0]}"#;
+    let times = r#"[{"pipeline": "splat", "passes": [{"name": "compose", "gpu_ms": 1.5}]}]"#;
+    for (args, text) in [
+        ("convert two.ply one.ply --keep pipe", first),
+        ("convert two.ply one.ply --remove pipe", first),
+        ("dump splat --times pipe -o dump.html", times),
+    ] {
+        let pipe = pipe.clone();
+        let writer = thread::spawn(move || fs::write(pipe, text));
+        place.done(args);
+        writer.join().expect("it ends").expect("it is written");
+    }
+    assert!(place.text("dump.html").contains("1.5"));
 }
 
 #[test]
@@ -182,11 +202,15 @@ fn a_picture_larger_than_any_device_has_is_refused_with_its_camera_and_size() {
             (
                 "--cameras cameras.json",
                 1,
-                "camera 0: expected an image of at most 32768 x 32768 pixels, found 100000 x 48",
+                "the camera one: expected a picture of at most 32768 x 32768 pixels, found 100000 x 48",
             ),
             ("--size 100000x48", 2, "32768x32768"),
         ],
     );
+    place.done("render scene.ply -o a.png --cameras cameras.json --size 64x48");
+    place.write("cameras.json", text.replace("\"width\": 64", "\"width\": 4294967295"));
+    let most = "camera 0: expected an image of at most 1048576 x 1048576 pixels, found 4294967295 x 48";
+    place.refuses("info scene.ply", &[("-c cameras.json", 1, most)]);
 }
 
 #[test]

@@ -3,8 +3,9 @@
 //! A selection file is JSON: the number of the scene's splats, to detect files of another scene, and the indices.
 //! `convert --keep` and `--remove` read it.
 
+use crate::io::named_file;
 use serde::{Deserialize, Serialize};
-use splatgraph_assets::{Mesh, Scene, file};
+use splatgraph_assets::{Mesh, Scene};
 use splatgraph_reference::{Gaussian, Splats};
 use std::path::Path;
 
@@ -100,7 +101,7 @@ impl SplatSet {
     pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
         let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
         let limit = MAX_FRAME_BYTES + MAX_INDEX_BYTES * u64::from(count);
-        let text = file::read(path, limit).map_err(|error| of_file(&error))?;
+        let text = named_file::read(path, limit).map_err(|error| of_file(&error))?;
         let SelectionFile { splats, indices } = serde_json::from_slice(&text)
             .map_err(|error| of_file(&format!("expected {FORM}, found {error}")))?;
         if splats != count {

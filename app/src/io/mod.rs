@@ -5,6 +5,7 @@ pub mod film;
 pub(crate) mod folders;
 pub mod image;
 pub mod load;
+pub(crate) mod named_file;
 pub mod output;
 pub(crate) mod own_file;
 pub mod program;

@@ -1,7 +1,7 @@
 //! Reads GPU times for a dump from the statistics of `splatgraph render --json`.
 
 use crate::draw::stats::median;
-use crate::io::own_file;
+use crate::io::named_file;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -27,8 +27,12 @@ pub struct Times {
     pub passes: Vec<(String, f64)>,
 }
 
+/// Maximum size of the statistics, in bytes.
+const MAX_BYTES: u64 = 1 << 30;
+
 pub fn load(path: &Path) -> Result<Times> {
-    let text = own_file::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let text =
+        named_file::read(path, MAX_BYTES).with_context(|| format!("{} cannot be read", path.display()))?;
     parse(&text).with_context(|| format!("{} has no GPU times", path.display()))
 }
 
