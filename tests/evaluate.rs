@@ -9,6 +9,34 @@ fn photographed() -> Place {
     place
 }
 
+#[test]
+fn a_scene_is_photographed_again_by_the_same_command_and_never_into_another_dataset() {
+    let place = photographed();
+    let again = "synth --photograph scene.ply --dataset views --views 9 --size 96x54";
+    for hidden in ["views/.DS_Store", "views/images/.DS_Store"] {
+        place.write(hidden, "");
+    }
+    std::fs::create_dir(place.at("views/lost+found")).expect("made");
+    let files = place.files("views");
+    place.done(again);
+    // As if the run had been stopped.
+    std::fs::remove_dir_all(place.at("views/sparse")).expect("it is there");
+    std::fs::remove_file(place.at("views/images/view-0008.png")).expect("it is there");
+    place.done(again);
+    assert!(place.files("views") == files);
+
+    let fewer = "synth --photograph scene.ply --dataset views --size 96x54 --views 8";
+    let larger = "synth --photograph scene.ply --dataset views --views 9";
+    place
+        .refuses("", &[(fewer, 2, "found views/images/view-0008.png"), (larger, 2, "found views/sparse/0/")]);
+    for other in ["images/IMG_1.jpg", "sparse/0/images.bin", "sparse/cameras.txt", "cameras.bin"] {
+        place.write(&format!("views/{other}"), "");
+        let why = format!("expected --dataset without files of another dataset, found views/{other}");
+        place.refuses("", &[(again, 2, &why)]);
+        std::fs::remove_file(place.at(format!("views/{other}"))).expect("it is there");
+    }
+}
+
 fn scored(place: &Place, more: &str) -> Value {
     place.told(&format!("evaluate scene.ply -c views --json {more}"))
 }
@@ -67,10 +95,6 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     place.write("shared/job.json", "{}");
     let shared = "expected a folder without job.json, found shared";
     place.refuses("", &[("evaluate scene.ply -c views -o shared", 2, shared)]);
-    let images = place.text("views/sparse/0/images.txt");
-    let used = "expected a new or empty folder for --dataset, found views";
-    place.refuses("synth --photograph scene.ply --views 2 --dataset", &[("views", 2, used)]);
-    assert_eq!(place.text("views/sparse/0/images.txt"), images);
     std::fs::remove_file(place.at("views/images/view-0008.png")).expect("it is there");
     std::fs::create_dir(place.at("empty")).expect("a folder");
     place.refuses(

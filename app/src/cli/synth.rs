@@ -6,9 +6,12 @@ use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::load::LoadOptions;
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
-use anyhow::Result;
+use crate::io::{own_file, scene_file};
+use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, Dataset, grouped, synth};
 use splatgraph_reference::Rules;
+use std::collections::HashSet;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
@@ -46,7 +49,7 @@ pub struct Args {
     /// Make a COLMAP dataset (--dataset) of exact pictures of this scene, from cameras on a circle around it
     #[arg(long, value_name = "SCENE", requires = "dataset", conflicts_with_all = ["enlarge", "output", "cameras", "count"])]
     photograph: Option<PathBuf>,
-    /// Folder of the COLMAP dataset: images/ and sparse/0/, as text; new or empty
+    /// Folder of the COLMAP dataset: images/ and sparse/0/, as text; without another dataset
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
     /// Number of photographs of --photograph [default: 24]
@@ -87,7 +90,6 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     }
     if let (Some(path), Some(folder)) = (&args.photograph, &args.dataset) {
         guard.scene("the scene", path)?;
-        refuse_used(folder)?;
         return photographs(args, folder).iter().try_for_each(|path| Ok(guard.output("--dataset", path)?));
     }
     // With a name, which --photograph conflicts with, clap would waive that these options require --photograph.
@@ -121,12 +123,34 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Refuses a folder with any files. The photographs of another dataset would stay among the new ones, and its binary
-/// model would be read instead of the new text.
-fn refuse_used(folder: &Path) -> Result<(), Usage> {
-    let entry = std::fs::read_dir(folder).ok().and_then(|mut entries| entries.next());
-    let Some(Ok(entry)) = entry else { return Ok(()) };
-    Err(Usage(format!("expected a new or empty folder for --dataset, found {}", entry.path().display())))
+/// Refuses a folder with files of another dataset: its photographs would stay among the new ones, and its model could be
+/// read instead of the new one. The same command may run again.
+fn refuse_other(folder: &Path, photographs: &[PathBuf], model: &[(PathBuf, String)]) -> Result<(), Usage> {
+    let entries = |below: &str| {
+        let entries = fs::read_dir(folder.join(below)).into_iter().flatten().flatten();
+        // Hidden files are the system's, or left by a run that was stopped.
+        let visible = entries.filter(|entry| !entry.file_name().as_encoded_bytes().starts_with(b"."));
+        visible.map(|entry| entry.path())
+    };
+    let photographs: HashSet<&PathBuf> = photographs.iter().collect();
+    let is_written = |path: &PathBuf| {
+        let text = model.iter().find(|(own, _)| own == path).map(|(_, text)| text.as_bytes());
+        text.is_some_and(|text| own_file::read(path).is_ok_and(|found| found == text))
+    };
+    let found = ["cameras.bin", "cameras.txt", "transforms.json", "transforms_train.json", "cameras.json"]
+        .map(|name| folder.join(name))
+        .into_iter()
+        .filter(|path| path.exists())
+        .chain(entries("images").filter(|path| !photographs.contains(path)))
+        .chain(entries("sparse").filter(|path| !path.ends_with("0")))
+        .chain(entries("sparse/0").filter(|path| !is_written(path)))
+        .next();
+    found.map_or(Ok(()), |path| {
+        let path = path.display();
+        Err(Usage(format!(
+            "expected --dataset without files of another dataset, found {path}; name a new folder"
+        )))
+    })
 }
 
 fn extension(args: &Args) -> &'static str {
@@ -169,11 +193,20 @@ fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     let mut cameras = look_at::on_circle(&circle, paths.len());
     for (camera, path) in cameras.iter_mut().zip(&paths) {
         camera.img_name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Truth::draw(&scene, camera, [0.0; 3], &Rules::of(&scene))?.image().save(path)?;
     }
     let world: Vec<Camera> = cameras.iter().map(|camera| camera.in_world(scene.offset())).collect();
-    for (name, text) in Dataset::colmap_text(&world, "png")? {
-        output::write_bytes(&folder.join("sparse/0").join(name), text.as_bytes())?;
+    let model =
+        Dataset::colmap_text(&world, "png")?.map(|(name, text)| (folder.join("sparse/0").join(name), text));
+    refuse_other(folder, &paths, &model)?;
+    // A run that is stopped leaves no model, because its photographs may be of two scenes.
+    for (path, _) in model.iter().filter(|(path, _)| path.exists()) {
+        fs::remove_file(path).with_context(|| path.display().to_string())?;
+    }
+    for (camera, path) in cameras.iter().zip(&paths) {
+        Truth::draw(&scene, camera, [0.0; 3], &Rules::of(&scene))?.image().save(path)?;
+    }
+    for (path, text) in &model {
+        output::write_bytes(path, text.as_bytes())?;
     }
     note(format!("{}: {} photographs of {width} x {height}", folder.display(), paths.len()));
     Ok(Outcome::Done)
@@ -207,9 +240,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let tell = |line: String| if data_on_stdout { say(line) } else { note(line) };
     output::write(output, |mut out| Ok(scene.write_ply_to(&mut out)?))?;
     tell(format!(
-        "{}: {} splats, {} bytes",
+        "{}: {}, {} bytes",
         output.display(),
-        grouped(scene.count().into()),
+        scene_file::splats(scene.count().into()),
         grouped(scene.size_breakdown().file_bytes)
     ));
     if args.cameras.is_none() && cameras.is_some() && !is_standard_output(output) {
