@@ -145,6 +145,37 @@ fn a_file_of_scenes_is_followed_while_it_is_on_the_screen_although_another_scene
 }
 
 #[test]
+fn a_file_of_scenes_that_was_opened_with_a_mistake_is_loaded_once_it_is_mended() {
+    let (mut script, write) = opened("Scenes([");
+    let is_told = |script: &mut Script| script.viewer().list_error(RendererId::A).is_some();
+    script.until("the mistake", is_told);
+    script.settle();
+    write("Scenes([Scene(fil: \"second.ply\")])");
+    script.until("the other mistake", |script| {
+        script.viewer().list_error(RendererId::A).is_some_and(|error| error.contains("fil"))
+    });
+    // The error stays while another file fails, and so does the watch.
+    let missing = script.path("missing.ply");
+    script.viewer().open(&missing);
+    script.until("the failure", |script| script.viewer().loading(RendererId::A).is_none());
+    write("Scenes([Scene(file: \"second.ply\")])");
+    script.until("the mended file", |script| script.viewer().scene().count() == 200);
+    assert!(!is_told(&mut script));
+
+    // Once another scene is shown, a list that failed no longer matters.
+    write("Scens([])");
+    script.until("the mistake", is_told);
+    let first = script.path("first.ply");
+    script.viewer().open(&first);
+    script.until("the other scene", |script| script.viewer().scene_path().ends_with("first.ply"));
+    write("Scenes([Scene(file: \"second.ply\")])");
+    std::thread::sleep(Duration::from_millis(300));
+    script.settle();
+    assert_eq!(script.viewer().scene().count(), 100);
+    script.close(&[]);
+}
+
+#[test]
 fn a_file_of_scenes_that_was_saved_after_it_was_read_and_before_it_was_watched_is_loaded_again() {
     let (mut script, _) = opened("Scenes([Scene(file: \"first.ply\")])");
     script.until("the file", |script| script.viewer().scene_path().ends_with("both.ron"));

@@ -110,8 +110,8 @@ pub struct Viewer {
     asked: (u32, u32),
     opening: Opening,
     placed: PlacedFiles,
-    /// Errors of A's and B's lists of scenes, until a scene is loaded for the viewport.
-    list_errors: [Option<String>; 2],
+    /// Errors of A's and B's lists of scenes, with the path of the list, until a scene is loaded for the viewport.
+    list_errors: [Option<(PathBuf, String)>; 2],
     /// Number of the last request that opened selectable cameras separately from a scene; 0 before the first.
     cameras_number: u64,
     comparing: Comparing,

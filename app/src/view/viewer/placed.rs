@@ -15,7 +15,7 @@ pub(super) struct PlacedFiles {
     lists: [Lists; 2],
 }
 
-/// A viewport's placement files: the one on the screen, and any that are being loaded.
+/// A viewport's placement files: the one on the screen, the one whose error is shown, and any that are being loaded.
 #[derive(Clone, Default)]
 struct Lists {
     /// Contents when last read.
@@ -50,12 +50,12 @@ impl PlacedFiles {
         }
     }
 
-    /// Ends the watch of all files of a viewport but `shown`, after a load has ended. Returns true if `shown` changed
-    /// during the load of another scene.
-    pub fn settle(&mut self, id: RendererId, shown: &Path) -> bool {
+    /// Ends the watch of all files of a viewport but `shown` and `failed`, after a load has ended. Returns the file of
+    /// the two that changed during the load of another scene.
+    pub fn settle(&mut self, id: RendererId, shown: &Path, failed: Option<&Path>) -> Option<PathBuf> {
         let lists = &mut self.lists[opening::index(id)];
-        lists.read.retain(|path, _| path == shown);
-        let changed = lists.postponed.take().is_some_and(|path| path == shown);
+        lists.read.retain(|path, _| path == shown || Some(path.as_path()) == failed);
+        let changed = lists.postponed.take().filter(|path| lists.read.contains_key(path));
         self.watch();
         changed
     }

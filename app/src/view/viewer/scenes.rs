@@ -47,7 +47,12 @@ impl Viewer {
     /// Returns the error of the list of scenes that was read last for a viewport, with its place; `None` once a scene is
     /// loaded.
     pub fn list_error(&self, id: RendererId) -> Option<&str> {
-        self.list_errors[opening::index(id)].as_deref()
+        self.list_errors[opening::index(id)].as_ref().map(|(_, text)| text.as_str())
+    }
+
+    /// Returns the path of the list of scenes whose error [`Viewer::list_error`] returns.
+    fn failed_list(&self, id: RendererId) -> Option<&Path> {
+        self.list_errors[opening::index(id)].as_ref().map(|(path, _)| path.as_path())
     }
 
     /// Sets the options of all later loads of scenes.
@@ -101,20 +106,27 @@ impl Viewer {
                         self.open_scene_in(id, &path);
                         self.restored[opening::index(id)] = restored;
                     }
-                    Some(_) if self.reloads(id, &path) => self.placed.postpone(id, path.clone()),
-                    None if self.reloads(id, &path) => self.open_scene_in(id, &path),
+                    Some(_) if self.awaits(id, &path) => self.placed.postpone(id, path.clone()),
+                    None if self.awaits(id, &path) => self.open_scene_in(id, &path),
                     Some(_) | None => {}
                 }
             }
         }
     }
 
-    /// Ends a load, successful or not: from now on, only the scene on the screen is watched.
+    /// Ends a load, successful or not: from now on, only the scene on the screen is watched, and the list with an error.
     fn settle(&mut self, id: RendererId) {
-        let shown = self.scene_path_of(id).to_owned();
-        if self.placed.settle(id, &shown) && self.reloads(id, &shown) {
-            self.open_scene_in(id, &shown);
+        let (shown, failed) = (self.scene_path_of(id).to_owned(), self.failed_list(id).map(Path::to_owned));
+        if let Some(changed) = self.placed.settle(id, &shown, failed.as_deref())
+            && self.awaits(id, &changed)
+        {
+            self.open_scene_in(id, &changed);
         }
+    }
+
+    /// Returns true if a change of the list of scenes at `path` loads it: a viewport shows the list, or its error.
+    fn awaits(&self, id: RendererId, path: &Path) -> bool {
+        self.reloads(id, path) || self.failed_list(id) == Some(path)
     }
 
     /// Makes B draw A's scene instead of its own.
@@ -205,7 +217,8 @@ impl Viewer {
                 let is_list = self.placed.follows(id, &path);
                 let event = Event::SceneFailed { path: path.clone(), error };
                 if is_list {
-                    self.list_errors[opening::index(id)] = Some(placed_error(&event.to_string(), &path));
+                    let text = placed_error(&event.to_string(), &path);
+                    self.list_errors[opening::index(id)] = Some((path, text));
                 }
                 self.events.push(event);
                 self.settle(id);
