@@ -24,9 +24,9 @@ const BINDING: u32 = 33;
 ///
 /// The inspected pass decides, or, if it does not bind the buffer, the first pass that does.
 pub(super) fn of_buffer(plan: &Plan, after: PassId, buffer: ResourceId) -> ReadAs {
-    let passes = [after].into_iter().chain(plan.order()).map(|id| plan.pass(id));
-    let floats = passes.filter_map(|pass| has_floats(plan, pass, buffer));
-    if floats.into_iter().next() == Some(true) { ReadAs::Float } else { ReadAs::Uint }
+    let mut passes = [after].into_iter().chain(plan.order()).map(|id| plan.pass(id));
+    let floats = passes.find_map(|pass| has_floats(plan, pass, buffer));
+    if floats == Some(true) { ReadAs::Float } else { ReadAs::Uint }
 }
 
 /// Returns true if the block to which a pass binds the buffer has only floats; `None` without such a block.

@@ -272,14 +272,9 @@ impl Running {
         if self.has_begun || self.closing.screenshot.is_some() || self.closing.frames.is_some() {
             return;
         }
-        let mut waiting = self.shell.viewer.shown().filter(|viewport| viewport.renderer.plan().is_none());
-        let Some(first) = waiting.next() else {
-            self.has_begun = true;
-            return;
-        };
-        if let Some(problem) = waiting
-            .fold(first.renderer.problem(false), |found, next| found.or_else(|| next.renderer.problem(false)))
-        {
+        let mut waiting = self.shell.viewer.shown().filter(|v| v.renderer.plan().is_none()).peekable();
+        self.has_begun = waiting.peek().is_none();
+        if let Some(problem) = waiting.find_map(|v| v.renderer.problem(false)) {
             self.has_begun = true;
             say(problem);
         }
