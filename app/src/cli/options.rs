@@ -13,6 +13,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
 use crate::io::progress::Progress;
 use crate::io::report::plot::Plot;
+use crate::io::scene_file;
 use crate::studies::bench;
 use anyhow::{Context, Result, anyhow, bail};
 use splatgraph_api::{BackendError, Heap};
@@ -72,12 +73,13 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
         &[r, g, b] if text.split(',').count() == 3 && values.iter().all(|v| v.is_finite()) => {
-            // Values below 0 mark the background in float pictures. Values above 1 are mostly meant as 0 to 255.
-            match values.iter().find(|value| **value > 1.0) {
-                Some(value) => {
-                    Err(format!("expected the channels of --background from 0 to 1, found {value}"))
+            // Float pictures keep any value: -1 or 1000 can mark the background. Integers from 2 to 255 are mistakes.
+            let is_byte = |value: &f32| value.fract() == 0.0 && (0.0..=255.0).contains(value);
+            match values.iter().find(|value| **value >= 2.0) {
+                Some(value) if values.iter().all(is_byte) => {
+                    Err(format!("expected values from 0 to 1 (255 is 1), found {value}"))
                 }
-                None => Ok([r, g, b]),
+                _ => Ok([r, g, b]),
             }
         }
         _ => Err("expected three numbers, for instance 1,0.5,0.25".into()),
@@ -134,9 +136,9 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
     if let Content::Splats(scene) = &content {
         if scene.dropped().total() > 0 {
             say(format!(
-                "{}: {} splats dropped ({})",
+                "{}: {} dropped ({})",
                 path.display(),
-                scene.dropped().total(),
+                scene_file::splats(scene.dropped().total()),
                 scene.dropped()
             ));
         }
@@ -543,6 +545,17 @@ pub fn refuse_terminal(what: &str) -> Result<(), Usage> {
 mod tests {
     use super::*;
     use splatgraph_assets::synth;
+
+    #[test]
+    fn a_background_is_refused_if_it_looks_like_values_from_0_to_255() {
+        for text in ["0,128,255", "2,0,0", "0,1,255"] {
+            let error = colour(text).unwrap_err();
+            assert!(error.starts_with("expected values from 0 to 1 (255 is 1), found "), "{text}: {error}");
+        }
+        for text in ["1,1,1", "1e3,1e3,1e3", "-1,-1,-1", "0.5,2,0", "1.5,0,0", "0,0,256"] {
+            assert!(colour(text).is_ok(), "{text}");
+        }
+    }
 
     #[test]
     fn the_default_camera_frames_the_scene_in_a_picture_of_any_shape() {
