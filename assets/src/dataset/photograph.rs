@@ -25,8 +25,12 @@ pub(super) fn stem(name: &str) -> &str {
 pub(super) fn find(folder: &Path, name: &str) -> Result<PathBuf> {
     let named = folder.join(name);
     if !is_near(folder, Path::new(name)) {
+        let help = match Path::new(name).is_absolute() {
+            true => "`evaluate --photographs /` accepts it",
+            false => "at most one ../ is allowed, also with --photographs",
+        };
         let text = format!(
-            "expected a photograph in the folder of the dataset's photographs or in the folder around it, found {name}"
+            "expected a photograph in the folder of the dataset's photographs or in the folder around it, found {name}: {help}"
         );
         return Err(Error::new(ErrorKind::InvalidInput, text));
     }
@@ -40,15 +44,23 @@ pub(super) fn find(folder: &Path, name: &str) -> Result<PathBuf> {
 }
 
 /// Returns true if a name leads into `folder`, or up from it by one folder.
-fn is_near(folder: &Path, name: &Path) -> bool {
-    let around = std::path::absolute(folder).ok();
-    let name = match (name.is_absolute(), &around) {
-        (true, Some(folder)) => name.strip_prefix(folder).ok(),
-        (true, None) => None,
-        (false, _) => Some(name),
-    };
-    let mut parts = name.into_iter().flat_map(Path::components).filter(|part| *part != Component::CurDir);
+pub(super) fn is_near(folder: &Path, name: &Path) -> bool {
     let inside = |part: Component| matches!(part, Component::Normal(_));
+    if name.is_absolute() {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        // The name may lead through a symbolic link to the folder, or the folder's path through one that the name avoids.
+        let real = name.parent().and_then(|parent| Some(parent.canonicalize().ok()?.join(name.file_name()?)));
+        let within = |around: &Path| {
+            let names = [Some(name), real.as_deref()];
+            names
+                .into_iter()
+                .flatten()
+                .any(|name| name.strip_prefix(around).is_ok_and(|rest| rest.components().all(inside)))
+        };
+        let folders = [std::path::absolute(folder), folder.canonicalize()];
+        return folders.iter().flatten().flat_map(|folder| folder.ancestors().take(2)).any(within);
+    }
+    let mut parts = name.components().filter(|part| *part != Component::CurDir);
     parts.next().is_some_and(|first| first == Component::ParentDir || inside(first)) && parts.all(inside)
 }
 

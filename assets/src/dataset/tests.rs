@@ -444,9 +444,29 @@ fn names_of_photographs_lead_no_further_than_the_folder_around_the_dataset() {
     let absolute = inner.join("b.png").display().to_string();
     assert_eq!(found(&dataset, &absolute), "b.png");
     assert_eq!(found(Path::new("/"), &absolute), "b.png");
-    for name in ["../../top.png", "./inner/../a.png", "../dataset/../top.png", &absolute] {
+    assert_eq!(found(&inner.join("empty"), &absolute), "b.png", "as ../b.png is");
+    let top = folder.path().join("top.png").display().to_string();
+    for name in ["../../top.png", "./inner/../a.png", "../dataset/../top.png", &top] {
         let said = found(&inner.join("empty"), name);
-        assert!(said.contains("or in the folder around it, found ") && said.ends_with(name), "{said}");
+        assert!(said.contains(&format!("or in the folder around it, found {name}: ")), "{said}");
+        assert!(said.contains("--photographs"), "{said}");
+    }
+    // The folders of `-c transforms.json`, `-c ../src/transforms.json`, and of a symbolic link to the folder.
+    let here = std::env::current_dir().unwrap();
+    let around = here.parent().unwrap();
+    let is_near = |folder: &str, name: &Path| photograph::is_near(Path::new(folder), name);
+    for folder in ["", ".", "../assets"] {
+        assert!(is_near(folder, &here.join("images/a.png")), "{folder:?}");
+        assert!(is_near(folder, &around.join("images/a.png")), "{folder:?}");
+        assert!(!is_near(folder, &around.with_file_name("a.png")), "{folder:?}");
+    }
+    assert!(is_near("src", &here.join("a.png")) && !is_near("src/dataset", &here.join("a.png")));
+    #[cfg(unix)]
+    {
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&inner, &link).unwrap();
+        assert_eq!(found(&link, &absolute), "b.png");
+        assert_eq!(found(&inner, &link.join("b.png").display().to_string()), "b.png");
     }
     assert!(found(&dataset, "none").starts_with("expected the photograph "));
 }
