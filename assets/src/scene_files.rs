@@ -71,7 +71,7 @@ fn named(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let mut text = vec![0; length as usize];
     source.read(start, &mut text)?;
     // A document beyond this limit is not read as a scene either.
-    if json::check(&text).is_err() {
+    if json::check(&text, json::LEVELS_OBJECT).is_err() {
         return Ok(Vec::new());
     }
     // A binary file pads its text.

@@ -100,7 +100,7 @@ pub(super) fn json(source: &Source) -> Result<Vec<u8>, SceneError> {
     }
     let mut text = vec![0; length as usize];
     source.read(at, &mut text)?;
-    json::check(&text).map_err(|message| field(at, "JSON", message))?;
+    json::check(&text, json::GLTF_OBJECT).map_err(|message| field(at, "JSON", message))?;
     Ok(text)
 }
 

@@ -4,6 +4,7 @@ use crate::error::SceneError;
 use crate::similarity::Similarity;
 use glam::{DMat4, DQuat};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 
 /// Name of the extension. The names of its attributes and of extensions to it begin with it.
@@ -105,7 +106,13 @@ struct Splatting {
     color_space: Option<String>,
     projection: Option<String>,
     sorting_method: Option<String>,
-    extensions: BTreeMap<String, serde_json::Value>,
+    extensions: BTreeMap<String, Compression>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+struct Compression {
+    buffer_view: Option<u64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -120,7 +127,7 @@ pub(super) struct Accessor {
     pub count: u64,
     #[serde(rename = "type")]
     pub kind: String,
-    pub sparse: Option<serde_json::Value>,
+    pub sparse: Option<IgnoredAny>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -265,9 +272,8 @@ impl Splatting {
             });
         }
         expect("colorSpace", &self.color_space, "srgb_rec709_display")?;
-        let Some((name, value)) = self.extensions.first_key_value() else { return Ok(None) };
-        let view = value.get("bufferView").and_then(serde_json::Value::as_u64);
-        match (name.as_str(), view) {
+        let Some((name, compression)) = self.extensions.first_key_value() else { return Ok(None) };
+        match (name.as_str(), compression.buffer_view) {
             (
                 "KHR_gaussian_splatting_compression_spz_2" | "KHR_gaussian_splatting_compression_spz",
                 Some(view),

@@ -41,7 +41,7 @@ impl Mesh {
     /// image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
-        json::check(json_of(bytes)).map_err(|message| wrong("glTF", message))?;
+        json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
         if let Some(extension) = gltf.extensions_required().next() {
             let message = format!("expected no required extension, found {extension}");

@@ -151,11 +151,7 @@ fn mistakes_are_told_with_their_part() {
 }
 
 #[test]
-fn a_document_of_too_many_objects_is_refused_before_it_is_parsed() {
-    let nodes = format!("\"nodes\":[{}", "{},".repeat(3 << 20));
-    let text = said("\"nodes\":[", &nodes);
-    assert!(text.contains("expected JSON with at most 8388608 bytes outside of strings, found"), "{text}");
-    // Of millions of errors in a document, the first is shown.
+fn of_millions_of_errors_in_a_document_the_first_is_shown() {
     let text = said("\"nodes\":[{\"mesh\":0}", "\"nodes\":[{\"mesh\":7},{\"mesh\":8},{\"mesh\":9}");
     assert!(text.contains("nodes[0].mesh: Index out of bounds, and 2 more"), "{text}");
 }

@@ -83,7 +83,7 @@ impl Level {
             return Err(wrong("length", format!("at most {MAX_JSON} bytes"), length));
         }
         let text = source.head(length as usize)?;
-        json::check(&text).map_err(|message| damaged(NAME, message))?;
+        json::check(&text, json::LEVELS_OBJECT).map_err(|message| damaged(NAME, message))?;
         let document: Document = serde_json::from_slice(&text).map_err(|error| malformed(NAME, &error))?;
         if let Some(found) = document.version.filter(|version| *version != 1) {
             return Err(wrong("version", "1".into(), found));
