@@ -44,6 +44,27 @@ fn scenes_on_the_command_line_are_drawn_in_one_sort_with_their_places() {
 }
 
 #[test]
+fn a_level_is_that_of_the_scenes_with_levels_beside_scenes_and_lists_without() {
+    let place = scenes();
+    place.done("convert a.ply packed.sog");
+    let mut archive =
+        zip::ZipArchive::new(std::fs::File::open(place.at("packed.sog")).expect("a file")).expect("a ZIP");
+    archive.extract(place.at("lod/0")).expect("unpacked");
+    place.write(
+        "lod/lod-meta.json",
+        r#"{"version": 1, "lodLevels": 2, "filenames": ["0/meta.json"], "tree": {"lods": {
+            "0": {"file": 0, "offset": 0, "count": 9}, "1": {"file": 0, "offset": 0, "count": 4}}}}"#,
+    );
+    place.write("list.ron", r#"Scenes([Scene(file: "a.ply"), Scene(file: "b.ply")])"#);
+    let alone = place.told("render list.ron -o a.png --json --size 32x18")[0]["counts"]["loaded"].as_u64();
+    for scenes in ["list.ron lod/lod-meta.json", "lod list.ron"] {
+        let both = &place.told(&format!("render {scenes} -o a.png --json --size 32x18 --level 1"))[0];
+        assert_eq!(both["counts"]["loaded"].as_u64(), alone.map(|count| count + 4), "{scenes}");
+    }
+    place.refuses("render list.ron -o a.png --level 1", &[("", 1, "expected a scene with levels")]);
+}
+
+#[test]
 fn tags_in_which_scenes_differ_are_reported_by_every_command_that_merges() {
     let place = scenes();
     let mut tagged = place.bytes("b.ply");

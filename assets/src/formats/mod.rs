@@ -172,19 +172,29 @@ impl SceneHeader {
 
     /// Reads the headers of a composition's parts, each file once. A mesh has 0 splats.
     fn of_parts(parts: &[Placed], level: Option<u32>) -> Result<Vec<Self>, LoadError> {
-        let mut known = HashMap::new();
-        let header =
-            |part: &Placed, has_levels: bool| match Self::open(&part.file, level.filter(|_| has_levels))? {
-                Found::One(header) => Ok(header),
+        let (mut known, mut has_levels) = (HashMap::new(), false);
+        let mut header = |part: &Placed| {
+            let (found, at_level) = at_level(level, |level| Self::open(&part.file, level))?;
+            match found {
+                Found::One(header) => {
+                    has_levels |= at_level;
+                    Ok(header)
+                }
                 Found::Mesh(()) => Ok(Self { count: 0, stored_degree: 0 }),
                 Found::Several(_) => Err(nested(&part.file)),
-            };
-        let has_levels = parts_with_levels(parts, level)?;
-        let all = parts.iter().zip(has_levels).map(|(part, has_levels)| match known.entry(&part.file) {
+            }
+        };
+        let all = parts.iter().map(|part| match known.entry(&part.file) {
             Entry::Occupied(known) => Ok(*known.get()),
-            Entry::Vacant(unknown) => Ok(*unknown.insert(header(part, has_levels)?)),
+            Entry::Vacant(unknown) => Ok(*unknown.insert(header(part)?)),
         });
-        all.collect()
+        let all = all.collect::<Result<_, _>>()?;
+        match parts.last() {
+            Some(last) if level.is_some() && !has_levels => {
+                Err(LoadError { path: last.file.clone(), problem: SceneError::NoLevels })
+            }
+            _ => Ok(all),
+        }
     }
 
     fn joined(all: &[Self]) -> Self {
@@ -200,10 +210,14 @@ impl SceneHeader {
         SceneMemoryError::check_against(joined.count, joined.stored_degree, needed, available)
     }
 
-    /// Returns false for a mesh and for a scene without levels. Errors of other kinds give true: a load reports them.
+    /// Returns false for a mesh, for a scene without levels, and for a composition of these. Errors of other kinds give
+    /// true: a load reports them.
     pub fn has_levels(path: impl AsRef<Path>) -> bool {
-        let found = Self::load_level(path, Some(0)).map_err(|error| error.problem);
-        !matches!(found, Err(SceneError::NoLevels | SceneError::MeshAlone))
+        match Self::load_level(path, Some(0)).map_err(|error| error.problem) {
+            Err(SceneError::Placed(error)) => !matches!(error.problem, SceneError::NoLevels),
+            Err(SceneError::NoLevels | SceneError::MeshAlone) => false,
+            _ => true,
+        }
     }
 
     fn of(source: &Source, path: &Path, level: Option<u32>) -> Result<Self, SceneError> {
@@ -221,18 +235,14 @@ impl SceneHeader {
     }
 }
 
-/// Finds the parts of a composition that a `level` applies to: those with levels.
-///
-/// # Errors
-/// A level is given, but no part has levels.
-fn parts_with_levels(parts: &[Placed], level: Option<u32>) -> Result<Vec<bool>, LoadError> {
-    let has_levels = |part: &Placed| level.is_some() && SceneHeader::has_levels(&part.file);
-    let found: Vec<bool> = parts.iter().map(has_levels).collect();
-    match parts.last() {
-        Some(last) if level.is_some() && !found.contains(&true) => {
-            Err(LoadError { path: last.file.clone(), problem: SceneError::NoLevels })
-        }
-        _ => Ok(found),
+/// Reads a part of a composition at a level; without the level, and with false, if the part has no levels.
+fn at_level<T>(
+    level: Option<u32>,
+    read: impl Fn(Option<u32>) -> Result<T, LoadError>,
+) -> Result<(T, bool), LoadError> {
+    match read(level) {
+        Err(LoadError { problem: SceneError::NoLevels, .. }) => Ok((read(None)?, false)),
+        found => Ok((found?, level.is_some())),
     }
 }
 
@@ -341,7 +351,6 @@ impl Scene {
     ) -> Result<(Self, Vec<ElementSize>), LoadError> {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
-        let has_levels = parts_with_levels(parts, level)?;
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
         let mut files = Vec::with_capacity(parts.len());
         let mut sizes = Vec::with_capacity(parts.len());
@@ -361,8 +370,7 @@ impl Scene {
                     sizes.push(ElementSize::new(&format!("{name} ({format})"), rows, vec![contents]));
                 }
             };
-            let level = level.filter(|_| has_levels[index]);
-            let scene = match Self::load_one(&part.file, level, &tell)? {
+            let scene = match at_level(level, |level| Self::load_one(&part.file, level, &tell))?.0 {
                 Found::One(scene) => {
                     let rows = u64::from(scene.count()) + scene.dropped().total();
                     let breakdown = scene.size_breakdown();

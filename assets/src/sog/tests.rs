@@ -337,6 +337,14 @@ fn in_a_list_a_level_is_that_of_the_scenes_with_levels() {
         let errors = [header.unwrap_err(), scene.unwrap_err()];
         assert!(errors.iter().all(|error| error.contains(why)), "{errors:?}");
     }
+    for (text, has_levels) in [
+        (r#"Scenes([Scene(file: "a.ply"), Scene(file: "a.ply")])"#, false),
+        (mixed, true),
+        (r#"Scenes([Scene(file: "gone.ply")])"#, true),
+    ] {
+        std::fs::write(&list, text).unwrap();
+        assert_eq!(SceneHeader::has_levels(&list), has_levels, "{text}");
+    }
 }
 
 #[test]
