@@ -38,8 +38,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Maximum width and height of the image, in pixels.
-    pub const MAX_SIDE: u32 = 32_768;
+    /// Maximum width and height of the image, in pixels. Commands that draw at the camera's own size allow less.
+    pub const MAX_SIDE: u32 = 1 << 20;
 
     /// Creates a camera at `eye` that looks at `target`, upright in a world with y down.
     ///

@@ -85,7 +85,7 @@ fn positive(text: &str) -> Result<f64, String> {
 const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+    let given = cameras::load_sized(args.cameras.as_deref(), args.scene.as_deref(), args.size)?;
     let mut guard = guard(args)?;
     let sampled = args.cameras.is_none();
     let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);

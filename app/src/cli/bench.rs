@@ -263,7 +263,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let guard = guard(args, &stems)?;
     let cameras = |index: usize| {
         let spec = args.cameras.get(index).or(args.cameras.first());
-        cameras::load(spec.map(String::as_str), args.scenes.get(index).map(PathBuf::as_path))
+        let scene = args.scenes.get(index).map(PathBuf::as_path);
+        cameras::load_sized(spec.map(String::as_str), scene, args.sizes.first().copied())
     };
     Ok(Work { guard, cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
 }

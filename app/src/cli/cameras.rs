@@ -1,9 +1,10 @@
 //! Finds the cameras of a command: from `--cameras`, or the first camera of the file beside the scene.
 
+use super::options::MAX_SIDE;
 use super::outcome::Usage;
 use crate::draw::camera;
-use crate::io::output::{OutputGuard, say};
-use anyhow::Result;
+use crate::io::output::{OutputGuard, one_line, say};
+use anyhow::{Result, bail};
 use splatgraph_assets::{Camera, CameraError, Dataset};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -32,6 +33,33 @@ pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camer
     say(format!("the camera is the first of {file_name}{others}"));
     all.truncate(1);
     Ok(Some(all))
+}
+
+/// Loads cameras as [`load`] does, for pictures of `size`, or of the cameras' own sizes.
+///
+/// # Errors
+/// The errors of [`load`] and, without `size`, of [`check_size`].
+pub fn load_sized(
+    spec: Option<&str>,
+    scene: Option<&Path>,
+    size: Option<(u32, u32)>,
+) -> Result<Option<Vec<Camera>>> {
+    let given = load(spec, scene)?;
+    given.iter().flatten().filter(|_| size.is_none()).try_for_each(check_size)?;
+    Ok(given)
+}
+
+/// Refuses a camera whose picture is larger than [`MAX_SIDE`] a side.
+pub fn check_size(camera: &Camera) -> Result<()> {
+    if camera.width.max(camera.height) > MAX_SIDE {
+        bail!(
+            "the camera {}: expected a picture of at most {MAX_SIDE} x {MAX_SIDE} pixels, found {} x {}",
+            one_line(&camera.img_name),
+            camera.width,
+            camera.height
+        );
+    }
+    Ok(())
 }
 
 /// Loads all cameras of a file beside the scene. Tells the user and returns `None` if they are not usable.

@@ -130,11 +130,9 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         let (width, height) = Image::photograph_size(&photograph)?;
         let [width, height] =
             [width, height].map(|side| (side as f64 / f64::from(downscale)).round().max(1.0) as u32);
-        views.push(View {
-            name: view.photograph.clone(),
-            photograph,
-            camera: view.camera.stretched(width, height),
-        });
+        let camera = view.camera.stretched(width, height);
+        cameras::check_size(&camera)?;
+        views.push(View { name: view.photograph.clone(), photograph, camera });
     }
     let names: Vec<String> = views.iter().map(|view| view.camera.img_name.clone()).collect();
     let stems = names::unique(&names, MAX_NAME_BYTES - ".png".len());

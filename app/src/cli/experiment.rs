@@ -107,6 +107,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Some(_) => cameras,
         None => cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect(),
     };
+    cameras.iter().try_for_each(cameras::check_size)?;
     let name = options::scene_name(common.scene.as_deref());
     let subject = Subject { device: &device, name, scene: scene.into(), cameras };
     claim_graph_files(&mut guard, &subject.check(&[Setting::of_graph(GRAPH, &[])])?)?;

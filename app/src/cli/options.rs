@@ -52,7 +52,7 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
 }
 
 /// Maximum width and height of a picture, in pixels.
-pub const MAX_SIDE: u32 = Camera::MAX_SIDE;
+pub const MAX_SIDE: u32 = 32_768;
 
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parse = || -> Option<(u32, u32)> {
@@ -414,7 +414,7 @@ pub struct Drawing {
 
 impl Drawing {
     pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
-        super::cameras::load(self.cameras.as_deref(), scene)
+        super::cameras::load_sized(self.cameras.as_deref(), scene, self.size)
     }
 }
 

@@ -163,6 +163,7 @@ fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Came
     if args.size.is_none() {
         cameras = cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect();
     }
+    cameras.iter().try_for_each(cameras::check_size)?;
     if let [camera] = cameras.as_slice() {
         return Ok(measure::orbit(scene, camera, args.frames.unwrap_or(FRAMES), args.step));
     }

@@ -149,7 +149,7 @@ fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
-    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+    let given = cameras::load_sized(args.cameras.as_deref(), args.scene.as_deref(), args.size)?;
     let mut guard = guard(args)?;
     let device = args.device.open()?;
     let request = Request::load(args, &device, &mut guard, given, Some(args.output.join(LEDGER)))?;
@@ -191,7 +191,7 @@ pub struct Views {
 impl Views {
     /// Checks the arguments and reads the cameras. The scene is loaded later.
     pub fn new(args: Args) -> Result<Views> {
-        let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+        let given = cameras::load_sized(args.cameras.as_deref(), args.scene.as_deref(), args.size)?;
         let stems = stems(&args, given.as_deref());
         let guard = guard(&args)?;
         Ok(Views { args, guard, given, stems, open: None })

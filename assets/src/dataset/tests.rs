@@ -42,7 +42,7 @@ fn errors_say_line_column_and_which_camera() {
     assert!(error(&format!("[{}]", ONE.replace("5.0", "0"))).contains("positive fx"));
     assert!(error(&format!("[{}]", ONE.replace(": 4", ": 0"))).contains("0 x 2 pixels"));
     for (from, to, what) in [
-        (": 4", ": 32769", "expected an image of at most 32768 x 32768 pixels, found 32769 x 2"),
+        (": 4", ": 1048577", "expected an image of at most 1048576 x 1048576 pixels, found 1048577 x 2"),
         ("5.0", "1e40", "expected fx from 1e-20 to 1e20 pixels, found 1e40"),
         ("6.0", "1e-50", "expected fy from 1e-20 to 1e20 pixels, found "),
         ("3.5", "-1e40", "expected a position within 1e18 of the origin, found z = -1e40"),
@@ -319,7 +319,7 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
             0,
             16,
             &[255; 4],
-            "images.bin: byte 8, `IMAGE_ID`: expected an image of at most 32768 x 32768 pixels",
+            "images.bin: byte 8, `IMAGE_ID`: expected an image of at most 1048576 x 1048576 pixels",
         ),
         (1, 68, &[9], "images.bin: byte 68, `CAMERA_ID`: expected 7, the only ID of cameras, found 9"),
         (1, 78, &[255; 7], "images.bin: byte 78, `num_points2D`: expected at most "),

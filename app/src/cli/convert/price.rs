@@ -48,7 +48,7 @@ impl PriceArgs {
 
     /// Measures the prices of `scene`, which was loaded from `path`, and prints them.
     pub(super) fn run(&self, scene: Scene, path: &Path) -> Result<Outcome> {
-        let given = cameras::load(self.cameras.as_deref(), Some(path))?;
+        let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size)?;
         // Use world coordinates: a format may or may not keep the scene's origin.
         let cameras = given.unwrap_or_else(|| vec![options::framing(&scene).in_world(scene.offset())]);
         let sized = |camera: splatgraph_assets::Camera| match self.size {

@@ -128,6 +128,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let keys = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
     if let Some(keys) = &keys {
         check_keys(args, keys)?;
+        keys.iter().filter(|_| args.drawing.size.is_none()).try_for_each(cameras::check_size)?;
     }
     let mut guard = OutputGuard::default();
     let mut claim = || -> Result<(), Usage> {
