@@ -110,6 +110,18 @@ fn no_output_goes_over_a_file_that_another_input_names() {
         "render scene.ply -c views -o views/images",
         "would overwrite a photograph of the dataset",
     );
+    // A name that leads too far is not read, but can lead to a photograph.
+    place.write("a.png", "");
+    place.write(
+        "views/far/transforms.json",
+        r#"{"w": 32, "h": 18, "fl_x": 30, "frames": [{"file_path": "../../a.png",
+            "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}]}"#,
+    );
+    refused(
+        &place,
+        "render scene.ply -c views/far/transforms.json -o a.png",
+        "would overwrite a photograph of the dataset",
+    );
 }
 
 #[test]

@@ -133,7 +133,9 @@ pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     for (folder, view) in
         photographs.iter().flat_map(|(folder, views)| views.iter().map(move |view| (folder, view)))
     {
-        if let Ok(file) = Dataset::photograph_in(folder, view) {
+        // A name that leads too far is not read, but can lead to a picture of the user.
+        let named = || Some(folder.join(&view.photograph)).filter(|path| path.is_file());
+        if let Some(file) = Dataset::photograph_in(folder, view).ok().or_else(named) {
             guard.input("a photograph of the dataset", &file)?;
         }
     }
