@@ -296,8 +296,13 @@ fn type_name(value: &Value) -> &'static str {
 const MAX_LISTED_NAMES: usize = 20;
 
 /// Returns the message for a name that is not in scope.
-pub(crate) fn unknown_name(name: &str) -> String {
+fn unknown_name(name: &str) -> String {
     format!("there is no value named `{name}`")
+}
+
+/// Returns the name that a message of [`unknown_name`] is about; `None` for another message.
+pub(crate) fn name_unknown_in(message: &str) -> Option<&str> {
+    message.strip_prefix("there is no value named `")?.strip_suffix('`')
 }
 
 fn unknown(node: &Node, name: &str, scope: &dyn Scope) -> ExprError {

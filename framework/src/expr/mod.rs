@@ -30,7 +30,7 @@ mod tree;
 use std::ops::Range;
 
 use crate::ir::Value;
-pub(crate) use eval::unknown_name;
+pub(crate) use eval::name_unknown_in;
 pub use tree::{ExprError, Scope};
 
 /// A parsed expression.

@@ -12,7 +12,7 @@ use super::lowered::{
 };
 use super::require::Choices;
 use super::scope::Names;
-use crate::expr::unknown_name;
+use crate::expr::name_unknown_in;
 use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
 use crate::plan::Plan;
 use crate::schema::{Expression, Graph, Number};
@@ -202,8 +202,8 @@ impl<'a> Lowering<'a> {
     pub(super) fn level(&mut self, opened: &Opened, scope: Scope, prefix: String) -> Level {
         let Scope { mut names, params, exposed } = scope;
         let lets = &opened.graph.lets;
-        let mut failed: Vec<&String> = Vec::new();
-        for (name, number) in lets {
+        let mut failed = BTreeSet::new();
+        for (at, (name, number)) in lets.iter().enumerate() {
             let place = opened.root.field("let").field(name);
             let taken = "the name is already used by a parameter, a fact or a `let`";
             if let Err(error) = names.check_new(name, "a `let`", taken, place.key()) {
@@ -228,15 +228,17 @@ impl<'a> Lowering<'a> {
                     names.define(name, value, read);
                 }
                 Err(diagnostic) => {
-                    let unknown = |other: &&String| diagnostic.primary.text == unknown_name(other);
+                    let unknown = name_unknown_in(&diagnostic.primary.text);
                     // An unknown name that has an error of its own is a consequence of that error.
-                    let told = failed.iter().any(unknown);
-                    failed.push(name);
+                    let told = unknown.is_some_and(|other| failed.contains(other));
+                    failed.insert(name.as_str());
                     if told {
                         continue;
                     }
-                    let at = |name: &String| opened.root.field("let").field(name).key();
-                    self.errors.push(match lets.keys().skip_while(|other| *other != name).find(unknown) {
+                    let key_of = |name: &String| opened.root.field("let").field(name).key();
+                    let known = unknown.and_then(|other| lets.get_full(other));
+                    let later = known.filter(|(other, ..)| *other >= at).map(|(_, name, _)| name);
+                    self.errors.push(match later {
                         None => diagnostic,
                         Some(later) if needs(lets, later, name) => {
                             let message = format!("the value of `{name}` depends on itself");
@@ -244,13 +246,12 @@ impl<'a> Lowering<'a> {
                             let error = Diagnostic::new(message, span, format!("needs `{later}`"));
                             match later == name {
                                 true => error,
-                                false => {
-                                    error.with_label(at(later), format!("needs `{name}`, directly or not"))
-                                }
+                                false => error
+                                    .with_label(key_of(later), format!("needs `{name}`, directly or not")),
                             }
                         }
                         Some(later) => Diagnostic { help: Vec::new(), ..diagnostic }
-                            .with_label(at(later), "declared below")
+                            .with_label(key_of(later), "declared below")
                             .with_help("a `let` can use only those above it: move this one down"),
                     });
                 }

@@ -8,7 +8,7 @@ use super::document::{Opened, Setting};
 use super::lowered::SkippedUse;
 use super::reserved::is_reserved;
 use super::scope::{Names, check_identifier, describe, is_identifier};
-use crate::expr::unknown_name;
+use crate::expr::name_unknown_in;
 use crate::ir::{
     Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,
 };
@@ -116,8 +116,8 @@ pub(super) fn resolve(
             }
             Err(mut diagnostic) => {
                 failed.insert(name);
-                let mut lets = root.graph.lets.keys().chain(declared.graph().lets.keys());
-                if lets.any(|name| diagnostic.primary.text == unknown_name(name)) {
+                let is_let = |name| [&root.graph, declared.graph()].iter().any(|g| g.lets.contains_key(name));
+                if name_unknown_in(&diagnostic.primary.text).is_some_and(is_let) {
                     let other = match declared.around.is_empty() {
                         true => "",
                         false => ", or do not expose the parameter that needs it",

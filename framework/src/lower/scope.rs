@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::lowered::Extent;
-use crate::expr::{ExprError, Scope, unknown_name};
+use crate::expr::{ExprError, Scope, name_unknown_in};
 use crate::ir::{Domain, Facts, OUTPUTS, ParamSet, Reason, Span, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Place};
@@ -171,8 +171,8 @@ impl Names {
     pub fn expression(&self, expression: &Expression, place: &Place) -> Result<Value, Diagnostic> {
         let show = |error: ExprError| {
             let span = place.within_string(error.start..error.end);
-            let is_unknown = |option: &&String| error.message == unknown_name(option);
-            let option = self.options.values().flatten().find(is_unknown);
+            let unknown = name_unknown_in(&error.message);
+            let option = self.options.values().flatten().find(|option| Some(option.as_str()) == unknown);
             let option = option.map(|option| format!("texts are in single quotes: `'{option}'`"));
             let diagnostic = Diagnostic::new("this expression has no value", span, error.message.as_str());
             match option.or(error.help) {

@@ -1,11 +1,12 @@
 //! Defines diagnostics: errors and warnings with source spans and suggestions.
 
+use std::collections::HashSet;
 use std::fmt;
 
 use crate::ir::Span;
 
 /// A span with a text to show under it, which may be empty.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Label {
     /// The source range to underline.
     pub span: Span,
@@ -47,14 +48,10 @@ impl Diagnostic {
 
     /// Removes repetitions: diagnostics with the message and the place of an earlier one. A file that is included twice
     /// has each of its errors twice.
-    pub fn distinct(diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
-        let mut kept: Vec<Diagnostic> = Vec::new();
-        for new in diagnostics {
-            if !kept.iter().any(|old| (old.primary.span, &old.message) == (new.primary.span, &new.message)) {
-                kept.push(new);
-            }
-        }
-        kept
+    pub fn distinct(mut all: Vec<Diagnostic>) -> Vec<Diagnostic> {
+        let mut seen = HashSet::new();
+        all.retain(|new| seen.insert((new.primary.span, new.message.clone())));
+        all
     }
 
     /// Suggests the candidate nearest to `name`. If none is near, adds `otherwise` as help, unless it is empty.

@@ -225,7 +225,9 @@ impl SourceMap {
         let start = span.start.min(file.text.len());
         let line = file.lines.partition_point(|line_start| *line_start <= start) - 1;
         let from = file.lines[line];
-        let column = file.text[from..].char_indices().take_while(|(offset, _)| from + offset < start).count();
+        // Counts the characters by their first bytes: a line can be megabytes long, and have thousands of errors.
+        let is_first = |byte: &&u8| !(0x80..0xc0).contains(*byte);
+        let column = file.text.as_bytes()[from..start].iter().filter(is_first).count();
         (line as u32 + 1, column as u32 + 1)
     }
 

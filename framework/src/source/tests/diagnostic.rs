@@ -49,6 +49,15 @@ fn labels_in_other_files_are_drawn_in_their_files() {
 }
 
 #[test]
+fn repeated_errors_are_told_once_in_linear_time() {
+    let (_, file) = one_file("a.ron", "x");
+    let error = |at: usize| Diagnostic::new("wrong", Span { file, start: at, end: at + 1 }, "");
+    let thousands: Vec<Diagnostic> = (0..200_000).map(error).collect();
+    let twice = [thousands.clone(), thousands.clone()].concat();
+    assert!(Diagnostic::distinct(twice) == thousands);
+}
+
+#[test]
 fn errors_have_blank_lines_between_and_those_after_the_first_hundred_are_only_counted() {
     let (files, file) = one_file("a.ron", "x");
     let error = Diagnostic::new("wrong", Span { file, start: 0, end: 1 }, "");
