@@ -9,9 +9,9 @@ use petgraph::algo::kosaraju_scc;
 use petgraph::graph::{DiGraph, NodeIndex};
 use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashMap};
 
-use crate::ir::{Accesses, Culled, ResourceId, Run, Source, Use, Work};
+use crate::ir::{Accesses, Culled, ResourceId, Run, Source, Work};
 use crate::link::LinkedPass;
 use crate::lower::{Lowered, LoweredPass};
 use crate::source::Diagnostic;
@@ -38,14 +38,12 @@ pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, V
     let mut unwritten = Vec::new();
     let needs = needs(passes, lowered, &users, &mut errors, &mut unwritten);
     if !errors.is_empty() {
-        // The iterations of a repeat have different names, and the same mistakes at the same places.
-        let mut told: Vec<Diagnostic> = Vec::new();
-        for error in errors {
-            if !told.iter().any(|old| (&old.primary, &old.secondary) == (&error.primary, &error.secondary)) {
-                told.push(error);
-            }
-        }
-        return Err(told);
+        // The iterations of a repeat have different names, and the same mistakes at the same places: the first is told.
+        let mut told = HashMap::new();
+        errors.retain(|(pass, error)| {
+            *told.entry((error.primary.clone(), error.secondary.clone())).or_insert(*pass) == *pass
+        });
+        return Err(errors.into_iter().map(|(_, error)| error).collect());
     }
     if let Some(cycle) = cycle(&needs) {
         return Err(vec![describe_cycle(&cycle, &needs, passes, lowered)]);
@@ -90,12 +88,12 @@ fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
 }
 
 /// Returns the edges, from earlier to later passes. Also finds resources that are read and never written, and passes
-/// that read and write undefined contents.
+/// that read and write undefined contents. Each error has the index of its pass.
 fn needs(
     passes: &[LinkedPass],
     lowered: &Lowered,
     users: &[Vec<User>],
-    errors: &mut Vec<Diagnostic>,
+    errors: &mut Vec<(usize, Diagnostic)>,
     unwritten: &mut Vec<(usize, ResourceId)>,
 ) -> Needs {
     let mut graph = Needs::with_capacity(passes.len(), passes.len() * 4);
@@ -115,14 +113,13 @@ fn needs(
         let writes_once = writers.iter().any(|w| passes[*w].pass.run == Run::Once);
         if let Some(writer) = writers.iter().find(|w| passes[**w].pass.run == Run::Frame) {
             for early in users.iter().filter(|u| !writes_once && passes[u.pass].pass.run == Run::Once) {
-                errors.push(
-                    Diagnostic::new(
-                        format!("`{}` runs once, before any frame", passes[early.pass].pass.name),
-                        passes[early.pass].span,
-                        format!("reads `{}`", lowered.plan.resources[resource].name),
-                    )
-                    .with_label(passes[*writer].span, "which is written here, in every frame"),
-                );
+                let error = Diagnostic::new(
+                    format!("`{}` runs once, before any frame", passes[early.pass].pass.name),
+                    passes[early.pass].span,
+                    format!("reads `{}`", lowered.plan.resources[resource].name),
+                )
+                .with_label(passes[*writer].span, "which is written here, in every frame");
+                errors.push((early.pass, error));
             }
         }
         let history = lowered.plan.resources[resource].history.is_some();
@@ -131,7 +128,7 @@ fn needs(
                 if user.pass != writer {
                     edge(writer, user.pass);
                 } else if user.accesses.contains(Accesses::COLOR_READ) && !history {
-                    errors.push(never_written(writer, id, &[], passes, lowered));
+                    errors.push((writer, never_written(writer, id, &[], passes, lowered)));
                 } else if user.accesses.reads() && !history {
                     unwritten.push((writer, id));
                 }
@@ -152,7 +149,7 @@ fn needs(
                 // A `Once` pass that reads data written only in frames was rejected above.
                 let early = passes[*pass].pass.run == Run::Once && !writers.is_empty() && !writes_once;
                 if !found && needs_contents && !early {
-                    errors.push(never_written(*pass, id, &writers, passes, lowered));
+                    errors.push((*pass, never_written(*pass, id, &writers, passes, lowered)));
                 } else if !found && !needs_contents {
                     unwritten.push((*pass, id));
                 }
@@ -175,7 +172,7 @@ fn needs(
         if let (Some(reader), false) =
             (readers.first(), users[real.index()].iter().any(|u| u.accesses.writes()))
         {
-            errors.push(never_written(reader.pass, real, &[], passes, lowered));
+            errors.push((reader.pass, never_written(reader.pass, real, &[], passes, lowered)));
         }
         let writes = |u: &&User| u.accesses.writes() && passes[u.pass].pass.run == Run::Frame;
         for reader in readers {
@@ -198,36 +195,37 @@ fn never_written(
     // The export copies the words of all statistics, each of which has its own place.
     let mut stats = lowered.plan.stats.iter().zip(&lowered.stat_spans);
     let stat = stats.find(|(stat, _)| stat.buffer == resource && passes[reader].pass.work == Work::Export);
-    let reader_index = reader;
+    let keeps_it = |pass: usize| {
+        let mut uses = passes[pass].pass.uses.iter();
+        uses.any(|u| u.resource == resource && u.accesses.contains(Accesses::COLOR_READ))
+    };
+    let keeps = keeps_it(reader);
+    // A pass that keeps a target also writes it, but does not give another one anything to keep.
+    let first = writers.iter().find(|writer| !(keeps && keeps_it(**writer)));
     let (reader, span) = match stat {
         Some((stat, span)) => (format!("the statistic `{}`", stat.name), *span),
         None => (format!("`{}`", passes[reader].pass.name), passes[reader].span),
     };
-    let of_reader =
-        |touch: &&Use| touch.resource == resource && touch.accesses.contains(Accesses::COLOR_READ);
-    let keeps = passes[reader_index].pass.uses.iter().any(|touch| of_reader(&touch));
-    let diagnostic = match writers.first() {
-        _ if keeps => Diagnostic::new(
+    let (message, label) = match first {
+        _ if keeps => (
             format!("{reader} keeps the contents of `{name}`, which nothing has written before"),
-            span,
             "finds nothing to keep",
-        )
-        .with_help("`load: Clear(0, 0, 0, 1)` starts from a colour"),
-        None => Diagnostic::new(
-            format!("{reader} reads `{name}`, which no pass writes"),
-            span,
-            "is never written",
         ),
-        Some(first) => Diagnostic::new(
+        None => (format!("{reader} reads `{name}`, which no pass writes"), "is never written"),
+        Some(_) => (
             format!("{reader} reads `{name}` before any pass has written it"),
-            span,
             "is not written before this pass",
-        )
-        .with_label(passes[*first].span, "the first to write it")
-        .with_help(
-            "if several passes write a resource, they keep the order of the file: move the reader down",
         ),
     };
+    let mut diagnostic = Diagnostic::new(message, span, label);
+    if keeps {
+        diagnostic = diagnostic.with_help("`load: Clear(0, 0, 0, 1)` starts from a colour");
+    }
+    if let Some(first) = first {
+        diagnostic = diagnostic.with_label(passes[*first].span, "the first to write it").with_help(
+            "if several passes write a resource, they keep the order of the file: move the reader down",
+        );
+    }
     let mut diagnostic = diagnostic.with_label(lowered.declaration(resource).span, "declared here");
     let is_unused = |pass: &&LoweredPass| {
         let linked = passes.iter().find(|linked| linked.pass.name == pass.pass.name);
