@@ -166,10 +166,9 @@ impl Sources {
     ) -> Diagnostic {
         let name = &self.units[unit].text[place.clone()];
         let value = request.defines.iter().find(|(define, _)| define == name).map_or("", |(_, value)| value);
-        let graph = name.to_lowercase();
         let span = self.span(files, request, unit, place);
         Diagnostic::new(format!("`{name}` is a constant of the graph"), span, "declared again here")
-            .with_help(format!("the graph defines it as {value}: use that, or rename `{graph}` in the graph"))
+            .with_help(format!("the graph defines it as {value}: use that, or another name here"))
     }
 
     /// Returns the error for an undefined name in an `#if`. The compiler would treat it as 0.
@@ -195,13 +194,12 @@ impl Sources {
     /// Explains an undeclared name that refers to a live parameter, which only `live.glsl` declares.
     pub fn live_help(&self, request: &ShaderRequest, name: &str) -> Option<String> {
         let (file, text) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
-        let tokens = scan::lex(text);
-        let mut members = tokens.iter().map(|token| token.of(text)).skip_while(|word| *word != "{");
-        let capitals = |member: &str| member.to_uppercase();
+        // Each member is a line such as `    float gain;`.
+        let mut members =
+            text.lines().filter_map(|line| line.strip_prefix("    ")?.strip_suffix(';')?.split(' ').nth(1));
         let member = members.find(|member| {
-            let option = name.strip_prefix(capitals(member).as_str());
-            member.starts_with(|c: char| c.is_ascii_alphabetic())
-                && (*member == name || option.is_some_and(|rest| rest.is_empty() || rest.starts_with('_')))
+            let option = name.strip_prefix(member.to_uppercase().as_str());
+            *member == name || option.is_some_and(|rest| rest.is_empty() || rest.starts_with('_'))
         })?;
         let include = format!("`#include \"{file}\"` declares it");
         let is_included = self.units.iter().any(|unit| matches!(unit.origin, UnitOrigin::Generated(_)));
