@@ -68,16 +68,14 @@ struct Translator<'a> {
 impl Translator<'_> {
     fn diagnostic(&self, error: &Error) -> Diagnostic {
         match error {
-            Error::NoSuchStructField { found, .. }
-                if self.name_before_cursor(found).is_some_and(|name| self.is_positional(name.start)) =>
-            {
-                let place = self.name_before_cursor(found).unwrap_or_default();
-                self.positional(place, &format!("`{found}`"), error)
-            }
             Error::NoSuchStructField { expected, found, outer } => {
                 let of = outer.as_deref().map(|outer| format!(" in `{outer}`")).unwrap_or_default();
-                let message = format!("unknown field `{found}`{of}");
-                self.unknown_name(message, found, expected, "fields")
+                match self.name_before_cursor(found).filter(|name| self.is_positional(name.start)) {
+                    Some(place) => self.positional(place, &format!("`{found}`"), expected),
+                    None => {
+                        self.unknown_name(format!("unknown field `{found}`{of}"), found, expected, "fields")
+                    }
+                }
             }
             Error::NoSuchEnumVariant { expected, found, outer } => {
                 let of = outer.as_deref().map(|outer| format!(" of `{outer}`")).unwrap_or_default();
@@ -146,6 +144,11 @@ impl Translator<'_> {
             }
             Error::TrailingCharacters => {
                 self.error("expected the end of the file", self.cursor(), "nothing may come after the value")
+            }
+            Error::ExpectedComma if self.name_before_parentheses().is_some() => {
+                let place = self.name_before_parentheses().unwrap_or_default();
+                let message = format!("`{}` takes nothing in parentheses", &self.text[place.clone()]);
+                self.error(message, place, "leave out the parentheses after this")
             }
             Error::ExpectedComma if self.cursor_is_inside_a_number() => self.wrong_kind_before("an integer"),
             Error::ExpectedStructLike if self.node_at_cursor().is_none() => {
@@ -234,8 +237,8 @@ impl Translator<'_> {
         probe.insert_str(node.place.start, "_: ");
         let expected = (self.read)(&probe).err().map(|error| error.code);
         let variants = match &expected {
-            Some(error @ Error::NoSuchStructField { .. }) if self.is_positional(node.place.start) => {
-                return self.positional(node.shallow(), &self.describe(node), error);
+            Some(Error::NoSuchStructField { expected, .. }) if self.is_positional(node.place.start) => {
+                return self.positional(node.shallow(), &self.describe(node), expected);
             }
             Some(Error::NoSuchEnumVariant { expected, .. }) => expected,
             _ => &[][..],
@@ -260,16 +263,11 @@ impl Translator<'_> {
         matches!(around, Some(Content::List { bracket: '(', .. }))
     }
 
-    /// Returns the error for a value without a field's name. `error` lists the fields.
-    fn positional(&self, place: Range<usize>, found: &str, error: &Error) -> Diagnostic {
+    /// Returns the error for a value without a field's name.
+    fn positional(&self, place: Range<usize>, found: &str, fields: &[&str]) -> Diagnostic {
         let message = format!("expected a field `name: value`, found {found}");
-        let diagnostic = self.error(message, place, "has no name before it");
-        match error {
-            Error::NoSuchStructField { expected, .. } => {
-                diagnostic.with_help(format!("the fields are {}", expected.join(", ")))
-            }
-            _ => diagnostic,
-        }
+        self.error(message, place, "has no name before it")
+            .with_help(format!("the fields are {}", fields.join(", ")))
     }
 
     /// Returns the field name at the cursor if the parentheses around it expect values without names.
@@ -319,6 +317,14 @@ impl Translator<'_> {
         let between = &self.text[start + name.len()..self.end];
         let is_near = between.chars().all(|c| c.is_whitespace() || c == '"');
         (!name.is_empty() && is_near).then_some(start..start + name.len())
+    }
+
+    /// Returns the name before the cursor if parentheses open at the cursor.
+    fn name_before_parentheses(&self) -> Option<Range<usize>> {
+        let before = self.text[..self.end].trim_end();
+        let start = before.trim_end_matches(|c: char| c.is_alphanumeric() || c == '_').len();
+        let opens = self.text[self.end..].starts_with('(');
+        (opens && is_name(&before[start..])).then_some(start..before.len())
     }
 
     /// Returns true if the cursor is inside a number. For a float in place of an integer, the crate stops at the point.

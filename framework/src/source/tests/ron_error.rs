@@ -224,6 +224,16 @@ fn a_name_before_a_value_without_one_is_left_out() {
 }
 
 #[test]
+fn parentheses_after_a_name_that_takes_none_are_left_out() {
+    for after in ["(x: 1)", "(1)", " (1)", "()"] {
+        let run =
+            format!("Graph(version: 1, passes: [Dispatch(name: \"a\", shader: \"b\", run: Once{after})])");
+        let message = "`Once` takes nothing in parentheses";
+        fails(&run, message, "Once", "leave out the parentheses after this");
+    }
+}
+
+#[test]
 fn what_is_not_in_parentheses_is_named() {
     let range = |range: &str| {
         format!("(version: 1, passes: [], params: {{\"a\": Const(Int(default: 1, range: {range}))}})")
