@@ -30,11 +30,6 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
     ])
 }
 
-/// Explains how a graph requires a limit of the device. `words` describe the requirement.
-fn required(fact: &str, least: u64, words: &str) -> String {
-    format!("a graph that needs more requires it: `require: [(\"device.{fact} >= {least}\", \"{words}\")]`")
-}
-
 impl Linker<'_> {
     /// Compiles a shader, or reuses one compiled for another pass. `None` after at least one error.
     pub(super) fn shader(
@@ -125,22 +120,22 @@ impl Linker<'_> {
         let DeviceFacts { max_invocations: most, shared_bytes: room, .. } = self.device;
         if invocations > most.into() {
             let message = format!("the device has workgroups of at most {most} invocations");
-            let error = Diagnostic::new(message, span, format!("this shader has {invocations}"));
-            self.errors.push(error.with_help(required(
-                "max_invocations",
-                invocations,
-                "workgroups of that size",
-            )));
+            let found = format!("this shader has {invocations}");
+            self.lacks(message, span, found, "max_invocations", invocations, "workgroups of that size");
         }
         if shared_bytes > room {
             let message = format!("the device has {room} bytes of shared memory");
-            let error = Diagnostic::new(message, span, format!("this shader uses {shared_bytes}"));
-            self.errors.push(error.with_help(required(
-                "shared_bytes",
-                shared_bytes.into(),
-                "that much shared memory",
-            )));
+            let found = format!("this shader uses {shared_bytes}");
+            self.lacks(message, span, found, "shared_bytes", shared_bytes.into(), "that much shared memory");
         }
+    }
+
+    /// Adds the error for an exceeded limit of the device, and explains how a graph requires `least` of the `fact`.
+    /// `words` describe the requirement.
+    fn lacks(&mut self, message: String, span: Span, found: String, fact: &str, least: u64, words: &str) {
+        self.errors.push(Diagnostic::new(message, span, found).with_help(format!(
+            "a graph that needs more requires it: `require: [(\"device.{fact} >= {least}\", \"{words}\")]`"
+        )));
     }
 
     pub(super) fn groups(&mut self, id: ShaderId, size: LoweredSize, span: Span) -> Option<Groups> {

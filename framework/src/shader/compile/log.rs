@@ -205,13 +205,10 @@ impl Entry<'_> {
         };
         let diagnostic = Diagnostic::new(message, span, label.unwrap_or_default());
         let lacks = self.message.strip_prefix("required extension not requested: ");
-        match lacks.and_then(|lacks| lacks.split_whitespace().find(|word| word.starts_with("GL_"))) {
-            Some(name) => diagnostic.with_help(format!("add `#extension {name} : require` below `#version`")),
-            None => match self.hint() {
-                Some(hint) => diagnostic.with_help(hint),
-                None => diagnostic,
-            },
-        }
+        let lacked = lacks.and_then(|lacks| lacks.split_whitespace().find(|word| word.starts_with("GL_")));
+        let extension = lacked.map(|name| format!("add `#extension {name} : require` below `#version`"));
+        let help = extension.or_else(|| self.hint().map(String::from));
+        help.into_iter().fold(diagnostic, Diagnostic::with_help)
     }
 
     /// Returns what to write instead of common mistakes.
