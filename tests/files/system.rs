@@ -208,6 +208,8 @@ fn a_picture_larger_than_any_device_has_is_refused_with_its_camera_and_size() {
         ],
     );
     place.done("render scene.ply -o a.png --cameras cameras.json --size 64x48");
+    place.refuses("info scene.ply", &[("-c cameras.json", 1, "found 100000 x 48")]);
+    place.done("info scene.ply -c cameras.json --size 64x48");
     place.write("cameras.json", text.replace("\"width\": 64", "\"width\": 4294967295"));
     let most = "camera 0: expected an image of at most 1048576 x 1048576 pixels, found 4294967295 x 48";
     place.refuses("info scene.ply", &[("-c cameras.json", 1, most)]);

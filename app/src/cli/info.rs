@@ -1,6 +1,7 @@
 //! Runs `splatgraph info`: reports the contents, the flaws and the memory of a scene.
 
 use super::advise::{bands_text, keys_text};
+use super::cameras;
 use super::options::{self, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::facts::{self, SceneFacts};
@@ -54,7 +55,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     guard.input("the graph", Path::new(&args.drawing.pipeline)).map_err(Usage::from)?;
     args.json.iter().try_for_each(|path| guard.output("--json", path)).map_err(Usage::from)?;
     let scene = options::load_scene(&args.scene, &args.load)?;
-    let given = args.drawing.cameras(Some(&args.scene))?;
+    let given = cameras::load(args.drawing.cameras.as_deref(), Some(&args.scene))?;
+    // The picture has the size of the first camera.
+    let first = given.iter().flatten().next().filter(|_| args.drawing.size.is_none());
+    first.map_or(Ok(()), cameras::check_size)?;
     let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));
     let cameras = in_scene.unwrap_or_else(|| vec![options::framing(&scene)]);
     let report = Report::new(&scene, &cameras);
