@@ -125,7 +125,8 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
 /// the graphs require 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
 /// shader (guaranteed: 4), and [`PORTABLE_FEATURES`] (guaranteed: only the basic subgroup operations).
 ///
-/// Images may be as large as on most GPUs (guaranteed: 4096), because a graph cannot `require` a size of images.
+/// Images have the largest size of common GPUs (guaranteed: 4096): a plan without a device should not refuse an image that
+/// some device can draw.
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -137,7 +138,7 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
         max_invocations: 256,
         max_push_bytes: 128,
         max_targets: 8,
-        max_image_size: 16_384,
+        max_image_size: 32_768,
         rounds_half: false,
         fused_fma: false,
         features: PORTABLE_FEATURES,
@@ -153,6 +154,7 @@ pub fn apple_device() -> DeviceFacts {
         max_storage_bytes: 1 << 28,
         shared_bytes: 32 << 10,
         max_invocations: 1024,
+        max_image_size: 16_384,
         fused_fma: true,
         ..portable_device(USUAL_SUBGROUP_SIZE)
     }
@@ -193,6 +195,7 @@ pub fn set_device_fact(device: &mut DeviceFacts, name: &str, value: &Value) -> R
         }
         "device.max_storage_bytes" => device.max_storage_bytes = number()?,
         "device.max_groups_x" => device.max_groups_x = short()?,
+        "device.max_image_size" => device.max_image_size = short()?,
         "device.max_invocations" => device.max_invocations = short()?,
         "device.shared_bytes" => device.shared_bytes = short()?,
         "device.rounds_half" => device.rounds_half = truth()?,

@@ -263,6 +263,7 @@ mod tests {
         for (condition, changed) in [
             ("device.int64", "device.int64 = true"),
             ("device.int64 && !device.subgroup_vote", "device.int64 = true, device.subgroup_vote = false"),
+            ("device.max_image_size >= 65536", "device.max_image_size = 65536"),
             ("device.max_invocations >= 1024", "device.max_invocations = 1024"),
             ("device.shared_bytes >= 48 << 10", "device.shared_bytes = 49152"),
             ("device.subgroup_size >= 16 && scene.count > 0", "device.subgroup_size = 16"),

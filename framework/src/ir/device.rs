@@ -50,7 +50,7 @@ impl DeviceFacts {
             max_invocations: 1024,
             max_push_bytes: 256,
             max_targets: 8,
-            max_image_size: 16_384,
+            max_image_size: 32_768,
             rounds_half: true,
             fused_fma: true,
             features: Features::all(),
@@ -63,7 +63,7 @@ impl DeviceFacts {
     }
 
     /// Lists the facts that graphs can read, with their names, in alphabetical order.
-    pub fn named(&self) -> [(&'static str, Value); 14] {
+    pub fn named(&self) -> [(&'static str, Value); 15] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let has = |feature| Value::Bool(self.features.contains(feature));
         [
@@ -71,6 +71,7 @@ impl DeviceFacts {
             ("device.fused_fma", Value::Bool(self.fused_fma)),
             ("device.int64", has(Features::INT64)),
             ("device.max_groups_x", Value::Int(self.max_groups_x.into())),
+            ("device.max_image_size", Value::Int(self.max_image_size.into())),
             ("device.max_invocations", Value::Int(self.max_invocations.into())),
             ("device.max_storage_bytes", Value::Int(bytes)),
             ("device.rounds_half", Value::Bool(self.rounds_half)),
