@@ -225,9 +225,9 @@ impl SourceMap {
         let start = span.start.min(file.text.len());
         let line = file.lines.partition_point(|line_start| *line_start <= start) - 1;
         let from = file.lines[line];
-        // Counts the characters by their first bytes: a line can be megabytes long, and have thousands of errors.
-        let is_first = |byte: &&u8| !(0x80..0xc0).contains(*byte);
-        let column = file.text.as_bytes()[from..start].iter().filter(is_first).count();
+        // `count` is much faster than a loop: a line can be megabytes long, and have thousands of errors.
+        let end = (start..).find(|at| file.text.is_char_boundary(*at)).unwrap_or(start);
+        let column = file.text[from..end].chars().count();
         (line as u32 + 1, column as u32 + 1)
     }
 
