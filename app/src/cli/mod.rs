@@ -399,7 +399,7 @@ mod tests {
             ("splatgraph render -o a.png --size 0x7", "WIDTHxHEIGHT"),
             ("splatgraph view --size 4294967295x1", "at most 32768x32768"),
             ("splatgraph render -o a.png --background 1,2", "three numbers"),
-            ("splatgraph evaluate a.ply -c b --background 255,0,0", "from 0 to 1, found 255"),
+            ("splatgraph evaluate a.ply -c b --background 255,0,0", "(255 is 1), found 255"),
             ("splatgraph render -o a.png --inspect keys", "RESOURCE@PASS"),
             ("splatgraph render -o a.png --repeat 0", "--repeat"),
             ("splatgraph dump splat --format yaml", "yaml"),
