@@ -63,17 +63,17 @@ fn a_plan_with_fewer_passes_leaves_the_open_tools_alone() {
 
 #[test]
 fn the_picture_keeps_its_place_while_plans_are_built() {
-    let mut viewer = viewer("pipelines/splat.ron");
+    let mut viewer = viewer("pipelines/tiled.ron");
     let place = |viewer: &TestShell| viewer.shell.panels.controls.find("view").expect("there is a picture");
     let before = place(&viewer);
     let mut building = 0;
-    // Sizes that no other test has: shaders that one has compiled are there at once.
-    for (changes, keys) in (3001..).step_by(2).take(12).enumerate() {
+    // Every length of segments is another rasteriser, which takes the driver longer than a frame.
+    for (changes, entries) in (3001..).take(12).enumerate() {
         // A busy machine may build a plan within one frame, which shows nothing.
         if changes >= 3 && building > 0 {
             break;
         }
-        viewer.shell.viewer.a.renderer.set_param("block_keys", Some(Value::Int(keys)));
+        viewer.shell.viewer.a.renderer.set_param("segment", Some(Value::Int(entries)));
         let former = viewer.shell.viewer.a.renderer.plan().cloned();
         // Draws without pauses, as while the pointer moves.
         while viewer.shell.viewer.a.renderer.plan().map(Arc::as_ptr) == former.as_ref().map(Arc::as_ptr) {
