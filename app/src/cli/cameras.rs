@@ -1,6 +1,5 @@
 //! Finds the cameras of a command: from `--cameras`, or the first camera of the file beside the scene.
 
-use super::options::MAX_SIDE;
 use super::outcome::Usage;
 use crate::draw::camera;
 use crate::io::output::{OutputGuard, one_line, say};
@@ -8,6 +7,9 @@ use anyhow::{Result, bail};
 use splatgraph_assets::{Camera, CameraError, Dataset};
 use std::io;
 use std::path::{Path, PathBuf};
+
+/// Maximum width and height of a picture, in pixels.
+pub const MAX_SIDE: u32 = 32_768;
 
 fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
     scene.filter(|_| spec.is_none()).and_then(camera::beside)

@@ -1,5 +1,6 @@
 //! Defines options and helpers that several commands share.
 
+use super::cameras::MAX_SIDE;
 use super::known_devices;
 use super::outcome::Usage;
 use crate::draw::backend::{Api, Backend, Options, Validation};
@@ -50,9 +51,6 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
         _ => Err("expected NAME=VALUE, for instance digit_bits=4".into()),
     }
 }
-
-/// Maximum width and height of a picture, in pixels.
-pub const MAX_SIDE: u32 = 32_768;
 
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parse = || -> Option<(u32, u32)> {
