@@ -23,6 +23,14 @@ impl From<output::guard::Conflict> for Usage {
     }
 }
 
+/// Refuses the first of some options that is given, because each needs the option `required`, which is not.
+///
+/// clap checks this by itself, except where `required` conflicts with another argument that is present.
+pub fn refuse_without(required: &str, options: &[(&str, bool)]) -> Result<(), Usage> {
+    let given = options.iter().find(|(_, is_given)| *is_given);
+    given.map_or(Ok(()), |(option, _)| Err(Usage(format!("expected {required} with {option}, found none"))))
+}
+
 pub fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {
     wanted.iter().try_for_each(|file| Ok(guard.input("a file of the graph", &file.path)?))
 }

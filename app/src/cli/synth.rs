@@ -1,6 +1,6 @@
 //! Runs `splatgraph synth`: generates scenes.
 
-use super::outcome::{Outcome, Usage};
+use super::outcome::{Outcome, Usage, refuse_without};
 use super::{look_at, options};
 use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
@@ -92,15 +92,12 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
         guard.scene("the scene", path)?;
         return photographs(args, folder).iter().try_for_each(|path| Ok(guard.output("--dataset", path)?));
     }
-    // With a name, which --photograph conflicts with, clap would waive that these options require --photograph.
-    let given = [
+    let options = [
         ("--dataset", args.dataset.is_some()),
         ("--views", args.views.is_some()),
         ("--size", args.size.is_some()),
     ];
-    if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-        return Err(Usage(format!("expected --photograph with {option}, found none")));
-    }
+    refuse_without("--photograph", &options)?;
     let Some(output) = &args.output else {
         return match (&args.name, &args.enlarge) {
             (None, None) => Ok(()),

@@ -1,6 +1,6 @@
 //! Measures and prints the price of each format (`convert --price`).
 
-use crate::cli::outcome::{Outcome, Usage};
+use crate::cli::outcome::{Outcome, Usage, refuse_without};
 use crate::cli::{cameras, options};
 use crate::io::output::OutputGuard;
 use crate::io::report::text;
@@ -33,15 +33,12 @@ impl PriceArgs {
         if self.price {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
         } else {
-            // With OUT, which --price conflicts with, clap would waive that these options require --price.
-            let given = [
+            let options = [
                 ("--cameras", self.cameras.is_some()),
                 ("--size", self.size.is_some()),
                 ("--json", self.json.is_some()),
             ];
-            if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-                return Err(Usage(format!("expected --price with {option}, found none")));
-            }
+            refuse_without("--price", &options)?;
         }
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
     }
