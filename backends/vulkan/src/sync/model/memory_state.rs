@@ -16,8 +16,12 @@ use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stag
 use splatgraph_framework::oracle::trace::{Access, Clash, Trace};
 use splatgraph_framework::plan::{Plan, Transition};
 use std::collections::HashSet;
+use std::ops::Range;
 
-pub struct MemoryState {
+pub struct MemoryState<'a> {
+    plan: &'a Plan,
+    trace: &'a Trace,
+    replay: Replay,
     cells: Vec<Cell>,
     /// The barrier calls so far. `passed` has, for each cell, the number of calls that it has passed through.
     calls: Calls,
@@ -31,7 +35,6 @@ pub struct MemoryState {
     skipped: Vec<PassId>,
     /// Number of passes, barrier calls and preparations by the host so far.
     time: u32,
-    copies: u32,
     pub findings: Findings,
 }
 
@@ -55,22 +58,6 @@ pub enum At {
     Frame(u32, usize),
 }
 
-impl At {
-    /// Returns the position after this one; `None` at the end of the replay.
-    pub fn after(at: At, plan: &Plan, replay: &Replay) -> Option<At> {
-        let frame = |frame| (frame < replay.frames).then_some(At::Begin(frame));
-        match at {
-            At::Prologue(step) if step + 1 < plan.prologue.len() => Some(At::Prologue(step + 1)),
-            At::Prologue(_) => Some(At::Handover),
-            At::Handover => frame(0),
-            At::Begin(number) if plan.frame.is_empty() => frame(number + 1),
-            At::Begin(number) => Some(At::Frame(number, 0)),
-            At::Frame(number, step) if step + 1 < plan.frame.len() => Some(At::Frame(number, step + 1)),
-            At::Frame(number, _) => frame(number + 1),
-        }
-    }
-}
-
 /// A resource with a history that the next plan continues from, with its layout.
 pub struct Carried {
     name: String,
@@ -79,9 +66,12 @@ pub struct Carried {
     contents: bool,
 }
 
-impl MemoryState {
-    pub fn new(trace: &Trace, rules: Rules, first_only: bool) -> MemoryState {
+impl<'a> MemoryState<'a> {
+    pub fn new(plan: &'a Plan, trace: &'a Trace, replay: Replay, rules: Rules, first_only: bool) -> Self {
         let mut memory = MemoryState {
+            plan,
+            trace,
+            replay,
             cells: vec![Cell::FRESH; trace.cells.len()],
             calls: Calls::default(),
             passed: vec![0; trace.cells.len()],
@@ -90,7 +80,6 @@ impl MemoryState {
             layouts: vec![Layout::Undefined; trace.resources.len()],
             skipped: Vec::new(),
             time: 0,
-            copies: 1,
             findings: Findings { violations: Vec::new(), first_only },
         };
         for (index, place) in trace.resources.iter().enumerate().filter(|(_, place)| place.uploaded) {
@@ -111,15 +100,9 @@ impl MemoryState {
         cell
     }
 
-    /// Replays another plan's barriers from `at` to the first violation, then restores the state. Returns true if there
-    /// was a violation.
-    pub fn trial(
-        &mut self,
-        (plan, barriers): (&Plan, &Barriers),
-        trace: &Trace,
-        replay: &Replay,
-        at: At,
-    ) -> bool {
+    /// Replays other barriers from `at` to the first violation, then restores the state. Returns true if there was a
+    /// violation.
+    pub fn trial(&mut self, barriers: &Barriers, at: At) -> bool {
         self.before_trial = Some(BeforeTrial {
             cells: Vec::new(),
             touched: HashSet::new(),
@@ -127,11 +110,7 @@ impl MemoryState {
             time: self.time,
             calls: self.calls.len(),
         });
-        let mut next = Some(at);
-        while let Some(at) = next.filter(|_| !self.findings.enough()) {
-            self.advance((plan, barriers), trace, replay, at);
-            next = At::after(at, plan, replay);
-        }
+        self.run_from(barriers, at);
         let found = !self.findings.violations.is_empty();
         self.findings.violations.clear();
         if let Some(before) = self.before_trial.take() {
@@ -145,7 +124,7 @@ impl MemoryState {
     }
 
     /// Marks cells as written through `resource` before the replay, and visible everywhere.
-    fn fill(&mut self, cells: std::ops::Range<usize>, resource: ResourceId) {
+    fn fill(&mut self, cells: Range<usize>, resource: ResourceId) {
         for cell in &mut self.cells[cells] {
             cell.contents = Contents { state: State::Written(resource), by: None };
         }
@@ -154,7 +133,8 @@ impl MemoryState {
     /// Adopts the resources that continue from a previous plan.
     ///
     /// Their accesses are not recorded: the barrier between the two plans orders all of them and makes them visible.
-    pub fn adopt(&mut self, plan: &Plan, trace: &Trace, carried: &[Carried]) {
+    pub fn adopt(&mut self, carried: &[Carried]) {
+        let plan = self.plan;
         for (index, resource) in plan.resources.iter().enumerate() {
             let id = ResourceId(index as u32);
             let lives_on =
@@ -164,7 +144,7 @@ impl MemoryState {
                 continue;
             }
             if old.contents {
-                self.fill(trace.resource(id).cells(0), id);
+                self.fill(self.trace.resource(id).cells(0), id);
             }
             self.layouts[index] = old.layout;
             for pass_id in &plan.prologue {
@@ -180,12 +160,12 @@ impl MemoryState {
         }
     }
 
-    pub fn carry(&self, plan: &Plan, trace: &Trace) -> Vec<Carried> {
+    pub fn carry(&self) -> Vec<Carried> {
         let mut carried = Vec::new();
-        for (index, resource) in plan.resources.iter().enumerate() {
+        for (index, resource) in self.plan.resources.iter().enumerate() {
             let Some(name) = &resource.history else { continue };
             let id = ResourceId(index as u32);
-            let cells = &self.cells[trace.resource(id).cells(0)];
+            let cells = &self.cells[self.trace.resource(id).cells(0)];
             carried.push(Carried {
                 name: name.clone(),
                 shape: resource.shape,
@@ -196,23 +176,28 @@ impl MemoryState {
         carried
     }
 
-    pub fn run(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay) {
-        let mut next = Some(self.start(plan, trace, replay));
+    pub fn run(&mut self, barriers: &Barriers) {
+        let first = self.start();
+        self.run_from(barriers, first);
+    }
+
+    fn run_from(&mut self, barriers: &Barriers, at: At) {
+        let mut next = Some(at);
         while let Some(at) = next.filter(|_| !self.findings.enough()) {
-            self.advance((plan, barriers), trace, replay, at);
-            next = At::after(at, plan, replay);
+            next = self.advance(barriers, at);
         }
     }
 
     /// Starts the replay, with the host's writes for the first frame, and returns the first position.
-    pub fn start(&mut self, plan: &Plan, trace: &Trace, replay: &Replay) -> At {
-        self.copies = replay.copies.max(1);
-        self.prepare(trace, replay, 0);
-        if plan.prologue.is_empty() { At::Handover } else { At::Prologue(0) }
+    pub fn start(&mut self) -> At {
+        self.prepare(0);
+        if self.plan.prologue.is_empty() { At::Handover } else { At::Prologue(0) }
     }
 
-    /// Executes the step at a position, including the barriers before it.
-    pub fn advance(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay, at: At) {
+    /// Executes the step at a position, including the barriers before it. Returns the next position; `None` at the end
+    /// of the replay.
+    pub fn advance(&mut self, barriers: &Barriers, at: At) -> Option<At> {
+        let plan = self.plan;
         match at {
             At::Prologue(step) => {
                 let pass = plan.prologue[step];
@@ -223,33 +208,43 @@ impl MemoryState {
                     Work::ClearHistory { resource } if self.skipped.contains(&pass) => {
                         let others = call.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
                         let others: Vec<Barrier> = others.cloned().collect();
-                        self.call(trace, &others, When::Prologue, Some(pass));
+                        self.call(&others, When::Prologue, Some(pass));
                     }
-                    _ => self.step(trace, call, pass, When::Prologue),
+                    _ => self.step(call, pass, When::Prologue),
                 }
             }
-            At::Handover => self.call(trace, &barriers.handover, When::Handover, None),
+            At::Handover => self.call(&barriers.handover, When::Handover, None),
             At::Begin(0) => {}
-            At::Begin(frame) => self.prepare(trace, replay, frame),
+            At::Begin(frame) => self.prepare(frame),
             At::Frame(frame, step) => {
                 let pass = plan.frame[step];
-                self.step(trace, barriers.at(Some(pass)), pass, When::Frame(frame));
+                self.step(barriers.at(Some(pass)), pass, When::Frame(frame));
             }
+        }
+        let frame = |frame| (frame < self.replay.frames).then_some(At::Begin(frame));
+        match at {
+            At::Prologue(step) if step + 1 < plan.prologue.len() => Some(At::Prologue(step + 1)),
+            At::Prologue(_) => Some(At::Handover),
+            At::Handover => frame(0),
+            At::Begin(number) if plan.frame.is_empty() => frame(number + 1),
+            At::Begin(number) => Some(At::Frame(number, 0)),
+            At::Frame(number, step) if step + 1 < plan.frame.len() => Some(At::Frame(number, step + 1)),
+            At::Frame(number, _) => frame(number + 1),
         }
     }
 
     fn copy(&self, when: When) -> u32 {
-        when.frame() % self.copies
+        when.frame() % self.replay.copies.max(1)
     }
 
     /// Plays the host before a frame: waits for the fence of an earlier frame, and writes the uniform blocks.
     ///
     /// Submission makes these writes visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").
-    fn prepare(&mut self, trace: &Trace, replay: &Replay, frame: u32) {
+    fn prepare(&mut self, frame: u32) {
         self.time += 1;
-        let finished = |actor: Actor| actor.when().frame().saturating_add(replay.in_flight.max(1)) <= frame;
-        let copy = self.copy(When::Frame(frame));
-        let time = self.time;
+        let in_flight = self.replay.in_flight.max(1);
+        let finished = |actor: Actor| actor.when().frame().saturating_add(in_flight) <= frame;
+        let (copy, trace, time) = (self.copy(When::Frame(frame)), self.trace, self.time);
         for (index, place) in trace.resources.iter().enumerate().filter(|(_, place)| place.per_frame()) {
             for number in place.cells(copy) {
                 let cell = self.cell(number);
@@ -275,20 +270,40 @@ impl MemoryState {
                     visible_through_own: Pairs::NONE,
                 });
                 cell.contents = Contents { state: State::Written(resource), by: Some(host) };
-                for conflict in overtaken {
-                    self.findings.add(violation(trace, conflict, host, resource, number));
-                }
+                self.conflict(overtaken, host, resource, number);
             }
         }
     }
 
-    fn step(&mut self, trace: &Trace, call: &[Barrier], pass: PassId, when: When) {
-        self.call(trace, call, when, Some(pass));
-        self.pass(trace, pass, when);
+    /// Reports the conflicts of an access to a cell.
+    fn conflict(
+        &mut self,
+        conflicts: impl IntoIterator<Item = Conflict>,
+        second: Actor,
+        resource: ResourceId,
+        cell: usize,
+    ) {
+        for (kind, first, through, missing) in conflicts {
+            self.findings.add(Violation {
+                kind,
+                first: Some(first),
+                second,
+                resource,
+                through: Some(through).filter(|through| *through != resource),
+                range: self.trace.cells[cell].clone(),
+                missing,
+                plan: 0,
+            });
+        }
+    }
+
+    fn step(&mut self, call: &[Barrier], pass: PassId, when: When) {
+        self.call(call, when, Some(pass));
+        self.pass(pass, when);
     }
 
     /// Checks the layout changes of one call, and applies its barriers.
-    fn call(&mut self, trace: &Trace, barriers: &[Barrier], when: When, before: Option<PassId>) {
+    fn call(&mut self, barriers: &[Barrier], when: When, before: Option<PassId>) {
         if barriers.is_empty() {
             return;
         }
@@ -298,50 +313,48 @@ impl MemoryState {
         for (index, scope) in scopes.iter().enumerate() {
             let Some(image) = scope.image else { continue };
             let actor = Actor::Transition { when, image: image.image, before };
-            self.check_layout(trace, image.image, image.old, actor, true);
+            self.check_layout(image.image, image.old, actor, true);
             if scope.transition().is_some() {
-                self.check_transition(trace, scope, image, actor);
-                self.check_siblings(trace, &scopes[..index], image, actor);
+                self.check_transition(scope, image, actor);
+                self.check_siblings(&scopes[..index], image, actor);
             }
         }
         self.calls.add(barriers);
         for scope in &scopes {
             if let Some(image) = scope.transition() {
-                self.transition(trace, scope, image, Actor::Transition { when, image: image.image, before });
+                self.transition(scope, image, Actor::Transition { when, image: image.image, before });
             }
         }
     }
 
-    fn check_transition(&mut self, trace: &Trace, scope: &Scope, image: Transition, actor: Actor) {
-        for number in trace.resource(image.image).cells(0) {
+    fn check_transition(&mut self, scope: &Scope, image: Transition, actor: Actor) {
+        for number in self.trace.resource(image.image).cells(0) {
             let mut conflicts = Vec::new();
             let rules = self.rules;
             self.cell(number).check_transition(scope, rules, actor.when(), |conflict| {
                 conflicts.push(conflict);
             });
-            for conflict in conflicts {
-                self.findings.add(violation(trace, conflict, actor, image.image, number));
-            }
+            self.conflict(conflicts, actor, image.image, number);
         }
     }
 
     /// Reports layout changes of one call that share memory: within a call, nothing orders them.
-    fn check_siblings(&mut self, trace: &Trace, others: &[Scope], image: Transition, actor: Actor) {
-        let own = trace.resource(image.image).cells(0);
+    fn check_siblings(&mut self, others: &[Scope], image: Transition, actor: Actor) {
+        let own = self.trace.resource(image.image).cells(0);
         for other in others.iter().filter_map(Scope::transition) {
-            let cells = trace.resource(other.image).cells(0);
+            let cells = self.trace.resource(other.image).cells(0);
             let Actor::Transition { when, before, .. } = actor else { continue };
             let first = Actor::Transition { when, before, image: other.image };
             for number in own.start.max(cells.start)..own.end.min(cells.end) {
                 let conflict = (ViolationKind::WriteAfterWrite, first, other.image, Missing::Order);
-                self.findings.add(violation(trace, conflict, actor, image.image, number));
+                self.conflict([conflict], actor, image.image, number);
             }
         }
     }
 
-    fn transition(&mut self, trace: &Trace, scope: &Scope, change: Transition, actor: Actor) {
+    fn transition(&mut self, scope: &Scope, change: Transition, actor: Actor) {
         let time = self.time;
-        for number in trace.resource(change.image).cells(0) {
+        for number in self.trace.resource(change.image).cells(0) {
             let cell = self.cell(number);
             cell.record_write(Write {
                 actor,
@@ -359,22 +372,22 @@ impl MemoryState {
             }
         }
         self.layouts[change.image.index()] = change.new;
-        self.spoil_layouts(trace, change.image);
+        self.spoil_layouts(change.image);
     }
 
     /// Invalidates the layouts of images that alias a written resource.
-    fn spoil_layouts(&mut self, trace: &Trace, written: ResourceId) {
-        for image in &trace.resource(written).alias_images {
+    fn spoil_layouts(&mut self, written: ResourceId) {
+        for image in &self.trace.resource(written).alias_images {
             self.layouts[image.index()] = Layout::Undefined;
         }
     }
 
-    fn check_layout(&mut self, trace: &Trace, image: ResourceId, needed: Layout, actor: Actor, change: bool) {
+    fn check_layout(&mut self, image: ResourceId, needed: Layout, actor: Actor, change: bool) {
         let found = self.layouts[image.index()];
         if found == needed || change && needed == Layout::Undefined {
             return;
         }
-        let cells = &trace.cells[trace.resource(image).cells(0)];
+        let cells = &self.trace.cells[self.trace.resource(image).cells(0)];
         self.findings.add(Violation {
             kind: ViolationKind::Layout,
             first: None,
@@ -388,16 +401,16 @@ impl MemoryState {
         self.layouts[image.index()] = needed;
     }
 
-    fn pass(&mut self, trace: &Trace, pass: PassId, when: When) {
+    fn pass(&mut self, pass: PassId, when: When) {
         self.time += 1;
-        let actions = trace.actions(pass);
+        let actions = self.trace.actions(pass);
         let actor = Actor::Pass { when, pass };
         let copy = self.copy(when);
         for (image, layout) in &actions.layouts {
-            self.check_layout(trace, *image, *layout, actor, false);
+            self.check_layout(*image, *layout, actor, false);
         }
         for access in &actions.accesses {
-            self.check(trace, access, actor, copy);
+            self.check(access, actor, copy);
         }
         for Clash { first, second } in &actions.clashes {
             let kind = match (first.writes(), second.writes()) {
@@ -408,12 +421,12 @@ impl MemoryState {
             let (one, other) = (first.cells(copy), second.cells(copy));
             for number in one.start.max(other.start)..one.end.min(other.end) {
                 let conflict = (kind, actor, first.resource, Missing::Order);
-                self.findings.add(violation(trace, conflict, actor, second.resource, number));
+                self.conflict([conflict], actor, second.resource, number);
             }
         }
         // Writes come first: they remove older records, but the pass's own reads must stay.
         for access in actions.accesses.iter().filter(|access| access.writes()) {
-            self.record_write(trace, access, actor, copy);
+            self.record_write(access, actor, copy);
         }
         for access in actions.accesses.iter().filter(|access| !access.writes()) {
             let time = self.time;
@@ -430,9 +443,9 @@ impl MemoryState {
         }
     }
 
-    fn check(&mut self, trace: &Trace, access: &Access, actor: Actor, copy: u32) {
+    fn check(&mut self, access: &Access, actor: Actor, copy: u32) {
         let Access { resource, stage, access: bit, needs_contents, .. } = *access;
-        let fresh = trace.resource(resource).fresh.then_some(actor.when());
+        let fresh = self.trace.resource(resource).fresh.then_some(actor.when());
         let rules = self.rules;
         for number in access.cells(copy) {
             let mut conflicts = Vec::new();
@@ -443,9 +456,7 @@ impl MemoryState {
                 cell.check_read(stage, bit, resource, |conflict| conflicts.push(conflict));
             }
             let contents = cell.contents;
-            for conflict in conflicts {
-                self.findings.add(violation(trace, conflict, actor, resource, number));
-            }
+            self.conflict(conflicts, actor, resource, number);
             if needs_contents && !contents.hold(resource, fresh) {
                 let through = match contents.state {
                     State::Never => resource,
@@ -457,7 +468,7 @@ impl MemoryState {
                     second: actor,
                     resource,
                     through: Some(through).filter(|through| *through != resource),
-                    range: trace.cells[number].clone(),
+                    range: self.trace.cells[number].clone(),
                     missing: Missing::Contents,
                     plan: 0,
                 });
@@ -465,7 +476,7 @@ impl MemoryState {
         }
     }
 
-    fn record_write(&mut self, trace: &Trace, access: &Access, actor: Actor, copy: u32) {
+    fn record_write(&mut self, access: &Access, actor: Actor, copy: u32) {
         let time = self.time;
         for number in access.cells(copy) {
             let cell = self.cell(number);
@@ -482,7 +493,7 @@ impl MemoryState {
             });
             cell.contents = Contents { state: State::Written(access.resource), by: Some(actor) };
         }
-        self.spoil_layouts(trace, access.resource);
+        self.spoil_layouts(access.resource);
     }
 }
 
@@ -491,24 +502,4 @@ fn writes_once(plan: &Plan, id: ResourceId) -> bool {
     let passes = plan.prologue.iter().map(|pass| plan.pass(*pass));
     let writers = passes.filter(|pass| !matches!(pass.work, Work::ClearHistory { .. }));
     writers.flat_map(|pass| &pass.uses).any(|touch| touch.resource == id && touch.accesses.writes())
-}
-
-fn violation(
-    trace: &Trace,
-    conflict: Conflict,
-    second: Actor,
-    resource: ResourceId,
-    cell: usize,
-) -> Violation {
-    let (kind, first, through, missing) = conflict;
-    Violation {
-        kind,
-        first: Some(first),
-        second,
-        resource,
-        through: Some(through).filter(|through| *through != resource),
-        range: trace.cells[cell].clone(),
-        missing,
-        plan: 0,
-    }
 }

@@ -50,8 +50,8 @@ pub use violation::{Actor, Missing, Violation, ViolationKind, When};
 /// A violation that recurs between the same two passes, for instance in every frame, is reported once.
 pub fn replay(plan: &Plan, barriers: &Barriers, replay: &Replay) -> Vec<Violation> {
     let trace = Trace::new(plan, replay.copies);
-    let mut memory = MemoryState::new(&trace, Rules::HAZARDS, false);
-    memory.run((plan, barriers), &trace, replay);
+    let mut memory = MemoryState::new(plan, &trace, *replay, Rules::HAZARDS, false);
+    memory.run(barriers);
     memory.findings.violations
 }
 
@@ -68,10 +68,10 @@ pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     for (index, (plan, barriers, frames)) in plans.iter().enumerate() {
         let replay = Replay { frames: *frames, ..Replay::default() };
         let trace = Trace::new(plan, replay.copies);
-        let mut memory = MemoryState::new(&trace, Rules::HAZARDS, false);
-        memory.adopt(plan, &trace, &carried);
-        memory.run((plan, barriers), &trace, &replay);
-        carried = memory.carry(plan, &trace);
+        let mut memory = MemoryState::new(plan, &trace, replay, Rules::HAZARDS, false);
+        memory.adopt(&carried);
+        memory.run(barriers);
+        carried = memory.carry();
         let found = memory.findings.violations.into_iter();
         violations.extend(found.map(|violation| Violation { plan: index, ..violation }));
     }
@@ -82,7 +82,7 @@ pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
 pub fn has_violation(plan: &Plan, barriers: &Barriers, rules: Rules) -> bool {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
-    let mut memory = MemoryState::new(&trace, rules, true);
-    memory.run((plan, barriers), &trace, &replay);
+    let mut memory = MemoryState::new(plan, &trace, replay, rules, true);
+    memory.run(barriers);
     !memory.findings.violations.is_empty()
 }

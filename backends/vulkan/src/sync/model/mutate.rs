@@ -110,13 +110,13 @@ pub fn needless(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
 pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutation> {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
-    let mut memory = MemoryState::new(&trace, rules, true);
+    let mut memory = MemoryState::new(plan, &trace, replay, rules, true);
     // One copy serves all mutants. Each shares the walk of the plan up to the mutation.
     let mut mutant = barriers.clone();
     let mut needless = Vec::new();
     let all = mutations(plan, barriers);
     let mut left = all.iter().peekable();
-    let mut next = Some(memory.start(plan, &trace, &replay));
+    let mut next = Some(memory.start());
     while let Some(at) = next.filter(|_| left.peek().is_some()) {
         let place = match at {
             At::Prologue(step) => Some(Some(plan.prologue[step])),
@@ -126,13 +126,12 @@ pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutati
         };
         while let Some(mutation) = left.next_if(|mutation| Some(mutation.at) == place) {
             let before = take_away(&mut mutant, mutation);
-            if !memory.trial((plan, &mutant), &trace, &replay, at) {
+            if !memory.trial(&mutant, at) {
                 needless.push(*mutation);
             }
             put_back(&mut mutant, mutation, before);
         }
-        memory.advance((plan, barriers), &trace, &replay, at);
-        next = At::after(at, plan, &replay);
+        next = memory.advance(barriers, at);
     }
     needless
 }

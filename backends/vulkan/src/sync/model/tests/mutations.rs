@@ -62,18 +62,17 @@ fn a_trial_leaves_the_replay_as_it_was() {
     // Without the frame's layout changes, most positions give violations.
     let mut worse = minimal();
     worse.barriers.before[2..].iter_mut().for_each(|call| call.retain(|barrier| barrier.image.is_none()));
-    let (trace, replay) = (Trace::new(&sketch.plan, 2), Replay::default());
-    let mut memory = MemoryState::new(&trace, Rules::HAZARDS, true);
-    let mut next = Some(memory.start(&sketch.plan, &trace, &replay));
+    let trace = Trace::new(&sketch.plan, 2);
+    let mut memory = MemoryState::new(&sketch.plan, &trace, Replay::default(), Rules::HAZARDS, true);
+    let mut next = Some(memory.start());
     let mut trials = 0;
     while let Some(at) = next {
         // Late in the last frame, the remaining steps may give none.
-        let found = memory.trial((&worse.plan, &worse.barriers), &trace, &replay, at);
+        let found = memory.trial(&worse.barriers, at);
         assert!(found || at == At::Frame(3, 0) || trials > 3, "{at:?}");
         assert_eq!(memory.findings.violations, []);
         trials += 1;
-        memory.advance((&sketch.plan, &sketch.barriers), &trace, &replay, at);
-        next = At::after(at, &sketch.plan, &replay);
+        next = memory.advance(&sketch.barriers, at);
     }
     assert_eq!(memory.findings.violations, [], "the plan has none, whatever was tried in between");
     assert!(trials > 12);
