@@ -205,7 +205,7 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         },
         rounds_half: rounds_once(driver.driver_id) || !blends_floats,
         fused_fma: rounds_once(driver.driver_id),
-        features: OptionalFeatures::of(instance, handle).shaders(),
+        features: OptionalFeatures::of(instance, handle).shaders,
         timestamp_bits: 0,
         // On lavapipe, reading timestamps waits for all submitted work.
         live_timestamps: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,

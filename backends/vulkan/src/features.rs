@@ -1,6 +1,7 @@
 //! Selects the optional device features to enable, and lists the shader features that they provide.
 
 use crate::instance::Instance;
+use crate::lower::flags;
 use ash::{ext, khr, vk};
 use splatgraph_framework::ir::Features;
 
@@ -13,9 +14,85 @@ pub(crate) struct OptionalFeatures {
     pub atomic_float: Option<vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>>,
     /// The feature of `VK_KHR_shader_subgroup_uniform_control_flow`; `None` without the extension.
     pub uniform_flow: Option<vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>>,
-    subgroup_operations: vk::SubgroupFeatureFlags,
-    subgroup_stages: vk::ShaderStageFlags,
+    /// The features that shaders can use.
+    pub shaders: Features,
 }
+
+/// Vulkan's structures of features, with all those that a device has or that it is opened with.
+#[derive(Default)]
+struct Structs {
+    core: vk::PhysicalDeviceFeatures,
+    vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,
+    vulkan12: vk::PhysicalDeviceVulkan12Features<'static>,
+    float: vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>,
+    flow: vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>,
+}
+
+/// Finds a feature in the structures.
+type Field = fn(&mut Structs) -> &mut vk::Bool32;
+
+/// The features to enable if the device has them, each with the shader feature that it provides, if any.
+const SELECTED: [(Features, Field); 39] = [
+    (Features::empty(), |f| &mut f.core.independent_blend),
+    (Features::empty(), |f| &mut f.core.draw_indirect_first_instance),
+    (Features::empty(), |f| &mut f.vulkan12.shader_subgroup_extended_types),
+    (Features::empty(), |f| &mut f.vulkan12.vulkan_memory_model),
+    (Features::empty(), |f| &mut f.vulkan12.vulkan_memory_model_device_scope),
+    (Features::INT16, |f| &mut f.core.shader_int16),
+    (Features::INT64, |f| &mut f.core.shader_int64),
+    (Features::INT8, |f| &mut f.vulkan12.shader_int8),
+    (Features::FLOAT16, |f| &mut f.vulkan12.shader_float16),
+    (Features::FLOAT64, |f| &mut f.core.shader_float64),
+    (Features::STORAGE_16, |f| &mut f.vulkan11.storage_buffer16_bit_access),
+    (Features::UNIFORM_16, |f| &mut f.vulkan11.uniform_and_storage_buffer16_bit_access),
+    (Features::STORAGE_8, |f| &mut f.vulkan12.storage_buffer8_bit_access),
+    (Features::UNIFORM_8, |f| &mut f.vulkan12.uniform_and_storage_buffer8_bit_access),
+    (Features::SCALAR_LAYOUT, |f| &mut f.vulkan12.scalar_block_layout),
+    (Features::BUFFER_INT64_ATOMICS, |f| &mut f.vulkan12.shader_buffer_int64_atomics),
+    (Features::SHARED_INT64_ATOMICS, |f| &mut f.vulkan12.shader_shared_int64_atomics),
+    (Features::BUFFER_FLOAT_ATOMICS, |f| &mut f.float.shader_buffer_float32_atomics),
+    (Features::BUFFER_FLOAT_ATOMIC_ADD, |f| &mut f.float.shader_buffer_float32_atomic_add),
+    (Features::SHARED_FLOAT_ATOMICS, |f| &mut f.float.shader_shared_float32_atomics),
+    (Features::SHARED_FLOAT_ATOMIC_ADD, |f| &mut f.float.shader_shared_float32_atomic_add),
+    (Features::IMAGE_FLOAT_ATOMICS, |f| &mut f.float.shader_image_float32_atomics),
+    (Features::IMAGE_FLOAT_ATOMIC_ADD, |f| &mut f.float.shader_image_float32_atomic_add),
+    (Features::IMAGE_READ_WITHOUT_FORMAT, |f| &mut f.core.shader_storage_image_read_without_format),
+    (Features::IMAGE_WRITE_WITHOUT_FORMAT, |f| &mut f.core.shader_storage_image_write_without_format),
+    (Features::IMAGE_EXTENDED_FORMATS, |f| &mut f.core.shader_storage_image_extended_formats),
+    (Features::STORAGE_BUFFER_INDEXING, |f| &mut f.core.shader_storage_buffer_array_dynamic_indexing),
+    (Features::UNIFORM_BUFFER_INDEXING, |f| &mut f.core.shader_uniform_buffer_array_dynamic_indexing),
+    (Features::STORAGE_IMAGE_INDEXING, |f| &mut f.core.shader_storage_image_array_dynamic_indexing),
+    (Features::STORAGE_BUFFER_NONUNIFORM, |f| {
+        &mut f.vulkan12.shader_storage_buffer_array_non_uniform_indexing
+    }),
+    (Features::UNIFORM_BUFFER_NONUNIFORM, |f| {
+        &mut f.vulkan12.shader_uniform_buffer_array_non_uniform_indexing
+    }),
+    (Features::STORAGE_IMAGE_NONUNIFORM, |f| &mut f.vulkan12.shader_storage_image_array_non_uniform_indexing),
+    (Features::VERTEX_STORES, |f| &mut f.core.vertex_pipeline_stores_and_atomics),
+    (Features::FRAGMENT_STORES, |f| &mut f.core.fragment_stores_and_atomics),
+    (Features::DRAW_PARAMETERS, |f| &mut f.vulkan11.shader_draw_parameters),
+    (Features::CLIP_DISTANCE, |f| &mut f.core.shader_clip_distance),
+    (Features::CULL_DISTANCE, |f| &mut f.core.shader_cull_distance),
+    (Features::SAMPLE_SHADING, |f| &mut f.core.sample_rate_shading),
+    (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, |f| &mut f.flow.shader_subgroup_uniform_control_flow),
+];
+
+const OPERATIONS: [(vk::SubgroupFeatureFlags, Features); 8] = [
+    (vk::SubgroupFeatureFlags::BASIC, Features::SUBGROUP_BASIC),
+    (vk::SubgroupFeatureFlags::VOTE, Features::SUBGROUP_VOTE),
+    (vk::SubgroupFeatureFlags::ARITHMETIC, Features::SUBGROUP_ARITHMETIC),
+    (vk::SubgroupFeatureFlags::BALLOT, Features::SUBGROUP_BALLOT),
+    (vk::SubgroupFeatureFlags::SHUFFLE, Features::SUBGROUP_SHUFFLE),
+    (vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE, Features::SUBGROUP_SHUFFLE_RELATIVE),
+    (vk::SubgroupFeatureFlags::CLUSTERED, Features::SUBGROUP_CLUSTERED),
+    (vk::SubgroupFeatureFlags::QUAD, Features::SUBGROUP_QUAD),
+];
+
+const STAGES: [(vk::ShaderStageFlags, Features); 2] = [
+    (vk::ShaderStageFlags::VERTEX, Features::SUBGROUPS_IN_VERTEX),
+    (vk::ShaderStageFlags::FRAGMENT, Features::SUBGROUPS_IN_FRAGMENT),
+];
 
 impl OptionalFeatures {
     /// Queries a device of version 1.3 or later, and selects its features that shaders can use.
@@ -23,145 +100,35 @@ impl OptionalFeatures {
         let has_atomic_float = instance.has_extension(handle, ext::shader_atomic_float::NAME);
         let has_uniform_flow =
             instance.has_extension(handle, khr::shader_subgroup_uniform_control_flow::NAME);
-        let mut flow = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default();
-        let mut float = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default();
-        let mut has11 = vk::PhysicalDeviceVulkan11Features::default();
-        let mut has12 = vk::PhysicalDeviceVulkan12Features::default();
-        let mut has = vk::PhysicalDeviceFeatures2::default().push_next(&mut has11).push_next(&mut has12);
+        let mut has = Structs::default();
+        let mut query =
+            vk::PhysicalDeviceFeatures2::default().push_next(&mut has.vulkan11).push_next(&mut has.vulkan12);
         if has_atomic_float {
-            has = has.push_next(&mut float);
+            query = query.push_next(&mut has.float);
         }
         if has_uniform_flow {
-            has = has.push_next(&mut flow);
+            query = query.push_next(&mut has.flow);
         }
         // SAFETY: the chain holds structures of Vulkan 1.3, which the device has, and of extensions that it offers.
-        unsafe { instance.raw.get_physical_device_features2(handle, &mut has) };
-        let has10 = has.features;
+        unsafe { instance.raw.get_physical_device_features2(handle, &mut query) };
+        has.core = query.features;
         let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
         let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut subgroups);
         // SAFETY: as above.
         unsafe { instance.raw.get_physical_device_properties2(handle, &mut properties) };
 
-        let core = vk::PhysicalDeviceFeatures {
-            independent_blend: has10.independent_blend,
-            draw_indirect_first_instance: has10.draw_indirect_first_instance,
-            shader_int16: has10.shader_int16,
-            shader_int64: has10.shader_int64,
-            shader_float64: has10.shader_float64,
-            vertex_pipeline_stores_and_atomics: has10.vertex_pipeline_stores_and_atomics,
-            fragment_stores_and_atomics: has10.fragment_stores_and_atomics,
-            shader_storage_buffer_array_dynamic_indexing: has10.shader_storage_buffer_array_dynamic_indexing,
-            shader_uniform_buffer_array_dynamic_indexing: has10.shader_uniform_buffer_array_dynamic_indexing,
-            shader_storage_image_array_dynamic_indexing: has10.shader_storage_image_array_dynamic_indexing,
-            shader_storage_image_read_without_format: has10.shader_storage_image_read_without_format,
-            shader_storage_image_write_without_format: has10.shader_storage_image_write_without_format,
-            shader_storage_image_extended_formats: has10.shader_storage_image_extended_formats,
-            shader_clip_distance: has10.shader_clip_distance,
-            shader_cull_distance: has10.shader_cull_distance,
-            sample_rate_shading: has10.sample_rate_shading,
-            ..Default::default()
-        };
-        let vulkan11 = vk::PhysicalDeviceVulkan11Features {
-            storage_buffer16_bit_access: has11.storage_buffer16_bit_access,
-            uniform_and_storage_buffer16_bit_access: has11.uniform_and_storage_buffer16_bit_access,
-            shader_draw_parameters: has11.shader_draw_parameters,
-            ..Default::default()
-        };
-        let vulkan12 = vk::PhysicalDeviceVulkan12Features {
-            shader_float16: has12.shader_float16,
-            shader_int8: has12.shader_int8,
-            storage_buffer8_bit_access: has12.storage_buffer8_bit_access,
-            uniform_and_storage_buffer8_bit_access: has12.uniform_and_storage_buffer8_bit_access,
-            shader_buffer_int64_atomics: has12.shader_buffer_int64_atomics,
-            shader_shared_int64_atomics: has12.shader_shared_int64_atomics,
-            shader_subgroup_extended_types: has12.shader_subgroup_extended_types,
-            scalar_block_layout: has12.scalar_block_layout,
-            vulkan_memory_model: has12.vulkan_memory_model,
-            vulkan_memory_model_device_scope: has12.vulkan_memory_model_device_scope,
-            shader_storage_buffer_array_non_uniform_indexing: has12
-                .shader_storage_buffer_array_non_uniform_indexing,
-            shader_uniform_buffer_array_non_uniform_indexing: has12
-                .shader_uniform_buffer_array_non_uniform_indexing,
-            shader_storage_image_array_non_uniform_indexing: has12
-                .shader_storage_image_array_non_uniform_indexing,
-            ..Default::default()
-        };
-        let atomic_float = has_atomic_float.then(|| vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT {
-            shader_buffer_float32_atomics: float.shader_buffer_float32_atomics,
-            shader_buffer_float32_atomic_add: float.shader_buffer_float32_atomic_add,
-            shader_shared_float32_atomics: float.shader_shared_float32_atomics,
-            shader_shared_float32_atomic_add: float.shader_shared_float32_atomic_add,
-            shader_image_float32_atomics: float.shader_image_float32_atomics,
-            shader_image_float32_atomic_add: float.shader_image_float32_atomic_add,
-            ..Default::default()
-        });
-        let uniform_flow = has_uniform_flow.then(|| {
-            vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default()
-                .shader_subgroup_uniform_control_flow(flow.shader_subgroup_uniform_control_flow == vk::TRUE)
-        });
-        OptionalFeatures {
-            core,
-            vulkan11,
-            vulkan12,
-            atomic_float,
-            uniform_flow,
-            subgroup_operations: subgroups.supported_operations,
-            subgroup_stages: subgroups.supported_stages,
+        let mut enabled = Structs::default();
+        let mut shaders = flags(&OPERATIONS, |bit| subgroups.supported_operations.contains(bit))
+            | flags(&STAGES, |bit| subgroups.supported_stages.contains(bit));
+        for (feature, field) in SELECTED {
+            *field(&mut enabled) = *field(&mut has);
+            if *field(&mut has) == vk::TRUE {
+                shaders |= feature;
+            }
         }
-    }
-
-    pub fn shaders(&self) -> Features {
-        let OptionalFeatures { core, vulkan11, vulkan12, .. } = self;
-        let float = self.atomic_float.unwrap_or_default();
-        let flow = self.uniform_flow.unwrap_or_default();
-        let operations = |flag| vk::Bool32::from(self.subgroup_operations.contains(flag));
-        let stages = |flag| vk::Bool32::from(self.subgroup_stages.contains(flag));
-        let enabled = [
-            (Features::INT16, core.shader_int16),
-            (Features::INT64, core.shader_int64),
-            (Features::INT8, vulkan12.shader_int8),
-            (Features::FLOAT16, vulkan12.shader_float16),
-            (Features::FLOAT64, core.shader_float64),
-            (Features::STORAGE_16, vulkan11.storage_buffer16_bit_access),
-            (Features::UNIFORM_16, vulkan11.uniform_and_storage_buffer16_bit_access),
-            (Features::STORAGE_8, vulkan12.storage_buffer8_bit_access),
-            (Features::UNIFORM_8, vulkan12.uniform_and_storage_buffer8_bit_access),
-            (Features::SCALAR_LAYOUT, vulkan12.scalar_block_layout),
-            (Features::BUFFER_INT64_ATOMICS, vulkan12.shader_buffer_int64_atomics),
-            (Features::SHARED_INT64_ATOMICS, vulkan12.shader_shared_int64_atomics),
-            (Features::BUFFER_FLOAT_ATOMICS, float.shader_buffer_float32_atomics),
-            (Features::BUFFER_FLOAT_ATOMIC_ADD, float.shader_buffer_float32_atomic_add),
-            (Features::SHARED_FLOAT_ATOMICS, float.shader_shared_float32_atomics),
-            (Features::SHARED_FLOAT_ATOMIC_ADD, float.shader_shared_float32_atomic_add),
-            (Features::IMAGE_FLOAT_ATOMICS, float.shader_image_float32_atomics),
-            (Features::IMAGE_FLOAT_ATOMIC_ADD, float.shader_image_float32_atomic_add),
-            (Features::IMAGE_READ_WITHOUT_FORMAT, core.shader_storage_image_read_without_format),
-            (Features::IMAGE_WRITE_WITHOUT_FORMAT, core.shader_storage_image_write_without_format),
-            (Features::IMAGE_EXTENDED_FORMATS, core.shader_storage_image_extended_formats),
-            (Features::STORAGE_BUFFER_INDEXING, core.shader_storage_buffer_array_dynamic_indexing),
-            (Features::UNIFORM_BUFFER_INDEXING, core.shader_uniform_buffer_array_dynamic_indexing),
-            (Features::STORAGE_IMAGE_INDEXING, core.shader_storage_image_array_dynamic_indexing),
-            (Features::STORAGE_BUFFER_NONUNIFORM, vulkan12.shader_storage_buffer_array_non_uniform_indexing),
-            (Features::UNIFORM_BUFFER_NONUNIFORM, vulkan12.shader_uniform_buffer_array_non_uniform_indexing),
-            (Features::STORAGE_IMAGE_NONUNIFORM, vulkan12.shader_storage_image_array_non_uniform_indexing),
-            (Features::VERTEX_STORES, core.vertex_pipeline_stores_and_atomics),
-            (Features::FRAGMENT_STORES, core.fragment_stores_and_atomics),
-            (Features::DRAW_PARAMETERS, vulkan11.shader_draw_parameters),
-            (Features::CLIP_DISTANCE, core.shader_clip_distance),
-            (Features::CULL_DISTANCE, core.shader_cull_distance),
-            (Features::SAMPLE_SHADING, core.sample_rate_shading),
-            (Features::SUBGROUP_BASIC, operations(vk::SubgroupFeatureFlags::BASIC)),
-            (Features::SUBGROUP_VOTE, operations(vk::SubgroupFeatureFlags::VOTE)),
-            (Features::SUBGROUP_ARITHMETIC, operations(vk::SubgroupFeatureFlags::ARITHMETIC)),
-            (Features::SUBGROUP_BALLOT, operations(vk::SubgroupFeatureFlags::BALLOT)),
-            (Features::SUBGROUP_SHUFFLE, operations(vk::SubgroupFeatureFlags::SHUFFLE)),
-            (Features::SUBGROUP_SHUFFLE_RELATIVE, operations(vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE)),
-            (Features::SUBGROUP_CLUSTERED, operations(vk::SubgroupFeatureFlags::CLUSTERED)),
-            (Features::SUBGROUP_QUAD, operations(vk::SubgroupFeatureFlags::QUAD)),
-            (Features::SUBGROUPS_IN_VERTEX, stages(vk::ShaderStageFlags::VERTEX)),
-            (Features::SUBGROUPS_IN_FRAGMENT, stages(vk::ShaderStageFlags::FRAGMENT)),
-            (Features::SUBGROUP_UNIFORM_CONTROL_FLOW, flow.shader_subgroup_uniform_control_flow),
-        ];
-        enabled.into_iter().filter(|(_, on)| *on == vk::TRUE).map(|(feature, _)| feature).collect()
+        let Structs { core, vulkan11, vulkan12, float, flow } = enabled;
+        let (atomic_float, uniform_flow) =
+            (has_atomic_float.then_some(float), has_uniform_flow.then_some(flow));
+        OptionalFeatures { core, vulkan11, vulkan12, atomic_float, uniform_flow, shaders }
     }
 }
