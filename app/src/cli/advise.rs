@@ -287,18 +287,14 @@ fn nothing(tried: &[Tried], budget: &Budget) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::parsed;
     use crate::studies::measurement::noise::Share;
     use crate::studies::study::Setting;
 
     #[test]
     fn the_command_loads_the_scene_as_advise_did() {
-        #[derive(clap::Parser)]
-        struct Line {
-            #[command(flatten)]
-            args: Args,
-        }
         let words = "advise lod-meta.json --ignore-tags --level 2 --size 8x4";
-        let args = <Line as clap::Parser>::parse_from(words.split(' ')).args;
+        let args = parsed(words.split(' ')).expect("a command line");
         let setting = Setting { name: "x".into(), pipeline: "splat".into(), set: Vec::new() };
         let found = Tried { setting, psnr_db: vec![50.0], gpu_ms: None, share: None };
         let text = command(&args, true, &found, &[]);

@@ -375,13 +375,7 @@ fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
+    use crate::cli::parsed;
 
     fn grey(value: f32) -> Image {
         Image { width: 12, height: 12, rgb: vec![[value; 3]; 144] }
@@ -400,9 +394,14 @@ mod tests {
         (root, a, b)
     }
 
-    fn compared(a: &Path, b: &Path, options: &[&str]) -> Result<Outcome> {
+    /// Returns the printed text and the outcome.
+    fn told(a: &Path, b: &Path, options: &[&str]) -> Result<(String, Outcome)> {
         let line = [&["compare", a.to_str().unwrap(), b.to_str().unwrap()], options].concat();
-        compare(&Line::parse_from(line).args).map(|(_, outcome)| outcome)
+        compare(&parsed(line)?)
+    }
+
+    fn compared(a: &Path, b: &Path, options: &[&str]) -> Result<Outcome> {
+        told(a, b, options).map(|(_, outcome)| outcome)
     }
 
     #[test]
@@ -418,11 +417,7 @@ mod tests {
     fn float64_arrays_keep_their_digits_and_8_bits_are_the_nearest_float_of_either_kind() {
         let root = tempfile::tempdir().unwrap();
         let path = |name: &str| root.path().join(name);
-        let said = |a: &str, b: &str, options: &[&str]| {
-            let (a, b) = (path(a), path(b));
-            let line = [&["compare", a.to_str().unwrap(), b.to_str().unwrap()], options].concat();
-            compare(&Line::parse_from(line).args).unwrap().0
-        };
+        let said = |a: &str, b: &str, options: &[&str]| told(&path(a), &path(b), options).unwrap().0;
         let double = |name: &str, value: f64| {
             crate::io::image::save_words(&path(name), &[12, 12, 3], &[value; 3 * 144]).unwrap();
         };
@@ -450,8 +445,7 @@ mod tests {
         let (a, b) = (root.path().join("a.npy"), root.path().join("b.npy"));
         crate::io::image::save_words(&a, &[12, 12], &[3u32; 144]).unwrap();
         crate::io::image::save_words(&b, &[12, 12], &[5u32; 144]).unwrap();
-        let line = ["compare", a.to_str().unwrap(), b.to_str().unwrap()];
-        let text = compare(&Line::parse_from(line).args).unwrap().0;
+        let text = told(&a, &b, &[]).unwrap().0;
         assert!(text.contains("worst pixel 2.000000 at (0, 0)") && !text.contains("identical"), "{text}");
     }
 

@@ -363,19 +363,15 @@ fn set_up(args: &Args, shell: &mut Shell, (width, _): (u32, u32)) -> Result<()> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::parsed;
     use splatgraph_assets::synth;
 
     #[test]
     fn all_cameras_beside_the_scene_are_opened_and_a_file_without_cameras_is_no_error() {
-        #[derive(clap::Parser)]
-        struct Line {
-            #[command(flatten)]
-            args: Args,
-        }
         let folder = tempfile::tempdir().unwrap();
         let (scene, beside) = (folder.path().join("a.ply"), folder.path().join("cameras.json"));
         synth::generate("uniform", 10, 0).unwrap().write_ply(&scene).unwrap();
-        let Line { args } = clap::Parser::parse_from(["view".as_ref(), scene.as_os_str()]);
+        let args: Args = parsed(["view".as_ref(), scene.as_os_str()]).unwrap();
         let cameras = || scene_and_cameras(&args, None).expect("the scene opens").1;
         assert_eq!(cameras(), []);
         let saved = synth::demo_cameras();

@@ -246,19 +246,13 @@ impl EditArgs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
+    use crate::cli::parsed;
     use splatgraph_assets::synth;
 
-    #[derive(Debug, Parser)]
-    struct Line {
-        #[command(flatten)]
-        edit: EditArgs,
-    }
-
     fn edit(words: &[&str]) -> Result<Scene, String> {
-        let line = Line::try_parse_from([&["convert"], words].concat()).map_err(|error| error.to_string())?;
+        let edit: EditArgs = parsed([&["convert"], words].concat()).map_err(|error| error.to_string())?;
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
-        line.edit.apply(scene, &LoadOptions::default()).map_err(|error| error.to_string())
+        edit.apply(scene, &LoadOptions::default()).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -206,14 +206,8 @@ fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
+    use crate::cli::parsed;
     use serde_json::{Value, json};
-
-    #[derive(clap::Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
 
     fn dumped(folder: &Path, words: &str) -> Result<String> {
         dumped_as(folder, "out", words)
@@ -222,7 +216,7 @@ mod tests {
     fn dumped_as(folder: &Path, name: &str, words: &str) -> Result<String> {
         let output = folder.join(name);
         let words = ["dump"].into_iter().chain(words.split(' '));
-        let args = Line::try_parse_from(words)?.args;
+        let args: Args = parsed(words)?;
         run(&Args { output: Some(output.clone()), ..args })?;
         Ok(std::fs::read_to_string(output)?)
     }

@@ -335,13 +335,7 @@ impl Args {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
-
-    #[derive(Debug, Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
+    use crate::cli::parsed;
 
     #[test]
     fn what_to_inspect_is_a_resource_a_pass_and_perhaps_a_file() {
@@ -353,11 +347,11 @@ mod tests {
 
     #[test]
     fn more_frames_than_their_times_can_be_kept_of_are_refused() {
-        let parse = |frames: &str| Line::try_parse_from(["render", "--json", "--repeat", frames]);
-        assert_eq!(parse("100000").unwrap().args.repeat, 100_000);
+        let parse = |frames: &str| parsed::<Args>(["render", "--json", "--repeat", frames]);
+        assert_eq!(parse("100000").unwrap().repeat, 100_000);
         for frames in ["0", "100001", "4294967295", "4294967296", "many"] {
             assert!(
-                parse(frames).unwrap_err().to_string().contains("expected 1 to 100000 frames"),
+                parse(frames).map(drop).unwrap_err().to_string().contains("expected 1 to 100000 frames"),
                 "{frames}"
             );
         }
