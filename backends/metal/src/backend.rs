@@ -16,8 +16,8 @@ use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Validation
 use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
-    Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
-    NextPipeline, Presented, Requirements, Show, Window,
+    Acquired, BindingTarget, BufferDesc, Common, FormatSupport, Gpu, ImageDesc, Location, NextPipeline,
+    Presented, Requirements, Show, Window,
 };
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -51,12 +51,8 @@ impl Gpu for MetalGpu {
         Ok((info, Arc::new(MetalGpu::new(physical, window, options)?)))
     }
 
-    fn limits(&self) -> &Limits {
-        &self.limits
-    }
-
-    fn messages(&self) -> &Arc<Messages> {
-        &self.messages
+    fn common(&self) -> &Common {
+        &self.common
     }
 
     fn memory(&self) -> DeviceMemory {
@@ -65,19 +61,11 @@ impl Gpu for MetalGpu {
     }
 
     fn available(&self) -> Option<u64> {
-        Some(self.limits.heap_bytes.saturating_sub(objc::allocated_bytes(&self.device)))
+        Some(self.common.limits.heap_bytes.saturating_sub(objc::allocated_bytes(&self.device)))
     }
 
     fn format_support(&self, format: Format) -> FormatSupport {
         features::format_support(format, self.filters_floats)
-    }
-
-    fn patience(&self) -> Duration {
-        self.patience
-    }
-
-    fn compile_patience(&self) -> Duration {
-        self.compile_patience
     }
 
     fn wait_idle(&self, limit: Duration) -> bool {

@@ -13,20 +13,16 @@ use crate::progress::{Progress, progress};
 use crate::surface::{FORMAT, Surface};
 use metal::*;
 use splatgraph_api::{BackendError, Options};
-use splatgraph_runtime::{COMPILE_PATIENCE, Limits, Messages, Window};
+use splatgraph_runtime::{Common, Window};
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
-
-/// Default time limit of one pass.
-const PATIENCE: Duration = Duration::from_secs(10);
 
 /// An open Apple GPU; see [`crate::Metal`].
 pub struct MetalGpu {
     pub(crate) device: Device,
     pub(crate) queue: CommandQueue,
-    pub(crate) limits: Limits,
-    pub(crate) messages: Arc<Messages>,
+    pub(crate) common: Common,
     pub(crate) builtin: Builtin,
     pub(crate) surface: Option<Surface>,
     /// The timestamp counters; `None` if encoders cannot sample them at their ends.
@@ -34,8 +30,6 @@ pub struct MetalGpu {
     pub(crate) filters_floats: bool,
     /// True if objects and commands are labelled, because captures or Metal's validation are enabled.
     pub(crate) labels: bool,
-    pub(crate) patience: Duration,
-    pub(crate) compile_patience: Duration,
     pub(crate) allocated: AtomicU64,
     /// Submissions that may not have completed, in the queue's order.
     in_flight: Mutex<Vec<Submission>>,
@@ -87,7 +81,7 @@ impl MetalGpu {
         window: Option<Arc<dyn Window>>,
         options: &Options,
     ) -> Result<MetalGpu, BackendError> {
-        let Physical { raw: device, reported, .. } = physical;
+        let Physical { raw: device, info, reported } = physical;
         let queue = objc::new_queue(&device).ok_or_else(|| no_object("newCommandQueue"))?;
         queue.set_label("queue");
         let surface = window.map(|window| Surface::new(window, &device)).transpose()?;
@@ -96,14 +90,11 @@ impl MetalGpu {
         Ok(MetalGpu {
             builtin: Builtin::new(&device)?,
             queue,
-            limits: features::limits(&reported),
-            messages: Arc::default(),
+            common: Common::new(&info, features::limits(&reported), Arc::default(), options),
             surface,
             timestamps: timestamps(&device),
             filters_floats: reported.filters_floats,
             labels: set.iter().any(|name| std::env::var_os(name).is_some_and(|value| value != "0")),
-            patience: options.patience.unwrap_or(PATIENCE),
-            compile_patience: options.compile_patience.unwrap_or(COMPILE_PATIENCE),
             allocated: AtomicU64::new(0),
             in_flight: Mutex::default(),
             failure: OnceLock::new(),

@@ -8,8 +8,8 @@ use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options};
 use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
-    Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, MemoryKind,
-    Messages, NextPipeline, PipelineStates, Presented, Requirements, Show, Window, binding_copies,
+    Acquired, BindingTarget, BufferDesc, Common, FormatSupport, Gpu, ImageDesc, Location, MemoryKind,
+    NextPipeline, PipelineStates, Presented, Requirements, Show, Window, binding_copies,
 };
 use std::collections::HashMap;
 use std::sync::atomic::Ordering;
@@ -37,12 +37,8 @@ impl Gpu for NullGpu {
         Ok(NullGpu::new(&Config::default()))
     }
 
-    fn limits(&self) -> &Limits {
-        &self.limits
-    }
-
-    fn messages(&self) -> &Arc<Messages> {
-        self.journal.messages()
+    fn common(&self) -> &Common {
+        &self.common
     }
 
     fn memory(&self) -> DeviceMemory {
@@ -58,18 +54,10 @@ impl Gpu for NullGpu {
         FormatSupport { storage: true, target: true, blend: true, blit: true }
     }
 
-    fn patience(&self) -> Duration {
-        self.patience
-    }
-
-    fn compile_patience(&self) -> Duration {
-        self.compile_patience
-    }
-
     fn wait_idle(&self, limit: Duration) -> bool {
         self.journal.call(Call::WaitIdle);
         if self.journal.is_hung(None) {
-            std::thread::sleep(limit.min(self.patience));
+            std::thread::sleep(limit.min(self.common.patience));
             return false;
         }
         self.journal.complete(None);
@@ -178,7 +166,7 @@ impl Gpu for NullGpu {
     }
 
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Timestamps>, BackendError> {
-        if self.limits.timestamp_bits == 0 {
+        if self.common.limits.timestamp_bits == 0 {
             return Ok(None);
         }
         let ticks = Arc::new(Mutex::new(vec![None; count as usize]));

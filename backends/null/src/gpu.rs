@@ -5,7 +5,7 @@ use crate::journal::{Journal, Object, Owned};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 use splatgraph_framework::ir::{Features, PassId};
 use splatgraph_framework::plan::{LayoutChange, Plan, Since};
-use splatgraph_runtime::{Limits, SubgroupLimits};
+use splatgraph_runtime::{Common, Limits, SubgroupLimits};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -50,10 +50,8 @@ impl Default for Config {
 
 /// An open device that executes nothing; see [`crate::Null`].
 pub struct NullGpu {
-    pub(crate) limits: Limits,
+    pub(crate) common: Common,
     pub(crate) budget: Option<u64>,
-    pub(crate) patience: Duration,
-    pub(crate) compile_patience: Duration,
     pub(crate) read: u32,
     pub(crate) journal: Journal,
     pub(crate) used: Arc<AtomicU64>,
@@ -111,10 +109,13 @@ impl NullGpu {
             unfit: None,
         };
         let gpu = NullGpu {
-            limits: config.limits.clone(),
+            common: Common {
+                limits: config.limits.clone(),
+                messages: journal.messages().clone(),
+                patience: config.patience,
+                compile_patience: config.compile_patience,
+            },
             budget: config.budget,
-            patience: config.patience,
-            compile_patience: config.compile_patience,
             read: config.read,
             used: Arc::default(),
             tick: AtomicU64::new(1),

@@ -87,7 +87,7 @@ pub(crate) fn create_block<G: Gpu>(
 ) -> Result<Vec<Transient<G>>, BackendError> {
     let created = members.iter().map(|member| member.create(gpu)).collect::<Result<Vec<_>, _>>()?;
     let requirements: Vec<_> = created.iter().map(|(_, requirements)| *requirements).collect();
-    let limits = gpu.limits();
+    let limits = &gpu.common().limits;
     let shared = match combine(&requirements, limits.device_memory_types, limits.buffer_image_granularity) {
         Some(requirements) => {
             let names: Vec<&str> = members.iter().map(Member::name).collect();

@@ -60,7 +60,7 @@ impl<G: Gpu> CompiledPlan<G> {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Self, BackendError> {
         let gpu = &shared.gpu;
-        info_span!("check the plan").in_scope(|| check::check(&plan, gpu.limits()))?;
+        info_span!("check the plan").in_scope(|| check::check(&plan, &gpu.common().limits))?;
         let identity = scene.identity();
         let synchronization = info_span!("lower the dependencies")
             .in_scope(|| synchronization.map_or_else(|| G::synchronization(&plan), Ok))?;
@@ -76,7 +76,7 @@ impl<G: Gpu> CompiledPlan<G> {
         // This may wait for another upload, so it comes after the pipelines.
         let (mut planes, turn) = shared.attributes.find(&keys);
         let absent: Vec<_> = keys.iter().filter(|(_, key)| !planes.contains_key(key)).collect();
-        let available = gpu.available().unwrap_or(gpu.limits().heap_bytes);
+        let available = gpu.available().unwrap_or(gpu.common().limits.heap_bytes);
         once.find_room(&plan, available, &absent, taken.values().map(|buffer| buffer.bytes).sum())?;
         let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, (&taken, &once))?;
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &skipped)?;

@@ -128,7 +128,7 @@ impl<G: Gpu> Executor<G> {
     /// For the device's last executor, these include the messages of closing the device, such as an object that was not
     /// destroyed.
     pub fn close(self) -> Vec<String> {
-        let messages = self.shared.gpu.messages().clone();
+        let messages = self.shared.gpu.common().messages.clone();
         drop(self);
         messages.take()
     }
@@ -358,11 +358,11 @@ impl<G: Gpu> Device for Executor<G> {
     }
 
     fn heap(&self) -> Heap {
-        Heap { bytes: self.shared.gpu.limits().heap_bytes, available: self.shared.gpu.available() }
+        Heap { bytes: self.shared.gpu.common().limits.heap_bytes, available: self.shared.gpu.available() }
     }
 
     fn take_messages(&mut self) -> Vec<String> {
-        self.shared.gpu.messages().take()
+        self.shared.gpu.common().messages.take()
     }
 }
 
@@ -388,7 +388,7 @@ impl<G: Gpu> Drop for Executor<G> {
             self.shared.outputs.remove(output);
         }
         // The device may use the fields' objects until it is idle. (Other executors hold what they use.)
-        if self.shared.gpu.wait_idle(self.shared.gpu.patience()) {
+        if self.shared.gpu.wait_idle(self.shared.gpu.common().patience) {
             self.shared.drop_abandoned();
         } else {
             let slots = std::mem::take(&mut self.slots);

@@ -18,13 +18,36 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Default time limit for compiling one pipeline.
-pub const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
-
 /// A window for which a surface, and so a swapchain, can be created.
 pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
 
 impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
+
+/// The state of an open device that does not depend on its API.
+pub struct Common {
+    /// The device's limits.
+    pub limits: Limits,
+    /// Validation messages; the list may outlive the device.
+    pub messages: Arc<Messages>,
+    /// Time that one pass may run before calls that wait for it give up.
+    pub patience: Duration,
+    /// Time that the driver may take for one pipeline before the load is abandoned.
+    pub compile_patience: Duration,
+}
+
+impl Common {
+    /// Creates the state of a device that is opened with these options.
+    pub fn new(info: &DeviceInfo, limits: Limits, messages: Arc<Messages>, options: &Options) -> Common {
+        // A CPU is much slower than a GPU.
+        let patience = Duration::from_secs(if info.kind == "cpu" { 600 } else { 10 });
+        Common {
+            limits,
+            messages,
+            patience: options.patience.unwrap_or(patience),
+            compile_patience: options.compile_patience.unwrap_or(Duration::from_secs(60)),
+        }
+    }
+}
 
 /// An open device of one graphics API, usable from several threads: executors share its one queue, and plans are
 /// prepared on their own threads.
@@ -61,11 +84,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         window: Option<Arc<dyn Window>>,
     ) -> Result<(DeviceInfo, Arc<Self>), BackendError>;
 
-    /// Returns the device's limits.
-    fn limits(&self) -> &Limits;
-
-    /// Returns the list that collects validation messages. It may outlive the device.
-    fn messages(&self) -> &Arc<Messages>;
+    /// Returns the device's limits, validation messages and time limits.
+    fn common(&self) -> &Common;
 
     /// Returns the bytes of device memory that all objects use, and the bytes reserved for them.
     fn memory(&self) -> DeviceMemory;
@@ -76,12 +96,6 @@ pub trait Gpu: Sized + Send + Sync + 'static {
 
     /// Returns the image uses that the device supports for a format.
     fn format_support(&self, format: Format) -> FormatSupport;
-
-    /// Returns the time that one pass may run before calls that wait for it give up.
-    fn patience(&self) -> Duration;
-
-    /// Returns the time that the driver may take for one pipeline before the load is abandoned.
-    fn compile_patience(&self) -> Duration;
 
     /// Blocks until the device has finished all submitted work or is lost. Returns false once `limit` has passed. Other
     /// threads can submit meanwhile.

@@ -63,7 +63,7 @@ impl<G: Gpu> HostBuffer<G> {
         resource: &Resource,
         contents: &BufferContents,
     ) -> Result<(), BackendError> {
-        let most = shared.gpu.limits().max_storage_bytes;
+        let most = shared.gpu.common().limits.max_storage_bytes;
         match contents {
             BufferContents::Bytes(bytes) => {
                 check_length(resource, bytes.len() as u64, most)?;
@@ -94,7 +94,7 @@ impl<G: Gpu> HostBuffer<G> {
     fn copy(&mut self, gpu: &Arc<G>, resource: &Resource, bytes: &Arc<Vec<u8>>) -> Result<(), BackendError> {
         let length = bytes.len() as u64;
         if self.own.as_ref().is_none_or(|own| own.bytes < length) {
-            let capacity = capacity(length, gpu.limits().max_buffer_bytes);
+            let capacity = capacity(length, gpu.common().limits.max_buffer_bytes);
             let desc = BufferDesc { name: &resource.name, bytes: capacity, usage: usage(resource) };
             let buffer = Buffer::new(gpu, &desc, Location::Upload)?;
             // The bindings refer to the old buffer, which is dropped.

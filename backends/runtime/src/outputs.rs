@@ -48,7 +48,7 @@ impl<G: Gpu> SharedOutputs<G> {
         let bytes = image.bytes();
         // The limit of a storage binding does not apply: a reader can bind a range of rows.
         let what = || format!("the size of a shared output of {width} x {height} pixels");
-        within_bytes(what, bytes, gpu.limits().max_buffer_bytes)?;
+        within_bytes(what, bytes, gpu.common().limits.max_buffer_bytes)?;
         let picture = Picture { id: self.next.fetch_add(1, Ordering::Relaxed), format, width, height };
         let usage = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_SOURCE | Usage::COPY_TARGET;
         let buffer = Buffer::new(gpu, &BufferDesc { name: "picture", bytes, usage }, Location::Device)?;

@@ -90,7 +90,7 @@ impl Compilers {
         cancel: &Cancel,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<G::Pipelines, BackendError> {
-        self.wait_for_room(plan, cancel, gpu.compile_patience())?;
+        self.wait_for_room(plan, cancel, gpu.common().compile_patience)?;
         let (sender, messages) = channel();
         let end: Arc<Mutex<End>> = Arc::default();
         let thread = thread::Builder::new().name("pipelines".into()).spawn({
@@ -128,8 +128,8 @@ impl Compilers {
                     resume_unwind(panic)
                 }
                 Err(RecvTimeoutError::Timeout) if cancel.is_requested() => break None,
-                Err(RecvTimeoutError::Timeout) if watch.look() > gpu.compile_patience() => {
-                    break Some(stuck(plan, current, gpu.compile_patience()));
+                Err(RecvTimeoutError::Timeout) if watch.look() > gpu.common().compile_patience => {
+                    break Some(stuck(plan, current, gpu.common().compile_patience));
                 }
                 Err(RecvTimeoutError::Timeout) => {}
             }

@@ -24,7 +24,7 @@ impl Times {
         timestamps: Option<&G::Timestamps>,
         passes: usize,
     ) -> Result<Times, BackendError> {
-        let limits = gpu.limits();
+        let limits = &gpu.common().limits;
         let ticks = match timestamps {
             Some(timestamps) => gpu.read_timestamps(timestamps, queries(passes))?,
             None => Vec::new(),

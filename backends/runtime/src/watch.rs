@@ -101,9 +101,9 @@ impl<G: Gpu> Watch<G> {
     /// # Errors
     /// [`BackendError::Stuck`] once the device has run one pass for longer than its patience.
     pub fn wait(&self, gpu: &G, encoder: &mut G::Encoder, ticket: &Ticket<G>) -> Result<(), BackendError> {
-        while !gpu.wait(encoder, SLICE.min(gpu.patience()))? {
+        while !gpu.wait(encoder, SLICE.min(gpu.common().patience))? {
             let running = self.look(gpu, ticket);
-            if running.time >= gpu.patience() {
+            if running.time >= gpu.common().patience {
                 return Err(stuck(running));
             }
         }
@@ -119,7 +119,7 @@ impl<G: Gpu> State<G> {
     /// Finds the first unfinished submission up to `own`. Returns its number, how many of its passes are complete, and a
     /// description of the work that the device is doing there.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (u64, usize, String) {
-        let live = gpu.limits().live_timestamps;
+        let live = gpu.common().limits.live_timestamps;
         for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {
             let Some(frame) = &submission.frame else { continue };
             let passes = frame.passes.len();

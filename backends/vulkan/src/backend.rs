@@ -15,8 +15,8 @@ use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Robustness
 use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
-    Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
-    NextPipeline, Presented, Requirements, Show, Window,
+    Acquired, BindingTarget, BufferDesc, Common, FormatSupport, Gpu, ImageDesc, Location, NextPipeline,
+    Presented, Requirements, Show, Window,
 };
 use std::ffi::CStr;
 use std::sync::{Arc, PoisonError};
@@ -62,12 +62,8 @@ impl Gpu for VulkanGpu {
         Ok((info, Arc::new(gpu)))
     }
 
-    fn limits(&self) -> &Limits {
-        &self.limits
-    }
-
-    fn messages(&self) -> &Arc<Messages> {
-        &self.instance.messages
+    fn common(&self) -> &Common {
+        &self.common
     }
 
     fn memory(&self) -> DeviceMemory {
@@ -106,14 +102,6 @@ impl Gpu for VulkanGpu {
             blend: features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND),
             blit: features.contains(vk::FormatFeatureFlags::BLIT_SRC),
         }
-    }
-
-    fn patience(&self) -> Duration {
-        self.patience
-    }
-
-    fn compile_patience(&self) -> Duration {
-        self.compile_patience
     }
 
     fn wait_idle(&self, limit: Duration) -> bool {
@@ -197,7 +185,7 @@ impl Gpu for VulkanGpu {
     }
 
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Owned<vk::QueryPool>>, BackendError> {
-        if self.limits.timestamp_bits == 0 {
+        if self.common.limits.timestamp_bits == 0 {
             return Ok(None);
         }
         let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);

@@ -10,7 +10,6 @@ use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
-use std::time::Duration;
 
 pub(crate) struct Physical {
     pub handle: vk::PhysicalDevice,
@@ -21,15 +20,6 @@ pub(crate) struct Physical {
     pub limits: Limits,
     /// True if the device has `VK_EXT_memory_budget`.
     pub budget: bool,
-    kind: vk::PhysicalDeviceType,
-}
-
-impl Physical {
-    /// Returns the default time limit of one pass. A CPU gets more, because it is much slower than a GPU.
-    pub fn patience(&self) -> Duration {
-        let seconds = if self.kind == vk::PhysicalDeviceType::CPU { 600 } else { 10 };
-        Duration::from_secs(seconds)
-    }
 }
 
 /// Lists the physical devices. With a window, those that cannot present to it are marked unfit.
@@ -62,7 +52,6 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
     // SAFETY: `handle` is one of the instance's.
     let basic = unsafe { instance.raw.get_physical_device_properties(handle) };
     let name = basic.device_name_as_c_str().map(CStr::to_string_lossy).unwrap_or_default().into_owned();
-    let kind = basic.device_type;
     let family = queue_family(instance, handle);
     let mut unfit = None;
     let mut limits = Limits::default();
@@ -85,9 +74,9 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
     let facts = limits.facts();
     let budget = instance.has_extension(handle, ext::memory_budget::NAME);
     let heap = if unfit.is_none() { heap(instance, handle, budget) } else { Heap::default() };
-    let kind_name = kind_name(kind).to_string();
-    let info = DeviceInfo { index, name, kind: kind_name, driver, facts, robustness, heap, unfit };
-    Physical { handle, family: family.map_or(0, |f| f.0), info, limits, budget, kind }
+    let kind = kind_name(basic.device_type).to_string();
+    let info = DeviceInfo { index, name, kind, driver, facts, robustness, heap, unfit };
+    Physical { handle, family: family.map_or(0, |f| f.0), info, limits, budget }
 }
 
 fn queue_family(

@@ -16,12 +16,11 @@ use ash::{ext, vk};
 use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use splatgraph_api::{BackendError, Options};
-use splatgraph_runtime::{COMPILE_PATIENCE, Limits};
+use splatgraph_runtime::Common;
 use std::ffi::{CStr, CString};
 use std::fmt::Arguments;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::Duration;
 
 /// Size of the allocator's blocks in memory that the host cannot access, and in memory that it can.
 const DEVICE_BLOCK: u64 = 256 << 20;
@@ -32,7 +31,7 @@ pub struct VulkanGpu {
     pub(crate) device: ash::Device,
     queue: Mutex<vk::Queue>,
     pub(crate) family: u32,
-    pub(crate) limits: Limits,
+    pub(crate) common: Common,
     pub(crate) physical: vk::PhysicalDevice,
     pub(crate) budget: bool,
     /// Pipeline cache, kept across loads, so that a plan that was loaded before is quick again.
@@ -44,8 +43,6 @@ pub struct VulkanGpu {
     /// Fences of waits for an idle device, which a submission may still signal. If the wait timed out, its fence is
     /// destroyed with the device.
     fences: Mutex<Vec<vk::Fence>>,
-    pub(crate) patience: Duration,
-    pub(crate) compile_patience: Duration,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.
     pub(crate) instance: Instance,
@@ -68,15 +65,13 @@ impl VulkanGpu {
             device,
             queue: Mutex::new(queue),
             family: physical.family,
-            limits: physical.limits.clone(),
+            common: Common::new(&physical.info, physical.limits.clone(), instance.messages.clone(), options),
             physical: physical.handle,
             budget: physical.budget,
             pipeline_cache: vk::PipelineCache::null(),
             pipelines: Mutex::default(),
             allocator: Mutex::new(None),
             fences: Mutex::default(),
-            patience: options.patience.unwrap_or_else(|| physical.patience()),
-            compile_patience: options.compile_patience.unwrap_or(COMPILE_PATIENCE),
             labels,
             instance,
         };

@@ -148,7 +148,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
             // Metal requires an encoder to end before it is dropped. An earlier recording may have failed.
             self.close();
             if let Some(reason) = capture::begin(&self.gpu.device) {
-                self.gpu.messages.add(format!("no frame is captured: {reason}"));
+                self.gpu.common.messages.add(format!("no frame is captured: {reason}"));
             }
             let commands = self.gpu.commands(&self.name)?;
             // The submission decides which earlier submissions these commands wait for.
