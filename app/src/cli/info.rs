@@ -6,18 +6,18 @@ use super::options::{self, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Target, Wanted};
-use crate::draw::keys::{self, Seen};
+use crate::draw::keys;
 use crate::draw::planner::Planner;
 use crate::draw::storage::Choice;
 use crate::io::load::LoadOptions;
-use crate::studies::advise::harmonics;
+use crate::studies::advise::{Description, describe};
 use anyhow::Result;
 use serde_json::json;
-use splatgraph_assets::{Mesh, Report, grouped};
+use splatgraph_assets::{Mesh, grouped};
 use splatgraph_framework::dump::{self, Dump};
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph info scene.ply
   splatgraph info scene.ply --cameras cameras.json --pipeline key16
   splatgraph info scene.ply --memory 500MB       # the storage that fits
@@ -61,13 +61,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     first.map_or(Ok(()), cameras::check_size)?;
     let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));
     let cameras = in_scene.unwrap_or_else(|| vec![options::framing(&scene)]);
-    let report = Report::new(&scene, &cameras);
+    let Description { report, keys: needs, bands } = describe(&scene, &cameras, 0);
 
     let own_size = cameras.first().map_or(facts::DEFAULT_SIZE, |c| (c.width, c.height));
     let size = args.drawing.size.unwrap_or(own_size);
-    let needs = keys::needs(&Seen::shown(&scene, &cameras).views(), 0);
     let key_bits = keys::of_scene(&scene.bounds());
-    let bands = harmonics::bands(&scene);
     let worksheet = format!(
         "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): with float_bits, every view is in the exact order\n{}{}",
         args.scene.display(),

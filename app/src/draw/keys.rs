@@ -5,7 +5,7 @@
 //! operations as in shaders/depth_key.glsl.
 //!
 //! [`of_scene`] computes the width that orders every view of a scene exactly, which graphs read as the fact
-//! `scene.key_bits`. [`needs`] finds the width for given views.
+//! `scene.key_bits`. [`needs`] finds the width for given cameras.
 
 use crate::draw::camera::{ROUNDING, depth_range};
 use crate::draw::orbit;
@@ -155,13 +155,25 @@ fn stretch(x: u32, range: u32, bits: u32) -> u32 {
 }
 
 /// Data of a view that determine the order of splats, and which splats overlap.
-pub struct View<'a> {
+struct View {
     /// The visible splats, near to far.
-    pub visible: &'a [Visible],
+    visible: Vec<Visible>,
     /// Number of tiles across and down.
-    pub tiles: [u32; 2],
+    tiles: [u32; 2],
     /// Depth range that the keys cover.
-    pub range: (f32, f32),
+    range: (f32, f32),
+}
+
+impl View {
+    /// Projects the splats of a scene that reach the published alpha floor, by the scene's own rules.
+    ///
+    /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be below the published floor.
+    fn new(scene: &Scene, camera: &Camera) -> View {
+        let (mut visible, tiles) = visible(scene, camera, &Rules::of_view(scene, camera));
+        visible.retain(|splat| scene.can_show(splat.index as usize));
+        let [near, far] = depth_range(camera, &scene.bounds()).map(|z| z as f32);
+        View { visible, tiles, range: (near, far) }
+    }
 }
 
 /// Key width that a mapping needs.
@@ -176,7 +188,11 @@ pub struct Need {
 /// Finds the smallest key width of each mapping that leaves at most `errors` wrong pairs in each view.
 ///
 /// A wrong pair is two splats that overlap on the screen and are drawn in the wrong order.
-pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
+pub fn needs(scene: &Scene, cameras: &[Camera], errors: u64) -> Vec<Need> {
+    needs_of(&cameras.iter().map(|camera| View::new(scene, camera)).collect::<Vec<_>>(), errors)
+}
+
+fn needs_of(views: &[View], errors: u64) -> Vec<Need> {
     Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
 }
 
@@ -184,43 +200,6 @@ fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
     // The widest keys come first: they have few ties, so they are checked quickly.
     WIDTHS.rev().take_while(enough).last()
-}
-
-/// Splats of a scene, projected into several views.
-pub struct Seen<'a> {
-    scene: &'a Scene,
-    cameras: &'a [Camera],
-    visible: Vec<(Vec<Visible>, [u32; 2])>,
-}
-
-impl Seen<'_> {
-    /// Projects the scene into every view, by the scene's own rules.
-    pub fn new<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
-        let visible =
-            cameras.iter().map(|camera| visible(scene, camera, &Rules::of_view(scene, camera))).collect();
-        Seen { scene, cameras, visible }
-    }
-
-    /// Projects only the splats that reach the published alpha floor.
-    ///
-    /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be below the published floor.
-    pub fn shown<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
-        let mut seen = Seen::new(scene, cameras);
-        for (visible, _) in &mut seen.visible {
-            visible.retain(|splat| scene.can_show(splat.index as usize));
-        }
-        seen
-    }
-
-    /// Lists the views, one per camera.
-    pub fn views(&self) -> Vec<View<'_>> {
-        let mut views = Vec::new();
-        for ((visible, tiles), camera) in self.visible.iter().zip(self.cameras) {
-            let [near, far] = depth_range(camera, &self.scene.bounds()).map(|z| z as f32);
-            views.push(View { visible, tiles: *tiles, range: (near, far) });
-        }
-        views
-    }
 }
 
 /// Makes `count` cameras in a circle around the middle of a scene. The first is `first`.
@@ -273,8 +252,8 @@ fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     ties.count
 }
 
-struct Ties<'a, 'b> {
-    view: &'a View<'b>,
+struct Ties<'a> {
+    view: &'a View,
     limit: u64,
     work: u64,
     count: u64,
@@ -282,7 +261,7 @@ struct Ties<'a, 'b> {
     greatest: Vec<(usize, u32)>,
 }
 
-impl Ties<'_, '_> {
+impl Ties<'_> {
     /// Counts the wrong pairs in a run of equal keys: those whose farther splat comes first in the file.
     fn count(&mut self, run: Range<usize>) {
         let splats = &self.view.visible[run.clone()];
@@ -399,8 +378,8 @@ mod tests {
 
     fn bits(visible: &[Visible], map: Mapping, errors: u64) -> Option<u32> {
         let (near, far) = (visible[0].depth as f32, visible[visible.len() - 1].depth as f32);
-        let views = [View { visible, tiles: [4, 4], range: (near, far) }];
-        needs(&views, errors).into_iter().find(|need| need.map == map).expect("all are there").bits
+        let views = [View { visible: visible.to_vec(), tiles: [4, 4], range: (near, far) }];
+        needs_of(&views, errors).into_iter().find(|need| need.map == map).expect("all are there").bits
     }
 
     #[test]
@@ -443,10 +422,9 @@ mod tests {
         let same: Vec<Visible> =
             (0..300).map(|index| Visible { index, depth: 10.0, tiles: [0, 0, 2048, 2048] }).collect();
         let view = |visible| View { visible, tiles: [2048, 2048], range: (10.0, 10.0) };
-        assert_eq!(wrong_pairs(&view(&same), Mapping::FloatBits, 8, 0), 0);
-        let behind: Vec<Visible> =
-            same.iter().map(|splat| Visible { index: 299 - splat.index, ..*splat }).collect();
-        assert_eq!(wrong_pairs(&view(&behind), Mapping::FloatBits, 8, u64::MAX), 300 * 299 / 2);
+        let behind = same.iter().map(|splat| Visible { index: 299 - splat.index, ..*splat }).collect();
+        assert_eq!(wrong_pairs(&view(same), Mapping::FloatBits, 8, 0), 0);
+        assert_eq!(wrong_pairs(&view(behind), Mapping::FloatBits, 8, u64::MAX), 300 * 299 / 2);
     }
 
     #[test]
@@ -468,8 +446,9 @@ mod tests {
         let wrong = pairs.filter(|(other, at)| {
             other.index > visible[*at].index && overlap(other.tiles, visible[*at].tiles)
         });
-        let view = View { visible: &visible, tiles: [4, 4], range: (10.0, 10.0) };
-        assert_eq!(wrong_pairs(&view, Mapping::FloatBits, 8, u64::MAX), wrong.count() as u64);
+        let wrong = wrong.count() as u64;
+        let view = View { visible, tiles: [4, 4], range: (10.0, 10.0) };
+        assert_eq!(wrong_pairs(&view, Mapping::FloatBits, 8, u64::MAX), wrong);
         assert_eq!(wrong_pairs(&view, Mapping::FloatBits, 8, 0), 1);
     }
 
@@ -493,7 +472,7 @@ mod tests {
         // A pair of two large splats shares four tiles and counts once.
         let visible = reversed(&depths, |_| [0, 0, 2, 2]);
         // With 8 bits, pairs of neighbours share a key.
-        let view = View { visible: &visible, tiles: [4, 4], range: (10.0, 10.0 + 511.0 / 512.0) };
+        let view = View { visible: visible.clone(), tiles: [4, 4], range: (10.0, 10.0 + 511.0 / 512.0) };
         let wrong = wrong_pairs(&view, Mapping::Linear, 8, u64::MAX);
         assert_eq!(wrong, 256);
         assert_eq!(

@@ -3,7 +3,7 @@
 use super::harmonics::{self, Band};
 use super::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::draw::interleaved::{Effort, Frames};
-use crate::draw::keys::{self, Need, Seen};
+use crate::draw::keys::{self, Need};
 use crate::draw::session::Session;
 use crate::studies::measurement::plans::{self, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
@@ -32,7 +32,7 @@ pub struct Description {
 pub fn describe(scene: &Scene, cameras: &[Camera], errors: u64) -> Description {
     Description {
         report: Report::new(scene, cameras),
-        keys: keys::needs(&Seen::shown(scene, cameras).views(), errors),
+        keys: keys::needs(scene, cameras, errors),
         bands: harmonics::bands(scene),
     }
 }
