@@ -190,7 +190,7 @@ impl Work for Views {
         let Wanted { pipeline, set, steps, .. } = &request.wanted;
         let cameras = serde_json::to_value(&request.cameras)?;
         let mut origin = job::origin_of(study.session(), &cameras, (pipeline, set))?;
-        let empty = study.gather(&subject, &request.wanted, Vec::new(), Vec::new());
+        let empty = study.empty(&subject, &request.wanted);
         origin.insert("sweep".into(), serde_json::to_value(empty)?);
         origin.insert("steps".into(), json!([steps, format!("{:?}", request.wanted.frames)]));
         self.open = Some((device, request, study));
@@ -222,12 +222,13 @@ pub const COMMAND: &str = "sweep";
 
 /// Writes the report of the views that several processes measured. Each picture is in one of `folders`.
 pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Path) -> Result<()> {
-    let empty = origin.get("sweep").cloned().context("the origin of a sweep")?;
+    let empty: SweepResult =
+        serde_json::from_value(origin.get("sweep").cloned().context("the origin of a sweep")?)?;
     let first = parts.first().and_then(|part| part.steps.first()).map(|step| step.camera.clone());
     let shown_steps = parts.first().map(|part| part.steps.clone()).unwrap_or_default();
     let closer = parts.iter().flat_map(|part| part.closer.clone()).collect();
     let steps = parts.into_iter().flat_map(|part| part.steps).collect();
-    let swept = SweepResult::of_parts(serde_json::from_value(empty)?, steps, closer);
+    let swept = empty.with(steps, closer);
     let mut shown = Vec::new();
     for step in
         shown_steps.iter().filter(|step| Some(&step.camera) == first.as_ref() && !swept.closer.is_empty())

@@ -55,9 +55,9 @@ struct Mean {
 }
 
 impl SweepResult {
-    /// Adds measurements to `empty`, a sweep without any.
-    pub fn of_parts(empty: SweepResult, steps: Vec<Step>, closer: Vec<Closer>) -> SweepResult {
-        SweepResult { fit: fit(&closer), steps, closer, ..empty }
+    /// Adds measurements to a sweep without any.
+    pub fn with(self, steps: Vec<Step>, closer: Vec<Closer>) -> SweepResult {
+        SweepResult { fit: fit(&closer), steps, closer, ..self }
     }
 
     /// Returns a choice's measurements, from the fewest splats to all; empty if it was not measured.
@@ -363,18 +363,6 @@ impl SweepResult {
 
 /// Phases with a time that depends on the number of splats.
 const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
-
-/// Fits the line to an approach, and combines it with the steps into a sweep.
-pub fn gather(
-    (scene, splats): (String, u32),
-    pipeline: String,
-    device: String,
-    steps: Vec<Step>,
-    closer: Vec<Closer>,
-) -> SweepResult {
-    let fit = fit(&closer);
-    SweepResult { scene, splats, pipeline, device, steps, closer, fit }
-}
 
 fn splats() -> Axis {
     Axis { label: "splats".into(), logarithmic: true }

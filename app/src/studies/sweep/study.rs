@@ -3,7 +3,7 @@
 use super::approach::{self, Closer};
 use super::choice::{BUDGET, Choice, for_nearest};
 use super::measure::{Step, Sweep, counts};
-use super::page::{Shown, SweepResult, gather};
+use super::page::{Shown, SweepResult};
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
 use crate::io::image::Image;
@@ -43,7 +43,7 @@ pub fn study(
         }
     }
     let closer = study.approach(subject, wanted, listener)?;
-    Ok((study.gather(subject, wanted, steps, closer), shown))
+    Ok((study.empty(subject, wanted).with(steps, closer), shown))
 }
 
 /// State of a sweep.
@@ -137,16 +137,17 @@ impl Study {
         approach::measure(&mut self.whole, &closer, self.stops, effort, &mut progress)
     }
 
-    /// Combines the measurements of all views into a sweep.
-    pub fn gather(
-        &self,
-        subject: &Subject,
-        wanted: &Wanted,
-        steps: Vec<Step>,
-        closer: Vec<Closer>,
-    ) -> SweepResult {
-        let scene = (subject.name.clone(), subject.scene.count());
-        gather(scene, wanted.pipeline.clone(), subject.device_name(), steps, closer)
+    /// Returns the sweep without measurements.
+    pub fn empty(&self, subject: &Subject, wanted: &Wanted) -> SweepResult {
+        SweepResult {
+            scene: subject.name.clone(),
+            splats: subject.scene.count(),
+            pipeline: wanted.pipeline.clone(),
+            device: subject.device_name(),
+            steps: Vec::new(),
+            closer: Vec::new(),
+            fit: None,
+        }
     }
 
     /// Creates the step counter of the whole study, with the steps of `views` views already done.
