@@ -4,7 +4,7 @@ use super::twin::{SIZE, Twin};
 use crate::common;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
-use splatgraph::view::navigation::{Buttons, Input};
+use splatgraph::view::navigation::Input;
 use splatgraph_assets::synth;
 use std::path::Path;
 use std::process::Command;
@@ -39,7 +39,7 @@ fn the_command_of_a_picture_draws_the_same_picture_near_the_origin_and_far_from_
         let drag = Input {
             size: [f64::from(SIZE.0), f64::from(SIZE.1)],
             moved: [-71.0, 23.0],
-            buttons: Buttons { left: true, ..Buttons::default() },
+            drags: true,
             ..Input::default()
         };
         assert!(twin.viewer.navigate(&drag));

@@ -64,65 +64,26 @@ pub struct Input {
     pub size: [f64; 2],
     /// Motion of the pointer, in points: right and down.
     pub moved: [f64; 2],
-    /// Buttons of the pointer that are pressed.
-    pub buttons: Buttons,
-    /// Modifier keys that are pressed.
-    pub modifiers: Modifiers,
+    /// True while the pointer drags: it orbits, with Shift pans, with Ctrl zooms.
+    pub drags: bool,
+    /// True while the camera flies: the pointer looks around, and `fly` moves it.
+    pub flies: bool,
+    /// True while Shift is held.
+    pub shift: bool,
+    /// True while Ctrl is held.
+    pub ctrl: bool,
     /// Notches of the wheel, positive away from the user.
     pub scroll: f64,
-    /// Keys of the controls that are pressed.
-    pub keys: Keys,
+    /// Direction of the flying keys: to the right, up and forward, each from -1 to 1.
+    pub fly: [f64; 3],
+    /// Direction of the orbiting keys: to the right and down, each from -1 to 1.
+    pub orbit: [f64; 2],
     /// True to frame the scene (F, or a double click).
     pub frame: bool,
     /// True to return to the first camera (Home).
     pub home: bool,
     /// Seconds since the last update.
     pub seconds: f64,
-}
-
-/// State of the pointer's buttons: true if pressed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Buttons {
-    /// The left, primary button.
-    pub left: bool,
-    /// The middle button or the wheel.
-    pub middle: bool,
-    /// The right, secondary button.
-    pub right: bool,
-}
-
-/// State of the modifier keys: true if pressed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Modifiers {
-    /// The key Shift.
-    pub shift: bool,
-    /// The key Ctrl.
-    pub ctrl: bool,
-}
-
-/// State of the keys of the controls: true if pressed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Keys {
-    /// Fly forward: W.
-    pub forward: bool,
-    /// Fly back: S.
-    pub back: bool,
-    /// Fly left: A.
-    pub left: bool,
-    /// Fly right: D.
-    pub right: bool,
-    /// Rise: E.
-    pub rise: bool,
-    /// Sink: Q.
-    pub sink: bool,
-    /// Orbit left: left arrow.
-    pub orbit_left: bool,
-    /// Orbit right: right arrow.
-    pub orbit_right: bool,
-    /// Orbit up: up arrow.
-    pub orbit_up: bool,
-    /// Orbit down: down arrow.
-    pub orbit_down: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -404,6 +365,8 @@ impl Navigation {
         let input = Input {
             moved: input.moved.map(finite),
             scroll: finite(input.scroll),
+            fly: input.fly.map(finite),
+            orbit: input.orbit.map(finite),
             seconds: finite(input.seconds).clamp(0.0, 1.0),
             ..*input
         };
@@ -426,26 +389,23 @@ impl Navigation {
     fn steered(&mut self, input: &Input) -> Pose {
         let (mut pose, up, scale) = (self.pose, self.up, self.scale);
         let [x, y] = input.moved;
-        let keys = &input.keys;
-        if input.buttons.right {
+        if input.flies {
             self.speed = (self.speed * SPEED_PER_NOTCH.powf(input.scroll)).clamp(SPEEDS.0, SPEEDS.1);
             if input.moved != [0.0; 2] {
                 pose = pose.turned(up, -TURN_PER_POINT * x, -TURN_PER_POINT * y, false);
             }
-            let along = |more: bool, less: bool| f64::from(more) - f64::from(less);
-            let direction = along(keys.forward, keys.back) * pose.forward()
-                + along(keys.right, keys.left) * pose.right()
-                + along(keys.rise, keys.sink) * up;
-            let hurry = HURRY.powf(along(input.modifiers.shift, input.modifiers.ctrl));
+            let [right, rise, ahead] = input.fly;
+            let direction = ahead * pose.forward() + right * pose.right() + rise * up;
+            let hurry = HURRY.powf(f64::from(input.shift) - f64::from(input.ctrl));
             pose.position += direction.normalize_or_zero() * (hurry * self.fly_speed() * input.seconds);
         } else {
-            let drag = (input.buttons.left || input.buttons.middle) && input.moved != [0.0; 2];
-            if drag && input.modifiers.shift {
+            let drag = input.drags && input.moved != [0.0; 2];
+            if drag && input.shift {
                 // Length per point at the pivot's depth. A view without a height does not move the camera.
                 let height = finite(input.size[1]);
                 let length = if height > 0.0 { 2.0 * pose.tan_y * pose.distance / height } else { 0.0 };
                 pose.position -= length * (x / pose.stretch * pose.right() + y * pose.down());
-            } else if drag && input.modifiers.ctrl {
+            } else if drag && input.ctrl {
                 pose = pose.zoomed(ZOOM_PER_POINT * y, scale);
             } else if drag {
                 pose = pose.turned(up, -TURN_PER_POINT * x, -TURN_PER_POINT * y, true);
@@ -454,10 +414,7 @@ impl Navigation {
                 pose = pose.zoomed(-ZOOM_PER_NOTCH * input.scroll, scale);
             }
         }
-        let turn =
-            |more: bool, less: bool| (f64::from(more) - f64::from(less)) * TURN_PER_SECOND * input.seconds;
-        let yaw = turn(keys.orbit_right, keys.orbit_left);
-        let pitch = turn(keys.orbit_down, keys.orbit_up);
+        let [yaw, pitch] = input.orbit.map(|direction| direction * TURN_PER_SECOND * input.seconds);
         if yaw != 0.0 || pitch != 0.0 {
             pose = pose.turned(up, yaw, pitch, true);
         }

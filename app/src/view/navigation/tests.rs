@@ -24,17 +24,17 @@ fn navigation() -> Navigation {
     navigation
 }
 
+fn wait(seconds: f64) -> Input {
+    Input { size: SIZE, seconds, ..Input::default() }
+}
+
+/// A drag that looks around if `button` is the right one, and else orbits.
 fn drag(button: char, x: f64, y: f64) -> Input {
-    let buttons = Buttons { left: button == 'l', middle: button == 'm', right: button == 'r' };
-    Input { size: SIZE, moved: [x, y], buttons, seconds: 0.01, ..Input::default() }
+    Input { moved: [x, y], drags: button != 'r', flies: button == 'r', ..wait(0.01) }
 }
 
 fn with(modifier: &str, input: Input) -> Input {
-    Input { modifiers: Modifiers { shift: modifier == "shift", ctrl: modifier == "ctrl" }, ..input }
-}
-
-fn keys(keys: Keys, seconds: f64) -> Input {
-    Input { size: SIZE, keys, seconds, ..Input::default() }
+    Input { shift: modifier == "shift", ctrl: modifier == "ctrl", ..input }
 }
 
 fn projected(projection: Projection) -> (Navigation, Camera) {
@@ -100,7 +100,7 @@ fn zooming_enlarges_an_orthographic_view_as_it_does_a_pinholes() {
     let (mut navigation, camera) = projected(Projection::Orthographic);
     let center = DVec3::from(bounds().center());
     let distance = |camera: &Camera| center.distance(camera.position.into());
-    assert!(navigation.update(&Input { scroll: 3.0, size: SIZE, seconds: 0.01, ..Input::default() }));
+    assert!(navigation.update(&Input { scroll: 3.0, ..wait(0.01) }));
     let moved = now(&navigation);
     assert!(distance(&moved) < 0.8 * distance(&camera));
     let expected = distance(&camera) / distance(&moved);
@@ -116,12 +116,12 @@ fn a_flight_has_the_projection_of_its_destination() {
     let (mut navigation, camera) = projected(Projection::Orthographic);
     navigation.set_animated(true);
     navigation.set_camera(&Camera { position: [5.0, -4.0, -9.0], ..start() });
-    navigation.update(&keys(Keys::default(), 0.0));
-    navigation.update(&keys(Keys::default(), 0.1));
+    navigation.update(&wait(0.0));
+    navigation.update(&wait(0.1));
     assert!(navigation.is_moving() && now(&navigation).projection.is_pinhole());
     navigation.set_camera(&camera);
-    navigation.update(&keys(Keys::default(), 0.0));
-    navigation.update(&keys(Keys::default(), 1.0));
+    navigation.update(&wait(0.0));
+    navigation.update(&wait(1.0));
     assert_eq!(now(&navigation), camera);
 }
 
@@ -268,9 +268,9 @@ fn flying_forward_goes_along_the_view_at_the_speed_that_is_said() {
     let (from, ahead, distance) = (position(&navigation), forward(&navigation), navigation.pose.distance);
     let speed = navigation.fly_speed();
     assert!((speed - 0.2 * 8.0).abs() < 1e-12, "scaled to the scene");
-    let mut input = keys(Keys { forward: true, ..Keys::default() }, 0.5);
+    let mut input = Input { fly: [0.0, 0.0, 1.0], ..wait(0.5) };
     assert!(!navigation.update(&input), "only with the button");
-    input.buttons.right = true;
+    input.flies = true;
     assert!(navigation.update(&input));
     assert!(close(position(&navigation), from + ahead * 0.5 * speed, 1e-12));
     assert_eq!(navigation.pose.distance, distance, "the pivot comes along");
@@ -286,7 +286,7 @@ fn flying_forward_goes_along_the_view_at_the_speed_that_is_said() {
     let faster = length(&mut navigation, &Input { scroll: 3.0, ..input });
     assert!((faster / usual - 1.2f64.powi(3)).abs() < 1e-9);
     assert!((length(&mut navigation, &input) / faster - 1.0).abs() < 1e-9, "the speed stays");
-    input.keys.right = true;
+    input.fly[0] = 1.0;
     assert!((length(&mut navigation, &input) / faster - 1.0).abs() < 1e-9, "not faster askew");
 }
 
@@ -294,21 +294,18 @@ fn flying_forward_goes_along_the_view_at_the_speed_that_is_said() {
 fn every_key_of_flying_goes_its_own_way() {
     let start = now(&navigation());
     let [right, _, ahead] = start.axes().map(DVec3::from);
-    let none = Keys::default();
-    for (held, way) in [
-        (Keys { forward: true, ..none }, ahead),
-        (Keys { back: true, ..none }, -ahead),
-        (Keys { right: true, ..none }, right),
-        (Keys { left: true, ..none }, -right),
-        (Keys { rise: true, ..none }, DEFAULT_UP),
-        (Keys { sink: true, ..none }, -DEFAULT_UP),
+    for (fly, way) in [
+        ([0.0, 0.0, 1.0], ahead),
+        ([0.0, 0.0, -1.0], -ahead),
+        ([1.0, 0.0, 0.0], right),
+        ([-1.0, 0.0, 0.0], -right),
+        ([0.0, 1.0, 0.0], DEFAULT_UP),
+        ([0.0, -1.0, 0.0], -DEFAULT_UP),
     ] {
         let mut navigation = navigation();
-        let mut input = keys(held, 0.25);
-        input.buttons.right = true;
-        navigation.update(&input);
+        navigation.update(&Input { flies: true, fly, ..wait(0.25) });
         let moved = position(&navigation) - DVec3::from(start.position);
-        assert!(close(moved.normalize(), way, 1e-9), "{held:?}: {moved}");
+        assert!(close(moved.normalize(), way, 1e-9), "{fly:?}: {moved}");
     }
 }
 
@@ -325,19 +322,15 @@ fn looking_around_stays_in_place_and_turns_where_the_pointer_goes() {
 
 #[test]
 fn the_arrow_keys_orbit_and_the_camera_goes_where_they_point() {
-    let none = Keys::default();
-    for (held, axis, sign) in [
-        (Keys { orbit_left: true, ..none }, 0, -1.0),
-        (Keys { orbit_right: true, ..none }, 0, 1.0),
-        (Keys { orbit_up: true, ..none }, 1, -1.0),
-        (Keys { orbit_down: true, ..none }, 1, 1.0),
-    ] {
+    for (orbit, axis, sign) in
+        [([-1.0, 0.0], 0, -1.0), ([1.0, 0.0], 0, 1.0), ([0.0, -1.0], 1, -1.0), ([0.0, 1.0], 1, 1.0)]
+    {
         let mut navigation = navigation();
         navigation.set_camera(&Camera::looking_at([1.0, 0.5, -20.0], [1.0, 0.5, 1.0], 60.0, PIXELS));
         let (pivot, before) = (navigation.pivot(), now(&navigation));
-        navigation.update(&keys(held, 0.1));
+        navigation.update(&Input { orbit, ..wait(0.1) });
         let moved = before.to_view(now(&navigation).position);
-        assert!(moved[axis] * sign > 0.5, "{held:?}: {moved:?}");
+        assert!(moved[axis] * sign > 0.5, "{orbit:?}: {moved:?}");
         assert!(close(navigation.pivot(), pivot, 1e-12));
     }
 }
@@ -381,9 +374,7 @@ fn tiny_and_huge_scenes_and_single_points_are_framed_and_flown_through() {
         let filled = filled(&now(&navigation), &bounds).expect("nothing is too near");
         assert!(filled < 0.9201 && (!fills || filled > 0.9199), "{size}: {filled}");
         let before = position(&navigation);
-        let mut fly = keys(Keys { forward: true, ..Keys::default() }, 1.0);
-        fly.buttons.right = true;
-        navigation.update(&fly);
+        navigation.update(&Input { flies: true, fly: [0.0, 0.0, 1.0], ..wait(1.0) });
         let flown = (position(&navigation) - before).length();
         assert!((flown - navigation.fly_speed()).abs() <= 1e-9 * before.length(), "{size}: {flown}");
         assert_sound(&navigation);
@@ -449,7 +440,7 @@ fn framing_and_home_keep_a_field_of_view_that_was_set_and_a_camera_brings_its_ow
     navigation.set_animated(true);
     let settle = |navigation: &mut Navigation| {
         for _ in 0..2 {
-            navigation.update(&Input { size: SIZE, seconds: 1.0, ..Input::default() });
+            navigation.update(&wait(1.0));
         }
         assert!(!navigation.is_moving());
     };
@@ -493,7 +484,6 @@ fn the_way_to_another_camera_takes_a_moment_and_ends_exactly_there() {
     let other = Camera::looking_at([-8.0, -3.0, 2.0], [0.0; 3], 40.0, PIXELS);
     navigation.set_camera(&other);
     assert!(apart(&now(&navigation), &start()) < 1e-12, "time has not passed yet");
-    let wait = |seconds| Input { size: SIZE, seconds, ..Input::default() };
     // Time before the first update does not belong to the flight.
     navigation.update(&wait(60.0));
     assert!(navigation.is_moving() && apart(&now(&navigation), &start()) < 1e-12);
@@ -516,7 +506,7 @@ fn the_user_ends_a_flight_where_it_is_and_scripts_have_none() {
     navigation.set_animated(true);
     navigation.frame(SIZE);
     for _ in 0..2 {
-        navigation.update(&Input { size: SIZE, seconds: 0.1, ..Input::default() });
+        navigation.update(&wait(0.1));
     }
     assert!(apart(&now(&navigation), &start()) > 0.1, "on the way");
     let midway = now(&navigation);
@@ -596,14 +586,11 @@ prop_compose! {
         scroll in wild(), seconds in wild(), bits in any::<u32>(), command in 0..40,
     ) -> Input {
         let bit = |i: u32| bits >> i & 1 == 1;
+        let along = |i: u32| f64::from(bit(i)) - f64::from(bit(i + 1));
         Input {
             size, moved, scroll, seconds,
-            buttons: Buttons { left: bit(0), middle: bit(1), right: bit(2) },
-            modifiers: Modifiers { shift: bit(3), ctrl: bit(4) },
-            keys: Keys {
-                forward: bit(5), back: bit(6), left: bit(7), right: bit(8), rise: bit(9), sink: bit(10),
-                orbit_left: bit(11), orbit_right: bit(12), orbit_up: bit(13), orbit_down: bit(14),
-            },
+            drags: bit(0), flies: bit(1), shift: bit(2), ctrl: bit(3),
+            fly: [4, 6, 8].map(along), orbit: [10, 12].map(along),
             frame: command == 0,
             home: command == 1,
         }

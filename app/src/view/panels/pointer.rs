@@ -2,7 +2,7 @@
 
 use super::{hud, select, widgets};
 use crate::view::events::RendererId;
-use crate::view::navigation::{Buttons, Input, Keys, Modifiers};
+use crate::view::navigation::Input;
 use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
 use crate::view::wheel::Wheel;
@@ -92,7 +92,8 @@ impl Drag {
         let scrolled = ui.input(|input| wheel.read(input, notch));
         let (moved, modifiers, seconds) =
             ui.input(|input| (input.pointer.delta(), input.modifiers, input.stable_dt));
-        let held = |key| keyboard && ui.input(|input| input.key_down(key));
+        let held = |key| f64::from(keyboard && ui.input(|input| input.key_down(key)));
+        let along = |more, less| held(more) - held(less);
         let pressed = |key| keyboard && ui.input(|input| input.key_pressed(key));
         // Flying starts with the button press, without any motion.
         let flies = response.is_pointer_button_down_on()
@@ -105,25 +106,13 @@ impl Drag {
         viewer.navigate(&Input {
             size: [view.width().into(), view.height().into()],
             moved: if any || swipes { moved } else { [0.0; 2] },
-            buttons: Buttons {
-                left: dragged(PointerButton::Primary) && !selects || swipes,
-                middle: dragged(PointerButton::Middle),
-                right: flies,
-            },
-            modifiers: Modifiers { shift: modifiers.shift, ctrl: modifiers.ctrl },
+            drags: dragged(PointerButton::Primary) && !selects || dragged(PointerButton::Middle) || swipes,
+            flies,
+            shift: modifiers.shift,
+            ctrl: modifiers.ctrl,
             scroll: if over { scrolled.notches } else { 0.0 },
-            keys: Keys {
-                forward: held(Key::W),
-                back: held(Key::S),
-                left: held(Key::A),
-                right: held(Key::D),
-                rise: held(Key::E),
-                sink: held(Key::Q),
-                orbit_left: held(Key::ArrowLeft),
-                orbit_right: held(Key::ArrowRight),
-                orbit_up: held(Key::ArrowUp),
-                orbit_down: held(Key::ArrowDown),
-            },
+            fly: [along(Key::D, Key::A), along(Key::E, Key::Q), along(Key::W, Key::S)],
+            orbit: [along(Key::ArrowRight, Key::ArrowLeft), along(Key::ArrowDown, Key::ArrowUp)],
             frame: pressed(Key::F) || response.double_clicked() && !select.is_brush(),
             home: pressed(Key::Home),
             seconds: seconds.into(),

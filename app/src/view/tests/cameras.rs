@@ -5,7 +5,7 @@ use crate::draw::pick;
 use crate::draw::splat_set::{Masked, SplatSet};
 use crate::view::events::Event;
 use crate::view::events::RendererId;
-use crate::view::navigation::{Buttons, Input};
+use crate::view::navigation::Input;
 use crate::view::opening::CameraRole;
 use crate::view::viewer::{Marks, Viewer};
 use splatgraph_assets::{Camera, Projection, synth};
@@ -31,7 +31,7 @@ fn wait(seconds: f64) -> Input {
 }
 
 fn drag(x: f64, y: f64) -> Input {
-    Input { moved: [x, y], buttons: Buttons { left: true, ..Buttons::default() }, ..wait(0.01) }
+    Input { moved: [x, y], drags: true, ..wait(0.01) }
 }
 
 /// Records three keys of an orbit, and returns to the first.

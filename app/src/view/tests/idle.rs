@@ -2,7 +2,7 @@
 
 use super::script::{Script, arranged};
 use crate::view::events::{Event, RendererId};
-use crate::view::navigation::{Input, Keys};
+use crate::view::navigation::Input;
 use splatgraph_api::BufferContents;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Value;
@@ -72,8 +72,7 @@ fn a_picture_and_the_window_are_submitted_after_each_change_of_the_picture() {
     let mut script = resting();
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
     assert_eq!(submitted(&mut script), 2, "a live parameter");
-    let orbit =
-        Input { keys: Keys { orbit_left: true, ..Keys::default() }, seconds: 0.1, ..Input::default() };
+    let orbit = Input { orbit: [-1.0, 0.0], seconds: 0.1, ..Input::default() };
     assert!(script.viewer().navigation.update(&orbit));
     assert_eq!(submitted(&mut script), 2, "the camera");
     script.viewer().background = [0.5; 3];

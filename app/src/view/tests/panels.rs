@@ -2,7 +2,7 @@
 
 use super::script::Script;
 use crate::view::events::Event;
-use crate::view::navigation::{Input, Keys};
+use crate::view::navigation::Input;
 use crate::view::panels::Tool;
 use egui::{Key, Modifiers, PointerButton, Pos2};
 use splatgraph_assets::synth;
@@ -97,8 +97,7 @@ fn a_camera_is_named_only_while_its_view_is_shown() {
     assert_eq!(script.viewer().shown_camera(), Some(0));
     script.viewer().look_through(2);
     assert_eq!(script.viewer().shown_camera(), Some(2));
-    let orbit =
-        Input { keys: Keys { orbit_left: true, ..Keys::default() }, seconds: 0.1, ..Input::default() };
+    let orbit = Input { orbit: [-1.0, 0.0], seconds: 0.1, ..Input::default() };
     script.viewer().navigate(&orbit);
     assert_eq!((script.viewer().shown_camera(), script.viewer().camera), (None, Some(2)));
     script.viewer().navigation.home();

@@ -3,7 +3,7 @@
 use super::script::Script;
 use crate::draw::splat_set::SplatSet;
 use crate::view::events::{Event, RendererId};
-use crate::view::navigation::{Buttons, Input};
+use crate::view::navigation::Input;
 use crate::view::viewer::Marks;
 use splatgraph_assets::synth;
 use splatgraph_framework::reload::Content;
@@ -12,8 +12,7 @@ use std::fs;
 use std::time::Duration;
 
 fn drag() -> Input {
-    let buttons = Buttons { left: true, ..Buttons::default() };
-    Input { size: [320.0, 180.0], seconds: 0.01, moved: [90.0, 20.0], buttons, ..Input::default() }
+    Input { size: [320.0, 180.0], seconds: 0.01, moved: [90.0, 20.0], drags: true, ..Input::default() }
 }
 
 /// Starts to open a list of scenes in a viewer that shows `first.ply`. Returns the viewer, and a function that replaces the
