@@ -4,14 +4,14 @@ use super::controls::{Command, Controls};
 use super::theme::{self, GRID, ROW};
 use super::widgets::{fact, heading, hint};
 use crate::draw::camera_path::SECONDS;
-use crate::io::output::names;
+use crate::view::cameras::write;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::FIELDS_OF_VIEW;
 use crate::view::opening::CameraRole;
 use crate::view::viewer::Viewer;
 use egui::{Button, DragValue, RichText, Slider, Ui};
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use splatgraph_assets::Camera;
+use std::path::Path;
 
 enum Act {
     Go,
@@ -68,8 +68,7 @@ fn views(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
         if controls.seen("save_view", ui.button("Save this view")).clicked() {
             viewer.save_view("view");
         }
-        let any = !viewer.views.list().is_empty();
-        write_button(ui, viewer, controls, "views", any, Viewer::write_views);
+        write_button(ui, viewer, controls, "views", |viewer| viewer.views.list());
         read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json", controls);
     });
     let mut act = None;
@@ -97,8 +96,7 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
         if controls.seen("record_key", ui.button("Add this view (K)")).clicked() {
             record(viewer);
         }
-        let any = !viewer.path.keys().is_empty();
-        write_button(ui, viewer, controls, "path", any, Viewer::write_path);
+        write_button(ui, viewer, controls, "path", |viewer| viewer.path.keys());
         read_button(ui, CameraRole::Path, "Replaces the keys by the cameras of a cameras.json", controls);
     });
     let times = viewer.path.key_seconds();
@@ -167,22 +165,19 @@ fn read_button(ui: &mut Ui, role: CameraRole, about: &str, controls: &mut Contro
     }
 }
 
-/// `write` gets the next free name; its result is reported as an event.
-fn write_button<E: Display>(
+fn write_button(
     ui: &mut Ui,
     viewer: &mut Viewer,
     controls: &mut Controls,
     stem: &str,
-    enabled: bool,
-    write: impl FnOnce(&mut Viewer, &Path) -> Result<(), E>,
+    cameras: fn(&Viewer) -> &[Camera],
 ) {
-    let button =
-        controls.seen(&format!("write_{stem}"), ui.add_enabled(enabled, Button::new("Write a file")));
+    let button = ui.add_enabled(!cameras(viewer).is_empty(), Button::new("Write a file"));
+    let button = controls.seen(&format!("write_{stem}"), button);
     if hint(button, format!("Writes {stem}-1.cameras.json, or the next free name")).clicked() {
-        let path = free_name(&viewer.folder, stem);
-        let event = match write(viewer, &path) {
-            Ok(()) => Event::Saved { path },
-            Err(error) => Event::FileFailed { path, error: error.to_string() },
+        let event = match write(cameras(viewer), &viewer.folder, stem) {
+            Ok(path) => Event::Saved { path },
+            Err(error) => Event::FileFailed { path: error.path.clone(), error: error.to_string() },
         };
         viewer.report(event);
     }
@@ -206,8 +201,4 @@ pub fn toggle(viewer: &mut Viewer) {
     } else if viewer.path.keys().len() > 1 {
         viewer.play.play(&viewer.path);
     }
-}
-
-fn free_name(folder: &Path, stem: &str) -> PathBuf {
-    names::first_free(|number| folder.join(format!("{stem}-{number}.cameras.json")))
 }

@@ -3,8 +3,8 @@
 use super::script::{Script, arranged};
 use crate::draw::pick;
 use crate::draw::splat_set::{Masked, SplatSet};
-use crate::view::events::Event;
-use crate::view::events::RendererId;
+use crate::view::cameras::write;
+use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use crate::view::opening::CameraRole;
 use crate::view::viewer::{Marks, Viewer};
@@ -193,7 +193,7 @@ fn views_and_paths_come_back_from_their_files_and_show_the_same_picture() {
                 scene.write_ply(folder.join("first.ply")).expect("the scene is written");
             },
             |script| {
-                let (file, path) = (script.path("saved.json"), script.path("path.json"));
+                let folder = script.path("");
                 let viewer = script.viewer();
                 record(viewer);
                 let keys = viewer.path.keys().to_vec();
@@ -202,8 +202,8 @@ fn views_and_paths_come_back_from_their_files_and_show_the_same_picture() {
                 let picture = viewer.picture_camera();
                 viewer.navigate(&drag(-200.0, 3.0));
                 viewer.save_view("front");
-                viewer.write_views(&file).expect("views are written");
-                viewer.write_path(&path).expect("the path is written");
+                let file = write(viewer.views.list(), &folder, "views").expect("views are written");
+                let path = write(viewer.path.keys(), &folder, "path").expect("the path is written");
                 viewer.look_through_view(0);
                 let named = Camera { img_name: "front".into(), ..picture.clone() };
                 assert_eq!(viewer.picture_camera(), named, "to the bit");

@@ -5,7 +5,6 @@ use super::Viewer;
 use crate::draw::camera_path::KeyError;
 use crate::draw::projection;
 use crate::draw::render_command::RenderCommand;
-use crate::view::cameras::SaveError;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use crate::view::opening::CameraRole;
@@ -107,22 +106,6 @@ impl Viewer {
         if let Some(view) = self.views.list().get(index) {
             self.navigation.set_camera(&view.relative_to(self.scene().offset()));
         }
-    }
-
-    /// Writes the saved views to a `cameras.json`; overwrites only files that this window wrote.
-    ///
-    /// # Errors
-    /// See [`crate::view::cameras::CameraFiles::save`].
-    pub fn write_views(&mut self, path: &Path) -> Result<(), SaveError> {
-        self.camera_files.save(self.views.list(), path)
-    }
-
-    /// Writes the keys of the path to a `cameras.json`; overwrites only files that this window wrote.
-    ///
-    /// # Errors
-    /// See [`crate::view::cameras::CameraFiles::save`].
-    pub fn write_path(&mut self, path: &Path) -> Result<(), SaveError> {
-        self.camera_files.save(self.path.keys(), path)
     }
 
     /// Reads cameras on another thread, to be used as `role`; reports an error as an event.

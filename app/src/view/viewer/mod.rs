@@ -4,7 +4,7 @@
 //! [`Viewer::frame`] takes the results of other threads (plans, scenes, comparisons) and draws the pictures that are
 //! due.
 
-use super::cameras::{CameraFiles, Views};
+use super::cameras::Views;
 use super::events::{Event, RendererId};
 use super::export::Exporter;
 use super::latest::Latest;
@@ -73,7 +73,6 @@ pub struct Viewer {
     pub play: Playback,
     /// Camera that playback set last. If the camera differs, something else has moved it.
     played: Option<Camera>,
-    camera_files: CameraFiles,
     /// Viewport that draws the whole picture, or the part left of the split line.
     pub a: Viewport,
     /// Viewport that A is compared with; `None` before the first comparison. Hiding it keeps its parameters.
@@ -150,7 +149,6 @@ impl Viewer {
             path: path_of_camera,
             play: Playback::default(),
             played: None,
-            camera_files: CameraFiles::default(),
             a: Viewport::new(renderer),
             b: None,
             compare: Mode::A,
