@@ -52,7 +52,7 @@ impl State {
         if self.closed.as_ref() == Some(&texts) {
             return;
         }
-        let plain: Vec<String> = texts.iter().map(|text| failures::layout(text, TEXT).text).collect();
+        let plain: Vec<String> = texts.iter().map(|text| failures::plain(text)).collect();
         let place = plain.iter().find_map(|text| origin(text));
         let mut close = false;
         egui::Area::new(egui::Id::unique("mistakes"))
@@ -90,9 +90,9 @@ impl State {
                     let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
                     let height = (0.6 * view.height()).max(60.0);
                     egui::ScrollArea::both().max_height(height).show(ui, |ui| {
-                        for text in texts.iter().map(|text| failures::narrowed(text, columns)) {
-                            let text = failures::wrapped(&text, columns);
-                            ui.add(egui::Label::new(failures::layout(&text, TEXT)).extend().selectable(true));
+                        for text in &texts {
+                            let text = failures::layout(text, columns, TEXT);
+                            ui.add(egui::Label::new(text).extend().selectable(true));
                             ui.add_space(6.0);
                         }
                     });

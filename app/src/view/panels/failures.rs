@@ -2,7 +2,6 @@
 
 use egui::text::{LayoutJob, TextFormat};
 use egui::{Color32, FontId};
-use std::ops::Range;
 
 /// The eight ANSI colours of a terminal with a dark background, in the order of their codes.
 const PALETTE: [Color32; 8] = [
@@ -21,17 +20,41 @@ const BEFORE: usize = 8;
 
 const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
 
-/// Lays out text with ANSI colours in a monospace font; drops other escape sequences.
-pub fn layout(ansi: &str, size: f32) -> LayoutJob {
+/// A line of text: its characters with their colours.
+type Line = Vec<(char, Color32)>;
+
+/// Returns the text without its escape sequences.
+pub fn plain(ansi: &str) -> String {
+    let lines: Vec<String> = parsed(ansi).iter().map(|line| line.iter().map(|(c, _)| c).collect()).collect();
+    lines.join("\n")
+}
+
+/// Lays out text with ANSI colours in a monospace font, in lines of at most `columns` characters where possible; drops
+/// other escape sequences.
+pub fn layout(ansi: &str, columns: usize, size: f32) -> LayoutJob {
     let mut job = LayoutJob::default();
-    let mut colour = PLAIN;
-    let mut rest = ansi;
-    let mut write = |text: &str, colour: Color32| {
-        let format = TextFormat { font_id: FontId::monospace(size), color: colour, ..TextFormat::default() };
+    let mut append = |text: &str, color: Color32| {
+        let format = TextFormat { font_id: FontId::monospace(size), color, ..TextFormat::default() };
         job.append(text, 0.0, format);
     };
+    let mut lines = parsed(ansi);
+    narrow(&mut lines, columns);
+    for (index, line) in lines.into_iter().flat_map(|line| wrapped(line, columns)).enumerate() {
+        if index > 0 {
+            append("\n", PLAIN);
+        }
+        for run in line.chunk_by(|(_, a), (_, b)| a == b) {
+            append(&run.iter().map(|(c, _)| c).collect::<String>(), run[0].1);
+        }
+    }
+    job
+}
+
+/// Splits text with ANSI colours into lines.
+fn parsed(ansi: &str) -> Vec<Line> {
+    let (mut all, mut colour, mut rest) = (Line::new(), PLAIN, ansi);
     while let Some(start) = rest.find('\u{1b}') {
-        write(&rest[..start], colour);
+        all.extend(rest[..start].chars().map(|c| (c, colour)));
         rest = &rest[start + 1..];
         let Some(sequence) = rest.strip_prefix('[') else { continue };
         let Some(end) = sequence.find(|c: char| c.is_ascii_alphabetic()) else {
@@ -43,97 +66,69 @@ pub fn layout(ansi: &str, size: f32) -> LayoutJob {
         }
         rest = &sequence[end + 1..];
     }
-    write(rest, colour);
-    job
+    all.extend(rest.chars().map(|c| (c, colour)));
+    all.split(|(c, _)| *c == '\n').map(<[_]>::to_vec).collect()
 }
 
 /// Cuts the starts of source lines in an error, so that the notes below each end within `columns`. At least a few
 /// characters stay before the first caret.
-pub fn narrowed(ansi: &str, columns: usize) -> String {
-    let mut lines: Vec<String> = ansi.split('\n').map(str::to_owned).collect();
-    let texts: Vec<Vec<char>> = lines.iter().map(|line| layout(line, 1.0).text.chars().collect()).collect();
-    let has_number = |text: &[char]| text.iter().any(char::is_ascii_digit);
+fn narrow(lines: &mut [Line], columns: usize) {
+    let has_number = |line: &[(char, Color32)]| line.iter().any(|(c, _)| c.is_ascii_digit());
     let mut at = 0;
     while at < lines.len() {
         let first = at;
         at += 1;
-        let Some(bar) = gutter(&texts[first]).filter(|bar| has_number(&texts[first][..*bar])) else {
+        let Some(bar) = gutter(&lines[first]).filter(|bar| has_number(&lines[first][..*bar])) else {
             continue;
         };
-        let is_below = |text: &&Vec<char>| gutter(text) == Some(bar) && !has_number(&text[..bar]);
-        at += texts[at..].iter().take_while(is_below).count();
-        let notes = &texts[first + 1..at];
-        let Some(caret) = notes.iter().filter_map(|text| text.iter().position(|c| *c == '^')).min() else {
-            continue;
-        };
+        let is_below = |line: &&Line| gutter(line) == Some(bar) && !has_number(&line[..bar]);
+        at += lines[at..].iter().take_while(is_below).count();
+        let notes = &lines[first + 1..at];
+        let carets = notes.iter().filter_map(|line| line.iter().position(|(c, _)| *c == '^'));
+        let Some(caret) = carets.min() else { continue };
         let end = notes.iter().map(Vec::len).max().unwrap_or(0);
         // The cut is replaced by one mark.
         let cut = bar + 2..(bar + 3 + end.saturating_sub(columns)).min(caret.saturating_sub(BEFORE));
         if end > columns && cut.len() > 1 {
             for (index, line) in lines[first..at].iter_mut().enumerate() {
-                *line = without(line, &cut, if index == 0 { '…' } else { ' ' });
+                let Some((_, colour)) = line.get(cut.start).copied() else { continue };
+                let mark = if index == 0 { '…' } else { ' ' };
+                line.splice(cut.start..cut.end.min(line.len()), [(mark, colour)]);
             }
         }
     }
-    lines.join("\n")
 }
 
-/// Breaks long lines at spaces, except source lines and the notes below them. A continued line is indented.
-pub fn wrapped(ansi: &str, columns: usize) -> String {
-    let lines = ansi.split('\n').map(|line| {
-        let text: Vec<char> = layout(line, 1.0).text.chars().collect();
-        if text.len() <= columns || gutter(&text).is_some() {
-            return line.to_owned();
+/// Breaks a long line at spaces, unless it is a source line or a note below one. A continued line is indented.
+fn wrapped(line: Line, columns: usize) -> Vec<Line> {
+    if line.len() <= columns || gutter(&line).is_some() {
+        return vec![line];
+    }
+    let (mut lines, mut last) = (Vec::new(), Line::new());
+    // Index of the last space outside the indent.
+    let mut space = None;
+    for (c, colour) in line {
+        if c == ' ' && last.iter().any(|(c, _)| *c != ' ') {
+            space = Some(last.len());
         }
-        let (mut kept, mut column, mut in_escape) = (String::new(), 0, false);
-        // Position in `kept` and column of the last space outside the indent.
-        let mut space = None;
-        for c in line.chars() {
-            if in_escape || c == '\u{1b}' {
-                in_escape = !c.is_ascii_alphabetic();
-            } else {
-                if c == ' ' && !kept.trim().is_empty() {
-                    space = Some((kept.len(), column));
-                }
-                column += 1;
-            }
-            kept.push(c);
-            if column > columns
-                && let Some((at, before)) = space.take()
-            {
-                kept.replace_range(at..=at, "\n    ");
-                column = 4 + column - before - 1;
-            }
+        last.push((c, colour));
+        if last.len() > columns
+            && let Some(at) = space.take()
+        {
+            let rest = last.split_off(at + 1);
+            last.truncate(at);
+            lines.push(std::mem::replace(&mut last, vec![(' ', PLAIN); 4]));
+            last.extend(rest);
         }
-        kept
-    });
-    lines.collect::<Vec<_>>().join("\n")
+    }
+    lines.push(last);
+    lines
 }
 
 /// Returns the column of `|` after a line number or after spaces; `None` for lines of other text.
-fn gutter(text: &[char]) -> Option<usize> {
-    let bar = text.iter().position(|c| *c == '|')?;
-    text[..bar].iter().all(|c| *c == ' ' || c.is_ascii_digit()).then_some(bar)
-}
-
-/// Replaces these columns of a line by one mark; keeps all escape sequences.
-fn without(line: &str, cut: &Range<usize>, mark: char) -> String {
-    let mut kept = String::new();
-    let (mut column, mut in_escape) = (0, false);
-    for c in line.chars() {
-        if in_escape || c == '\u{1b}' {
-            in_escape = !c.is_ascii_alphabetic();
-            kept.push(c);
-            continue;
-        }
-        if !cut.contains(&column) {
-            kept.push(c);
-        } else if column == cut.start {
-            kept.push(mark);
-        }
-        column += 1;
-    }
-    kept
+fn gutter(line: &[(char, Color32)]) -> Option<usize> {
+    let bar = line.iter().position(|(c, _)| *c == '|')?;
+    line[..bar].iter().all(|(c, _)| *c == ' ' || c.is_ascii_digit()).then_some(bar)
 }
 
 /// Applies the parameters of an SGR escape sequence to a text colour.
@@ -163,18 +158,20 @@ fn sgr(parameters: &str, before: Color32) -> Color32 {
 mod tests {
     use super::*;
 
+    const WIDE: usize = 1000;
+
+    fn laid_out(ansi: &str, columns: usize) -> String {
+        layout(ansi, columns, 12.0).text
+    }
+
     #[test]
     fn the_colours_of_a_terminal_become_sections() {
-        let job = layout("\u{1b}[1m\u{1b}[91merror\u{1b}[0m: x\n\u{1b}[38;5;12m  | \u{1b}[0m", 12.0);
+        let job = layout("\u{1b}[1m\u{1b}[91merror\u{1b}[0m: x\n\u{1b}[38;5;12m  | \u{1b}[0m", WIDE, 12.0);
         assert_eq!(job.text, "error: x\n  | ");
         let colour = |text: &str| {
             let at = job.text.find(text).unwrap();
-            job.sections
-                .iter()
-                .find(|s| s.byte_range.start.0 <= at && at < s.byte_range.end.0)
-                .unwrap()
-                .format
-                .color
+            let of = |s: &&egui::text::LayoutSection| s.byte_range.start.0 <= at && at < s.byte_range.end.0;
+            job.sections.iter().find(of).unwrap().format.color
         };
         assert_eq!(colour("error"), PALETTE[1]);
         assert_eq!(colour(": x"), PLAIN);
@@ -188,14 +185,15 @@ mod tests {
             "error: no `y`\n  |\n7 | \u{1b}[31m{before}y(z)\n  | {}^ not declared\n8 | z",
             " ".repeat(100)
         );
-        let narrow = narrowed(&text, 30);
-        let lines: Vec<&str> = narrow.split('\n').collect();
-        assert_eq!(lines[2], "7 | \u{1b}[31m…xxxxxxxxxxxy(z)");
+        let narrow = layout(&text, 30, 12.0);
+        let lines: Vec<&str> = narrow.text.split('\n').collect();
+        assert_eq!(lines[2], "7 | …xxxxxxxxxxxy(z)");
+        assert_eq!(narrow.sections.iter().filter(|section| section.format.color == PALETTE[1]).count(), 3);
         assert_eq!(lines[3], "  |             ^ not declared");
-        assert_eq!(narrowed(&text, 10).split('\n').nth(3), Some("  |          ^ not declared"));
         assert_eq!((lines[0], lines[4]), ("error: no `y`", "8 | z"));
-        assert_eq!(narrowed(&text, 200), text, "it fits");
-        assert_eq!(narrowed("a\nb\u{1b}[31", 1), "a\nb\u{1b}[31");
+        let narrower = laid_out(&text, 10);
+        assert!(narrower.contains("\n  |          ^ not declared\n"), "{narrower}");
+        assert_eq!(laid_out(&text, 200), plain(&text), "it fits");
     }
 
     #[test]
@@ -203,15 +201,13 @@ mod tests {
         let source = format!("7 | {}", "x ".repeat(30));
         let text =
             format!("\u{1b}[31merror\u{1b}[0m: the image is larger than this\n --> a.ron:1:1\n{source}");
-        let expected = format!(
-            "\u{1b}[31merror\u{1b}[0m: the image\n    is larger than\n    this\n --> a.ron:1:1\n{source}"
-        );
-        assert_eq!(wrapped(&text, 18), expected);
-        assert_eq!(wrapped("unbreakable", 3), "unbreakable");
+        let expected = format!("error: the image\n    is larger than\n    this\n --> a.ron:1:1\n{source}");
+        assert_eq!(laid_out(&text, 18), expected);
+        assert_eq!(laid_out("unbreakable", 3), "unbreakable");
     }
 
     #[test]
     fn broken_escapes_are_left_out_and_nothing_else_is() {
-        assert_eq!(layout("a\u{1b}b\u{1b}[2Jc\u{1b}[31", 12.0).text, "abc");
+        assert_eq!(plain("a\u{1b}b\u{1b}[2Jc\nd\u{1b}[31"), "abc\nd");
     }
 }
