@@ -106,30 +106,21 @@ impl State {
         let equal = self.equal || times.unreliable || times.passes.is_empty();
         let (columns, whole) = columns(dump, times, width, self.zoom, equal);
         self.offset = self.offset.clamp(0.0, (whole - width).max(0.0));
-        let mut clicked = None;
-        let head = vec2(ui.available_width(), PHASES + PASSES + BARRIERS);
-        let (rect, _) = ui.allocate_exact_size(head, Sense::hover());
-        let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
-        // Registered before the passes, so that passes on top of it receive the clicks.
-        let back = ui.interact(area, ui.scope_id().with("timeline"), Sense::DRAG);
-        self.navigate(ui, area, &back, whole, width, true);
-        let view = View { area, offset: self.offset, palette: Palette::of(ui) };
-        draw_head(ui, dump, times, &columns, &view, selection.as_ref(), equal, &mut clicked, controls);
+        let area = self.area(ui, "timeline", PHASES + PASSES + BARRIERS, whole, width, true);
+        let (offset, palette) = (self.offset, Palette::of(ui));
+        let view =
+            View { dump, times, columns: &columns, selection: selection.as_ref(), area, offset, palette };
+        let mut clicked = view.draw_head(ui, controls);
         let lanes = lanes(dump, &self.filter);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            let size = vec2(ui.available_width(), LANE * lanes.len() as f32);
-            let (rect, _) = ui.allocate_exact_size(size, Sense::hover());
-            let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
-            let back = ui.interact(area, ui.scope_id().with("lanes"), Sense::DRAG);
-            self.navigate(ui, area, &back, whole, width, false);
-            let view = View { area, ..view };
-            draw_lanes(ui, dump, &columns, &lanes, &view, selection.as_ref(), &mut clicked, controls);
+            let area = self.area(ui, "lanes", LANE * lanes.len() as f32, whole, width, false);
+            clicked = View { area, ..view }.draw_lanes(ui, &lanes, controls).or(clicked.take());
             if lanes.is_empty() {
                 ui.weak("No resource matches.");
             }
         });
         if ui.rect_contains_pointer(area) {
-            self.held = Some((dump.graph.clone(), dump.passes.len(), held.clone()));
+            self.held = Some((dump.graph.clone(), dump.passes.len(), times.clone()));
         }
         if let Some(clicked) = clicked {
             // Clicking the selected item again clears the selection.
@@ -173,13 +164,18 @@ impl State {
         });
     }
 
-    /// Zooms and pans with the pointer. `plain` is true if the wheel zooms without Ctrl.
-    fn navigate(&mut self, ui: &Ui, area: Rect, back: &egui::Response, whole: f32, width: f32, plain: bool) {
+    /// Reserves an area beside the lanes' names, in which the pointer zooms and pans. `plain` is true if the wheel zooms
+    /// without Ctrl.
+    fn area(&mut self, ui: &mut Ui, id: &str, height: f32, whole: f32, width: f32, plain: bool) -> Rect {
+        let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), height), Sense::hover());
+        let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
+        // Registered before the items, so that items on top of it receive the clicks.
+        let back = ui.interact(area, ui.scope_id().with(id), Sense::DRAG);
         if back.dragged() {
             self.offset -= back.drag_delta().x;
         }
         if !back.contains_pointer() {
-            return;
+            return area;
         }
         let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta(), input.zoom_delta()));
         let mut factor = pinch;
@@ -188,7 +184,7 @@ impl State {
             self.offset -= wheel.x;
         }
         if factor == 1.0 {
-            return;
+            return area;
         }
         let zoom = (self.zoom * factor).clamp(1.0, CLOSEST);
         if let Some(pointer) = ui.input(|input| input.pointer.hover_pos()) {
@@ -198,18 +194,22 @@ impl State {
             self.offset = share * grown - at;
         }
         self.zoom = zoom;
+        area
     }
 }
 
-/// The visible part of the timeline.
-#[derive(Clone, Copy)]
-struct View {
+/// The visible part of the timeline, and its content.
+struct View<'a> {
+    dump: &'a Dump,
+    times: &'a Times,
+    columns: &'a [Column],
+    selection: Option<&'a Selection>,
     area: Rect,
     offset: f32,
     palette: Palette,
 }
 
-impl View {
+impl View<'_> {
     fn x(&self, at: f32) -> f32 {
         self.area.left() + at - self.offset
     }
@@ -220,6 +220,216 @@ impl View {
 
     fn shows(&self, rect: Rect) -> bool {
         rect.right() > self.area.left() && rect.left() < self.area.right()
+    }
+
+    /// Draws phases, passes and barriers; returns the item that was clicked.
+    fn draw_head(&self, ui: &Ui, controls: &mut Controls) -> Option<Selection> {
+        let View { dump, times, columns, selection, area, palette, .. } = *self;
+        let mut clicked = None;
+        let (passes, barriers) = (area.top() + PHASES, area.top() + PHASES + PASSES);
+        for (name, top, height) in
+            [("phase", area.top(), PHASES), ("pass", passes, PASSES), ("barrier", barriers, BARRIERS)]
+        {
+            let rect = Rect::from_min_size(pos2(area.left() - NAMES, top), vec2(NAMES - 8.0, height));
+            text_in(ui, ui.painter(), rect, name, palette.soft);
+        }
+        let painter = ui.painter().with_clip_rect(area.intersect(ui.clip_rect()));
+        painter.rect_filled(area, 0.0, palette.paper);
+        self.draw_phases(ui, &painter);
+        for column in columns {
+            let pass = &dump.passes[column.pass];
+            let rect = self.span(column.left, column.right, passes + 2.0, PASSES - 4.0);
+            for (id, at) in &column.barriers {
+                let centre = pos2(self.x(*at), barriers + BARRIERS / 2.0);
+                let place = Rect::from_center_size(centre, vec2(GAP, BARRIERS));
+                if !self.shows(place) {
+                    continue;
+                }
+                let selected = selection == Some(&Selection::Barrier(*id));
+                let colour = if selected { palette.accent } else { palette.barrier };
+                painter.vline(centre.x, passes..=barriers + 4.0, Stroke::new(1.0, colour));
+                let response = ui.interact(place.intersect(area), Id::unique(("barrier", *id)), Sense::CLICK);
+                controls.see(&format!("barrier:{id}"), place.intersect(area));
+                let radius = if response.hovered() || response.has_focus() || selected { 7.0 } else { 5.0 };
+                widgets::diamond(&painter, centre, radius, colour, Stroke::new(1.0, palette.paper));
+                if response.clicked() {
+                    clicked = Some(Selection::Barrier(*id));
+                }
+                if response.hovered()
+                    && let Some(barrier) = barrier(dump, *id)
+                {
+                    hint(response, dump::barrier_line(barrier));
+                }
+            }
+            if !self.shows(rect) {
+                continue;
+            }
+            let selected = selection == Some(&Selection::Pass(pass.name.clone()));
+            let visible = rect.intersect(area);
+            let response = ui.interact(visible, Id::unique(("pass", &pass.name)), Sense::CLICK);
+            controls.see(&format!("pass:{}", pass.name), visible);
+            self.draw_pass(ui, &painter, pass, rect, selected || response.hovered());
+            if selected || response.has_focus() {
+                painter.rect_stroke(rect, 2.0, Stroke::new(2.0, palette.accent), StrokeKind::Outside);
+            }
+            if response.clicked() {
+                clicked = Some(Selection::Pass(pass.name.clone()));
+            }
+            if response.hovered() {
+                hint(response, describe(pass, times.of(&pass.name).filter(|_| !times.unreliable)));
+            }
+        }
+        if let Some(Selection::Barrier(id)) = selection {
+            self.draw_dependencies(&painter, *id, barriers + BARRIERS / 2.0);
+        }
+        clicked
+    }
+
+    /// Draws a bar for each run of passes of one phase, with the phase's name, since colours alone do not suffice.
+    fn draw_phases(&self, ui: &Ui, painter: &Painter) {
+        let View { dump, columns, area, palette, .. } = *self;
+        let grey = self.times.unreliable;
+        let mut start = 0;
+        for end in 1..=columns.len() {
+            let phase = |index: usize| {
+                (&dump.passes[columns[index].pass].phase, dump.passes[columns[index].pass].run)
+            };
+            if end < columns.len() && phase(end) == phase(start) {
+                continue;
+            }
+            let (name, _) = phase(start);
+            let rect = self.span(columns[start].left, columns[end - 1].right, area.top() + 2.0, PHASES - 4.0);
+            if self.shows(rect) {
+                let colour = phase_colour(dump, name);
+                let colour = if grey { palette.life } else { colour };
+                painter.rect_filled(rect, 2.0, colour);
+                let inner = rect.intersect(area).shrink2(vec2(4.0, 0.0));
+                if inner.width() > 14.0 {
+                    let ink = if grey { palette.ink } else { theme::ink_on(colour) };
+                    text_in(ui, painter, inner, name, ink);
+                }
+            }
+            start = end;
+        }
+    }
+
+    fn draw_pass(&self, ui: &Ui, painter: &Painter, pass: &DumpPass, rect: Rect, lit: bool) {
+        let palette = self.palette;
+        let colour = phase_colour(self.dump, &pass.phase);
+        let inner =
+            Rect::from_min_max(rect.min, pos2((rect.right() - 1.0).max(rect.left() + 1.0), rect.bottom()));
+        // Passes of the prologue are hollow, because they do not belong to a frame.
+        match pass.run {
+            Run::Once => _ = painter.rect_stroke(inner, 2.0, Stroke::new(1.0, colour), StrokeKind::Inside),
+            Run::Frame => {
+                _ = painter.rect_filled(inner, 2.0, if lit { colour } else { colour.gamma_multiply(0.85) })
+            }
+        }
+        let (reads, writes) = match self.selection {
+            Some(Selection::Resource(name)) => touches(pass, name),
+            _ => (false, false),
+        };
+        let mark = match (reads, writes) {
+            (true, true) => Some("RW"),
+            (true, false) => Some("R"),
+            (false, true) => Some("W"),
+            (false, false) => None,
+        };
+        let text_area = inner.intersect(self.area).shrink2(vec2(4.0, 0.0));
+        let ink = if pass.run == Run::Once { palette.ink } else { theme::ink_on(colour) };
+        if let Some(mark) = mark {
+            painter.rect_stroke(inner, 2.0, Stroke::new(2.0, palette.ink), StrokeKind::Inside);
+            let font = FontId::new(TEXT, theme::strong());
+            painter.text(inner.center(), egui::Align2::CENTER_CENTER, mark, font, ink);
+        } else if text_area.width() > 24.0 {
+            // Drop the name's prefix, the part of the graph; the phase above shows it.
+            let name = pass.name.rsplit('.').next().unwrap_or(&pass.name);
+            text_in(ui, painter, text_area, name, ink);
+        }
+    }
+
+    /// Draws an arrow for each hazard of a barrier, from the earlier pass to the pass that waits.
+    fn draw_dependencies(&self, painter: &Painter, id: u32, y: f32) {
+        let Some(barrier) = barrier(self.dump, id) else { return };
+        let middle = |name: &str| {
+            let column = self.columns.iter().find(|column| self.dump.passes[column.pass].name == name)?;
+            Some(self.x((column.left + column.right) / 2.0))
+        };
+        let stroke = Stroke::new(1.5, self.palette.accent);
+        for dependency in barrier.dependencies.iter().map(|cause| &cause.conflict) {
+            let Some(to) = middle(&dependency.before.name) else { continue };
+            for after in &dependency.after {
+                let Some(from) = middle(&after.name) else { continue };
+                // Hazards with the previous frame start at the left edge.
+                let from = if dependency.previous_frame { self.area.left() } else { from };
+                painter.line_segment([pos2(from, y), pos2(to, y)], stroke);
+                painter.circle_filled(pos2(from, y), 3.0, self.palette.accent);
+            }
+            painter.line_segment([pos2(to - 5.0, y - 4.0), pos2(to, y)], stroke);
+            painter.line_segment([pos2(to - 5.0, y + 4.0), pos2(to, y)], stroke);
+        }
+    }
+
+    /// Draws memory: a bar for each resource's lifetime, circles for reads, squares for writes. Returns the resource that was
+    /// clicked.
+    fn draw_lanes(&self, ui: &Ui, lanes: &[Lane], controls: &mut Controls) -> Option<Selection> {
+        let View { dump, columns, selection, area, palette, .. } = *self;
+        let mut clicked = None;
+        let painter = ui.painter().with_clip_rect(area.intersect(ui.clip_rect()));
+        painter.rect_filled(area, 0.0, palette.paper);
+        for (index, lane) in lanes.iter().enumerate() {
+            let top = area.top() + LANE * index as f32;
+            let row = Rect::from_min_size(pos2(area.left(), top), vec2(area.width(), LANE));
+            if !ui.is_rect_visible(row) {
+                continue;
+            }
+            if index % 2 == 1 {
+                painter.rect_filled(row, 0.0, palette.raised);
+            }
+            let name = Rect::from_min_size(pos2(area.left() - NAMES, top), vec2(NAMES - 8.0, LANE));
+            text_in(ui, ui.painter(), name, &lane.title, palette.ink);
+            for resource in &lane.resources {
+                let (left, right) = match resource.lifetime {
+                    Some(lifetime) => (columns[lifetime.first].left, columns[lifetime.last].right),
+                    None => (0.0, columns.last().map_or(0.0, |column| column.right)),
+                };
+                let bar = self.span(left, right, top + 3.0, LANE - 6.0);
+                let this = Selection::Resource(resource.name.clone());
+                let selected = selection == Some(&this);
+                // A name that belongs to a single resource is clickable like its bar.
+                let place = if lane.resources.len() == 1 { bar.union(name) } else { bar };
+                let visible = place.intersect(Rect::from_min_max(name.min, area.max));
+                let response = ui.interact(visible, Id::unique(("resource", &resource.name)), Sense::CLICK);
+                controls.see(&format!("resource:{}", resource.name), visible);
+                let fill = if selected { palette.accent.gamma_multiply(0.5) } else { palette.life };
+                let edge = if response.hovered() || response.has_focus() || selected {
+                    palette.accent
+                } else {
+                    fill
+                };
+                painter.rect(bar, 3.0, fill, Stroke::new(1.0, edge), StrokeKind::Inside);
+                for column in columns {
+                    let (reads, writes) = touches(&dump.passes[column.pass], &resource.name);
+                    let centre = pos2(self.x((column.left + column.right) / 2.0), bar.center().y);
+                    draw_use(&painter, &palette, centre, reads, writes);
+                }
+                if response.clicked() {
+                    clicked = Some(this);
+                }
+                if response.hovered() {
+                    let text = format!(
+                        "{}\n{}, {}\nCircles read it, squares write it.\n{}:{}",
+                        resource.name,
+                        resource.shape,
+                        dump::bytes(resource.bytes),
+                        resource.declared.file,
+                        resource.declared.line
+                    );
+                    hint(response, text);
+                }
+            }
+        }
+        clicked
     }
 }
 
@@ -328,103 +538,6 @@ fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
     lanes
 }
 
-#[allow(clippy::too_many_arguments)]
-fn draw_head(
-    ui: &Ui,
-    dump: &Dump,
-    times: &Times,
-    columns: &[Column],
-    view: &View,
-    selection: Option<&Selection>,
-    equal: bool,
-    clicked: &mut Option<Selection>,
-    controls: &mut Controls,
-) {
-    let View { area, palette, .. } = *view;
-    let (passes, barriers) = (area.top() + PHASES, area.top() + PHASES + PASSES);
-    for (name, top, height) in
-        [("phase", area.top(), PHASES), ("pass", passes, PASSES), ("barrier", barriers, BARRIERS)]
-    {
-        let rect = Rect::from_min_size(pos2(area.left() - NAMES, top), vec2(NAMES - 8.0, height));
-        text_in(ui, ui.painter(), rect, name, palette.soft);
-    }
-    let painter = ui.painter().with_clip_rect(area.intersect(ui.clip_rect()));
-    painter.rect_filled(area, 0.0, palette.paper);
-    draw_phases(ui, &painter, dump, columns, view, times.unreliable);
-    for column in columns {
-        let pass = &dump.passes[column.pass];
-        let rect = view.span(column.left, column.right, passes + 2.0, PASSES - 4.0);
-        for (id, at) in &column.barriers {
-            let centre = pos2(view.x(*at), barriers + BARRIERS / 2.0);
-            let place = Rect::from_center_size(centre, vec2(GAP, BARRIERS));
-            if !view.shows(place) {
-                continue;
-            }
-            let selected = selection == Some(&Selection::Barrier(*id));
-            let colour = if selected { palette.accent } else { palette.barrier };
-            painter.vline(centre.x, passes..=barriers + 4.0, Stroke::new(1.0, colour));
-            let response = ui.interact(place.intersect(area), Id::unique(("barrier", *id)), Sense::CLICK);
-            controls.see(&format!("barrier:{id}"), place.intersect(area));
-            let radius = if response.hovered() || response.has_focus() || selected { 7.0 } else { 5.0 };
-            widgets::diamond(&painter, centre, radius, colour, Stroke::new(1.0, palette.paper));
-            if response.clicked() {
-                *clicked = Some(Selection::Barrier(*id));
-            }
-            if response.hovered()
-                && let Some(barrier) = barrier(dump, *id)
-            {
-                hint(response, dump::barrier_line(barrier));
-            }
-        }
-        if !view.shows(rect) {
-            continue;
-        }
-        let selected = selection == Some(&Selection::Pass(pass.name.clone()));
-        let visible = rect.intersect(area);
-        let response = ui.interact(visible, Id::unique(("pass", &pass.name)), Sense::CLICK);
-        controls.see(&format!("pass:{}", pass.name), visible);
-        draw_pass(ui, &painter, dump, pass, rect, selected || response.hovered(), view, selection);
-        if selected || response.has_focus() {
-            painter.rect_stroke(rect, 2.0, Stroke::new(2.0, palette.accent), StrokeKind::Outside);
-        }
-        if response.clicked() {
-            *clicked = Some(Selection::Pass(pass.name.clone()));
-        }
-        if response.hovered() {
-            hint(response, describe(pass, times.of(&pass.name).filter(|_| !equal || !times.unreliable)));
-        }
-    }
-    if let Some(Selection::Barrier(id)) = selection {
-        draw_dependencies(&painter, dump, columns, view, *id, barriers + BARRIERS / 2.0);
-    }
-}
-
-/// Draws a bar for each run of passes of one phase, with the phase's name, since colours alone do not suffice.
-fn draw_phases(ui: &Ui, painter: &Painter, dump: &Dump, columns: &[Column], view: &View, grey: bool) {
-    let mut start = 0;
-    for end in 1..=columns.len() {
-        let phase =
-            |index: usize| (&dump.passes[columns[index].pass].phase, dump.passes[columns[index].pass].run);
-        if end < columns.len() && phase(end) == phase(start) {
-            continue;
-        }
-        let (name, _) = phase(start);
-        let rect =
-            view.span(columns[start].left, columns[end - 1].right, view.area.top() + 2.0, PHASES - 4.0);
-        if view.shows(rect) {
-            let colour = phase_colour(dump, name);
-            let colour = if grey { view.palette.life } else { colour };
-            painter.rect_filled(rect, 2.0, colour);
-            let inner = rect.intersect(view.area).shrink2(vec2(4.0, 0.0));
-            if inner.width() > 14.0 {
-                let ink = if grey { view.palette.ink } else { theme::ink_on(colour) };
-                text_in(ui, painter, inner, name, ink);
-            }
-        }
-        start = end;
-    }
-}
-
 pub fn phase_colour(dump: &Dump, phase: &str) -> Color32 {
     theme::phase(phases(dump).get_index_of(phase).unwrap_or(0))
 }
@@ -432,73 +545,6 @@ pub fn phase_colour(dump: &Dump, phase: &str) -> Color32 {
 /// Lists the names of the phases; a phase of both the prologue and the frame counts once.
 fn phases(dump: &Dump) -> IndexSet<&str> {
     dump.phases.iter().map(|phase| phase.name.as_str()).collect()
-}
-
-#[allow(clippy::too_many_arguments)]
-fn draw_pass(
-    ui: &Ui,
-    painter: &Painter,
-    dump: &Dump,
-    pass: &DumpPass,
-    rect: Rect,
-    lit: bool,
-    view: &View,
-    selection: Option<&Selection>,
-) {
-    let palette = view.palette;
-    let colour = phase_colour(dump, &pass.phase);
-    let inner =
-        Rect::from_min_max(rect.min, pos2((rect.right() - 1.0).max(rect.left() + 1.0), rect.bottom()));
-    // Passes of the prologue are hollow, because they do not belong to a frame.
-    match pass.run {
-        Run::Once => _ = painter.rect_stroke(inner, 2.0, Stroke::new(1.0, colour), StrokeKind::Inside),
-        Run::Frame => {
-            _ = painter.rect_filled(inner, 2.0, if lit { colour } else { colour.gamma_multiply(0.85) })
-        }
-    }
-    let (reads, writes) = match selection {
-        Some(Selection::Resource(name)) => touches(pass, name),
-        _ => (false, false),
-    };
-    let mark = match (reads, writes) {
-        (true, true) => Some("RW"),
-        (true, false) => Some("R"),
-        (false, true) => Some("W"),
-        (false, false) => None,
-    };
-    let text_area = inner.intersect(view.area).shrink2(vec2(4.0, 0.0));
-    let ink = if pass.run == Run::Once { palette.ink } else { theme::ink_on(colour) };
-    if let Some(mark) = mark {
-        painter.rect_stroke(inner, 2.0, Stroke::new(2.0, palette.ink), StrokeKind::Inside);
-        let font = FontId::new(TEXT, theme::strong());
-        painter.text(inner.center(), egui::Align2::CENTER_CENTER, mark, font, ink);
-    } else if text_area.width() > 24.0 {
-        // Drop the name's prefix, the part of the graph; the phase above shows it.
-        let name = pass.name.rsplit('.').next().unwrap_or(&pass.name);
-        text_in(ui, painter, text_area, name, ink);
-    }
-}
-
-/// Draws an arrow for each hazard of a barrier, from the earlier pass to the pass that waits.
-fn draw_dependencies(painter: &Painter, dump: &Dump, columns: &[Column], view: &View, id: u32, y: f32) {
-    let Some(barrier) = barrier(dump, id) else { return };
-    let middle = |name: &str| {
-        let column = columns.iter().find(|column| dump.passes[column.pass].name == name)?;
-        Some(view.x((column.left + column.right) / 2.0))
-    };
-    let stroke = Stroke::new(1.5, view.palette.accent);
-    for dependency in barrier.dependencies.iter().map(|cause| &cause.conflict) {
-        let Some(to) = middle(&dependency.before.name) else { continue };
-        for after in &dependency.after {
-            let Some(from) = middle(&after.name) else { continue };
-            // Hazards with the previous frame start at the left edge.
-            let from = if dependency.previous_frame { view.area.left() } else { from };
-            painter.line_segment([pos2(from, y), pos2(to, y)], stroke);
-            painter.circle_filled(pos2(from, y), 3.0, view.palette.accent);
-        }
-        painter.line_segment([pos2(to - 5.0, y - 4.0), pos2(to, y)], stroke);
-        painter.line_segment([pos2(to - 5.0, y + 4.0), pos2(to, y)], stroke);
-    }
 }
 
 fn describe(pass: &DumpPass, ms: Option<f64>) -> String {
@@ -510,72 +556,6 @@ fn describe(pass: &DumpPass, ms: Option<f64>) -> String {
         text += &format!("\n{} (median)", widgets::time(ms));
     }
     text + &format!("\n{}:{}", pass.declared.file, pass.declared.line)
-}
-
-/// Draws memory: a bar for each resource's lifetime, circles for reads, squares for writes.
-#[allow(clippy::too_many_arguments)]
-fn draw_lanes(
-    ui: &Ui,
-    dump: &Dump,
-    columns: &[Column],
-    lanes: &[Lane],
-    view: &View,
-    selection: Option<&Selection>,
-    clicked: &mut Option<Selection>,
-    controls: &mut Controls,
-) {
-    let View { area, palette, .. } = *view;
-    let painter = ui.painter().with_clip_rect(area.intersect(ui.clip_rect()));
-    painter.rect_filled(area, 0.0, palette.paper);
-    for (index, lane) in lanes.iter().enumerate() {
-        let top = area.top() + LANE * index as f32;
-        let row = Rect::from_min_size(pos2(area.left(), top), vec2(area.width(), LANE));
-        if !ui.is_rect_visible(row) {
-            continue;
-        }
-        if index % 2 == 1 {
-            painter.rect_filled(row, 0.0, palette.raised);
-        }
-        let name = Rect::from_min_size(pos2(area.left() - NAMES, top), vec2(NAMES - 8.0, LANE));
-        text_in(ui, ui.painter(), name, &lane.title, palette.ink);
-        for resource in &lane.resources {
-            let (left, right) = match resource.lifetime {
-                Some(lifetime) => (columns[lifetime.first].left, columns[lifetime.last].right),
-                None => (0.0, columns.last().map_or(0.0, |column| column.right)),
-            };
-            let bar = view.span(left, right, top + 3.0, LANE - 6.0);
-            let this = Selection::Resource(resource.name.clone());
-            let selected = selection == Some(&this);
-            // A name that belongs to a single resource is clickable like its bar.
-            let place = if lane.resources.len() == 1 { bar.union(name) } else { bar };
-            let visible = place.intersect(Rect::from_min_max(name.min, area.max));
-            let response = ui.interact(visible, Id::unique(("resource", &resource.name)), Sense::CLICK);
-            controls.see(&format!("resource:{}", resource.name), visible);
-            let fill = if selected { palette.accent.gamma_multiply(0.5) } else { palette.life };
-            let edge =
-                if response.hovered() || response.has_focus() || selected { palette.accent } else { fill };
-            painter.rect(bar, 3.0, fill, Stroke::new(1.0, edge), StrokeKind::Inside);
-            for column in columns {
-                let (reads, writes) = touches(&dump.passes[column.pass], &resource.name);
-                let centre = pos2(view.x((column.left + column.right) / 2.0), bar.center().y);
-                draw_use(&painter, &palette, centre, reads, writes);
-            }
-            if response.clicked() {
-                *clicked = Some(this);
-            }
-            if response.hovered() {
-                let text = format!(
-                    "{}\n{}, {}\nCircles read it, squares write it.\n{}:{}",
-                    resource.name,
-                    resource.shape,
-                    dump::bytes(resource.bytes),
-                    resource.declared.file,
-                    resource.declared.line
-                );
-                hint(response, text);
-            }
-        }
-    }
 }
 
 /// Height of the timeline with its summary and six lanes, in points.
