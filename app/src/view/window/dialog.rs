@@ -1,18 +1,13 @@
 //! Shows the system's file dialog without blocking the window.
 
+use crate::view::latest::Latest;
 use crate::view::opening::CameraRole;
 use crate::view::renderer::Wake;
 use rfd::AsyncFileDialog;
 use splatgraph_assets::SceneFormat;
 use std::env;
 use std::ffi::OsStr;
-use std::future::Future;
 use std::path::{Path, PathBuf};
-use std::pin::pin;
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex};
-use std::task::{Context, Poll, Wake as TaskWake, Waker};
-use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 /// The chosen file, and the role of the request.
@@ -26,15 +21,13 @@ const SHOWN: Duration = Duration::from_millis(500);
 
 /// File dialog; at most one is open.
 pub struct Dialog {
-    answers: (Sender<Answer>, Receiver<Answer>),
-    is_open: bool,
-    wake: Wake,
+    answer: Latest<Answer>,
 }
 
 impl Dialog {
     /// `wake` is called when the user has chosen a file or cancelled.
     pub fn new(wake: Wake) -> Dialog {
-        Dialog { answers: channel(), is_open: false, wake }
+        Dialog { answer: Latest::new("choose a file", wake) }
     }
 
     /// Opens the dialog in the folder of `near`, for any file or, with `cameras`, for cameras of this role. Does
@@ -45,7 +38,7 @@ impl Dialog {
         near: &Path,
         cameras: Option<CameraRole>,
     ) -> Result<(), String> {
-        if self.is_open {
+        if self.answer.busy() {
             return Ok(());
         }
         let (title, filter, endings) = match cameras {
@@ -61,28 +54,20 @@ impl Dialog {
             dialog = dialog.set_directory(folder);
         }
         let answer = dialog.pick_file();
-        let (sender, wake) = (self.answers.0.clone(), self.wake.clone());
-        let work = move || {
+        self.answer.start(move |_| {
             let begun = Instant::now();
-            let path = block_on(answer).map(|file| (file.path().to_owned(), cameras));
-            let _ = sender.send((path, begun.elapsed()));
-            wake();
-        };
-        let thread = std::thread::Builder::new().name("dialog".to_owned()).spawn(work);
-        thread.map_err(|error| format!("no thread can be started to choose a file: {error}"))?;
-        self.is_open = true;
-        Ok(())
+            let chosen = pollster::block_on(answer).map(|file| (file.path().to_owned(), cameras));
+            Some(Ok((chosen, begun.elapsed())))
+        })
     }
 
     /// Takes the chosen file; `None` while the dialog is open, or if it was cancelled. Fails if the system has no
     /// dialog to show.
     pub fn take(&mut self) -> Option<Result<Chosen, String>> {
-        let (answer, time) = self.answers.1.try_recv().ok()?;
-        self.is_open = false;
-        let path = env::var_os("PATH").unwrap_or_default();
-        match answer {
-            Some(chosen) => Some(Ok(chosen)),
-            None => lacking(time, &path).map(Err),
+        match self.answer.take()? {
+            Ok((Some(chosen), _)) => Some(Ok(chosen)),
+            Ok((None, time)) => lacking(time, &env::var_os("PATH").unwrap_or_default()).map(Err),
+            Err(error) => Some(Err(error)),
         }
     }
 }
@@ -104,25 +89,6 @@ fn openable() -> Vec<&'static str> {
     let scenes = SceneFormat::ALL.into_iter().flat_map(SceneFormat::extensions).copied();
     // `ply` covers `compressed.ply`; not every system accepts a dot here.
     scenes.filter(|extension| !extension.contains('.')).chain(["ron", "json"]).collect()
-}
-
-struct Unpark(Mutex<Thread>);
-
-impl TaskWake for Unpark {
-    fn wake(self: Arc<Self>) {
-        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).unpark();
-    }
-}
-
-fn block_on<T>(future: impl Future<Output = T>) -> T {
-    let waker = Waker::from(Arc::new(Unpark(Mutex::new(std::thread::current()))));
-    let mut future = pin!(future);
-    loop {
-        match future.as_mut().poll(&mut Context::from_waker(&waker)) {
-            Poll::Ready(value) => return value,
-            Poll::Pending => std::thread::park(),
-        }
-    }
 }
 
 #[cfg(test)]
