@@ -162,40 +162,6 @@ pub enum Event {
         /// True if the pictures are identical as shown, clamped to 0..1.
         identical: bool,
     },
-    /// The window's content has a new size or scale.
-    Window {
-        /// Width in pixels.
-        width: u32,
-        /// Height in pixels.
-        height: u32,
-        /// Pixels per point of the user interface.
-        pixels_per_point: f32,
-    },
-    /// A control has a new position in the window.
-    Control {
-        /// Name of the control.
-        name: String,
-        /// Left edge, in pixels.
-        left: f32,
-        /// Top edge, in pixels.
-        top: f32,
-        /// Right edge, in pixels.
-        right: f32,
-        /// Bottom edge, in pixels.
-        bottom: f32,
-    },
-    /// A control disappeared.
-    ControlGone {
-        /// Name of the control.
-        name: String,
-    },
-    /// The window shows a frame.
-    Frame {
-        /// Number of the frame in this session, from 1.
-        number: u64,
-        /// True while something is being built, loaded or compared; the frame may then show the previous state.
-        busy: bool,
-    },
 }
 
 impl Event {
@@ -208,12 +174,6 @@ impl Event {
             RendererEvent::Dropped { parameters, text } => Event::Dropped { renderer, parameters, text },
             RendererEvent::Restored { parameters, text } => Event::Restored { renderer, parameters, text },
         }
-    }
-
-    /// Returns true if the event appears in the window's log; other events only go to `--events`.
-    pub fn is_for_people(&self) -> bool {
-        use Event::{Control, ControlGone, Frame, Window};
-        !matches!(self, Window { .. } | Control { .. } | ControlGone { .. } | Frame { .. })
     }
 }
 
@@ -272,14 +232,6 @@ impl fmt::Display for Event {
                 ssim.map_or(Ok(()), |ssim| write!(f, ", SSIM {ssim:.4}"))?;
                 f.write_str(if *identical { ": identical" } else { "" })
             }
-            Event::Window { width, height, pixels_per_point } => {
-                write!(f, "{width} x {height} pixels, {pixels_per_point} per point")
-            }
-            Event::Control { name, left, top, right, bottom } => {
-                write!(f, "{name} at {left:.0},{top:.0} to {right:.0},{bottom:.0}")
-            }
-            Event::ControlGone { name } => write!(f, "{name} gone"),
-            Event::Frame { number, .. } => write!(f, "frame {number}"),
         }
     }
 }

@@ -200,12 +200,10 @@ impl Default for Panels {
 impl Panels {
     /// Adds an event to the log, and shows it as a toast if the user should see it now.
     pub fn log_event(&mut self, event: &Event) {
-        if event.is_for_people() {
-            if self.log.len() == LOG {
-                self.log.pop_front();
-            }
-            self.log.push_back(event.to_string());
+        if self.log.len() == LOG {
+            self.log.pop_front();
         }
+        self.log.push_back(event.to_string());
         self.toasts.tell(event);
         match event {
             Event::Dropped { .. } | Event::Restored { .. } | Event::Scene { .. } => self.by_program = true,

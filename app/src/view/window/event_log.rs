@@ -8,19 +8,34 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+/// What the log tells besides events: changes of the window and its controls, in pixels, and its frames.
+#[derive(Clone, PartialEq, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Seen {
+    /// The window's content has a new size or scale.
+    Window { width: u32, height: u32, pixels_per_point: f32 },
+    /// A control has a new position in the window.
+    Control { name: String, left: f32, top: f32, right: f32, bottom: f32 },
+    /// A control disappeared.
+    ControlGone { name: String },
+    /// The window shows a frame. `number` counts from 1. While something is being built, loaded or compared, `busy` is
+    /// true; the frame may then show the previous state.
+    Frame { number: u64, busy: bool },
+}
+
 pub struct EventLog {
     out: Log,
     begun: Instant,
-    window: Option<Event>,
+    window: Option<Seen>,
     controls: BTreeMap<String, [f32; 4]>,
 }
 
 #[derive(Serialize)]
-struct Line<'a> {
+struct Line<'a, E> {
     /// Seconds since the window was opened.
     time: f64,
     #[serde(flatten)]
-    event: &'a Event,
+    event: &'a E,
 }
 
 impl EventLog {
@@ -31,26 +46,24 @@ impl EventLog {
     /// Writes the events of a frame, followed by `frame`.
     pub fn write(
         &mut self,
-        mut events: Vec<Event>,
+        events: &[Event],
         controls: &Controls,
         request: &FrameRequest,
-        frame: Option<Event>,
+        frame: Option<Seen>,
     ) {
-        self.add_changes(&mut events, controls, request);
-        events.extend(frame);
+        let changes = self.changes(controls, request);
         let time = self.begun.elapsed().as_secs_f64();
-        for event in &events {
-            // Serialising cannot fail: every event is a tree of named fields.
-            if let Ok(line) = serde_json::to_string(&Line { time, event }) {
-                self.out.line(&line);
-            }
-        }
+        // Serialising cannot fail: every event is a tree of named fields.
+        let lines = events.iter().map(|event| serde_json::to_string(&Line { time, event }));
+        let seen = changes.iter().chain(&frame).map(|event| serde_json::to_string(&Line { time, event }));
+        lines.chain(seen).flatten().for_each(|line| self.out.line(&line));
         self.out.flush();
     }
 
-    fn add_changes(&mut self, all: &mut Vec<Event>, controls: &Controls, request: &FrameRequest) {
+    fn changes(&mut self, controls: &Controls, request: &FrameRequest) -> Vec<Seen> {
+        let mut all = Vec::new();
         let FrameRequest { size: (width, height), pixels_per_point, .. } = *request;
-        let window = Event::Window { width, height, pixels_per_point };
+        let window = Seen::Window { width, height, pixels_per_point };
         if self.window.as_ref() != Some(&window) {
             self.window = Some(window.clone());
             all.push(window);
@@ -58,7 +71,7 @@ impl EventLog {
         self.controls.retain(|name, _| {
             let there = controls.find(name).is_some();
             if !there {
-                all.push(Event::ControlGone { name: name.clone() });
+                all.push(Seen::ControlGone { name: name.clone() });
             }
             there
         });
@@ -68,8 +81,9 @@ impl EventLog {
             if self.controls.get(name) != Some(&place) {
                 self.controls.insert(name.to_owned(), place);
                 let [left, top, right, bottom] = place;
-                all.push(Event::Control { name: name.to_owned(), left, top, right, bottom });
+                all.push(Seen::Control { name: name.to_owned(), left, top, right, bottom });
             }
         }
+        all
     }
 }

@@ -1,6 +1,6 @@
 //! Draws the window's frames, saves pictures, and ends a scripted run.
 
-use super::event_log::EventLog;
+use super::event_log::{EventLog, Seen};
 use super::pictures::{self, fresh_name};
 use super::{dialog, display, editor};
 use crate::draw::backend::Backend;
@@ -284,8 +284,8 @@ impl Running {
     fn write_events(&mut self, request: &FrameRequest, drawn: bool) {
         let events = self.shell.take_events();
         let Some(log) = &mut self.log else { return };
-        let frame = Event::Frame { number: self.frames, busy: self.shell.viewer.busy() };
-        log.write(events, &self.shell.panels.controls, request, drawn.then_some(frame));
+        let frame = Seen::Frame { number: self.frames, busy: self.shell.viewer.busy() };
+        log.write(&events, &self.shell.panels.controls, request, drawn.then_some(frame));
     }
 
     fn apply(&mut self, command: Command) {
