@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph new my.ron                     # a renderer for splats, with its three shaders
   splatgraph new rings.ron --from compute   # a picture from one compute shader
   splatgraph new grey.ron --from post       # a filter over the picture of `auto`, with a slider
@@ -123,8 +123,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
+    use crate::draw::facts;
+    use crate::draw::planner::testing;
 
     fn args(file: PathBuf, from: Start) -> Args {
         Args { file, from, force: false }
@@ -137,11 +137,7 @@ mod tests {
             let path = folder.path().join(format!("My-{from:?}_2.ron"));
             run(&args(path.clone(), from)).expect("written");
             for lanes in facts::SUBGROUP_SIZES {
-                let device = facts::portable_device(lanes);
-                let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
-                let catalog = facts::nominal_catalog();
-                let plan = Planner::default().plan(&path.display().to_string(), &[], &facts, &catalog);
-                let plan = plan.unwrap_or_else(|errors| panic!("{from:?}: {errors}"));
+                let plan = testing::plan(&path.display().to_string(), &[], lanes);
                 let own = plan.shaders.iter().filter(|s| s.name.contains("My-")).count();
                 assert_eq!(own, shaders, "{from:?}");
             }

@@ -33,16 +33,10 @@ fn reads(plan: &Plan, pass: &Pass, shader: &Shader) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
-    use splatgraph_assets::synth;
+    use crate::draw::planner::testing;
 
     fn plan(graph: &str) -> Plan {
-        let scene = synth::generate("uniform", 10, 0).expect("a scene");
-        let facts = facts::facts(&SceneFacts::of(&scene), &splatgraph_null::limits().facts(), (64, 36));
-        let planner = &mut Planner::default();
-        let plan = planner.plan(graph, &[], &facts, &facts::catalog(&scene));
-        plan.unwrap_or_else(|errors| panic!("{}", errors.text(false)))
+        testing::plan(graph, &[], 8)
     }
 
     /// Returns true if a graph reads the frame number when its shader computes `expression`, which may read `Camera`.

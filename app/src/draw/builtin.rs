@@ -3,7 +3,7 @@
 //! The build script embeds everything under `pipelines/` and `shaders/`, so that an installed program needs no
 //! checkout. Files on disk take precedence (see [`SourceMap::find`]), so edits in a checkout take effect immediately.
 
-use crate::draw::facts::{self, SceneFacts};
+use crate::draw::facts;
 use splatgraph_framework::ir::Request;
 use splatgraph_framework::lower::{self, Control};
 use splatgraph_framework::schema::Document;
@@ -146,8 +146,7 @@ pub struct Preset {
 
 /// Lists the built-in graphs that draw a scene, sorted by name.
 pub fn presets() -> Vec<Preset> {
-    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-    let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+    let facts = facts::nominal(facts::USUAL_SUBGROUP_SIZE);
     let catalog = facts::nominal_catalog();
     let mut files = source_map();
     let mut preset = |name: &'static str| {

@@ -92,6 +92,11 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
     facts
 }
 
+/// Returns the facts of the nominal scene on [`portable_device`], in a picture of the default size.
+pub fn nominal(subgroup_size: u32) -> Facts {
+    facts(&SceneFacts::NOMINAL, &portable_device(subgroup_size), DEFAULT_SIZE)
+}
+
 /// Returns the facts for a graph that draws no scene. The size is in pixels.
 pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts {
     let viewport = [("viewport.width", width), ("viewport.height", height)];

@@ -333,6 +333,20 @@ impl GraphErrors {
         }
     }
 
+    /// Appends a note about the device to the rendered errors, if one of them is about the device or its limits.
+    pub fn with_device(mut self, note: &str) -> GraphErrors {
+        let is_about = |text: &String| {
+            let is_limit = text.contains("expected at most") && !text.contains("any device");
+            text.contains("the device") || text.contains("device.") || is_limit
+        };
+        if self.found.iter().any(|error| is_about(&error.message) || is_about(&error.label)) {
+            for text in [&mut self.plain, &mut self.coloured] {
+                *text = format!("{}\n{note}\n", text.trim_end());
+            }
+        }
+        self
+    }
+
     /// Returns the rendered errors, ready for printing.
     pub fn text(&self, colour: bool) -> &str {
         if colour { &self.coloured } else { &self.plain }
@@ -400,9 +414,27 @@ impl PlainDiagnostic {
 }
 
 #[cfg(test)]
+pub(crate) mod testing {
+    use super::*;
+    use crate::draw::facts;
+
+    /// Returns parameters as pairs of owned names and values.
+    pub fn set(pairs: &[(&str, &str)]) -> Vec<(String, String)> {
+        pairs.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
+    }
+
+    /// Builds the plan of a graph for the nominal scene, on the least capable supported device.
+    pub fn plan(graph: &str, pairs: &[(&str, &str)], lanes: u32) -> Plan {
+        let (facts, catalog) = (facts::nominal(lanes), facts::nominal_catalog());
+        let plan = Planner::default().plan(graph, &set(pairs), &facts, &catalog);
+        plan.unwrap_or_else(|errors| panic!("{graph}: {errors}"))
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::facts;
     use splatgraph_framework::ir::{DescriptorKind, DeviceFacts};
 
     #[test]
@@ -440,8 +472,7 @@ mod tests {
         let mut planner = Planner { outputs: vec!["depth".into()], ..Planner::default() };
         let mut most = 0;
         for lanes in [4, facts::USUAL_SUBGROUP_SIZE] {
-            let device = facts::portable_device(lanes);
-            let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+            let facts = facts::nominal(lanes);
             for graph in ["splat", "tiled"] {
                 let set = [("sh_storage".to_owned(), "f32".to_owned())];
                 let plan = planner.plan(graph, &set, &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));

@@ -4,7 +4,7 @@
 //! projection as well: files store it, and the exact renderer draws it. Pinhole cameras are converted to the graph's
 //! projection; any other camera needs a graph with the same projection.
 
-use crate::draw::facts::{self, SceneFacts};
+use crate::draw::facts;
 use crate::draw::planner::Planner;
 use crate::io::output::one_line;
 use splatgraph_assets::{Camera, Projection, Scene};
@@ -55,8 +55,7 @@ pub fn of_controls(controls: &[Control]) -> Projection {
 /// `pipeline` is a preset's name or a path. Returns pinhole for a graph with errors; building its plan reports them.
 /// The device does not matter, because all graphs of a choice have the same projection.
 pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
-    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-    let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+    let facts = facts::nominal(facts::USUAL_SUBGROUP_SIZE);
     let controls = Planner::default().controls(pipeline, set, &facts, &facts::nominal_catalog());
     controls.map_or(Projection::Pinhole, |controls| of_controls(&controls))
 }
@@ -125,15 +124,12 @@ pub fn convert_all(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::planner::testing;
     use splatgraph_assets::synth;
 
     #[test]
     fn each_projection_is_the_preset_of_its_name() {
-        let of = |name: &str, set: &[(&str, &str)]| {
-            let set: Vec<(String, String)> =
-                set.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
-            of_graph(name, &set)
-        };
+        let of = |name: &str, set: &[(&str, &str)]| of_graph(name, &testing::set(set));
         for projection in Projection::ALL.into_iter().filter(|projection| !projection.is_pinhole()) {
             assert_eq!(of(projection.name(), &[]), projection);
             assert_eq!(of("tiled", &[("projection", projection.name())]), projection);

@@ -122,7 +122,7 @@ impl SpirvStore for ShaderCache {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::facts;
     use crate::draw::planner::{Planner, Settings};
     use std::sync::Arc;
 
@@ -183,7 +183,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let blocked = folder.path().join("blocked");
         fs::write(&blocked, "a file").unwrap();
-        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let facts = facts::nominal(8);
         let plan = |folder: &Path| {
             let settings = Settings { store: Some(Arc::new(cache(folder))), ..Settings::default() };
             let mut planner = Planner::new(settings);

@@ -184,13 +184,12 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
+    use crate::draw::facts;
+    use crate::draw::planner::{Planner, testing};
 
     fn choose(graph: &str, set: &[(&str, &str)], memory: u64) -> Result<Choice, StorageError> {
-        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
-        let set: Vec<_> = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
-        let (mut planner, catalog) = (Planner::default(), facts::nominal_catalog());
+        let (mut planner, facts, catalog) = (Planner::default(), facts::nominal(8), facts::nominal_catalog());
+        let set = testing::set(set);
         let choice = Choice::of(&set, memory, |set| planner.plan(graph, set, &facts, &catalog));
         choice.map(|(choice, _)| choice)
     }

@@ -70,16 +70,13 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
+    use crate::draw::planner::testing;
     use splatgraph_framework::ir::PassId;
     use std::time::Duration;
 
     #[test]
     fn of_a_warm_up_only_the_prologues_times_are_kept_and_a_device_that_rests_is_told() {
-        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
-        let plan = Planner::default().plan("splat", &[], &facts, &facts::nominal_catalog());
-        let plan = plan.unwrap_or_else(|error| panic!("{error}"));
+        let plan = testing::plan("splat", &[], 8);
         let id = |name: &str| {
             PassId(plan.passes.iter().position(|pass| pass.name == name).expect("a pass") as u32)
         };

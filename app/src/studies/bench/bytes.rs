@@ -27,7 +27,7 @@ pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
 mod tests {
     use super::*;
     use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
+    use crate::draw::planner::{Planner, testing};
 
     #[test]
     fn a_pass_moves_what_it_reads_and_what_it_writes_once_each() {
@@ -35,8 +35,7 @@ mod tests {
         let scene = SceneFacts { sh_degree: 0, ..SceneFacts::NOMINAL };
         let facts = facts::facts(&scene, &device, (640, 480));
         let set = [("target", "rgba16f"), ("digit_bits", "8"), ("key_bits", "32"), ("block_keys", "2048")];
-        let set = set.map(|(name, value)| (name.to_owned(), value.to_owned()));
-        let plan = Planner::default().plan("splat", &set, &facts, &facts::nominal_catalog());
+        let plan = Planner::default().plan("splat", &testing::set(&set), &facts, &facts::nominal_catalog());
         let plan = plan.unwrap_or_else(|errors| panic!("{errors}"));
         let bytes = |name: &str| {
             let pass = plan.passes.iter().find(|pass| pass.name == name);

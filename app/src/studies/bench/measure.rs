@@ -372,6 +372,7 @@ pub(super) mod testing {
 mod tests {
     use super::super::limit::GRAPH;
     use super::*;
+    use crate::draw::planner::testing;
     use splatgraph_assets::synth;
     use splatgraph_null::{Call, Config, Journal, limits, open};
 
@@ -383,8 +384,7 @@ mod tests {
     }
 
     fn candidate(pipeline: &str, set: &[(&str, &str)]) -> Setting {
-        let set = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
-        Setting { name: pipeline.into(), pipeline: pipeline.into(), set }
+        Setting::of_graph(pipeline, &testing::set(set))
     }
 
     fn measured(device: &Backend, candidates: &[Setting], cameras: &[&str]) -> Vec<Outcome> {

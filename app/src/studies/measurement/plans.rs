@@ -102,21 +102,11 @@ fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
-
-    fn plan(graph: &str, set: &[(&str, &str)]) -> Plan {
-        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
-        let set: Vec<(String, String)> =
-            set.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
-        Planner::default()
-            .plan(graph, &set, &facts, &facts::nominal_catalog())
-            .unwrap_or_else(|e| panic!("{e}"))
-    }
+    use crate::draw::planner::testing::plan;
 
     #[test]
     fn plans_are_equal_whatever_their_names_and_differ_by_each_value_that_is_read() {
-        let of = |graph: &str, set: &[(&str, &str)]| fingerprint(&plan(graph, set));
+        let of = |graph: &str, set: &[(&str, &str)]| fingerprint(&plan(graph, set, 8));
         let tiled = of("tiled", &[]);
         assert_eq!(of("tiled_cpu", &[]), of("auto", &[]), "a choice changes nothing");
         assert_eq!(tiled, of("tiled", &[("budget", "0.5")]), "where pairs are sorted, all splats are drawn");
@@ -124,7 +114,7 @@ mod tests {
         for changed in [("alpha_cap", "0.75"), ("key_bits", "9"), ("sh_degree", "0"), ("stop", "0.05")] {
             assert_ne!(tiled, of("tiled", &[changed]), "{changed:?}");
         }
-        assert!(uses_last_frame(&plan("stale_order", &[])) && !uses_last_frame(&plan("splat", &[])));
+        assert!(uses_last_frame(&plan("stale_order", &[], 8)) && !uses_last_frame(&plan("splat", &[], 8)));
     }
 
     #[test]

@@ -126,8 +126,7 @@ fn alternatives(param: &Param) -> Vec<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::facts::{self, SceneFacts};
-    use crate::draw::planner::Planner;
+    use crate::draw::planner::testing;
 
     #[test]
     fn every_parameter_with_an_exact_value_leaves_it_and_the_others_stay() {
@@ -161,9 +160,7 @@ mod tests {
         let tiled = presets.iter().find(|preset| preset.name == "tiled").expect("it is built in");
         let all = list("tiled", &tiled.params, &["tiled", "key16"]);
         // `tiled` sorts pairs and draws all splats.
-        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
-        let plan = Planner::default().plan("tiled", &[], &facts, &facts::nominal_catalog());
-        let (kept, lines) = with_effect(all.clone(), &plan.expect("a plan"));
+        let (kept, lines) = with_effect(all.clone(), &testing::plan("tiled", &[], 8));
         let left_out: Vec<&Setting> = all.iter().filter(|setting| !kept.contains(setting)).collect();
         assert!(
             left_out.len() > 1 && left_out.iter().all(|s| s.name.starts_with("budget = ")),
