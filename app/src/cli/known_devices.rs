@@ -1,39 +1,25 @@
 //! Describes devices of other machines, from a catalogue of published limits, and from files of facts.
 
 use crate::draw::facts;
+use crate::draw::fit::Target;
 use crate::io::own_file;
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 use splatgraph_framework::ir::{DeviceFacts, Features, Value as Fact};
 use std::path::Path;
 
-/// A device for which graphs can be built.
-#[derive(Clone, Debug, PartialEq)]
-pub struct KnownDevice {
-    pub name: String,
-    pub facts: DeviceFacts,
-    /// Maximum number of storage buffers in one shader; `None` if unknown, or if no graph can exceed the limit.
-    pub storage_buffers: Option<usize>,
-    /// Maximum number of storage images in one shader; `None` if unknown.
-    pub storage_images: Option<usize>,
-    pub source: &'static str,
-}
-
-/// Lists the devices of the catalogue.
+/// Lists the devices of the catalogue, each with the source of its limits.
 ///
 /// An entry for a family of devices has the smallest limits of its members. An unpublished limit is taken from the
 /// least capable supported device.
-pub fn catalogue() -> Vec<KnownDevice> {
+pub fn catalogue() -> Vec<(Target, &'static str)> {
     let portable = facts::portable_device;
     let integers =
         |device: DeviceFacts| DeviceFacts { features: device.features | Features::INT64, ..device };
-    let device = |name: &str, facts, storage_buffers, source| KnownDevice {
-        name: name.to_owned(),
-        facts,
-        storage_buffers,
+    let device = |name: &str, facts, storage_buffers, source| {
         // WebGPU is the only one that lists less than other devices.
-        storage_images: name.starts_with("webgpu").then_some(4),
-        source,
+        let storage_images = name.starts_with("webgpu").then_some(4);
+        (Target { storage_buffers, storage_images, ..Target::new(name, facts) }, source)
     };
     let limits = |lanes, max_storage_bytes, max_invocations, shared_kib: u32| DeviceFacts {
         max_storage_bytes,
@@ -104,8 +90,8 @@ pub fn catalogue() -> Vec<KnownDevice> {
 ///
 /// # Errors
 /// The file cannot be read, or does not contain the facts of a device.
-pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
-    if let Some(found) = catalogue().into_iter().find(|device| device.name == wanted) {
+pub fn find(wanted: &str) -> Result<Option<Target>> {
+    if let Some((found, _)) = catalogue().into_iter().find(|(device, _)| device.name == wanted) {
         return Ok(Some(found));
     }
     let path = Path::new(wanted);
@@ -117,7 +103,7 @@ pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
 }
 
 /// Parses device facts: a list, of which the first device is read, one device, or the facts alone.
-fn from_json(name: &str, text: &[u8]) -> Result<KnownDevice> {
+fn from_json(name: &str, text: &[u8]) -> Result<Target> {
     let value: Value = serde_json::from_slice(text)?;
     let device = match &value {
         Value::Array(all) => all.first().context("expected a device, found an empty list")?,
@@ -129,14 +115,8 @@ fn from_json(name: &str, text: &[u8]) -> Result<KnownDevice> {
     if facts.is_empty() {
         bail!("expected facts, such as {{\"device.subgroup_size\": 32}}, found none");
     }
-    let name = device.get("name").and_then(Value::as_str).unwrap_or(name).to_owned();
-    Ok(KnownDevice {
-        name,
-        facts: read(facts)?,
-        storage_buffers: None,
-        storage_images: None,
-        source: "a file",
-    })
+    let name = device.get("name").and_then(Value::as_str).unwrap_or(name);
+    Ok(Target::new(name, read(facts)?))
 }
 
 /// Reads facts by the names that graphs use. A missing fact is taken from the least capable supported device.
@@ -156,7 +136,7 @@ fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
 }
 
 pub fn list() -> String {
-    let row = |device: KnownDevice| (device.name, device.source.to_owned());
+    let row = |(device, source): (Target, &str)| (device.name, source.to_owned());
     super::help::two_columns(catalogue().into_iter().map(row).collect())
 }
 
@@ -166,7 +146,7 @@ mod tests {
 
     #[test]
     fn the_facts_of_each_device_come_back_from_what_devices_writes_of_them() {
-        for device in catalogue() {
+        for (device, _) in catalogue() {
             let listed = serde_json::json!([{ "name": device.name, "facts": device.facts }]);
             let read = from_json("x.json", listed.to_string().as_bytes()).expect("facts");
             // Vulkan guarantees the basic operations of subgroups, so they have no fact.

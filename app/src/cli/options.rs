@@ -5,7 +5,7 @@ use super::known_devices;
 use super::outcome::Usage;
 use crate::draw::backend::{Api, Backend, Options, Validation};
 use crate::draw::builtin;
-use crate::draw::facts;
+use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::Target;
 use crate::draw::interleaved::Frames;
 use crate::draw::storage;
@@ -17,9 +17,9 @@ use crate::io::report::plot::Plot;
 use crate::io::scene_file;
 use crate::studies::bench;
 use anyhow::{Context, Result, anyhow, bail};
-use splatgraph_api::{BackendError, Heap};
+use splatgraph_api::BackendError;
 use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError, SceneFormat, SceneHeader};
-use splatgraph_framework::ir::{Catalog, DeviceFacts};
+use splatgraph_framework::ir::Catalog;
 use std::collections::HashMap;
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -303,23 +303,26 @@ fn framing_at(scene: &Scene, size: Option<(u32, u32)>) -> Camera {
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }
 
-/// Returns the facts of the named device, or of the least capable supported one; see [`target`].
-pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
-    match wanted {
-        Some(wanted) => Ok(target(Some(wanted))?.facts),
-        None => Ok(facts::portable_device(facts::USUAL_SUBGROUP_SIZE)),
-    }
-}
-
 /// Finds a device in the catalogue or in a file, or else opens the named or the default device of this machine.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
     if let Some(known) = wanted.map(known_devices::find).transpose()?.flatten() {
-        return Ok(Target { name: known.name, facts: known.facts, heap: Heap::default() });
+        return Ok(known);
     }
     let options = Options { device: wanted.map(str::to_owned), ..Default::default() };
-    let device = Backend::open(Api::default(), &options).context("the device's limits are not available")?;
-    let info = splatgraph_api::Device::info(&device);
-    Ok(Target { name: info.name.clone(), facts: info.facts, heap: info.heap })
+    let device = Backend::open(Api::default(), &options).with_context(|| match wanted {
+        Some(wanted) => format!(
+            "expected a device that `splatgraph check --help` lists, a file, or a device of this machine, found `{wanted}`"
+        ),
+        None => "the device's limits are not available".to_owned(),
+    })?;
+    Ok(Target::of(splatgraph_api::Device::info(&device)))
+}
+
+/// Returns the facts and the imports of the scene at `path`, or of the nominal scene.
+pub fn scene_facts(path: Option<&Path>, load: &LoadOptions) -> Result<(SceneFacts, Catalog)> {
+    let Some(path) = path else { return Ok((SceneFacts::NOMINAL, nominal_catalog())) };
+    let scene = load_scene(path, load)?;
+    Ok((SceneFacts::of(&scene), facts::catalog(&scene)))
 }
 
 /// Options of the device.
@@ -385,6 +388,11 @@ impl std::ops::Deref for BackendArgs {
 pub fn that_draws(backend: clap::Arg) -> clap::Arg {
     let help = "Graphics API: `vulkan`, or `metal` on Apple's systems";
     backend.help(help).value_parser(Api::parse_drawing)
+}
+
+/// Describes `--pipeline` of the commands that measure the settings of one graph.
+pub fn that_is_changed(pipeline: clap::Arg) -> clap::Arg {
+    pipeline.help("The graph whose parameters are changed: the name of a built-in one, or a path; presets are measured unchanged")
 }
 
 /// Options of a plan: graph, parameters, cameras and picture size.
@@ -519,6 +527,11 @@ pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
 /// Prints a line of the command's result. A closed pipe is not an error.
 pub fn print(line: &str) -> Result<()> {
     write_text(None, &format!("{line}\n"))
+}
+
+/// Prints text, unless `json`, the file of `--json`, is standard output.
+pub fn print_beside(json: Option<&Path>, text: &str) -> Result<()> {
+    if json.is_some_and(is_standard_output) { Ok(()) } else { write_text(None, text) }
 }
 
 /// Writes text to a file, or to standard output for `None` or `-`. A closed pipe is not an error.

@@ -2,7 +2,7 @@
 
 use super::options;
 use super::outcome::Outcome;
-use crate::draw::facts::{self, SceneFacts};
+use crate::draw::facts;
 use crate::draw::fit::Target;
 use crate::draw::planner::Planner;
 use crate::io::load::LoadOptions;
@@ -14,7 +14,7 @@ use splatgraph_framework::ir::ParamBinding;
 use splatgraph_framework::lower::Control;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph params                              # of the default graph, `auto`, as this device draws it
   splatgraph params splat
   splatgraph params my/graph.ron --scene scene.ply
@@ -56,13 +56,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let files = [Some(Path::new(&args.graph)), args.scene.as_deref(), args.device.as_deref().map(Path::new)];
     options::claim_json(args.json.as_deref(), files.into_iter().flatten().map(|file| ("an input", file)))?;
     let Target { name: device_name, facts: device, .. } = device(args.device.as_deref())?;
-    let (scene, catalog) = match &args.scene {
-        Some(path) => {
-            let scene = options::load_scene(path, &args.load)?;
-            (SceneFacts::of(&scene), facts::catalog(&scene))
-        }
-        None => (SceneFacts::NOMINAL, options::nominal_catalog()),
-    };
+    let (scene, catalog) = options::scene_facts(args.scene.as_deref(), &args.load)?;
     let facts = facts::facts(&scene, &device, facts::DEFAULT_SIZE);
     let mut planner = Planner::default();
     let standing = planner.standing(&args.graph, &facts, &catalog)?;
@@ -138,8 +132,7 @@ mod tests {
     use super::*;
 
     fn controls(graph: &str) -> Vec<Control> {
-        let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-        let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+        let facts = facts::nominal(facts::USUAL_SUBGROUP_SIZE);
         Planner::default().controls(graph, &[], &facts, &options::nominal_catalog()).expect("a graph")
     }
 

@@ -33,7 +33,7 @@ pub struct Wanted<'a> {
     pub size: (u32, u32),
 }
 
-/// A device whose limits a scene should fit.
+/// A device for which graphs are built, and whose limits a scene should fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Target {
     /// The device's name.
@@ -42,13 +42,30 @@ pub struct Target {
     pub facts: DeviceFacts,
     /// The device's memory heap; 0 bytes if unknown.
     pub heap: Heap,
+    /// Maximum number of storage buffers in one shader; `None` if unknown, or if no graph can exceed the limit.
+    #[serde(skip)]
+    pub storage_buffers: Option<usize>,
+    /// Maximum number of storage images in one shader; `None` like `storage_buffers`.
+    #[serde(skip)]
+    pub storage_images: Option<usize>,
 }
 
 impl Target {
     /// Returns the least capable supported device, with unknown memory.
     pub fn nominal() -> Target {
         let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-        Target { name: "the least capable supported device".to_owned(), facts, heap: Heap::default() }
+        Target::new("the least capable supported device", facts)
+    }
+
+    /// Returns a device with these facts, of which nothing else is known.
+    pub fn new(name: &str, facts: DeviceFacts) -> Target {
+        let (storage_buffers, storage_images) = (None, None);
+        Target { name: name.to_owned(), facts, heap: Heap::default(), storage_buffers, storage_images }
+    }
+
+    /// Returns an opened device.
+    pub fn of(device: &DeviceInfo) -> Target {
+        Target { heap: device.heap, ..Target::new(&device.name, device.facts) }
     }
 }
 
@@ -225,7 +242,7 @@ pub fn check_header(
     if !may_exceed(count, facts::DEFAULT_SIZE, &device.facts, &device.heap) {
         return Ok(());
     }
-    let target = Target { name: device.name.clone(), facts: device.facts, heap: device.heap };
+    let target = Target::of(device);
     let catalog = facts::nominal_catalog();
     let scene = facts::SceneFacts {
         count,
@@ -250,7 +267,7 @@ fn loading(bytes: u64) -> String {
 
 impl fmt::Display for Fit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Target { name, facts, heap } = &self.device;
+        let Target { name, facts, heap, .. } = &self.device;
         let limit = facts.max_storage_bytes;
         write!(f, "on {name}, whose storage buffers have at most {}", display(limit))?;
         match (heap.available, heap.bytes) {

@@ -1,18 +1,17 @@
 //! Runs `splatgraph check`: builds graphs, and replays their barriers.
 
+use super::options;
 use super::outcome::Outcome;
 use super::outcome::colour;
-use super::{known_devices, options};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
 use crate::draw::requirements::{self, Case};
 use crate::io::output::{say, say_styled};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde_json::{Value, json};
-use splatgraph_api::Heap;
 use splatgraph_framework::dump;
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Fallback, ReflectedKind, Shader, Unmet};
+use splatgraph_framework::ir::{Catalog, Fallback, ReflectedKind, Shader, Unmet};
 use splatgraph_framework::lower::Standing;
 use splatgraph_framework::oracle;
 use splatgraph_framework::plan::Plan;
@@ -20,7 +19,7 @@ use splatgraph_vulkan::sync::model::{Replay, mutate, replay};
 use splatgraph_vulkan::sync::{self, Barriers};
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph check                        # every built-in graph
   splatgraph check splat my/graph.ron
   splatgraph check splat --splats 5000000
@@ -70,10 +69,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     } else {
         args.graphs.iter().map(String::as_str).collect()
     };
-    let devices = args.device.iter().map(|device| On::named(device)).collect::<Result<Vec<_>>>()?;
-    let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
+    let devices =
+        args.device.iter().map(|device| options::target(Some(device))).collect::<Result<Vec<_>>>()?;
+    let (nominal, smallest) = (Target::nominal(), facts::SUBGROUP_SIZES.map(smallest));
     // Each named device is checked on its own; the smallest device is checked with all subgroup widths together.
-    let groups: Vec<&[On]> = if devices.is_empty() { vec![&smallest] } else { devices.chunks(1).collect() };
+    let groups: Vec<On> = match devices.is_empty() {
+        true => vec![On::Smallest(&smallest)],
+        false => devices.iter().map(On::Named).collect(),
+    };
     // One planner, because graphs share most of their shaders.
     let mut planner = Planner::default();
     let mut outcome = Outcome::Done;
@@ -90,7 +93,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         if !matches!(result, Ok(Verdict::Right(_))) {
             outcome = Outcome::Failed;
         }
-        let device = on[0].is_named.then_some(on[0].name.as_str());
+        let (device, target) = match on {
+            On::Named(device) => (Some(device.name.as_str()), device),
+            On::Smallest(_) => (None, &nominal),
+        };
         if args.json.is_some() {
             all.push(as_json(graph, device, &result, warnings, &without_effect));
             continue;
@@ -109,8 +115,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             }
             Err(errors) => {
                 say_styled(&format!("{}\n", errors.text(colour()).trim_end()));
-                let target = on[0].target();
-                if let Some(fit) = too_large(&mut planner, graph, &args.set, args.splats.into(), &target) {
+                if let Some(fit) = too_large(&mut planner, graph, &args.set, args.splats.into(), target) {
                     say(fit);
                 }
                 let errors = if errors.found.len() == 1 { "an error" } else { "errors" };
@@ -124,64 +129,30 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// A device for which graphs are checked.
-struct On {
-    /// Name of the device; for the least capable supported device, its number of lanes in a subgroup.
-    name: String,
-    facts: DeviceFacts,
-    storage_buffers: Option<usize>,
-    storage_images: Option<usize>,
-    /// True if the command line names the device: unmet requirements are then errors.
-    is_named: bool,
+/// The devices for which a graph is checked together.
+#[derive(Clone, Copy)]
+enum On<'a> {
+    /// A device of the command line: unmet requirements are errors.
+    Named(&'a Target),
+    /// The least capable supported device, with each subgroup width.
+    Smallest(&'a [Target]),
 }
 
-impl On {
-    fn smallest(lanes: u32) -> On {
-        let facts = facts::portable_device(lanes);
-        On { name: lanes.to_string(), facts, storage_buffers: None, storage_images: None, is_named: false }
-    }
+/// Returns the least capable supported device, named after the number of lanes in a subgroup.
+fn smallest(lanes: u32) -> Target {
+    Target::new(&lanes.to_string(), facts::portable_device(lanes))
+}
 
-    fn named(device: &str) -> Result<On> {
-        let Some(known) = known_devices::find(device)? else {
-            let expected =
-                "a device that `splatgraph check --help` lists, a file, or a device of this machine";
-            let found = options::target(Some(device))
-                .with_context(|| format!("expected {expected}, found `{device}`"))?;
-            return Ok(On {
-                name: found.name,
-                facts: found.facts,
-                storage_buffers: None,
-                storage_images: None,
-                is_named: true,
-            });
-        };
-        Ok(On {
-            name: known.name,
-            facts: known.facts,
-            storage_buffers: known.storage_buffers,
-            storage_images: known.storage_images,
-            is_named: true,
-        })
-    }
-
-    fn target(&self) -> Target {
-        match self.is_named {
-            true => Target { name: self.name.clone(), facts: self.facts, heap: Heap::default() },
-            false => Target::nominal(),
-        }
-    }
-
-    /// Describes the shaders that bind more storage buffers or images than the device allows; `None` if there are none.
-    fn exceeded(&self, plan: &Plan) -> Option<String> {
-        let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
-        let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
-        exceeded(plan, self.storage_buffers, "storage buffers", is_buffer)
-            .or_else(|| exceeded(plan, self.storage_images, "storage images", is_image))
-    }
+/// Describes the shaders that bind more storage buffers or images than the device allows; `None` if there are none.
+fn exceeded(device: &Target, plan: &Plan) -> Option<String> {
+    let is_image = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageImage { .. });
+    let is_buffer = |kind: &ReflectedKind| matches!(kind, ReflectedKind::StorageBuffer { .. });
+    exceeded_of(plan, device.storage_buffers, "storage buffers", is_buffer)
+        .or_else(|| exceeded_of(plan, device.storage_images, "storage images", is_image))
 }
 
 /// Describes the shaders that bind more than `most` resources of a kind; `None` if there are none.
-fn exceeded(
+fn exceeded_of(
     plan: &Plan,
     most: Option<usize>,
     what: &str,
@@ -256,39 +227,42 @@ fn check(
     graph: &str,
     set: &[(String, String)],
     splats: u64,
-    devices: &[On],
+    on: On,
     warn: &mut dyn FnMut(Warning),
 ) -> CheckResult {
     let (catalog, scene) = nominal(splats);
-    let case = |on: &On| Case { device: on.facts, scene, size: facts::DEFAULT_SIZE };
+    let (devices, is_named) = match on {
+        On::Named(device) => (std::slice::from_ref(device), true),
+        On::Smallest(widths) => (widths, false),
+    };
+    let case = |device: &Target| Case { device: device.facts, scene, size: facts::DEFAULT_SIZE };
     let cases: Vec<Case> = devices.iter().map(case).collect();
-    let is_named = devices.iter().any(|on| on.is_named);
     let mut checked = Checked { set, is_named, ..Checked::default() };
     let mut drawn = Vec::new();
     let mut unsuited = Lines::default();
-    for (on, case) in devices.iter().zip(&cases) {
+    for (device, case) in devices.iter().zip(&cases) {
         let facts = case.facts();
         let standing = planner.standing(graph, &facts, &catalog)?;
         let (is_unmet, index) = (!standing.unmet.is_empty(), standing.fallbacks.len());
         let fallback = lacking(standing);
         if let Some(line) = fallback.clone().filter(|_| is_unmet) {
-            if on.is_named {
+            if is_named {
                 return Ok(Verdict::Lacking(line));
             }
-            unsuited.add(&on.name, line);
+            unsuited.add(&device.name, line);
             continue;
         }
         drawn.push(index);
         let plan = planner.plan(graph, set, &facts, &catalog)?;
-        if let Some(line) = on.exceeded(&plan) {
+        if let Some(line) = exceeded(device, &plan) {
             return Ok(Verdict::Lacking(line));
         }
-        let line = match checked.plan(planner, plan, &on.name, warn) {
+        let line = match checked.plan(planner, plan, &device.name, warn) {
             Ok(line) => line,
             Err(violations) => return Ok(Verdict::Wrong(violations)),
         };
         let line = fallback.map_or(line.clone(), |fallback| format!("{fallback}; {line}"));
-        checked.lines.add(&on.name, line);
+        checked.lines.add(&device.name, line);
     }
     let verdict = if drawn.is_empty() { "not for the least capable supported device" } else { "OK" };
     checked.lines.0.append(&mut unsuited.0);

@@ -1,8 +1,9 @@
 use super::*;
+use crate::draw::planner::testing;
 
 fn checked(planner: &mut Planner, graph: &str, splats: u64) -> CheckResult {
-    let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
-    check(planner, graph, &[], splats, &smallest, &mut |_| {})
+    let smallest = facts::SUBGROUP_SIZES.map(smallest);
+    check(planner, graph, &[], splats, On::Smallest(&smallest), &mut |_| {})
 }
 
 fn right(result: CheckResult) -> String {
@@ -16,8 +17,8 @@ fn right(result: CheckResult) -> String {
 fn what_a_named_device_lacks_is_an_error_that_names_the_need() {
     let planner = &mut Planner::default();
     let mut on = |graph: &str, device: &str| {
-        let device = On::named(device).expect("a device of the catalogue");
-        check(planner, graph, &[], 1_000_000, &[device], &mut |_| {}).expect("no error")
+        let device = options::target(Some(device)).expect("a device of the catalogue");
+        check(planner, graph, &[], 1_000_000, On::Named(&device), &mut |_| {}).expect("no error")
     };
     let lacking = |verdict: Verdict| match verdict {
         Verdict::Lacking(line) => line,
@@ -40,20 +41,15 @@ fn what_a_named_device_lacks_is_an_error_that_names_the_need() {
             "{device}: {verdict:?}"
         );
     }
-    let error = On::named("no-such-device").err().expect("there is none").to_string();
+    let error = options::target(Some("no-such-device")).expect_err("there is none").to_string();
     assert!(error.ends_with("found `no-such-device`"), "{error}");
-}
-
-fn plan(lanes: u32) -> Plan {
-    let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
-    Planner::default().plan("splat", &[], &facts, &options::nominal_catalog()).expect("a plan")
 }
 
 #[test]
 fn the_plans_that_are_verified_have_both_sorts() {
     for (lanes, sort) in [(4, "serial"), (8, "serial"), (16, "subgroup"), (32, "subgroup"), (64, "subgroup")]
     {
-        let plan = plan(lanes);
+        let plan = testing::plan("splat", &[], lanes);
         let sorter = plan.params.iter().find(|param| param.name == "sorter").expect("a parameter");
         assert_eq!(sorter.value.to_string(), sort, "{lanes} lanes");
         assert!(verify(&plan, &sync::barriers(&plan).expect("some")).is_ok(), "{lanes} lanes");
@@ -193,7 +189,7 @@ fn json_has_the_place_of_a_mistake_and_what_helps() {
 
 #[test]
 fn a_barrier_too_few_and_a_barrier_too_many_fail() {
-    let plan = plan(8);
+    let plan = testing::plan("splat", &[], 8);
     let barriers = sync::barriers(&plan).expect("some");
     let at = plan.frame.iter().position(|pass| !barriers.at(Some(*pass)).is_empty());
     let at = Some(plan.frame[at.expect("a barrier")]);

@@ -3,7 +3,8 @@
 use super::options;
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend;
-use crate::draw::facts::{self, SceneFacts};
+use crate::draw::facts;
+use crate::draw::fit::Target;
 use crate::draw::planner::Planner;
 use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, say};
@@ -14,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 mod times;
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph dump splat                                    # passes, barriers and resources
   splatgraph dump splat --format html -o splat.html        # a page to click through, in any browser
   splatgraph dump digit4 --scene scene.ply --size 1920x1080
@@ -145,18 +146,17 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut guard = guard(args)?;
     // Building the plan takes longer.
     let times = args.times.as_deref().map(times::load).transpose()?;
-    let (scene, catalog) = match &args.scene {
-        Some(path) => {
-            let scene = options::load_scene(path, &args.load)?;
-            (SceneFacts::of(&scene), facts::catalog(&scene))
-        }
-        None => (SceneFacts::NOMINAL, options::nominal_catalog()),
+    let (scene, catalog) = options::scene_facts(args.scene.as_deref(), &args.load)?;
+    let (device, note) = match &args.device {
+        Some(wanted) => (options::target(Some(wanted))?, ""),
+        None => (Target::nominal(), "; --device names another"),
     };
-    let device = options::device_facts(args.device.as_deref())?;
-    let facts = facts::facts(&scene, &device, args.size);
+    let note = format!("the plan is for {}{note}", device.name);
+    let facts = facts::facts(&scene, &device.facts, args.size);
     let mut planner = Planner::default();
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
-        let plan = planner.plan(graph, set, &facts, &catalog)?;
+        let plan = planner.plan(graph, set, &facts, &catalog);
+        let plan = plan.map_err(|errors| errors.with_device(&note))?;
         let dump = backend::dump(&plan);
         Ok(if args.backend == Api::Metal { backend::add_metal_encoders(dump, &plan) } else { dump })
     };
@@ -290,6 +290,32 @@ mod tests {
         assert_eq!(metal["totals"]["frame_passes"], json!(encoded + 1));
         vulkan["encoders"] = metal["encoders"].clone();
         assert_eq!(metal, vulkan, "the plan is the same");
+    }
+
+    #[test]
+    fn an_error_about_a_limit_names_the_device_that_has_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let graph = folder.path().join("large.ron");
+        let text = r#"Graph(version: 1, summary: "", output: "image",
+            resources: { "image": Image(format: "rgba8", size: (8, 8)), "big": Buffer(stride: 4, count: 50000000) },
+            passes: [Dispatch(name: "paint", shader: "paint.comp", size: Groups(1), bind: { "image": "image", "Big": "big" })])"#;
+        let shader = "#version 460\nlayout(local_size_x = 1) in;\n\
+            layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;\n\
+            layout(set = 0, binding = 1, std430) writeonly buffer Big { uint big[]; };\n\
+            void main() { big[0] = 1; imageStore(image, ivec2(0), vec4(1)); }\n";
+        std::fs::write(&graph, text).expect("written");
+        std::fs::write(folder.path().join("paint.comp"), shader).expect("written");
+        let refused = |words: &str| dumped(folder.path(), words).unwrap_err().to_string();
+        let graph = graph.display();
+        let nominal = "the plan is for the least capable supported device; --device names another";
+        for (words, device) in
+            [(format!("{graph}"), nominal), (format!("{graph} --device webgpu"), "the plan is for webgpu")]
+        {
+            let error = refused(&words);
+            assert!(error.contains("binds at most 128") && error.ends_with(device), "{error}");
+        }
+        let error = refused("splat --set digit_bitz=4");
+        assert!(!error.contains("the plan is for"), "{error}");
     }
 
     #[test]
