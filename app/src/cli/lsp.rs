@@ -5,7 +5,7 @@ use crate::lsp;
 use anyhow::{Context, Result};
 use lsp_server::Connection;
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph lsp                          # an editor runs this; docs/editors.md has settings for VS Code, Helix and Neovim
   splatgraph check my.ron --json          # the same diagnostics, once";
 

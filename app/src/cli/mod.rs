@@ -33,6 +33,7 @@ mod popping;
 mod render;
 mod scenes;
 mod source;
+mod stdout;
 mod sweep;
 mod synth;
 mod threads;
@@ -295,25 +296,17 @@ fn command(arguments: &[OsString]) -> clap::Command {
         return command;
     }
     let presets = preset_list();
-    let with_presets =
-        |c: clap::Command, examples: &str| c.after_long_help(format!("{examples}\n\n{presets}"));
-    #[cfg(feature = "window")]
-    let command = command.mut_subcommand("view", |c| with_presets(c, view::EXAMPLES));
-    command
-        .mut_subcommand("render", |c| with_presets(c, render::EXAMPLES))
-        .mut_subcommand("video", |c| with_presets(c, video::EXAMPLES))
-        .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
-        .mut_subcommand("check", |c| {
-            let devices = format!("{}\n\nDevices:\n{}", check::EXAMPLES, known_devices::list());
-            with_presets(c, &devices)
-        })
-        .mut_subcommand("info", |c| with_presets(c, info::EXAMPLES))
-        .mut_subcommand("convert", |c| {
-            c.after_long_help(format!("{}\n\n{}", convert::EXAMPLES, convert::format_list()))
-        })
-        .mut_subcommand("synth", |c| {
-            c.after_long_help(format!("{}\n\n{}", synth::EXAMPLES, synth::generator_list()))
-        })
+    command.mut_subcommands(|command| {
+        let list = match command.get_name() {
+            "view" | "render" | "video" | "dump" | "info" => presets.clone(),
+            "check" => format!("Devices:\n{}\n\n{presets}", known_devices::list()),
+            "convert" => convert::format_list(),
+            "synth" => synth::generator_list(),
+            _ => return command,
+        };
+        let examples = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        command.after_long_help(format!("{examples}\n\n{list}"))
+    })
 }
 
 fn preset_list() -> String {

@@ -5,7 +5,7 @@ use super::outcome::Outcome;
 use crate::draw::builtin;
 use anyhow::{Result, bail};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph source                            # every name, with a line on each
   splatgraph source splat                      # the graph of the preset `splat`
   splatgraph source parts/sort                 # a part that graphs include

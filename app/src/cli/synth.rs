@@ -1,11 +1,12 @@
 //! Runs `splatgraph synth`: generates scenes.
 
 use super::outcome::{Outcome, Usage, refuse_without};
+use super::stdout::Stdout;
 use super::{look_at, options};
 use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::load::LoadOptions;
-use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, note};
 use crate::io::{own_file, scene_file};
 use anyhow::{Context, Result};
 use splatgraph_assets::{Camera, Dataset, grouped, synth};
@@ -14,7 +15,7 @@ use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph synth                                         # the list
   splatgraph synth demo -o demo.ply --cameras demo.cameras.json
   splatgraph synth ring -o ring.glb                        # a mesh to draw beside it
@@ -165,11 +166,7 @@ fn write_mesh(output: &Path) -> Result<Outcome> {
     output::write_bytes(output, &bytes)?;
     let (triangles, length) = (grouped(mesh.triangles.len() as u64), grouped(bytes.len() as u64));
     let line = format!("{}: {triangles} triangles, {length} bytes", output.display());
-    if is_standard_output(output) {
-        say(line)
-    } else {
-        note(line)
-    }
+    Stdout::of([output]).line(&line)?;
     Ok(Outcome::Done)
 }
 
@@ -232,16 +229,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     let Some(output) = &args.output else { return Ok(Outcome::Done) };
-    let data_on_stdout =
-        [args.output.as_deref(), args.cameras.as_deref()].into_iter().flatten().any(is_standard_output);
-    let tell = |line: String| if data_on_stdout { say(line) } else { note(line) };
+    let stdout = Stdout::of([args.output.as_deref(), args.cameras.as_deref()].into_iter().flatten());
     output::write(output, |mut out| Ok(scene.write_ply_to(&mut out)?))?;
-    tell(format!(
-        "{}: {}, {} bytes",
-        output.display(),
-        scene_file::splats(scene.count().into()),
-        grouped(scene.size_breakdown().file_bytes)
-    ));
+    let (splats, bytes) = (scene_file::splats(scene.count().into()), scene.size_breakdown().file_bytes);
+    stdout.line(&format!("{}: {splats}, {} bytes", output.display(), grouped(bytes)))?;
     if args.cameras.is_none() && cameras.is_some() && !is_standard_output(output) {
         let path = output.with_extension("cameras.json");
         note(format!("its cameras, which other commands find beside it: add --cameras {}", path.display()));
@@ -250,7 +241,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         // The scene file is in world coordinates, and so are COLMAP cameras.
         let world = cameras.iter().map(|camera| camera.in_world(scene.offset()));
         options::write_json(path, &serde_json::to_value(world.collect::<Vec<_>>())?)?;
-        tell(format!("{}: {} cameras", path.display(), cameras.len()));
+        stdout.line(&format!("{}: {} cameras", path.display(), cameras.len()))?;
     }
     Ok(Outcome::Done)
 }

@@ -26,7 +26,7 @@ use splatgraph_framework::reload::Content;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph view                                        # the demo scene
   splatgraph view scene.ply --cameras cameras.json
   splatgraph view scene.ply --pipeline my/graph.ron      # edit the file and its shaders, and see

@@ -5,8 +5,9 @@ mod price;
 
 use super::options;
 use super::outcome::{Outcome, Usage};
+use super::stdout::Stdout;
 use crate::io::load::LoadOptions;
-use crate::io::output::{OutputGuard, is_standard_output, note, say};
+use crate::io::output::{OutputGuard, is_standard_output};
 use crate::io::progress::Progress;
 use crate::io::scene_file::{self, Original};
 use anyhow::Result;
@@ -18,7 +19,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph convert scene.ply scene.spz
   splatgraph convert scene.spz scene.ply
   splatgraph convert scene.ply scene.compressed.ply --degree 1
@@ -117,25 +118,24 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let bytes = scene_file::write(&scene, format, version, &tell, output)?;
     drop(progress);
 
-    let tell = |line: String| if is_standard_output(output) { say(line) } else { note(line) };
+    let stdout = Stdout::of([output]);
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));
-    tell(format!(
-        "{path}: {from}, {} of degree {}, {size} bytes",
-        scene_file::splats(before.count),
-        before.degree
-    ));
+    let splats = scene_file::splats(before.count);
+    stdout.line(&format!("{path}: {from}, {splats} of degree {}, {size} bytes", before.degree))?;
     if bytes == 0 {
         // Every format has a header.
-        tell(format!("{}: the reader closed the pipe before the end of the scene", output.display()));
+        let output = output.display();
+        stdout.line(&format!("{output}: the reader closed the pipe before the end of the scene"))?;
         return Ok(Outcome::Done);
     }
     let percent = 100.0 * bytes as f64 / before.file_bytes.max(1) as f64;
     let (path, to) = (output.display(), format.extension());
     let count = u64::from(scene.count());
     let splats = if count == before.count { String::new() } else { scene_file::splats(count) + ", " };
-    tell(format!("{path}: {to}, {splats}{} bytes, {percent:.1} % of the original", grouped(bytes)));
+    let size = grouped(bytes);
+    stdout.line(&format!("{path}: {to}, {splats}{size} bytes, {percent:.1} % of the original"))?;
     for loss in before.losses(&scene, format) {
-        tell(format!("  lost: {loss}"));
+        stdout.line(&format!("  lost: {loss}"))?;
     }
     Ok(Outcome::Done)
 }

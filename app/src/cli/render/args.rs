@@ -1,7 +1,6 @@
 //! Defines the arguments of `splatgraph render`, and checks them before anything is loaded.
 
 use super::destination::{self, Destination, Output, per_camera, stem};
-use super::stdout::Stdout;
 use crate::cli::cameras;
 use crate::cli::help;
 use crate::cli::job::ShardArgs;
@@ -9,6 +8,7 @@ use crate::cli::look_at::LookAtArgs;
 use crate::cli::options::{self, DeviceArgs, Drawing, MemoryArgs};
 use crate::cli::outcome::Usage;
 use crate::cli::scenes::ScenesArgs;
+use crate::cli::stdout::Stdout;
 use crate::draw::backend::Api;
 use crate::draw::outputs::NAMES;
 use crate::draw::truth::rule_list;
@@ -21,7 +21,7 @@ use splatgraph_assets::{Camera, Projection};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --format npy
   splatgraph render scene.ply --cameras cameras.json#2 --size 1920x1080 -o out.exr

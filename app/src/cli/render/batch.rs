@@ -5,7 +5,7 @@
 
 use super::destination::{Destination, per_camera};
 use super::kept::Kept;
-use super::stdout::Stdout;
+use crate::cli::stdout::Stdout;
 use crate::draw::outputs::{self, Output};
 use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, image_of};

@@ -12,13 +12,12 @@ mod destination;
 mod drawer;
 mod frames;
 mod kept;
-mod stdout;
 mod views;
 
 use destination::Destination;
 use drawer::Drawer;
 
-pub(super) use args::{Args, EXAMPLES, Renderer, prepare, refuse_graph_options, renderer};
+pub(super) use args::{Args, Renderer, prepare, refuse_graph_options, renderer};
 pub(super) use frames::prepare_plan;
 pub(super) use views::{COMMAND, Views};
 

@@ -8,6 +8,7 @@ use super::options::{self, BackendArgs, Drawing};
 use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
+use super::stdout::Stdout;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::Orbit;
@@ -15,7 +16,7 @@ use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
 use crate::io::image;
-use crate::io::output::{self, OutputGuard, is_standard_output, names, note, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
 use crate::io::progress::Progress;
 use crate::studies::measurement::plans;
 use anyhow::{Context, Result, anyhow, bail};
@@ -26,7 +27,7 @@ use splatgraph_assets::{Camera, Projection, Scene, grouped};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "Examples:
   splatgraph video -o turn.gif --size 480x270 --fps 15             # once around the demo scene
   splatgraph video scene.ply --orbit 240 -o frames/                # a PNG per frame; the same command again goes on
   splatgraph video scene.ply -c path-1.cameras.json --seconds 8 -o film.apng   # keys that K recorded in the viewer
@@ -276,7 +277,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     if let Some((drawn, ms)) = told {
         let line = job.summary(drawn, began.elapsed().as_secs_f64(), ms);
-        if is_standard_output(&args.output) { say(line) } else { note(line) }
+        Stdout::of([args.output.as_path()]).line(&line)?;
     }
     Ok(outcome::validated(args.device.validate, &session.into_device().close()))
 }

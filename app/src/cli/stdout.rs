@@ -1,6 +1,6 @@
 //! Keeps printed lines out of a file that goes to standard output.
 
-use crate::cli::options;
+use super::options;
 use crate::io::output::{is_standard_output, note, say};
 use anyhow::Result;
 use std::path::Path;
@@ -16,7 +16,9 @@ pub enum Stdout {
 }
 
 impl Stdout {
-    pub fn of<'a>(mut files: impl Iterator<Item = &'a Path>) -> Stdout {
+    /// Returns what standard output is for in a command that writes these files.
+    pub fn of<'a>(files: impl IntoIterator<Item = &'a Path>) -> Stdout {
+        let mut files = files.into_iter();
         let Some(first) = files.next() else { return Stdout::Product };
         match is_standard_output(first) || files.any(is_standard_output) {
             true => Stdout::File,
