@@ -10,6 +10,7 @@ use crate::draw::planner::{Planner, without_effect};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, say};
+use crate::io::report::plot::Plot;
 use crate::studies::bench::report::{Origin, Report, size_text};
 use crate::studies::bench::{Wanted, copy_limit, plot, sort, study, table};
 use crate::studies::study::{Setting, Subject};
@@ -115,18 +116,11 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &mut Work
         let path = args.scenes.get(index).map(PathBuf::as_path);
         measure_scene(args, device, &mut work.guard, (path, given.clone()), &mut report)?;
     }
-    show(args, &table::tables(&report))?;
-    write_json(args, &report, true)?;
-    if let Some(folder) = &args.output {
-        output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
-        for (scene, stem) in report.scenes.iter().zip(&work.stems) {
-            let plots = plot::plots(&report, &scene.scene, &args.splats, &args.sizes());
-            for (name, plot) in plot::names(stem, &args.splats, &args.sizes()).iter().zip(plots) {
-                options::write_plot(&plot, folder, name)?;
-            }
-        }
-        say(format!("all numbers are in {}", folder.join(CSV).display()));
-    }
+    let plots = report.scenes.iter().zip(&work.stems).flat_map(|(scene, stem)| {
+        let plots = plot::plots(&report, &scene.scene, &args.splats, &args.sizes());
+        plot::names(stem, &args.splats, &args.sizes()).into_iter().zip(plots)
+    });
+    finish(args, (&table::tables(&report), &report.csv()), &report, plots)?;
     Ok(report.drawn().next().is_some())
 }
 
@@ -135,15 +129,8 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     let usual = sort::usual_pairs();
     let pairs = if args.pairs.is_empty() { &usual } else { &args.pairs };
     let report = sort::measure(device, pairs, origin, &mut Console::default())?;
-    show(args, &report.table())?;
-    write_json(args, &report, true)?;
-    if let Some(folder) = &args.output {
-        output::write_bytes(&folder.join(CSV), report.csv().as_bytes())?;
-        if let Some(plot) = report.plot() {
-            options::write_plot(&plot, folder, SORT_PLOT)?;
-        }
-        say(format!("all numbers are in {}", folder.join(CSV).display()));
-    }
+    let plot = report.plot().map(|plot| (SORT_PLOT.to_owned(), plot));
+    finish(args, (&report.table(), &report.csv()), &report, plot)?;
     Ok(!report.is_empty())
 }
 
@@ -191,12 +178,23 @@ fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     }
 }
 
-fn show(args: &Args, text: &str) -> Result<()> {
-    if args.json.as_deref().is_some_and(is_standard_output) {
-        say(text.trim_end());
-        return Ok(());
+/// Prints the tables, beside JSON on standard output to standard error, and writes all files. Plots have their names.
+fn finish(
+    args: &Args,
+    (text, csv): (&str, &str),
+    report: &impl Serialize,
+    plots: impl IntoIterator<Item = (String, Plot)>,
+) -> Result<()> {
+    match args.json.as_deref().is_some_and(is_standard_output) {
+        true => say(text.trim_end()),
+        false => options::write_text(None, text)?,
     }
-    options::write_text(None, text)
+    write_json(args, report, true)?;
+    let Some(folder) = &args.output else { return Ok(()) };
+    output::write_bytes(&folder.join(CSV), csv.as_bytes())?;
+    plots.into_iter().try_for_each(|(name, plot)| options::write_plot(&plot, folder, &name))?;
+    say(format!("all numbers are in {}", folder.join(CSV).display()));
+    Ok(())
 }
 
 /// Measures a scene, or the demo scene, for all numbers of splats and sizes, and adds the rows to `report`.

@@ -14,7 +14,8 @@ pub mod sort;
 mod study;
 pub mod table;
 
-pub use study::{Wanted, copy_limit, study};
+pub use limit::copy_limit;
+pub use study::{Wanted, study};
 
 /// Names of the graphs that measurements draw in addition to the candidates.
 pub const GRAPHS: [&str; 2] = [limit::GRAPH, sort::GRAPH];

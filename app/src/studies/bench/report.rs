@@ -1,6 +1,6 @@
 //! Stores the numbers of a run, as JSON and as CSV.
 
-use super::limit::CopyLimit;
+use super::limit::{CopyLimit, is_cpu};
 use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
 use crate::io::report::text::quoted;
@@ -51,11 +51,6 @@ impl Origin {
             set: set.to_vec(),
         }
     }
-}
-
-/// Returns true if the device is a CPU.
-pub fn is_cpu(device: &DeviceInfo) -> bool {
-    device.kind == "cpu"
 }
 
 /// A scene that was drawn.

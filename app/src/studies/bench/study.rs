@@ -1,12 +1,8 @@
 //! Measures candidates on a scene, for several numbers of splats and picture sizes.
 
-use super::limit::{self, CopyLimit};
 use super::measure::Bench;
-use super::report::{Report, Row, SceneOrigin, is_cpu, size_text};
-use crate::draw::backend::Backend;
-use crate::draw::interleaved::Frames;
+use super::report::{Report, Row, SceneOrigin, size_text};
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, grouped, synth};
 use std::sync::Arc;
 
@@ -19,26 +15,6 @@ pub struct Wanted {
     pub splats: Vec<u32>,
     /// Sizes of the pictures; `None` for the size of each camera.
     pub sizes: Vec<Option<(u32, u32)>>,
-}
-
-/// Measures the copy limit of a device. If that fails, the listener gets the reason, and the result is `None`.
-///
-/// Also `None` without timestamps, and on a CPU, where passes may be served by caches that the copy does not fit in.
-///
-/// # Errors
-/// The device fails.
-pub fn copy_limit(
-    device: &Backend,
-    frames: Frames,
-    listener: &mut dyn Listener,
-) -> Result<Option<CopyLimit>, StudyError> {
-    if is_cpu(device.info()) {
-        return Ok(None);
-    }
-    Ok(limit::measure(device, frames, limit::no_scene()?)?.unwrap_or_else(|why| {
-        listener.say(&format!("the copy limit cannot be measured: {why}"));
-        None
-    }))
 }
 
 /// Measures candidates on a scene, and adds them to a report. Calls `kept` after each number of splats and size.
