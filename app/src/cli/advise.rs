@@ -1,8 +1,7 @@
 //! Runs `splatgraph advise`: reports what a scene needs, and finds the fastest setting within a budget.
 
-use super::cameras;
 use super::console::Console;
-use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
+use super::options::{self, BackendArgs, DEFAULT_PIPELINE, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
 use crate::draw::{fit, planner};
@@ -37,6 +36,9 @@ use std::path::{Path, PathBuf};
 /// noise.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("backend", options::that_draws))]
+#[command(mut_arg("pipeline", options::that_is_changed))]
+#[command(mut_arg("set", |arg| arg.help("Fix a parameter of the graph in every setting; may be repeated")))]
+#[command(mut_arg("cameras", |arg| arg.help(CAMERAS).long_help(None)))]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # a report on the scene
   splatgraph advise scene.ply -c cameras.json --psnr 45      # the fastest setting with 45 dB in every view
@@ -45,18 +47,8 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
-    /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are measured unchanged
-    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
-    pipeline: String,
-    /// Fix a parameter of the graph in every setting; may be repeated
-    #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
-    set: Vec<(String, String)>,
-    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: four around the first camera beside the scene, or around the scene]
-    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
-    cameras: Option<String>,
-    /// Size of the pictures [default: the cameras']
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
-    size: Option<(u32, u32)>,
+    #[command(flatten)]
+    drawing: Drawing,
     /// Lowest allowed PSNR of any view against the exact renderer, in decibels
     #[arg(long, value_name = "DB", value_parser = positive)]
     psnr: Option<f64>,
@@ -77,6 +69,8 @@ pub struct Args {
     load: LoadOptions,
 }
 
+const CAMERAS: &str = "Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: four around the first camera beside the scene, or around the scene]";
+
 fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
     number.ok_or_else(|| "expected a number above 0".into())
@@ -85,20 +79,19 @@ fn positive(text: &str) -> Result<f64, String> {
 const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = cameras::load_sized(args.cameras.as_deref(), args.scene.as_deref(), args.size)?;
+    let given = args.drawing.cameras(args.scene.as_deref())?;
     let mut guard = guard(args)?;
-    let sampled = args.cameras.is_none();
+    let sampled = args.drawing.cameras.is_none();
     let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);
     let scene = args.scene.as_deref();
     let (scene, mut cameras) =
-        options::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.size)?;
+        options::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.drawing.size)?;
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
     let found = describe(&scene, &cameras, args.errors);
     let name = options::scene_name(args.scene.as_deref());
-    let silent = args.json.as_deref().is_some_and(crate::io::output::is_standard_output);
-    let tell = |text: &str| if silent { Ok(()) } else { options::write_text(None, text) };
+    let tell = |text: &str| options::print_beside(args.json.as_deref(), text);
     let Description { report, keys, bands } = &found;
     tell(&format!("{name}: {report}{}{}", keys_text(keys, args.errors), bands_text(bands)))?;
 
@@ -108,12 +101,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if budget != Budget::default() {
         let device = args.device.open()?;
         if let Some(path) = &args.scene {
-            fit::check_header(path, &args.load, device.info(), &args.pipeline, &args.set)?;
+            fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
         }
         let subject = Subject { device: &device, name, scene: scene.into(), cameras };
-        let setting = Setting::of_graph(&args.pipeline, &args.set);
+        let setting = Setting::of_graph(&args.drawing.pipeline, &args.drawing.set);
         claim_graph_files(&mut guard, &subject.check(&[setting])?)?;
-        let (pipeline, set) = (args.pipeline.clone(), args.set.clone());
+        let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
         let wanted = Wanted { pipeline, set, budget, frames: args.effort.frames() };
         let advice = study(&subject, keys, &wanted, &mut Console::default())?;
         let (Advice { tried, unsure, .. }, Best { found, hidden }) = (&advice, advice.best());
@@ -138,8 +131,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
-    let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
-    guard.input("the graph", Path::new(&args.pipeline))?;
+    let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
+    guard.input("the graph", Path::new(&args.drawing.pipeline))?;
     args.json.iter().try_for_each(|path| guard.output("--json", path))?;
     Ok(guard)
 }
@@ -242,8 +235,11 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     }
     args.load.level.iter().for_each(|level| ["--level", &level.to_string()].into_iter().for_each(&mut add));
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
-    args.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
-    args.size.iter().for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
+    args.drawing.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
+    args.drawing
+        .size
+        .iter()
+        .for_each(|(w, h)| ["--size", &format!("{w}x{h}")].into_iter().for_each(&mut add));
     if found.setting.pipeline != DEFAULT_PIPELINE {
         ["--pipeline", &found.setting.pipeline].into_iter().for_each(&mut add);
     }

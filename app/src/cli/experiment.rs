@@ -72,27 +72,23 @@ const WIDTH: u32 = 640;
 
 impl Args {
     fn output(&self) -> PathBuf {
-        self.kind.common().output.clone().unwrap_or_else(|| self.kind.page().into())
+        let (common, _, page) = self.kind.parts();
+        common.output.clone().unwrap_or_else(|| page.into())
     }
 }
 
 impl Kind {
-    fn common(&self) -> &Common {
+    /// Returns the options, the study, and the default name of the page.
+    fn parts(&self) -> (&Common, experiment::Kind, &'static str) {
         match self {
-            Kind::Order(common) | Kind::Sh(common) => common,
-        }
-    }
-
-    fn page(&self) -> &'static str {
-        match self {
-            Kind::Order(_) => "experiment-order.html",
-            Kind::Sh(_) => "experiment-sh.html",
+            Kind::Order(common) => (common, experiment::Kind::Order, "experiment-order.html"),
+            Kind::Sh(common) => (common, experiment::Kind::Sh, "experiment-sh.html"),
         }
     }
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let common = args.kind.common();
+    let (common, kind, _) = args.kind.parts();
     let output = args.output();
     let given = cameras::load(common.cameras.as_deref(), common.scene.as_deref())?;
     let mut guard = guard(args)?;
@@ -111,10 +107,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let name = options::scene_name(common.scene.as_deref());
     let subject = Subject { device: &device, name, scene: scene.into(), cameras };
     claim_graph_files(&mut guard, &subject.check(&[Setting::of_graph(GRAPH, &[])])?)?;
-    let kind = match &args.kind {
-        Kind::Order(_) => experiment::Kind::Order,
-        Kind::Sh(_) => experiment::Kind::Sh,
-    };
     let page = experiment::study(&subject, kind, view(&subject), &mut Console::default())?;
     options::write_text(Some(&output), &page.html())?;
     if !output::is_standard_output(&output) {
@@ -140,7 +132,7 @@ fn view(subject: &Subject) -> String {
 
 /// Registers the inputs and the page. An error means that the page would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
-    let common = args.kind.common();
+    let (common, ..) = args.kind.parts();
     let mut guard = options::claim_inputs(common.scene.as_deref(), common.cameras.as_deref())?;
     guard.output("--output", &args.output())?;
     Ok(guard)

@@ -7,7 +7,7 @@ use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::fit;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
-use crate::io::output::{self, OutputGuard, is_standard_output};
+use crate::io::output::{self, OutputGuard};
 use crate::studies::measurement::settings;
 use crate::studies::popping::report::{self, Summary};
 use crate::studies::popping::{measure, study};
@@ -121,9 +121,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     });
 
     let summaries: Vec<Summary> = tracks.iter().map(report::summary).collect();
-    if !args.json.as_deref().is_some_and(is_standard_output) {
-        options::write_text(None, &format!("{}{}", report::table(&summaries), report::NOTES))?;
-    }
+    let text = report::table(&summaries) + report::NOTES;
+    options::print_beside(args.json.as_deref(), &text)?;
     if let Some(file) = &args.json {
         let rows = summaries.iter().zip(&tracks);
         let rows: Vec<_> =
