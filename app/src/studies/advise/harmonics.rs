@@ -75,18 +75,30 @@ mod tests {
 
     #[test]
     fn the_energy_of_a_band_is_its_mean_square_over_all_directions() {
-        let bands = bands(&scene(|at| if at == 3 * 5 + 1 { 0.7 } else { 0.0 }));
+        let sh = |at: usize| 0.3 - 0.05 * (at / 3) as f32 + 0.1 * (at % 3) as f32;
+        let bands = bands(&scene(sh));
         // Directions spread evenly: a Fibonacci lattice.
         let count = 20_000;
-        let square = |i: i32| {
+        let squares = |i: i32| {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
             let angle = PI * (3.0 - 5f64.sqrt()) * f64::from(i);
             let r = (1.0 - z * z).sqrt();
-            (f64::from(0.7f32) * basis([r * angle.cos(), r * angle.sin(), z])[5]).powi(2)
+            let weights = basis([r * angle.cos(), r * angle.sin(), z]);
+            [0, 1, 2, 3].map(|band: usize| {
+                let added = |channel: usize| {
+                    let used = band * band..(band + 1) * (band + 1);
+                    used.map(|k| weights[k] * f64::from(sh(3 * k + channel))).sum::<f64>()
+                };
+                (0..3).map(|channel| added(channel).powi(2)).sum::<f64>() / 3.0
+            })
         };
-        let expected = ((0..count).map(square).sum::<f64>() / f64::from(count) / 3.0).sqrt();
-        assert!((bands[2].rms - expected).abs() < 1e-5, "{bands:?}, expected {expected}");
-        assert_eq!((bands[2].share, bands[1].share, bands[3].rms), (1.0, 0.0, 0.0));
+        let sums = (0..count).map(squares).fold([0.0; 4], |a, b| std::array::from_fn(|i| a[i] + b[i]));
+        let energies: [f64; 4] = sums.map(|sum| sum / f64::from(count));
+        for (band, energy) in bands.iter().zip(energies) {
+            assert!((band.rms.powi(2) / energy - 1.0).abs() < 1e-4, "{band:?}, expected {energy}");
+        }
+        let share = energies[2] / energies[1..].iter().sum::<f64>();
+        assert!((bands[2].share - share).abs() < 1e-4 && bands[0].share == 0.0, "{bands:?}");
     }
 
     #[test]

@@ -136,35 +136,6 @@ mod tests {
     }
 
     #[test]
-    fn the_energy_of_a_band_is_the_mean_square_of_what_it_adds_over_all_directions() {
-        let mut sh = [[0.0; 3]; 16];
-        for (k, coefficients) in sh.iter_mut().enumerate() {
-            *coefficients = [0.1 * k as f64, 0.3 - 0.05 * k as f64, 0.02];
-        }
-        // Equal steps of height (Archimedes) and of angle give directions of equal weight.
-        const STEPS: usize = 400;
-        let mut sums = [0.0; 4];
-        for i in 0..STEPS {
-            for j in 0..STEPS {
-                let z = (2.0 * i as f64 + 1.0) / STEPS as f64 - 1.0;
-                let (angle, r) = (std::f64::consts::TAU * j as f64 / STEPS as f64, (1.0 - z * z).sqrt());
-                let weights = basis([r * angle.cos(), r * angle.sin(), z]);
-                for (band, sum) in sums.iter_mut().enumerate() {
-                    let used = band * band..(band + 1) * (band + 1);
-                    let added = used.fold([0.0; 3], |added: [f64; 3], k| {
-                        std::array::from_fn(|channel| added[channel] + weights[k] * sh[k][channel])
-                    });
-                    *sum += added.iter().map(|channel| channel * channel).sum::<f64>();
-                }
-            }
-        }
-        for (band, (sum, expected)) in sums.iter().zip(energy(&sh)).enumerate() {
-            let mean = sum / (3 * STEPS * STEPS) as f64;
-            assert!((mean / expected - 1.0).abs() < 1e-4, "band {band}: {mean}, expected {expected}");
-        }
-    }
-
-    #[test]
     fn the_part_is_around_the_splat_that_changes_with_the_direction_and_hidden_ones_do_not_count() {
         // A plain splat on the left, a glossy one on the right, and a glossier one hidden behind the plain one.
         let list = [
