@@ -8,13 +8,15 @@ use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normali
 use super::{Diagnostic, Label, SourceMap};
 use crate::ir::{FileId, Span};
 
-/// Maximum number of diagnostics to render. Each shows its whole line, so the time grows with their number times the
-/// length of the line.
+/// Maximum number of diagnostics to render.
 const MAX_RENDERED: usize = 100;
+
+/// Bytes of their lines after which no further diagnostic is rendered: rendering one reads its whole line.
+const MAX_LINE_BYTES: usize = 4 << 20;
 
 /// Renders diagnostics as errors, separated by blank lines. The result ends in a line break.
 ///
-/// After the first 100, it gives only the number of the others.
+/// After the first 100, or after a few on very long lines, it gives only the number of the others.
 ///
 /// ```text
 /// error: unknown field `shadr` in `Dispatch`
@@ -38,7 +40,14 @@ pub fn render_warnings(files: &SourceMap, diagnostics: &[Diagnostic], colour: bo
 fn render_as(level: Level<'static>, files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
     let mut out = String::new();
-    let (shown, others) = diagnostics.split_at(diagnostics.len().min(MAX_RENDERED));
+    let mut room = MAX_LINE_BYTES;
+    let fits = |diagnostic: &&Diagnostic| {
+        let is_left = room > 0;
+        room = room.saturating_sub(line_bytes(files, diagnostic.primary.span));
+        is_left
+    };
+    let count = diagnostics.iter().take(MAX_RENDERED).take_while(fits).count();
+    let (shown, others) = diagnostics.split_at(count);
     for diagnostic in shown {
         if !out.is_empty() {
             out.push('\n');
@@ -51,6 +60,15 @@ fn render_as(level: Level<'static>, files: &SourceMap, diagnostics: &[Diagnostic
         out.push_str(&format!("\n{}\n", renderer.render(&[title])));
     }
     out
+}
+
+/// Returns the length of the line in which a span starts.
+fn line_bytes(files: &SourceMap, span: Span) -> usize {
+    let text = files.text(span.file).as_bytes();
+    let (before, after) = text.split_at(span.start.min(text.len()));
+    let is_end = |byte: &u8| *byte == b'\n';
+    before.iter().rev().take_while(|byte| !is_end(byte)).count()
+        + after.iter().take_while(|byte| !is_end(byte)).count()
 }
 
 fn render_one(

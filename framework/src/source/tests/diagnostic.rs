@@ -105,16 +105,6 @@ fn no_control_character_of_a_file_reaches_the_terminal() {
 }
 
 #[test]
-fn escape_sequences_of_a_file_do_not_reach_the_terminal() {
-    let text = "name: \"\u{1b}[31mred\"";
-    let (files, file) = one_file("\u{1b}]0;title\u{7}.ron", text);
-    let error = Diagnostic::new(text, Span { file, start: 0, end: 5 }, text)
-        .with_label(Span { file, start: 6, end: 9 }, text)
-        .with_help(text);
-    assert!(!render(&files, &[error], false).contains(['\u{1b}', '\u{7}']));
-}
-
-#[test]
 fn the_end_of_a_file_and_an_empty_file_can_be_pointed_at() {
     for text in ["", "x", "x\n", "\n\n"] {
         let (files, file) = one_file("a.ron", text);
@@ -130,6 +120,15 @@ fn a_long_line_is_drawn_in_part() {
     let (files, file) = one_file("a.ron", &text);
     let drawn = render(&files, &[Diagnostic::new("long", span(file, &text, "wrong"), "here")], false);
     assert!(drawn.contains("wrong") && drawn.len() < 2000, "{}", drawn.len());
+}
+
+#[test]
+fn of_many_errors_in_a_very_long_line_only_a_few_are_drawn() {
+    let (files, file) = one_file("a.ron", &"x".repeat(3 << 20));
+    let error = |at: usize| Diagnostic::new("wrong", Span { file, start: at, end: at + 1 }, "");
+    let drawn = render(&files, &(0..10).map(error).collect::<Vec<_>>(), false);
+    assert_eq!(drawn.matches("error: wrong").count(), 2);
+    assert!(drawn.ends_with("\nerror: 8 more, not shown\n"), "{drawn}");
 }
 
 #[test]
