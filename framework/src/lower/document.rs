@@ -185,7 +185,7 @@ pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Place)
     // The outline comes first because it limits the nesting, on which the RON parser recurses.
     let outline = Outline::parse(file, text).map_err(|e| vec![e])?;
     let read = |text: &str| Document::parse(text).map(drop);
-    let document = Document::parse(text).map_err(|e| vec![ron_error(file, text, &e, &read)])?;
+    let document = Document::parse(text).map_err(|e| vec![ron_error(&outline, text, &e, &read)])?;
     match outline.duplicates() {
         [] => Ok((document, Place::root(&Rc::new(outline)))),
         twice => Err(twice.to_vec()),

@@ -2,7 +2,7 @@
 //!
 //! The crate reports the position of its cursor. Depending on the error, the cursor is before an unexpected value,
 //! after an unknown name, or at the end of a struct that lacks a field. This module uses the [`Outline`] to find the
-//! element at fault. For unbalanced brackets, it returns the outline's own error, which shows the opening bracket.
+//! element at fault. A text without an outline has the outline's own error.
 
 use std::ops::Range;
 
@@ -10,38 +10,19 @@ use ron::error::{Error, Position, SpannedError};
 
 use super::outline::{Content, Node, unquoted};
 use super::{Diagnostic, Outline, nearest};
-use crate::ir::{FileId, Span};
 
-/// Converts an error of the `ron` crate to a diagnostic at the mistake in `text`. Unknown fields and variants come with
-/// the nearest existing name. `read` parses another text as `text` was parsed: to list the names that a place expects,
-/// the text is read again with an unknown name there.
+/// Converts an error of the `ron` crate to a diagnostic at the mistake in `text`, which has this outline. Unknown fields
+/// and variants come with the nearest existing name. `read` parses another text as `text` was parsed: to list the names
+/// that a place expects, the text is read again with an unknown name there.
 pub fn ron_error(
-    file: FileId,
+    outline: &Outline,
     text: &str,
     error: &SpannedError,
     read: &dyn Fn(&str) -> Result<(), SpannedError>,
 ) -> Diagnostic {
-    let outline = match Outline::parse(file, text) {
-        Ok(outline) => Some(outline),
-        // Report a wrong name or value even if a bracket is missing further on.
-        Err(_) if is_about_a_name_or_value(&error.code) => None,
-        Err(diagnostic) => return diagnostic,
-    };
     let start = offset(text, error.span.start);
     let end = offset(text, error.span.end).max(start);
-    Translator { file, text, read, outline, start, end }.diagnostic(&error.code)
-}
-
-fn is_about_a_name_or_value(error: &Error) -> bool {
-    matches!(
-        error,
-        Error::NoSuchStructField { .. }
-            | Error::NoSuchEnumVariant { .. }
-            | Error::DuplicateStructField { .. }
-            | Error::ExpectedDifferentStructName { .. }
-            | Error::InvalidValueForType { .. }
-            | Error::Message(_)
-    )
+    Translator { outline, text, read, start, end }.diagnostic(&error.code)
 }
 
 /// Converts a line and a column (both from 1, in characters) to a byte offset, clamped to the text.
@@ -56,10 +37,9 @@ fn offset(text: &str, position: Position) -> usize {
 }
 
 struct Translator<'a> {
-    file: FileId,
+    outline: &'a Outline,
     text: &'a str,
     read: &'a dyn Fn(&str) -> Result<(), SpannedError>,
-    outline: Option<Outline>,
     /// Byte offset of the crate's cursor before its last token; `end` is after it.
     start: usize,
     end: usize,
@@ -84,17 +64,13 @@ impl Translator<'_> {
             }
             Error::MissingStructField { field, outer } => {
                 let of = outer.as_deref().map(|outer| format!(" in `{outer}`")).unwrap_or_default();
-                let place = self.outline.as_ref().map(|outline| outline.enclosing(self.end).shallow());
-                let place = place.unwrap_or(self.end..self.end);
-                self.error(
-                    format!("the field `{field}` is missing{of}"),
-                    place,
-                    &format!("this has no `{field}`"),
-                )
+                let place = self.outline.enclosing(self.end).shallow();
+                let label = format!("this has no `{field}`");
+                self.error(format!("the field `{field}` is missing{of}"), place, &label)
             }
             Error::DuplicateStructField { field, .. } => {
                 let again = self.name_before_cursor(field).unwrap_or(self.start..self.end);
-                let mut twice = self.outline.iter().flat_map(Outline::duplicates);
+                let mut twice = self.outline.duplicates().iter();
                 let known = twice.find(|error| error.primary.span.start == again.start);
                 known.cloned().unwrap_or_else(|| {
                     self.error(format!("the field `{field}` is given twice"), again, "again here")
@@ -112,7 +88,7 @@ impl Translator<'_> {
                 let place = self.value_at_cursor();
                 match self.key_for_position() {
                     Some(key) => self.named(expected, key),
-                    None => unquoted(&self.text[place.clone()], self.span(place)),
+                    None => unquoted(&self.text[place.clone()], self.outline.span(place)),
                 }
             }
             Error::InvalidValueForType { expected, found } => {
@@ -123,8 +99,7 @@ impl Translator<'_> {
             Error::ExpectedDifferentLength { expected, found } => {
                 let expected = without_type(expected);
                 let elements = if *found == 1 { "element" } else { "elements" };
-                let place = self.outline.as_ref().map(|outline| outline.enclosing(self.end).shallow());
-                let place = place.unwrap_or(self.start..self.end);
+                let place = self.outline.enclosing(self.end).shallow();
                 let label = format!("this has {found} {elements}");
                 self.error(format!("expected {expected}, found {found} {elements}"), place, &label)
             }
@@ -141,9 +116,6 @@ impl Translator<'_> {
             Error::NoSuchExtension(name) => {
                 let place = self.name_before_cursor(name).unwrap_or(self.start..self.end);
                 self.error(format!("there is no RON extension `{name}`"), place, "")
-            }
-            Error::TrailingCharacters => {
-                self.error("expected the end of the file", self.cursor(), "nothing may come after the value")
             }
             Error::ExpectedComma if self.name_before_parentheses().is_some() => {
                 let place = self.name_before_parentheses().unwrap_or_default();
@@ -197,8 +169,7 @@ impl Translator<'_> {
             if let Some(key) = self.key_for_position() {
                 return self.named(wanted, key);
             }
-            let key = self.outline.as_ref().and_then(|outline| outline.key_at(self.end));
-            let (found, place) = match key {
+            let (found, place) = match self.outline.key_at(self.end) {
                 Some(key) => (format!(", found `{}`", &self.text[key.clone()]), key),
                 None => (String::new(), place),
             };
@@ -259,8 +230,8 @@ impl Translator<'_> {
 
     /// Returns true if the element at `start` is in parentheses and has no name.
     fn is_positional(&self, start: usize) -> bool {
-        let around = self.outline.as_ref().map(|outline| &outline.enclosing(start.saturating_sub(1)).content);
-        matches!(around, Some(Content::List { bracket: '(', .. }))
+        let around = &self.outline.enclosing(start.saturating_sub(1)).content;
+        matches!(around, Content::List { bracket: '(', .. })
     }
 
     /// Returns the error for a value without a field's name.
@@ -272,14 +243,13 @@ impl Translator<'_> {
 
     /// Returns the field name at the cursor if the parentheses around it expect values without names.
     fn key_for_position(&self) -> Option<Range<usize>> {
-        let outline = self.outline.as_ref()?;
         let before = self.text[..self.end].trim_end();
         // After a value and its comma, the cursor is at the key of the next value.
         if before.ends_with(',') {
             return None;
         }
-        let key = outline.key_at(self.end).or_else(|| outline.key_at(before.len()))?;
-        let around = &outline.enclosing(key.start).content;
+        let key = self.outline.key_at(self.end).or_else(|| self.outline.key_at(before.len()))?;
+        let around = &self.outline.enclosing(key.start).content;
         matches!(around, Content::Record { bracket: '(', .. }).then_some(key)
     }
 
@@ -298,11 +268,7 @@ impl Translator<'_> {
     }
 
     fn error(&self, message: impl Into<String>, place: Range<usize>, label: &str) -> Diagnostic {
-        Diagnostic::new(message, self.span(place), label)
-    }
-
-    fn span(&self, place: Range<usize>) -> Span {
-        Span::new(self.file, place)
+        Diagnostic::new(message, self.outline.span(place), label)
     }
 
     /// Returns the span of the character at the cursor; empty at the end of a line.
@@ -329,8 +295,7 @@ impl Translator<'_> {
 
     /// Returns true if the cursor is inside a number. For a float in place of an integer, the crate stops at the point.
     fn cursor_is_inside_a_number(&self) -> bool {
-        let Some(outline) = &self.outline else { return false };
-        let node = outline.innermost(self.end);
+        let node = self.outline.innermost(self.end);
         let place = &node.place;
         matches!(node.content, Content::Scalar)
             && (place.start + 1..place.end).contains(&self.end)
@@ -339,18 +304,17 @@ impl Translator<'_> {
     }
 
     fn node_at_cursor(&self) -> Option<&Node> {
-        self.outline.as_ref()?.starting_at(self.end)
+        self.outline.starting_at(self.end)
     }
 
     /// Returns the span of the element at the cursor, or of the element that ends before it.
     fn value_at_cursor(&self) -> Range<usize> {
-        let Some(outline) = &self.outline else { return self.start..self.end };
         if let Some(node) = self.node_at_cursor() {
             return node.shallow();
         }
         // The cursor is after the comma and white space that follow the value.
         let before = self.text[..self.end].trim_end_matches(|c: char| c.is_whitespace() || c == ',');
-        outline.innermost(before.len()).shallow()
+        self.outline.innermost(before.len()).shallow()
     }
 }
 
@@ -373,11 +337,8 @@ fn wanted(error: &Error) -> Option<String> {
     let wanted = match error {
         Error::ExpectedArray => "a list `[...]`",
         Error::ExpectedBoolean => "`true` or `false`",
-        Error::ExpectedChar => "a character in single quotes",
-        Error::ExpectedByteString => "a byte string",
         Error::ExpectedFloat => "a number",
         Error::ExpectedInteger => "an integer",
-        Error::ExpectedOption => "`Some(...)` or `None`",
         Error::ExpectedMap => "a map `{...}`",
         Error::ExpectedNamedStructLike("") => "`(...)`",
         Error::ExpectedNamedStructLike(name) => return Some(format!("`{name}(...)`")),
@@ -390,7 +351,6 @@ fn wanted(error: &Error) -> Option<String> {
         Error::ExpectedMapEnd => "`}`",
         Error::ExpectedMapColon => "`:`",
         Error::ExpectedStructLikeEnd => "`)`",
-        Error::Eof => "more, but the file ends",
         _ => return None,
     };
     Some(wanted.to_string())
