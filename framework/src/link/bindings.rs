@@ -152,135 +152,106 @@ impl Linker<'_> {
         resources: &[ResourceId],
         span: Span,
     ) -> Option<DescriptorKind> {
-        let shader = self.shaders[shader.index()].name.clone();
-        let error = |message: String, label: String| Some(Diagnostic::new(message, span, label));
-        let name = &block.name;
-        let first = self.resource(resources[0]).clone();
-        let declaration = self.lowered.declaration(resources[0]);
-        let mut wrong = None;
-        if block.set != 0 {
-            wrong = error(
-                format!("`{name}` of `{shader}` is in set {}", block.set),
-                "everything is in set 0".into(),
-            );
-        } else if block.count as usize != resources.len() {
-            wrong = error(
-                format!("`{name}` of `{shader}` is an array of {}", block.count),
-                format!("`{}` has {} planes", first.name, resources.len()),
-            );
+        if let Some(error) = self.mismatch(&self.shaders[shader.index()].name, block, resources, span) {
+            let declared = self.lowered.declaration(resources[0]).span;
+            self.errors.push(error.with_label(declared, "declared here"));
+            return None;
         }
-        if block.writes && declaration.previous_frame_of.is_some() {
-            wrong = wrong.or(error(
-                format!("`{shader}` writes to `{name}`"),
-                format!("`{}` belongs to the previous frame and can only be read", first.name),
-            ));
-        }
-        let kind = match (&block.kind, first.shape) {
-            (ReflectedKind::StorageBuffer { stride, fixed_bytes }, Shape::Buffer { stride: ours, count }) => {
-                if matches!(first.source, Source::Frame { .. } | Source::Live) {
-                    wrong = wrong.or(error(
-                        format!("`{}` is a uniform block", first.name),
-                        format!("`{name}` of `{shader}` is a storage buffer"),
-                    ));
-                } else if let Some(theirs) = stride.filter(|s| *s as u64 != ours) {
-                    let found = error(
-                        format!("`{name}` of `{shader}` has elements of {theirs} bytes"),
-                        format!("`{}` has elements of {ours} bytes", first.name),
-                    );
-                    // The stride of `vec3[]` in std430 and std140.
-                    wrong = wrong.or(if (theirs, ours) == (16, 12) {
-                        found.map(|error| {
-                            error.with_help(
-                                "in an array, a `vec3` takes 16 bytes; three floats in a struct take 12: \
-                                 `struct Vector { float x, y, z; };`",
-                            )
-                        })
-                    } else {
-                        found
-                    });
-                } else if *fixed_bytes as u64 > ours * count {
-                    wrong = wrong.or(error(
-                        format!("`{name}` of `{shader}` has {fixed_bytes} bytes"),
-                        format!("`{}` has {}", first.name, ours * count),
-                    ));
-                }
-                for id in resources {
-                    let bytes = self.resource(*id).shape.bytes();
-                    if bytes > self.device.max_storage_bytes {
-                        let mib = |b: u64| b.div_ceil(1 << 20);
-                        let limit = self.device.max_storage_bytes;
-                        let diagnostic = Diagnostic::new(
-                            format!(
-                                "`{}` has {} MiB, and the device binds at most {}",
-                                first.name,
-                                mib(bytes),
-                                mib(limit)
-                            ),
-                            self.lowered.declaration(*id).span,
-                            describe(self.resource(*id)),
-                        );
-                        self.errors.push(
-                            diagnostic.with_help(
-                                "bind fewer elements, or use a device with a larger storage range",
-                            ),
-                        );
-                        break;
-                    }
-                }
-                if block.writes && first.source != Source::Transient {
-                    wrong = wrong.or(error(
-                        format!("`{shader}` writes to `{name}`"),
-                        match first.source {
-                            Source::Scene { .. } => {
-                                format!("`{}` is the scene's and cannot be written", first.name)
-                            }
-                            _ => format!("`{}` is given to every frame and cannot be written", first.name),
-                        },
-                    ));
-                }
-                DescriptorKind::StorageBuffer
-            }
-            (ReflectedKind::UniformBuffer { bytes, .. }, Shape::Buffer { stride, count }) => {
-                if !matches!(first.source, Source::Frame { .. } | Source::Live) {
-                    wrong = wrong.or(error(
-                        format!("`{name}` of `{shader}` is a uniform block"),
-                        format!("`{}` is a storage buffer", first.name),
-                    ));
-                } else if *bytes as u64 > stride * count {
-                    wrong = wrong.or(error(
-                        format!("`{name}` of `{shader}` has {bytes} bytes"),
-                        format!("`{}` has {}", first.name, stride * count),
-                    ));
-                }
-                DescriptorKind::UniformBuffer
-            }
-            (ReflectedKind::StorageImage { format }, Shape::Image { format: ours, .. }) => {
-                if let Some(theirs) = format.filter(|f| *f != ours) {
-                    wrong = wrong.or(error(
-                        format!("`{name}` of `{shader}` has the format {}", theirs.name()),
-                        format!("`{}` has the format {}", first.name, ours.name()),
-                    ));
-                }
-                DescriptorKind::StorageImage
-            }
-            (theirs, ours) => {
-                let kind = |image| if image { "an image" } else { "a buffer" };
-                wrong = error(
-                    format!(
-                        "`{name}` of `{shader}` is {}",
-                        kind(matches!(theirs, ReflectedKind::StorageImage { .. }))
-                    ),
-                    format!("`{}` is {}", first.name, kind(matches!(ours, Shape::Image { .. }))),
-                );
-                DescriptorKind::StorageBuffer
-            }
+        let kind = match block.kind {
+            ReflectedKind::StorageBuffer { .. } => DescriptorKind::StorageBuffer,
+            ReflectedKind::UniformBuffer { .. } => DescriptorKind::UniformBuffer,
+            ReflectedKind::StorageImage { .. } => DescriptorKind::StorageImage,
         };
-        match wrong {
-            None => Some(kind),
-            Some(diagnostic) => {
-                self.errors.push(diagnostic.with_label(declaration.span, "declared here"));
-                None
+        let most = self.device.max_storage_bytes;
+        let too_large = |id: &&ResourceId| self.resource(**id).shape.bytes() > most;
+        if kind == DescriptorKind::StorageBuffer
+            && let Some(id) = resources.iter().find(too_large)
+        {
+            let (resource, mib) = (self.resource(*id), |bytes: u64| bytes.div_ceil(1 << 20));
+            let message = format!(
+                "`{}` has {} MiB, and the device binds at most {}",
+                self.resource(resources[0]).name,
+                mib(resource.shape.bytes()),
+                mib(most)
+            );
+            let error = Diagnostic::new(message, self.lowered.declaration(*id).span, describe(resource));
+            let help = "bind fewer elements, or use a device with a larger storage range";
+            self.errors.push(error.with_help(help));
+        }
+        Some(kind)
+    }
+
+    /// Returns the error for resources that cannot be bound to a block of `shader`; `None` if they fit.
+    fn mismatch(
+        &self,
+        shader: &str,
+        block: &ReflectedBinding,
+        resources: &[ResourceId],
+        span: Span,
+    ) -> Option<Diagnostic> {
+        let error = |message: String, label: String| Some(Diagnostic::new(message, span, label));
+        let (first, name) = (self.resource(resources[0]), format!("`{}` of `{shader}`", block.name));
+        let own = &first.name;
+        let is_image = matches!(block.kind, ReflectedKind::StorageImage { .. });
+        if is_image != matches!(first.shape, Shape::Image { .. }) {
+            let [theirs, ours] = if is_image { ["an image", "a buffer"] } else { ["a buffer", "an image"] };
+            return error(format!("{name} is {theirs}"), format!("`{own}` is {ours}"));
+        }
+        if block.set != 0 {
+            return error(format!("{name} is in set {}", block.set), "everything is in set 0".into());
+        }
+        if block.count as usize != resources.len() {
+            let found = format!("`{own}` has {} planes", resources.len());
+            return error(format!("{name} is an array of {}", block.count), found);
+        }
+        let writes = |found: String| error(format!("`{shader}` writes to `{}`", block.name), found);
+        if block.writes && self.lowered.declaration(resources[0]).previous_frame_of.is_some() {
+            return writes(format!("`{own}` belongs to the previous frame and can only be read"));
+        }
+        let is_uniform = matches!(first.source, Source::Frame { .. } | Source::Live);
+        match (&block.kind, first.shape) {
+            (ReflectedKind::StorageBuffer { .. }, _) if is_uniform => {
+                error(format!("`{own}` is a uniform block"), format!("{name} is a storage buffer"))
             }
+            (ReflectedKind::UniformBuffer { .. }, _) if !is_uniform => {
+                error(format!("{name} is a uniform block"), format!("`{own}` is a storage buffer"))
+            }
+            (
+                ReflectedKind::StorageBuffer { stride: Some(theirs), .. },
+                Shape::Buffer { stride: ours, .. },
+            ) if u64::from(*theirs) != ours => {
+                let found = format!("`{own}` has elements of {ours} bytes");
+                let found = error(format!("{name} has elements of {theirs} bytes"), found);
+                // The stride of `vec3[]` in std430 and std140.
+                match (theirs, ours) {
+                    (16, 12) => found.map(|error| {
+                        error.with_help(
+                            "in an array, a `vec3` takes 16 bytes; three floats in a struct take 12: \
+                             `struct Vector { float x, y, z; };`",
+                        )
+                    }),
+                    _ => found,
+                }
+            }
+            (
+                ReflectedKind::StorageBuffer { fixed_bytes: bytes, .. }
+                | ReflectedKind::UniformBuffer { bytes, .. },
+                shape,
+            ) if u64::from(*bytes) > shape.bytes() => {
+                error(format!("{name} has {bytes} bytes"), format!("`{own}` has {}", shape.bytes()))
+            }
+            (ReflectedKind::StorageBuffer { .. }, _) if block.writes => match first.source {
+                Source::Transient => None,
+                Source::Scene { .. } => writes(format!("`{own}` is the scene's and cannot be written")),
+                _ => writes(format!("`{own}` is given to every frame and cannot be written")),
+            },
+            (ReflectedKind::StorageImage { format: Some(theirs) }, Shape::Image { format: ours, .. })
+                if *theirs != ours =>
+            {
+                let found = format!("`{own}` has the format {}", ours.name());
+                error(format!("{name} has the format {}", theirs.name()), found)
+            }
+            _ => None,
         }
     }
 
