@@ -1,7 +1,7 @@
 //! Mistakes that users make, and the complete output that they see.
 //!
-//! Each test copies the small graph of `tests/graphs/two_steps`, breaks it, runs the program on it and compares the
-//! whole output.
+//! A test copies the small graph of `tests/graphs/two_steps`, breaks it, runs the program on it and compares the whole
+//! output. The golden files of the framework have all other mistakes.
 
 use crate::place::Place;
 use std::fs;
@@ -54,76 +54,6 @@ error: there is no resource `kesy`
 }
 
 #[test]
-fn a_syntax_error_in_a_file_that_a_shader_includes() {
-    assert_shown(
-        &[("hash.glsl", "x >> 16;", "x >> ;")],
-        "check graph.ron",
-        r#"
-error: syntax error: unexpected `;`
- --> hash.glsl:3:15
-  |
-3 |     x ^= x >> ;
-  |               ^
-"#,
-    );
-}
-
-#[test]
-fn two_passes_that_wait_for_each_other() {
-    let make =
-        r#"    Dispatch(name: "make", shader: "make.comp", size: Threads(64), bind: { "Keys": "keys" }),"#;
-    let circle = r#"    Dispatch(name: "make", shader: "copy.comp", size: Threads(64), bind: { "In": "back", "Out": "keys" }),
-    Dispatch(name: "undo", shader: "copy.comp", size: Threads(64), bind: { "In": "keys", "Out": "back" }),"#;
-    assert_shown(
-        &[
-            ("graph.ron", make, circle),
-            (
-                "graph.ron",
-                r#"    "image": Image"#,
-                "    \"back\": Buffer(stride: 4, count: 64),\n    \"image\": Image",
-            ),
-        ],
-        "check graph.ron",
-        r#"
-error: these passes wait for each other: `make`, `undo`
-  --> graph.ron:11:21
-   |
-11 |     Dispatch(name: "make", shader: "copy.comp", size: Threads(64), bind: { "In": "back", "Out": "keys" }),
-   |                     ^^^^ `make` needs `undo` first, for `back`
-12 |     Dispatch(name: "undo", shader: "copy.comp", size: Threads(64), bind: { "In": "keys", "Out": "back" }),
-   |                     ---- `undo` needs `make` first, for `keys`
-   |
-   = help: a resource with one writer is written before it is read; use a second resource to break the cycle
-"#,
-    );
-}
-
-#[test]
-fn a_stride_that_does_not_fit_the_shader() {
-    assert_shown(
-        &[
-            (
-                "graph.ron",
-                r#""keys": Buffer(stride: 4, count: 64)"#,
-                r#""keys": Buffer(stride: 4, count: 64), "wide": Buffer(stride: 8, count: 64)"#,
-            ),
-            ("graph.ron", r#"{ "Keys": "keys", "image""#, r#"{ "Keys": "wide", "image""#),
-        ],
-        "check graph.ron",
-        r#"
-error: `Keys` of `show.comp` has elements of 4 bytes
-  --> graph.ron:11:85
-   |
- 6 |     "keys": Buffer(stride: 4, count: 64), "wide": Buffer(stride: 8, count: 64),
-   |                                            ---- declared here
-...
-11 |     Dispatch(name: "show", shader: "show.comp", size: Threads(64), bind: { "Keys": "wide", "image": "image" }),
-   |                                                                                     ^^^^ `wide` has elements of 8 bytes
-"#,
-    );
-}
-
-#[test]
 fn a_parameter_that_the_graph_does_not_have() {
     assert_shown(
         &[],
@@ -136,46 +66,6 @@ error: the graph has no parameter `widht`
   | ^^^^^ set here
   |
   = help: did you mean `width`?
-"#,
-    );
-}
-
-#[test]
-fn a_parameter_outside_its_range() {
-    assert_shown(
-        &[],
-        "dump graph.ron --set width=12",
-        r#"
-error: `width` cannot be set to this
- --> --set:1:7
-  |
-1 | width=12
-  |       ^^ 12 is not in 1 to 11
-"#,
-    );
-}
-
-#[test]
-fn a_buffer_that_a_pass_needs_and_the_graph_does_not_bind() {
-    assert_shown(
-        &[("graph.ron", r#"bind: { "Keys": "keys" }"#, r#"bind: { "Kyes": "keys" }"#)],
-        "check graph.ron",
-        r#"
-error: nothing is bound to the block `Keys` of `make.comp`
-  --> graph.ron:10:21
-   |
-10 |     Dispatch(name: "make", shader: "make.comp", size: Threads(64), bind: { "Kyes": "keys" }),
-   |                     ^^^^ in this pass
-   |
-   = help: `bind` has `Kyes`: is `Keys` meant?
-
-error: `make.comp` has no block `Kyes`
-  --> graph.ron:10:77
-   |
-10 |     Dispatch(name: "make", shader: "make.comp", size: Threads(64), bind: { "Kyes": "keys" }),
-   |                                                                             ^^^^ bound here
-   |
-   = help: did you mean `Keys`?
 "#,
     );
 }

@@ -100,19 +100,10 @@ fn a_pass_that_needs_the_last_frame_and_this_one_of_the_same_buffer_is_a_cycle()
 }
 
 #[test]
-fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
-    let error = |passes: &[String]| error_of(&with_history(passes));
-    let text = error(&[dispatch("show", "show.comp", r#""In": "last(a)", "Image": "image""#)]);
-    assert!(text.contains("declared without `history: true`"), "{text}");
-    let text = error(&[dispatch("show", "make.comp", r#""Out": "last(past)""#)]);
-    assert!(text.contains("belongs to the previous frame and can only be read"), "{text}");
-    let text = error(&[r#"Fill(name: "f", buffer: "last(past)", value: 0),"#.into()]);
+fn what_the_frame_before_left_cannot_be_filled() {
+    let passes = [r#"Fill(name: "f", buffer: "last(past)", value: 0),"#.to_string()];
+    let text = error_of(&with_history(&passes));
     assert!(text.contains("cannot be filled"), "{text}");
-    let text = error(&[
-        dispatch("turn", "copy.comp", r#""In": "last(past)", "Out": "past""#),
-        dispatch("show", "show.comp", r#""In": "past", "Image": "image""#),
-    ]);
-    assert!(text.contains("written and bound twice"), "{text}");
 }
 
 /// Returns whether the contents of a resource persist, and whether it shares memory.

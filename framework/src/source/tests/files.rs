@@ -213,21 +213,6 @@ fn a_missing_file_is_met_with_where_it_was_looked_for_and_the_nearest_name() {
 }
 
 #[test]
-fn a_missing_file_can_be_shown_where_it_is_named() {
-    let mut files = library(&[]);
-    let graph = files.add("pipelines/a.ron", "shader: \"covarance.comp\",");
-    let error = files.find(Some(graph), "covarance.comp", Kind::Shader).unwrap_err();
-    let diagnostic = error.at(Span { file: graph, start: 9, end: 23 });
-    assert_eq!(diagnostic.message, "there is no shader `covarance.comp`");
-    assert_eq!(diagnostic.primary.text, "did you mean `covariance.comp`?");
-    assert_eq!(
-        diagnostic.help,
-        ["searched in pipelines/covarance.comp (built in), covarance.comp (built in), \
-          shaders/covarance.comp (built in)"]
-    );
-}
-
-#[test]
 fn a_file_that_is_no_text_is_not_called_missing() {
     let folder = Folder::new(&[("a.ron", "")]);
     fs::write(folder.path("a.ron"), b"Graph(\xff)").unwrap();
