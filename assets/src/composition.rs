@@ -85,17 +85,17 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let scenes: Scenes = ron::from_str(text).map_err(|error| {
         let at = error.span.start;
-        SceneError::Text { line: at.line, column: at.col, message: error.code.to_string() }
+        SceneError::Invalid(format!("line {}, column {}: {}", at.line, at.col, error.code))
     })?;
     if scenes.0.is_empty() {
-        return Err(SceneError::Scenes { message: "expected at least one scene, found none".into() });
+        return Err(SceneError::Invalid("expected at least one scene, found none".into()));
     }
     scenes.0.into_iter().enumerate().map(|(index, part)| placed(index, part, folder)).collect()
 }
 
 fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError> {
     let wrong = |message: String| {
-        Err(SceneError::Scenes { message: format!("scene {index}, {}: {message}", part.file.display()) })
+        Err(SceneError::Invalid(format!("scene {index}, {}: {message}", part.file.display())))
     };
     if !Similarity::SCALES.contains(&part.scale) {
         return wrong(format!("expected a scale of 1e-9 to 1e9, found {}", part.scale));

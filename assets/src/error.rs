@@ -2,7 +2,7 @@
 
 use crate::memory::SceneMemoryError;
 use crate::scene_format::SceneFormat;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// An error while loading a scene file.
 #[derive(Debug, thiserror::Error)]
@@ -75,67 +75,10 @@ pub enum SceneError {
         message: String,
     },
 
-    /// A header line is malformed.
-    #[error("line {line} of the header: {message}")]
-    Header {
-        /// Line, counted from 1.
-        line: u32,
-        /// Expected and found values, as a sentence.
-        message: String,
-    },
-
-    /// The file ends before `end_header`.
-    #[error("the header has no `end_header` line: the file ends inside it, after line {line}")]
-    HeaderUnfinished {
-        /// Number of the last complete line.
-        line: u32,
-    },
-
-    /// The header has no `end_header` within the limit.
-    #[error("the header is too long: no `end_header` line in the first {limit} bytes")]
-    HeaderTooLong {
-        /// Maximum number of bytes in a header.
-        limit: usize,
-    },
-
-    /// The header has no element named `vertex`.
-    #[error("the header has no `element vertex`, which holds the splats{}", found_elements(.found))]
-    NoVertexElement {
-        /// The names of the elements in the header.
-        found: Vec<String>,
-    },
-
-    /// A required property is missing.
-    #[error("`element vertex` (line {line}) has no property `{name}`{}{}", nearest_text(.nearest), hint_text(.hint))]
-    MissingProperty {
-        /// The property's name.
-        name: String,
-        /// The line of `element vertex`.
-        line: u32,
-        /// The most similar name in the header, if any is similar enough.
-        nearest: Option<String>,
-        /// A guess at the file's contents.
-        hint: Option<&'static str>,
-    },
-
-    /// The number of `f_rest_*` properties matches no degree.
-    #[error(
-        "expected 0, 9, 24 or 45 properties `f_rest_*` (spherical harmonics of degree 0, 1, 2 or 3) in `element vertex` \
-         (line {line}), found {found}"
-    )]
-    RestCount {
-        /// Number of `f_rest_*` properties.
-        found: usize,
-        /// The line of `element vertex`.
-        line: u32,
-    },
-
-    /// The file declares `element vertex 0`.
-    #[error("expected at least one splat, found `element vertex 0` (line {line})")]
-    NoSplats {
-        /// The line of `element vertex`.
-        line: u32,
-    },
+    /// The header or the length of a PLY file is wrong, or a composition is. The text states what was expected and found, and
+    /// where.
+    #[error("{0}")]
+    Invalid(String),
 
     /// Every splat was dropped.
     #[error("none of the {count} splats can be drawn: {reasons}")]
@@ -144,48 +87,6 @@ pub enum SceneError {
         count: u64,
         /// The counts per reason, in words.
         reasons: String,
-    },
-
-    /// The file ends inside the splats.
-    #[error("the file is truncated: expected {promised} splats (line {line}), found {there}")]
-    Truncated {
-        /// Number of whole splats in the file.
-        there: u64,
-        /// Splats that the header declares.
-        promised: u64,
-        /// The line of `element vertex`.
-        line: u32,
-    },
-
-    /// The file ends inside another element.
-    #[error(
-        "the file is truncated: expected {promised} rows of `element {element}` (line {line}), found {there}"
-    )]
-    TruncatedElement {
-        /// The element's name.
-        element: String,
-        /// Number of whole rows in the file.
-        there: u64,
-        /// Rows that the header declares.
-        promised: u64,
-        /// The line of the element.
-        line: u32,
-    },
-
-    /// An element declares more rows than there are bytes after the header.
-    #[error(
-        "the header is damaged: `element {element}` (line {line}) declares {promised} rows, but only {available} bytes \
-         follow the header"
-    )]
-    AbsurdCount {
-        /// The element's name.
-        element: String,
-        /// Rows that the header declares.
-        promised: u64,
-        /// Bytes after the header.
-        available: u64,
-        /// The line of the element.
-        line: u32,
     },
 
     /// The file has more splats than a 32-bit index can address.
@@ -217,24 +118,6 @@ pub enum SceneError {
     )]
     Changed,
 
-    /// The text of a composition is malformed.
-    #[error("line {line}, column {column}: {message}")]
-    Text {
-        /// Line, counted from 1.
-        line: usize,
-        /// The column, counted from 1.
-        column: usize,
-        /// Expected and found values, as a sentence.
-        message: String,
-    },
-
-    /// A composition is invalid: too long, not UTF-8, nested, without scenes, or with a transform out of range.
-    #[error("{message}")]
-    Scenes {
-        /// Expected and found values, after the name of the scene if one is at fault.
-        message: String,
-    },
-
     /// A scene of a composition cannot be loaded.
     #[error(transparent)]
     Placed(Box<LoadError>),
@@ -256,13 +139,16 @@ impl SceneError {
         advice: "only 3D Gaussians are drawn",
     };
 
+    /// Makes the error of loading the file at `path`.
+    pub(crate) fn of(self, path: &Path) -> LoadError {
+        LoadError { path: path.to_owned(), problem: self }
+    }
+
     /// Adds a file name to an error that has only a byte offset or a line number. The file is in the archive or beside
     /// the scene.
     pub(crate) fn in_file(self, name: &str) -> Self {
         match self {
-            Self::Field { .. } | Self::Row { .. } => {
-                Self::Part { part: name.into(), message: self.to_string() }
-            }
+            Self::Field { .. } | Self::Row { .. } => wrong(name, self.to_string()),
             other => other,
         }
     }
@@ -272,16 +158,9 @@ pub(crate) fn field(at: u64, name: impl Into<String>, message: impl Into<String>
     SceneError::Field { at, field: name.into(), message: message.into() }
 }
 
-fn nearest_text(nearest: &Option<String>) -> String {
-    nearest.as_ref().map(|n| format!("; the nearest name there is `{n}`")).unwrap_or_default()
-}
-
-fn hint_text(hint: &Option<&'static str>) -> String {
-    hint.map(|h| format!(" ({h})")).unwrap_or_default()
-}
-
-fn found_elements(found: &[String]) -> String {
-    if found.is_empty() { String::new() } else { format!("; it has {}", found.join(", ")) }
+/// The error for a named part of the scene: see [`SceneError::Part`].
+pub(crate) fn wrong(part: impl Into<String>, message: impl Into<String>) -> SceneError {
+    SceneError::Part { part: part.into(), message: message.into() }
 }
 
 /// Finds the candidate nearest to `name`; `None` if all edit distances exceed a third of `name`'s length (at least 1).

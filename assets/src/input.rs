@@ -4,7 +4,7 @@
 //! signal. Here truncation is a read error. [`OpenFile`] records the file's length and modification time before the
 //! first read, and checks at the end that they are unchanged.
 
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::file;
 use crate::memory::SceneMemoryError;
 use crate::scene::{Columns, FileNotes, Gathered, Rows, Scene};
@@ -229,8 +229,8 @@ impl Source<'_> {
 pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, SceneError> {
     let path = file::beside(folder, name).filter(|_| !name.is_empty());
     path.ok_or_else(|| {
-        let message = "expected a file in the folder of the JSON, found another place".into();
-        SceneError::Part { part: name.chars().take(60).collect(), message }
+        let part: String = name.chars().take(60).collect();
+        wrong(part, "expected a file in the folder of the JSON, found another place")
     })
 }
 
@@ -270,10 +270,8 @@ impl io::Seek for SourceReader<'_> {
 pub(crate) fn archive<'a>(
     source: &'a Source<'a>,
 ) -> Result<ZipArchive<BufReader<SourceReader<'a>>>, SceneError> {
-    ZipArchive::new(BufReader::new(SourceReader::new(source, 0))).map_err(|error| {
-        let message = format!("expected an intact archive, found damage: {error}");
-        SceneError::Part { part: "zip".into(), message }
-    })
+    ZipArchive::new(BufReader::new(SourceReader::new(source, 0)))
+        .map_err(|error| wrong("zip", format!("expected an intact archive, found damage: {error}")))
 }
 
 fn ended() -> io::Error {

@@ -10,7 +10,7 @@
 //! There are no spherical harmonics above band 0. Format: <https://github.com/antimatter15/splat>.
 
 use crate::activation::{self, SH_C0, quantised};
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::scene::{FileNotes, Scene, Splat};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
@@ -49,7 +49,7 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     if left != 0 {
         let message =
             format!("expected a multiple of 32 bytes, found {length}: {count} splats and {left} bytes");
-        return Err(SceneError::Field { at: length - left, field: "splat".into(), message });
+        return Err(field(length - left, "splat", message));
     }
     if u32::try_from(count).is_err() {
         return Err(SceneError::TooMany { count });

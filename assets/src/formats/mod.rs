@@ -1,7 +1,7 @@
 //! Loads and writes scene files: recognises the format from the bytes, and calls its reader.
 
 use crate::composition::{self, Placed};
-use crate::error::{LoadError, SceneError};
+use crate::error::{LoadError, SceneError, wrong};
 use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory::{self, SceneMemoryError};
 use crate::mesh::Mesh;
@@ -86,18 +86,17 @@ fn open<T, M>(
         // If the file was modified during the read, that error replaces any other, which may be a consequence.
         file.check_unchanged().and(content)
     };
-    inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
+    inner().map_err(|problem| problem.of(path))
 }
 
 fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     let length = source.length();
     if length > composition::MAX_BYTES {
-        let message = format!("expected at most {} bytes of text, found {length}", composition::MAX_BYTES);
-        return Err(SceneError::Scenes { message });
+        let text = format!("expected at most {} bytes of text, found {length}", composition::MAX_BYTES);
+        return Err(SceneError::Invalid(text));
     }
     let bytes = source.head(length as usize)?;
-    let text =
-        String::from_utf8(bytes).map_err(|_| SceneError::Scenes { message: "expected UTF-8".into() })?;
+    let text = String::from_utf8(bytes).map_err(|_| SceneError::Invalid("expected UTF-8".into()))?;
     composition::parse(&text, path.parent().unwrap_or(Path::new("")))
 }
 
@@ -117,8 +116,7 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
 fn check_mesh(length: u64, available: Option<u64>) -> Result<(), SceneError> {
     let most = available.map_or(MAX_MESH, |bytes| MAX_MESH.min(bytes / 2));
     if length > most {
-        let message = format!("expected a file of at most {most} bytes, found {length}");
-        return Err(SceneError::Part { part: "mesh".into(), message });
+        return Err(wrong("mesh", format!("expected a file of at most {most} bytes, found {length}")));
     }
     Ok(())
 }
@@ -130,13 +128,8 @@ fn mesh(source: &Source, path: &Path) -> Result<Mesh, SceneError> {
     Mesh::parse(&bytes, Some(path.parent().unwrap_or(Path::new(""))))
 }
 
-fn alone(path: &Path) -> LoadError {
-    LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }
-}
-
 fn nested(path: &Path) -> LoadError {
-    let message = "expected one scene, found several".into();
-    LoadError { path: path.to_owned(), problem: SceneError::Scenes { message } }
+    SceneError::Invalid("expected one scene, found several".into()).of(path)
 }
 
 impl SceneHeader {
@@ -158,7 +151,7 @@ impl SceneHeader {
         let path = path.as_ref();
         match Self::open(path, level)? {
             Found::One(header) => Ok(header),
-            Found::Mesh(()) => Err(alone(path)),
+            Found::Mesh(()) => Err(SceneError::MeshAlone.of(path)),
             Found::Several(parts) => {
                 let all = Self::of_parts(&parts, level).map_err(|error| within(path, error))?;
                 Ok(Self::joined(&all))
@@ -190,9 +183,7 @@ impl SceneHeader {
         });
         let all = all.collect::<Result<_, _>>()?;
         match parts.last() {
-            Some(last) if level.is_some() && !has_levels => {
-                Err(LoadError { path: last.file.clone(), problem: SceneError::NoLevels })
-            }
+            Some(last) if level.is_some() && !has_levels => Err(SceneError::NoLevels.of(&last.file)),
             _ => Ok(all),
         }
     }
@@ -247,7 +238,7 @@ fn at_level<T>(
 }
 
 fn within(path: &Path, error: LoadError) -> LoadError {
-    LoadError { path: path.to_owned(), problem: SceneError::Placed(Box::new(error)) }
+    SceneError::Placed(Box::new(error)).of(path)
 }
 
 /// Returns true if a file is a composition; false if it cannot be read.
@@ -300,7 +291,7 @@ impl Scene {
         let path = path.as_ref();
         match Self::load_any(path, level, progress)? {
             Content::Splats(scene) => Ok(*scene),
-            Content::Mesh(_) => Err(alone(path)),
+            Content::Mesh(_) => Err(SceneError::MeshAlone.of(path)),
         }
     }
 
@@ -319,10 +310,8 @@ impl Scene {
             Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
             Found::Several(parts) => {
                 let headers = SceneHeader::of_parts(&parts, level).map_err(|error| within(path, error))?;
-                SceneHeader::check_joined(&headers, memory::available()).map_err(|error| LoadError {
-                    path: path.to_owned(),
-                    problem: SceneError::Memory(error),
-                })?;
+                SceneHeader::check_joined(&headers, memory::available())
+                    .map_err(|error| SceneError::Memory(error).of(path))?;
                 let (scene, elements) =
                     Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))?;
                 let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
@@ -361,7 +350,7 @@ impl Scene {
                 let share = done as f64 / of.max(1) as f64;
                 progress(before + (share * length as f64) as u64, total)
             };
-            let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
+            let no_room = |error| SceneError::Memory(error).of(&part.file);
             let mut add_size = |format: &str, rows, bytes| {
                 // A file that is placed several times is counted once.
                 if !parts[..index].iter().any(|before| before.file == part.file) {
@@ -391,21 +380,17 @@ impl Scene {
             };
             if scene.count() == 0 {
                 let (count, reasons) = (scene.dropped().total(), scene.dropped().to_string());
-                return Err(LoadError {
-                    path: part.file.clone(),
-                    problem: SceneError::AllDropped { count, reasons },
-                });
+                return Err(SceneError::AllDropped { count, reasons }.of(&part.file));
             }
             files.push((part.file.clone(), scene.count()));
             scenes.push(scene);
             before += length;
         }
-        let path = parts.last().map_or_else(Default::default, |part| part.file.clone());
+        let path = parts.last().map_or(Path::new(""), |part| &part.file);
         if scenes.is_empty() {
-            return Err(alone(&path));
+            return Err(SceneError::MeshAlone.of(path));
         }
-        let joined =
-            Self::joined(&scenes).map_err(|error| LoadError { path, problem: SceneError::Memory(error) })?;
+        let joined = Self::joined(&scenes).map_err(|error| SceneError::Memory(error).of(path))?;
         let joined = joined.with_parts(files);
         Ok((meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)), sizes))
     }

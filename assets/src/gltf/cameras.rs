@@ -3,9 +3,9 @@
 //! glTF has no picture sizes, only aspect ratios: all pictures have the height [`HEIGHT`].
 
 use super::container;
-use super::document::{Document, Lens, item, wrong};
+use super::document::{Document, Lens, item};
 use crate::camera::Camera;
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::input::Source;
 use crate::projection::Projection;
 use glam::{DMat3, DVec3};

@@ -1,8 +1,8 @@
 //! Reads the values of accessors as floats.
 
 use super::container::Container;
-use super::document::{Accessor, item, wrong};
-use crate::error::SceneError;
+use super::document::{Accessor, item};
+use crate::error::{SceneError, wrong};
 use crate::floats::Floats;
 use crate::input::Source;
 

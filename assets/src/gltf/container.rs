@@ -1,7 +1,7 @@
 //! Finds the JSON and the buffers of a glTF file.
 
-use super::document::{Buffer, BufferView, Document, item, wrong};
-use crate::error::{SceneError, field};
+use super::document::{Buffer, BufferView, Document, item};
+use crate::error::{SceneError, field, wrong};
 use crate::input::{OpenFile, Source};
 use crate::json;
 use crate::uri::{self, Resource};

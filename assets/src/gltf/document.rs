@@ -1,6 +1,6 @@
 //! Parses the parts of glTF's JSON that splats and cameras need, and computes the transforms of their nodes.
 
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::similarity::Similarity;
 use glam::{DMat4, DQuat};
 use serde::Deserialize;
@@ -9,10 +9,6 @@ use std::collections::BTreeMap;
 
 /// Name of the extension. The names of its attributes and of extensions to it begin with it.
 pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
-
-pub(super) fn wrong(part: impl Into<String>, message: impl Into<String>) -> SceneError {
-    SceneError::Part { part: part.into(), message: message.into() }
-}
 
 /// Returns the item at `index`; the error names the list `of`.
 pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a T, SceneError> {

@@ -2,9 +2,9 @@
 
 use super::columns::Column;
 use super::container::{self, Container};
-use super::document::{Primitive, SPLATTING, Splats, wrong};
+use super::document::{Primitive, SPLATTING, Splats};
 use crate::activation;
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::floats::{self, Floats, Piece, ROWS};
 use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::memory::SceneMemoryError;

@@ -7,7 +7,7 @@
 
 use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::file;
 use crate::gltf::MAGIC;
 use crate::json;
@@ -28,10 +28,6 @@ const MAX_BYTES: u64 = 1 << 30;
 /// Maximum number of triangles, and of vertices, over all nodes.
 const MAX_ELEMENTS: usize = 1 << 26;
 
-fn wrong(part: impl ToString, message: impl ToString) -> SceneError {
-    SceneError::Part { part: part.to_string(), message: message.to_string() }
-}
-
 impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
@@ -42,7 +38,8 @@ impl Mesh {
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
-        let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
+        let gltf =
+            Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error.to_string()))?;
         if let Some(extension) = gltf.extensions_required().next() {
             let message = format!("expected no required extension, found {extension}");
             return Err(wrong("extensionsRequired", message));
@@ -141,7 +138,7 @@ fn invalid(error: gltf::Error) -> SceneError {
             let others = if more > 0 { format!(", and {more} more") } else { String::new() };
             wrong("glTF", format!("expected a valid document, found: {path}: {first}{others}"))
         }
-        error => wrong("glTF", error),
+        error => wrong("glTF", error.to_string()),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Unpacks the images of materials: PNG and JPEG, to 8 bits of red, green, blue and alpha.
 
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -19,7 +19,7 @@ pub(super) struct Unpacked {
 
 /// Unpacks the bytes of an image file of at most `most` texels; `part` names it in errors.
 pub(super) fn unpack(bytes: &[u8], part: &str, most: u64) -> Result<Unpacked, SceneError> {
-    let wrong = |message: String| SceneError::Part { part: part.to_owned(), message };
+    let wrong = |message: String| wrong(part, message);
     let fits = |width: u32, height: u32| {
         if ![width, height].iter().all(|side| (1..=MAX_SIDE).contains(side)) {
             return Err(wrong(format!("expected 1 to {MAX_SIDE} texels a side, found {width} x {height}")));

@@ -172,12 +172,7 @@ pub(crate) fn row(
 pub(crate) fn skip(lines: &mut Lines, element: &Element) -> Result<Vec<u64>, SceneError> {
     let mut sizes = vec![0; element.properties.len()];
     for row in 0..element.count {
-        let line = lines.next_row()?.ok_or_else(|| SceneError::TruncatedElement {
-            element: element.name.clone(),
-            there: row,
-            promised: element.count,
-            line: element.line,
-        })?;
+        let line = lines.next_row()?.ok_or_else(|| element.truncated(row))?;
         let number = line.number;
         let mut values = words(line.text);
         let missing =

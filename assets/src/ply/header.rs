@@ -121,12 +121,11 @@ impl Element {
     }
 
     pub(crate) fn truncated(&self, there: u64) -> SceneError {
-        let (promised, line) = (self.count, self.line);
-        if self.name == "vertex" {
-            SceneError::Truncated { there, promised, line }
-        } else {
-            SceneError::TruncatedElement { element: self.name.clone(), there, promised, line }
-        }
+        let Self { name, count, line, .. } = self;
+        let rows = if name == "vertex" { "splats".into() } else { format!("rows of `element {name}`") };
+        SceneError::Invalid(format!(
+            "the file is truncated: expected {count} {rows} (line {line}), found {there}"
+        ))
     }
 
     /// Computes the size breakdown of the element. `sizes` has the bytes of each property, summed over all rows;
@@ -173,8 +172,10 @@ pub(crate) struct Header {
 
 impl Header {
     pub(crate) fn vertex(&self) -> Result<&Element, SceneError> {
-        self.elements.iter().find(|e| e.name == "vertex").ok_or_else(|| SceneError::NoVertexElement {
-            found: self.elements.iter().map(|e| e.name.clone()).collect(),
+        self.elements.iter().find(|e| e.name == "vertex").ok_or_else(|| {
+            let found = self.elements.iter().map(|e| e.name.as_str()).collect::<Vec<_>>().join(", ");
+            let found = if found.is_empty() { found } else { format!("; it has {found}") };
+            SceneError::Invalid(format!("the header has no `element vertex`, which holds the splats{found}"))
         })
     }
 
@@ -187,17 +188,24 @@ impl Header {
         loop {
             let rest = &bytes[at..bytes.len().min(HEADER_LIMIT)];
             let Some(end) = rest.iter().position(|&b| b == b'\n') else {
-                return Err(if bytes.len() > HEADER_LIMIT {
-                    SceneError::HeaderTooLong { limit: HEADER_LIMIT }
-                } else {
-                    SceneError::HeaderUnfinished { line: number }
-                });
+                return Err(SceneError::Invalid(match bytes.len() > HEADER_LIMIT {
+                    true => {
+                        format!(
+                            "the header is too long: no `end_header` line in the first {HEADER_LIMIT} bytes"
+                        )
+                    }
+                    false => {
+                        format!(
+                            "the header has no `end_header` line: the file ends inside it, after line {number}"
+                        )
+                    }
+                }));
             };
             number += 1;
             at += end + 1;
             let text = String::from_utf8_lossy(&rest[..end]);
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
-            let fail = |message: String| SceneError::Header { line: number, message };
+            let fail = |message: String| wrong_line(number, &message);
             match words.as_slice() {
                 [] | ["obj_info", ..] => {}
                 ["comment", comment @ ..] => tags::read(comment, &mut notes)?,
@@ -258,6 +266,11 @@ impl Header {
             }
         }
     }
+}
+
+/// The error for a line of the header, counted from 1.
+pub(super) fn wrong_line(line: u32, message: &str) -> SceneError {
+    SceneError::Invalid(format!("line {line} of the header: {message}"))
 }
 
 fn property(words: &[&str], line: u32) -> Result<Property, String> {

@@ -1,6 +1,6 @@
 //! Finds a splat's properties in `element vertex`.
 
-use super::header::{Element, PropertyType, Scalar};
+use super::header::{Element, PropertyType, Scalar, wrong_line};
 use crate::activation;
 use crate::error::{SceneError, nearest};
 use crate::scene::Splat;
@@ -43,6 +43,18 @@ pub(crate) struct Layout {
     pub slot_of: Vec<Option<usize>>,
 }
 
+/// Counts an element's properties `f_rest_*`. Also returns the degree of the harmonics that they are.
+pub(super) fn rest(element: &Element) -> Result<(usize, u32), SceneError> {
+    let found = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
+    match [0, 9, 24, 45].iter().position(|count| *count == found) {
+        Some(degree) => Ok((found, degree as u32)),
+        None => Err(SceneError::Invalid(format!(
+            "expected 0, 9, 24 or 45 properties `f_rest_*` (spherical harmonics of degree 0, 1, 2 or 3) in `element {}` (line {}), found {found}",
+            element.name, element.line
+        ))),
+    }
+}
+
 impl Layout {
     pub(crate) fn find(vertex: &Element) -> Result<Self, SceneError> {
         let line = vertex.line;
@@ -50,10 +62,8 @@ impl Layout {
         let mut stride = 0;
         for (column, property) in vertex.properties.iter().enumerate() {
             let PropertyType::Scalar(scalar) = property.kind else {
-                return Err(SceneError::Header {
-                    line: property.line,
-                    message: format!("`{}` is a list: splats have only single values", property.name),
-                });
+                let text = format!("`{}` is a list: splats have only single values", property.name);
+                return Err(wrong_line(property.line, &text));
             };
             columns.push((&property.name, Slot { column, offset: stride, scalar }));
             stride += scalar.size();
@@ -61,14 +71,15 @@ impl Layout {
         let find = |name: &str| columns.iter().find(|(n, _)| *n == name).map(|(_, slot)| *slot);
         let missing = |name: &str| {
             let cloud = name.starts_with("scale") || name.starts_with("f_dc");
-            let names = columns.iter().map(|(n, _)| *n);
-            SceneError::MissingProperty {
-                name: name.into(),
-                line,
-                nearest: nearest(name, names).map(str::to_owned),
-                hint: (cloud && find("x").is_some() && find("scale_0").is_none())
-                    .then_some("it may be a point cloud or a mesh, which has no splats"),
-            }
+            let near = nearest(name, columns.iter().map(|(n, _)| *n));
+            let near = near.map(|near| format!("; the nearest name there is `{near}`")).unwrap_or_default();
+            let hint = match cloud && find("x").is_some() && find("scale_0").is_none() {
+                true => " (it may be a point cloud or a mesh, which has no splats)",
+                false => "",
+            };
+            SceneError::Invalid(format!(
+                "`element vertex` (line {line}) has no property `{name}`{near}{hint}"
+            ))
         };
         if find("scale_1").is_some() && find("rot_0").is_some() && find("scale_2").is_none() {
             return Err(SceneError::SURFELS);
@@ -77,14 +88,7 @@ impl Layout {
         for name in NAMES {
             slots.push(find(name).ok_or_else(|| missing(name))?);
         }
-        let rest = columns.iter().filter(|(n, _)| n.starts_with("f_rest_")).count();
-        let degree = match rest {
-            0 => 0,
-            9 => 1,
-            24 => 2,
-            45 => 3,
-            found => return Err(SceneError::RestCount { found, line }),
-        };
+        let (rest, degree) = rest(vertex)?;
         for index in 0..rest {
             let name = format!("f_rest_{index}");
             slots.push(find(&name).ok_or_else(|| missing(&name))?);

@@ -12,7 +12,8 @@
 //! <https://github.com/playcanvas/splat-transform>.
 
 use super::binary;
-use super::header::{Element, Encoding, Header, Property, PropertyType, Scalar};
+use super::header::{Element, Encoding, Header, Property, PropertyType, Scalar, wrong_line};
+use super::layout;
 use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, Table};
@@ -64,7 +65,7 @@ impl Packed {
     /// Finds the properties in the header of a file, and checks the encoding and the numbers of rows.
     pub(super) fn find(header: &Header) -> Result<Self, SceneError> {
         let vertex = header.vertex()?;
-        let fail = |element: &Element, message: String| SceneError::Header { line: element.line, message };
+        let fail = |element: &Element, message: String| wrong_line(element.line, &message);
         if header.encoding != Encoding::LittleEndian {
             let found = header.encoding.name();
             return Err(fail(
@@ -86,7 +87,7 @@ impl Packed {
         let colors = chunk.properties.iter().any(|p| CHUNK[12..].contains(&p.name.as_str()));
         let bounds = &CHUNK[..if colors { 18 } else { 12 }];
         let sh = header.elements.iter().find(|element| element.name == "sh");
-        let mut rest = Vec::new();
+        let (mut rest, mut degree) = (Vec::new(), 0);
         if let Some(sh) = sh {
             if sh.count != vertex.count {
                 let text = format!(
@@ -95,10 +96,8 @@ impl Packed {
                 );
                 return Err(fail(sh, text));
             }
-            let found = sh.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
-            if ![0, 9, 24, 45].contains(&found) {
-                return Err(SceneError::RestCount { found, line: sh.line });
-            }
+            let found;
+            (found, degree) = layout::rest(sh)?;
             for index in 0..found {
                 rest.push(offset(sh, &format!("f_rest_{index}"), Scalar::U8)?);
             }
@@ -108,7 +107,7 @@ impl Packed {
             *offset_of = offset(vertex, name, Scalar::U32)?;
         }
         Ok(Self {
-            degree: [0, 9, 24, 45].iter().position(|n| *n == rest.len()).unwrap_or(0) as u32,
+            degree,
             vertex: offsets,
             chunk: bounds.iter().map(|name| offset(chunk, name, Scalar::F32)).collect::<Result<_, _>>()?,
             rest,
@@ -136,10 +135,7 @@ impl Packed {
         }
         let (Some(chunks), Some((vertex, count))) = (chunks, vertex) else {
             let line = header.vertex()?.line;
-            return Err(SceneError::Header {
-                line,
-                message: "expected no lists beside packed properties".into(),
-            });
+            return Err(wrong_line(line, "expected no lists beside packed properties"));
         };
         let bounds_bytes = count.div_ceil(CHUNK_SPLATS as u64) * (size_of::<Bounds>() as u64);
         let mut columns =
@@ -231,14 +227,14 @@ fn offset(element: &Element, name: &str, scalar: Scalar) -> Result<usize, SceneE
             kind => {
                 let (expected, found) = (scalar.name(), kind.name());
                 let message = format!("expected the type {expected} of `{}`, found {found}", property.name);
-                return Err(SceneError::Header { line: element.line, message });
+                return Err(wrong_line(element.line, &message));
             }
         }
     }
     let (element, line) = (&element.name, element.line);
     let message =
         format!("expected a property `{name}` in `element {element}` of a compressed PLY, found none");
-    Err(SceneError::Header { line, message })
+    Err(wrong_line(line, &message))
 }
 
 /// Unpacks three values from 0 to 1, stored in 11, 10 and 11 bits.

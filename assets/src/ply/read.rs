@@ -35,17 +35,17 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
     };
     let count = vertex.count;
     if count == 0 {
-        return Err(SceneError::NoSplats { line: vertex.line });
+        let line = vertex.line;
+        let text = format!("expected at least one splat, found `element vertex 0` (line {line})");
+        return Err(SceneError::Invalid(text));
     }
     let available = source.length() - header.bytes as u64;
     // A row has at least one byte. A count above `available` is reported as damage, although the file may be truncated.
     if let Some(absurd) = header.elements.iter().find(|e| e.count > available && !e.properties.is_empty()) {
-        return Err(SceneError::AbsurdCount {
-            element: absurd.name.clone(),
-            promised: absurd.count,
-            available,
-            line: absurd.line,
-        });
+        let Element { name, count, line, .. } = absurd;
+        return Err(SceneError::Invalid(format!(
+            "the header is damaged: `element {name}` (line {line}) declares {count} rows, but only {available} bytes follow the header"
+        )));
     }
     if u32::try_from(count).is_err() {
         return Err(SceneError::TooMany { count });

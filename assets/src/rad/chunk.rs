@@ -2,7 +2,7 @@
 
 use super::column::{Column, MAX_PER_BYTE};
 use super::document::{CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property};
-use crate::error::{SceneError, field};
+use crate::error::{SceneError, field, wrong};
 use crate::input::{Done, OpenFile, Source, beside, grow};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -50,8 +50,7 @@ pub(super) struct Arrays {
 fn within(name: Option<&str>, error: SceneError) -> SceneError {
     match (name, error) {
         (Some(name), SceneError::Io(error)) => {
-            let message = format!("expected a readable file beside the .rad, found: {error}");
-            SceneError::Part { part: name.into(), message }
+            wrong(name, format!("expected a readable file beside the .rad, found: {error}"))
         }
         (Some(name), error) => error.in_file(name),
         (None, error) => error,

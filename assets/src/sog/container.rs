@@ -1,7 +1,7 @@
 //! Reads the files of a scene, in an archive or in a folder, and unpacks textures.
 
-use super::meta::wrong;
-use crate::error::SceneError;
+use super::meta::unexpected;
+use crate::error::{SceneError, wrong};
 use crate::input::{self, OpenFile, Source, SourceReader, beside};
 use image_webp::WebPDecoder;
 use std::io::{BufReader, Cursor, Read};
@@ -36,10 +36,6 @@ pub(super) struct Texture {
     pub texels: Vec<u8>,
 }
 
-pub(super) fn damaged(name: &str, message: String) -> SceneError {
-    SceneError::Part { part: name.into(), message }
-}
-
 impl<'a> Container<'a> {
     pub(super) fn open(source: &'a Source<'a>, folder: Option<&Path>) -> Result<Self, SceneError> {
         let place = if source.head(MAGIC.len())? == MAGIC {
@@ -70,7 +66,7 @@ impl<'a> Container<'a> {
                 let length = source.length();
                 if length > MAX_META {
                     let message = format!("expected at most {MAX_META} bytes, found {length}");
-                    return Err(damaged("meta.json", message));
+                    return Err(wrong("meta.json", message));
                 }
                 self.sizes.push(("meta.json".into(), length));
                 Ok(source.head(length as usize)?)
@@ -82,25 +78,19 @@ impl<'a> Container<'a> {
         let (bytes, packed) = match &mut self.place {
             Place::Archive(zip, _) => {
                 let mut entry = zip.by_name(name).map_err(|error| match error {
-                    ZipError::FileNotFound => {
-                        damaged(name, "expected this file in the archive, found none".into())
-                    }
-                    other => {
-                        damaged(name, format!("expected a readable file of the archive, found: {other}"))
-                    }
+                    ZipError::FileNotFound => wrong(name, "expected this file in the archive, found none"),
+                    other => wrong(name, format!("expected a readable file of the archive, found: {other}")),
                 })?;
                 let packed = entry.compressed_size();
                 let mut bytes = Vec::new();
                 let read = (&mut entry).take(most + 1).read_to_end(&mut bytes);
-                read.map_err(|error| {
-                    damaged(name, format!("expected an intact file, found damage: {error}"))
-                })?;
+                read.map_err(|error| wrong(name, format!("expected an intact file, found damage: {error}")))?;
                 (bytes, packed)
             }
             Place::Folder(_, folder) => {
                 let path = beside(folder.as_deref(), name)?;
                 let unreadable = |error| {
-                    damaged(name, format!("expected a readable file beside the meta.json, found: {error}"))
+                    wrong(name, format!("expected a readable file beside the meta.json, found: {error}"))
                 };
                 let file = OpenFile::open(&path).map_err(unreadable)?;
                 let source = Source::File(&file);
@@ -112,7 +102,7 @@ impl<'a> Container<'a> {
             }
         };
         if bytes.len() as u64 > most {
-            return Err(damaged(name, format!("expected at most {most} bytes, found more")));
+            return Err(wrong(name, format!("expected at most {most} bytes, found more")));
         }
         self.sizes.push((name.to_owned(), packed));
         Ok(bytes)
@@ -143,25 +133,22 @@ impl<'a> Container<'a> {
             Place::Folder(..) => 8 * count + MAX_META,
         };
         let bytes = self.read(name, most)?;
-        let unreadable = |error| damaged(name, format!("expected a WebP texture, found: {error}"));
+        let unreadable = |error| wrong(name, format!("expected a WebP texture, found: {error}"));
         let other = [(&b"\x89PNG"[..], "PNG"), (b"\xFF\xD8\xFF", "JPEG"), (b"RIFF", "WebP")];
         match other.iter().find(|(magic, _)| bytes.starts_with(magic)) {
             Some((_, "WebP")) => {}
             found => {
                 let found = found.map_or("another format", |(_, name)| name);
-                return Err(damaged(name, format!("expected a WebP texture, found {found}")));
+                return Err(wrong(name, format!("expected a WebP texture, found {found}")));
             }
         }
         let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(unreadable)?;
         if decoder.is_lossy() {
-            return Err(damaged(
-                name,
-                "expected lossless WebP, found lossy, which loses the low bits".into(),
-            ));
+            return Err(wrong(name, "expected lossless WebP, found lossy, which loses the low bits"));
         }
         let (width, height) = decoder.dimensions();
         if let Some(expected) = fault(width.into(), height.into()) {
-            return Err(damaged(name, format!("{expected}, found {width} x {height}")));
+            return Err(wrong(name, format!("{expected}, found {width} x {height}")));
         }
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut pixels = Vec::new();
@@ -195,7 +182,7 @@ impl<'a> Container<'a> {
         let sum = self.sizes.iter().fold(0u64, |sum, (_, bytes)| sum.saturating_add(*bytes));
         match self.place {
             Place::Archive(_, length) if sum > length => {
-                Err(wrong("files", &format!("at most the {length} bytes of the archive"), sum))
+                Err(unexpected("files", &format!("at most the {length} bytes of the archive"), sum))
             }
             Place::Archive(_, length) => Ok((sum, length)),
             Place::Folder(..) => Ok((sum, sum)),

@@ -4,10 +4,9 @@
 //! one of the scenes. Level 0 is the finest. The splats of `environment` belong to every level. Format:
 //! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog/>.
 
-use super::container::damaged;
 use super::meta::malformed;
 use super::read;
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::input::{Input, OpenFile, SceneHeader, Source, beside};
 use crate::json;
 use crate::memory::SceneMemoryError;
@@ -62,8 +61,8 @@ pub(super) fn begins_as_levels(head: &[u8]) -> bool {
     text.trim_start().starts_with('{') && text.contains("\"lodLevels\"")
 }
 
-fn wrong(field: &str, expected: String, found: impl std::fmt::Display) -> SceneError {
-    damaged(&format!("{NAME}: {field}"), format!("expected {expected}, found {found}"))
+fn unexpected(field: &str, expected: String, found: impl std::fmt::Display) -> SceneError {
+    wrong(format!("{NAME}: {field}"), format!("expected {expected}, found {found}"))
 }
 
 impl Node {
@@ -80,18 +79,22 @@ impl Level {
     fn read(source: &Source, level: Option<u32>) -> Result<Self, SceneError> {
         let length = source.length();
         if length > MAX_JSON {
-            return Err(wrong("length", format!("at most {MAX_JSON} bytes"), length));
+            return Err(unexpected("length", format!("at most {MAX_JSON} bytes"), length));
         }
         let text = source.head(length as usize)?;
-        json::check(&text, json::LEVELS_OBJECT).map_err(|message| damaged(NAME, message))?;
+        json::check(&text, json::LEVELS_OBJECT).map_err(|message| wrong(NAME, message))?;
         let document: Document = serde_json::from_slice(&text).map_err(|error| malformed(NAME, &error))?;
         if let Some(found) = document.version.filter(|version| *version != 1) {
-            return Err(wrong("version", "1".into(), found));
+            return Err(unexpected("version", "1".into(), found));
         }
         let (level, levels) = (level.unwrap_or(0), document.levels);
         if level >= levels {
             let most = levels.saturating_sub(1);
-            return Err(wrong("lodLevels", format!("level 0, the finest, to {most}, the coarsest"), level));
+            return Err(unexpected(
+                "lodLevels",
+                format!("level 0, the finest, to {most}, the coarsest"),
+                level,
+            ));
         }
         let mut runs = Vec::new();
         document.tree.collect(level, &mut runs);
@@ -100,7 +103,7 @@ impl Level {
         for Run { file, offset, count } in runs {
             let Some(name) = document.filenames.get(file) else {
                 let most = document.filenames.len();
-                return Err(wrong("tree.lods.file", format!("a number below {most}"), file));
+                return Err(unexpected("tree.lods.file", format!("a number below {most}"), file));
             };
             let first = u64::from(offset);
             by_file.entry(Path::new(name)).or_default().push(first..first + u64::from(count));
@@ -110,13 +113,13 @@ impl Level {
             runs.sort_unstable_by_key(|run| run.start);
             if let Some(pair) = runs.windows(2).find(|pair| pair[1].start < pair[0].end) {
                 let expected = format!("runs that do not overlap in {}", file.display());
-                return Err(wrong("tree.lods.offset", expected, pair[1].start));
+                return Err(unexpected("tree.lods.offset", expected, pair[1].start));
             }
             files.push((file.to_string_lossy().into_owned(), Some(runs)));
         }
         files.extend(document.environment.map(|file| (file, None)));
         if files.is_empty() {
-            return Err(wrong("tree", format!("a leaf with splats in level {level}"), "none"));
+            return Err(unexpected("tree", format!("a leaf with splats in level {level}"), "none"));
         }
         Ok(Self { level, levels, files })
     }
@@ -130,11 +133,11 @@ fn within<T>(
 ) -> Result<T, SceneError> {
     let path = beside(folder, name)?;
     let open = OpenFile::open(&path);
-    let file = open.map_err(|error| damaged(name, format!("expected a readable file, found: {error}")))?;
+    let file = open.map_err(|error| wrong(name, format!("expected a readable file, found: {error}")))?;
     let done = work(&Source::File(&file), path.parent().unwrap_or(Path::new("")));
     file.check_unchanged().and(done).map_err(|problem| match problem {
         SceneError::Cancelled => problem,
-        _ => damaged(name, problem.to_string()),
+        _ => wrong(name, problem.to_string()),
     })
 }
 
@@ -155,7 +158,7 @@ fn headers(level: &Level, folder: Option<&Path>) -> Result<(SceneHeader, Vec<u64
         let end = runs.iter().flatten().map(|run| run.end).max().unwrap_or(0);
         if end > header.count {
             let expected = format!("runs within the {} splats of {name}", header.count);
-            return Err(wrong("tree.lods", expected, format_args!("one that ends at {end}")));
+            return Err(unexpected("tree.lods", expected, format_args!("one that ends at {end}")));
         }
         let count =
             runs.as_ref().map_or(header.count, |runs| runs.iter().map(|run| run.end - run.start).sum());

@@ -4,7 +4,7 @@
 //! version 1 as ranges.
 
 use crate::activation;
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::scene::Filter;
 use serde::Deserialize;
 
@@ -135,7 +135,7 @@ impl Meta2 {
             (Some("antialiased"), _) | (None | Some("default"), true) => Filter::Compensated,
             (None | Some("default"), false) => Filter::Dilated,
             (Some("2dgs"), _) => return Err(SceneError::SURFELS),
-            (Some(found), _) => return Err(wrong("model", "default, antialiased or 2dgs", found)),
+            (Some(found), _) => return Err(unexpected("model", "default, antialiased or 2dgs", found)),
         };
         let palette = self.sh_n.as_ref();
         let codebooks = [
@@ -145,15 +145,15 @@ impl Meta2 {
         ];
         for (name, codebook) in codebooks {
             if let Some(found) = codebook.map(Vec::len).filter(|length| *length != CODES) {
-                return Err(wrong(name, "256 numbers", found));
+                return Err(unexpected(name, "256 numbers", found));
             }
         }
         if let Some(palette) = palette {
             if !(1..=3).contains(&palette.bands) {
-                return Err(wrong("shN.bands", "1 to 3", palette.bands));
+                return Err(unexpected("shN.bands", "1 to 3", palette.bands));
             }
             if !(1..=MAX_ENTRIES).contains(&palette.count) {
-                return Err(wrong("shN.count", "1 to 65536", palette.count));
+                return Err(unexpected("shN.count", "1 to 65536", palette.count));
             }
         }
         let coded = |Coded2 { codebook, files: [file] }: Coded2| Coded {
@@ -183,7 +183,7 @@ impl Meta1 {
     fn checked(self) -> Result<Meta, SceneError> {
         let rows = self.means.shape.first().copied().unwrap_or(0);
         let count =
-            u32::try_from(rows).map_err(|_| wrong("means.shape", "at most 4294967295 splats", rows))?;
+            u32::try_from(rows).map_err(|_| unexpected("means.shape", "at most 4294967295 splats", rows))?;
         fn coded<const N: usize>(range: &Range1<N>) -> Coded {
             let tables = [0, 1, 2].map(|axis| between(range.mins[axis], range.maxs[axis]));
             Coded { tables, file: range.files[0].clone() }
@@ -215,10 +215,10 @@ impl Meta {
         let meta = match version {
             Some(2) => serde_json::from_slice::<Meta2>(text).map_err(malformed)?.checked()?,
             None | Some(1) => serde_json::from_slice::<Meta1>(text).map_err(malformed)?.checked()?,
-            Some(found) => return Err(wrong("version", "1 or 2", found)),
+            Some(found) => return Err(unexpected("version", "1 or 2", found)),
         };
         if meta.count == 0 {
-            return Err(wrong("count", "at least one splat", 0));
+            return Err(unexpected("count", "at least one splat", 0));
         }
         Ok(meta)
     }
@@ -242,9 +242,6 @@ pub(super) fn malformed(name: &str, error: &serde_json::Error) -> SceneError {
     SceneError::Row { line: error.line() as u64, message: format!("{name}: {error}") }
 }
 
-pub(super) fn wrong(name: &str, expected: &str, found: impl std::fmt::Display) -> SceneError {
-    SceneError::Part {
-        part: format!("meta.json: {name}"),
-        message: format!("expected {expected}, found {found}"),
-    }
+pub(super) fn unexpected(name: &str, expected: &str, found: impl std::fmt::Display) -> SceneError {
+    wrong(format!("meta.json: {name}"), format!("expected {expected}, found {found}"))
 }

@@ -1,7 +1,7 @@
 //! Reads SOG: unpacks the textures, then converts the texels in parallel.
 
 use super::container::{Container, Texture};
-use super::meta::{Meta, Palette, wrong};
+use super::meta::{Meta, Palette, unexpected};
 use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
@@ -29,7 +29,7 @@ const MAX_COUNT: u32 = 16_384 * 16_384;
 fn meta(files: &mut Container) -> Result<Meta, SceneError> {
     let meta = Meta::parse(&files.meta()?)?;
     if meta.count > MAX_COUNT {
-        return Err(wrong(
+        return Err(unexpected(
             "count",
             &format!("at most {MAX_COUNT}, the texels of the largest WebP"),
             meta.count,
@@ -108,7 +108,11 @@ pub(super) fn parse(
     let whole = 0..all;
     let runs = runs.unwrap_or(std::slice::from_ref(&whole));
     if let Some(beyond) = runs.iter().find(|run| run.end > all) {
-        return Err(wrong("count", &format!("at least {}, the end of a run of splats", beyond.end), all));
+        return Err(unexpected(
+            "count",
+            &format!("at least {}, the end of a run of splats", beyond.end),
+            all,
+        ));
     }
     let count: u64 = runs.iter().map(|run| run.end - run.start).sum();
     let palette = meta.palette.as_ref();

@@ -1,6 +1,6 @@
 //! Stores the parts of a layer that the splat reader needs: prims with some of their attributes.
 
-use crate::error::{SceneError, field};
+use crate::error::{SceneError, field, wrong};
 use crate::input::{Source, grow};
 use half::f16;
 use std::collections::BTreeMap;
@@ -214,7 +214,7 @@ impl Layer {
 
     pub(super) fn wrong(&self, prim: usize, attribute: &str, message: String) -> SceneError {
         let dot = if attribute.is_empty() { "" } else { "." };
-        SceneError::Part { part: format!("{}{dot}{attribute}", self.path(prim)), message }
+        wrong(format!("{}{dot}{attribute}", self.path(prim)), message)
     }
 
     /// Returns the bytes of the arrays that are in memory. Others stay in the file.

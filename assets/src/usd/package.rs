@@ -1,7 +1,7 @@
 //! Finds the layer of an archive: the first file of an uncompressed ZIP archive.
 
 use super::layer::Bytes;
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::input::{self, Source};
 use crate::sog::MAGIC;
 use zip::CompressionMethod;
@@ -19,15 +19,13 @@ pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<Str
     if source.head(MAGIC.len())? != MAGIC {
         return Ok((Bytes::new(source, 0, source.length()), None));
     }
-    let damaged = |message: String| SceneError::Part { part: "zip".into(), message };
     let mut zip = input::archive(source)?;
     let file = zip
         .by_index_raw(0)
-        .map_err(|error| damaged(format!("expected a readable file of the archive, found: {error}")))?;
+        .map_err(|error| wrong("zip", format!("expected a readable file of the archive, found: {error}")))?;
     let name: String = String::from_utf8_lossy(file.name_raw()).chars().take(60).collect();
     if file.compression() != CompressionMethod::Stored || file.encrypted() {
-        let message = "expected an uncompressed file, as the format requires, found another".into();
-        return Err(SceneError::Part { part: name, message });
+        return Err(wrong(name, "expected an uncompressed file, as the format requires, found another"));
     }
     let (start, length) = (file.data_start(), file.size());
     let end = start.and_then(|start| start.checked_add(length));
@@ -35,9 +33,6 @@ pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<Str
         (Some(start), Some(end)) if end <= source.length() => {
             Ok((Bytes::new(source, start, length), Some(name)))
         }
-        _ => Err(SceneError::Part {
-            part: name,
-            message: "expected a file in the archive, found its end".into(),
-        }),
+        _ => Err(wrong(name, "expected a file in the archive, found its end")),
     }
 }

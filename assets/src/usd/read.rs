@@ -3,7 +3,7 @@
 use super::layer::{Array, Bytes, Layer, SPLATS, Value};
 use super::{binary, package, text, xform};
 use crate::activation;
-use crate::error::SceneError;
+use crate::error::{SceneError, wrong};
 use crate::floats::{self, Floats};
 use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::memory::{self, SceneMemoryError};
@@ -41,10 +41,10 @@ fn parse_text(bytes: &Bytes, memory: Option<u64>) -> Result<Layer, SceneError> {
     let needed = bytes.length.saturating_mul(3);
     if let Some(memory) = memory.filter(|memory| needed > *memory) {
         let [needed, memory] = [needed, memory].map(memory::display);
-        let message = format!(
+        let text = format!(
             "expected a text layer that fits in memory, found one that needs {needed}, of {memory} available"
         );
-        return Err(SceneError::Part { part: "USD".into(), message });
+        return Err(wrong("USD", text));
     }
     text::parse(&bytes.vec(0, bytes.length)?)
 }
@@ -57,10 +57,10 @@ fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, L
         let is_binary = bytes.read(0, &mut head).is_ok() && head == *binary::MAGIC;
         let layer = if is_binary { binary::parse(&bytes)? } else { parse_text(&bytes, memory)? };
         if let Some(arc) = &layer.arc {
-            let message = format!(
+            let text = format!(
                 "expected a single layer without references to others, found {arc} (join them first, e.g. by `usdcat --flatten`)"
             );
-            return Err(SceneError::Part { part: "USD".into(), message });
+            return Err(wrong("USD", text));
         }
         Ok(layer)
     };
@@ -78,8 +78,7 @@ fn upright(layer: &Layer) -> Result<Similarity, SceneError> {
         Some("Z") => Ok(Similarity { rotation: DQuat::from_rotation_x(-FRAC_PI_2), ..Similarity::IDENTITY }),
         Some(other) => {
             let found: String = other.chars().take(20).collect();
-            let message = format!("expected Y or Z, found {found}");
-            Err(SceneError::Part { part: "upAxis".into(), message })
+            Err(wrong("upAxis", format!("expected Y or Z, found {found}")))
         }
     }
 }
