@@ -63,18 +63,8 @@ impl Input<'_> {
         wide: bool,
         (stride, beside): (usize, u64),
     ) -> Result<Columns, SceneError> {
-        let buffers = rayon::current_num_threads() * PIECE.max(stride);
-        let low = if wide { count.saturating_mul(Columns::LOW_BYTES) } else { 0 };
-        let needed = Scene::host_bytes(count, degree)
-            .saturating_add(low)
-            .saturating_add(beside)
-            .saturating_add(buffers as u64);
-        SceneMemoryError::check_against(count, degree, needed, self.memory)?;
-        let mut columns = Columns::zeroed(count as usize, degree)?;
-        if wide {
-            columns.widen()?;
-        }
-        Ok(columns)
+        let buffers = (rayon::current_num_threads() * PIECE.max(stride)) as u64;
+        Ok(Columns::allocate(count, degree, wide, beside.saturating_add(buffers), self.memory)?)
     }
 }
 

@@ -88,40 +88,43 @@ impl Columns {
     pub(crate) const LOW_BYTES: u64 = size_of::<[f32; 3]>() as u64;
 
     /// Computes the bytes per splat in all arrays but the remainders of positions.
-    pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
+    const fn bytes_per_splat(degree: u32) -> u64 {
         (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
             as u64
     }
 
-    /// Allocates all arrays but the remainders of positions.
-    pub(crate) fn zeroed(count: usize, degree: u32) -> Result<Self, SceneMemoryError> {
+    /// Computes the host memory in bytes of a scene of `count` splats: see [`Scene::host_bytes`](super::Scene::host_bytes).
+    pub(crate) fn host_bytes(count: u64, degree: u32) -> u64 {
+        let statistics = size_of::<[f32; 3]>() as u64;
+        count.saturating_mul(Self::bytes_per_splat(degree) + statistics)
+    }
+
+    /// Allocates the arrays of `count` splats. Positions that are `wide` have more precision than f32.
+    ///
+    /// Fails if the `available` memory is less than the scene and `beside` more bytes.
+    pub(crate) fn allocate(
+        count: u64,
+        degree: u32,
+        wide: bool,
+        beside: u64,
+        available: Option<u64>,
+    ) -> Result<Self, SceneMemoryError> {
+        let low = if wide { count.saturating_mul(Self::LOW_BYTES) } else { 0 };
+        let needed = Self::host_bytes(count, degree).saturating_add(low).saturating_add(beside);
+        SceneMemoryError::check_against(count, degree, needed, available)?;
+        let length = count as usize;
         let columns = || {
             Some(Self {
                 degree,
-                position: memory::zeroed(count)?,
-                low: Vec::new(),
-                scale: memory::zeroed(count)?,
-                rotation: memory::zeroed(count)?,
-                opacity: memory::zeroed(count)?,
-                sh: memory::zeroed(count.checked_mul(sh_floats(degree))?)?,
+                position: memory::zeroed(length)?,
+                low: memory::zeroed(if wide { length } else { 0 })?,
+                scale: memory::zeroed(length)?,
+                rotation: memory::zeroed(length)?,
+                opacity: memory::zeroed(length)?,
+                sh: memory::zeroed(length.checked_mul(sh_floats(degree))?)?,
             })
         };
-        columns().ok_or_else(|| {
-            let needed = (count as u64).saturating_mul(Self::bytes_per_splat(degree));
-            SceneMemoryError { count: count as u64, degree, needed, available: memory::available() }
-        })
-    }
-
-    /// Allocates the remainders of positions with more precision than f32.
-    pub(crate) fn widen(&mut self) -> Result<(), SceneMemoryError> {
-        let count = self.position.len();
-        self.low = memory::zeroed(count).ok_or_else(|| SceneMemoryError {
-            count: count as u64,
-            degree: self.degree,
-            needed: count as u64 * Self::LOW_BYTES,
-            available: memory::available(),
-        })?;
-        Ok(())
+        columns().ok_or(SceneMemoryError { count, degree, needed, available })
     }
 
     /// Fills all rows in parallel, one chunk per task, and closes the gaps of dropped splats.

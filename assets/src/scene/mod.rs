@@ -22,12 +22,13 @@ pub use splat::{Splat, sh_floats};
 use crate::activation;
 use crate::bounds::Bounds;
 use crate::harmonics;
-use crate::memory::SceneMemoryError;
+use crate::memory::{self, SceneMemoryError};
 use crate::mesh::Mesh;
 use crate::size_breakdown::SizeBreakdown;
 use crate::words::CHUNK;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use tracing::info_span;
@@ -66,6 +67,12 @@ pub struct Scene {
     pub(crate) identity: OnceLock<u64>,
 }
 
+/// Normalises the quaternion of a splat; also returns the length that it had.
+fn normalised(splat: Splat) -> (Splat, f64) {
+    let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
+    (Splat { rotation, ..splat }, norm)
+}
+
 impl Scene {
     pub(crate) fn new(
         mut columns: Columns,
@@ -98,8 +105,7 @@ impl Scene {
     /// Its arrays take 44 + 4 * [`sh_floats`] bytes per splat, and computing robust bounds temporarily copies the
     /// positions.
     pub fn host_bytes(count: u64, stored_degree: u32) -> u64 {
-        let statistics = size_of::<[f32; 3]>() as u64;
-        count.saturating_mul(Columns::bytes_per_splat(stored_degree) + statistics)
+        Columns::host_bytes(count, stored_degree)
     }
 
     /// Generates a scene of `count` splats with spherical harmonics of `degree`, at most 3.
@@ -122,28 +128,28 @@ impl Scene {
         degree: u32,
         splat: impl Fn(usize) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let degree = degree.min(3);
-        SceneMemoryError::check(count.into(), degree, Self::host_bytes(count.into(), degree))?;
-        let columns = Columns::zeroed(count as usize, degree)?;
-        Ok(Self::filled(columns, |rows| {
-            for index in 0..rows.len() {
-                let mut splat = splat(rows.first() + index);
-                let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
-                splat.rotation = rotation;
-                rows.push(&splat, norm);
-            }
-        }))
+        Self::generated(count, degree, false, |index| {
+            let (splat, norm) = normalised(splat(index));
+            (splat, splat.position.map(f64::from), norm)
+        })
     }
 
-    fn filled(mut columns: Columns, fill: impl Fn(&mut Rows) + Sync) -> Self {
-        let filled = columns.fill(|rows| {
-            fill(rows);
-            Ok::<_, std::convert::Infallible>(())
+    /// Generates a scene. `splat` returns a splat, its position, and the length that its quaternion had.
+    fn generated(
+        count: u32,
+        degree: u32,
+        wide: bool,
+        splat: impl Fn(usize) -> (Splat, [f64; 3], f64) + Sync,
+    ) -> Result<Self, SceneMemoryError> {
+        let mut columns = Columns::allocate(count.into(), degree.min(3), wide, 0, memory::available())?;
+        let Ok(gathered) = columns.fill(|rows| {
+            for index in rows.first()..rows.first() + rows.len() {
+                let (splat, position, norm) = splat(index);
+                rows.push_wide(&Splat { position: position.map(|v| v as f32), ..splat }, position, norm);
+            }
+            Ok::<_, Infallible>(())
         });
-        match filled {
-            Ok(gathered) => Self::new(columns, gathered, None),
-            Err(never) => match never {},
-        }
+        Ok(Self::new(columns, gathered, None))
     }
 
     /// Generates a scene like [`Scene::try_generate`], with positions of more precision than f32.
@@ -167,24 +173,10 @@ impl Scene {
         wide: bool,
         splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let degree = degree.min(3);
-        let low = if wide { u64::from(count) * Columns::LOW_BYTES } else { 0 };
-        SceneMemoryError::check(
-            count.into(),
-            degree,
-            Self::host_bytes(count.into(), degree).saturating_add(low),
-        )?;
-        let mut columns = Columns::zeroed(count as usize, degree)?;
-        if wide {
-            columns.widen()?;
-        }
-        Ok(Self::filled(columns, |rows| {
-            for index in 0..rows.len() {
-                let (mut splat, position) = splat(rows.first() + index);
-                splat.position = position.map(|v| v as f32);
-                rows.push_wide(&splat, position, 1.0);
-            }
-        }))
+        Self::generated(count, degree, wide, |index| {
+            let (splat, position) = splat(index);
+            (splat, position, 1.0)
+        })
     }
 
     /// Copies the scene without the harmonics above `degree`.

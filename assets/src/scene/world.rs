@@ -1,7 +1,6 @@
 //! Generates scenes from positions of more precision than f32, such as those of surveyed scenes.
 
-use super::{Columns, Scene, Splat};
-use crate::activation;
+use super::{Scene, Splat, normalised};
 use crate::memory::SceneMemoryError;
 use crate::ply::origin::Sample;
 
@@ -18,32 +17,17 @@ impl Scene {
         position: impl Fn(usize) -> [f64; 3] + Sync,
         splat: impl Fn(usize) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let degree = degree.min(3);
-        let low = u64::from(count) * Columns::LOW_BYTES;
-        SceneMemoryError::check(
-            count.into(),
-            degree,
-            Self::host_bytes(count.into(), degree).saturating_add(low),
-        )?;
         let mut sample = Sample::new([true; 3], count.into());
         for index in (0..count).step_by(sample.every as usize) {
             let position = position(index as usize);
             (0..3).for_each(|axis| sample.add(axis, position[axis]));
         }
         let origin = sample.origin();
-        let mut columns = Columns::zeroed(count as usize, degree)?;
-        columns.widen()?;
-        let scene = Self::filled(columns, |rows| {
-            for index in rows.first()..rows.first() + rows.len() {
-                let mut splat = splat(index);
-                let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
-                splat.rotation = rotation;
-                let world = position(index);
-                let position: [f64; 3] = std::array::from_fn(|axis| world[axis] - origin[axis]);
-                splat.position = position.map(|v| v as f32);
-                rows.push_wide(&splat, position, norm);
-            }
-        });
+        let scene = Self::generated(count, degree, true, |index| {
+            let (splat, norm) = normalised(splat(index));
+            let world = position(index);
+            (splat, std::array::from_fn(|axis| world[axis] - origin[axis]), norm)
+        })?;
         Ok(scene.with_offset(origin))
     }
 }
