@@ -43,6 +43,33 @@ pub struct SceneHeader {
     pub stored_degree: u32,
 }
 
+impl SceneHeader {
+    /// Returns the header of a scene that is joined from others.
+    pub(crate) fn joined(all: &[Self]) -> Self {
+        Self {
+            count: all.iter().fold(0, |sum, header| sum.saturating_add(header.count)),
+            stored_degree: all.iter().map(|header| header.stored_degree).max().unwrap_or(0),
+        }
+    }
+
+    /// Fails if the `available` memory is less than several scenes, the joined one, which has wide positions, and `held` more
+    /// bytes. A single scene is not copied.
+    pub(crate) fn check_joined(
+        all: &[Self],
+        held: u64,
+        available: Option<u64>,
+    ) -> Result<(), SceneMemoryError> {
+        if all.len() < 2 {
+            return Ok(());
+        }
+        let joined = Self::joined(all);
+        let bytes = |header: &Self| Scene::host_bytes(header.count, header.stored_degree);
+        let low = joined.count.saturating_mul(Columns::LOW_BYTES);
+        let needed = all.iter().chain([&joined]).map(bytes).chain([low, held]).fold(0, u64::saturating_add);
+        SceneMemoryError::check_against(joined.count, joined.stored_degree, needed, available)
+    }
+}
+
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
     pub source: &'a Source<'a>,

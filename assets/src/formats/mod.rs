@@ -3,7 +3,7 @@
 use crate::composition::{self, Placed};
 use crate::error::{LoadError, SceneError, wrong};
 use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
-use crate::memory::{self, SceneMemoryError};
+use crate::memory;
 use crate::mesh::Mesh;
 use crate::recognise;
 use crate::scene::{FileNotes, Filter, Scene, SortKey};
@@ -188,19 +188,6 @@ impl SceneHeader {
         }
     }
 
-    fn joined(all: &[Self]) -> Self {
-        let stored_degree = all.iter().map(|header| header.stored_degree).max().unwrap_or(0);
-        Self { count: all.iter().map(|header| header.count).sum(), stored_degree }
-    }
-
-    /// Fails if the scenes and the joined scene do not fit in the `available` memory together.
-    fn check_joined(all: &[Self], available: Option<u64>) -> Result<(), SceneMemoryError> {
-        let bytes = |header: &Self| Scene::host_bytes(header.count, header.stored_degree);
-        let joined = Self::joined(all);
-        let needed = all.iter().chain([&joined]).fold(0u64, |sum, header| sum.saturating_add(bytes(header)));
-        SceneMemoryError::check_against(joined.count, joined.stored_degree, needed, available)
-    }
-
     /// Returns false for a mesh, for a scene without levels, and for a composition of these. Errors of other kinds give
     /// true: a load reports them.
     pub fn has_levels(path: impl AsRef<Path>) -> bool {
@@ -310,7 +297,7 @@ impl Scene {
             Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
             Found::Several(parts) => {
                 let headers = SceneHeader::of_parts(&parts, level).map_err(|error| within(path, error))?;
-                SceneHeader::check_joined(&headers, memory::available())
+                SceneHeader::check_joined(&headers, 0, memory::available())
                     .map_err(|error| SceneError::Memory(error).of(path))?;
                 let (scene, elements) =
                     Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))?;
@@ -390,7 +377,7 @@ impl Scene {
         if scenes.is_empty() {
             return Err(SceneError::MeshAlone.of(path));
         }
-        let joined = Self::joined(&scenes).map_err(|error| SceneError::Memory(error).of(path))?;
+        let joined = Self::of_one_file(scenes).map_err(|error| SceneError::Memory(error).of(path))?;
         let joined = joined.with_parts(files);
         Ok((meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)), sizes))
     }

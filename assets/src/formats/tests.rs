@@ -293,10 +293,12 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     // The scenes are in memory beside the joined one, whose degree is the highest.
     let part = |name: &str| Placed { file: at(name), by: Similarity::IDENTITY };
     let headers = SceneHeader::of_parts(&[part("a.ply"), part("b.ply"), part("b.ply")], None).unwrap();
-    let needed = Scene::host_bytes(300, 3) + 2 * Scene::host_bytes(300, 2) + Scene::host_bytes(900, 3);
-    assert!(SceneHeader::check_joined(&headers, Some(needed)).is_ok());
-    let said = SceneHeader::check_joined(&headers, Some(needed - 1)).unwrap_err();
-    assert_eq!((said.count, said.degree, said.needed), (900, 3, needed));
+    let joined = Scene::host_bytes(900, 3) + 900 * 12;
+    let needed = Scene::host_bytes(300, 3) + 2 * Scene::host_bytes(300, 2) + joined;
+    assert!(SceneHeader::check_joined(&headers, 0, Some(needed)).is_ok());
+    let said = SceneHeader::check_joined(&headers, 1, Some(needed)).unwrap_err();
+    assert!(SceneHeader::check_joined(&headers[..1], 0, Some(0)).is_ok(), "a single scene is not copied");
+    assert_eq!((said.count, said.degree, said.needed), (900, 3, needed + 1));
     assert!(names_scenes(&at("both.ron")) && !names_scenes(&at("a.ply")) && !names_scenes(&at("none")));
 }
 

@@ -2,12 +2,11 @@
 
 use super::columns::Column;
 use super::container::{self, Container};
-use super::document::{Primitive, SPLATTING, Splats};
+use super::document::{Document, Primitive, SPLATTING, Splats};
 use crate::activation;
 use crate::error::{SceneError, wrong};
 use crate::floats::{self, Floats, Piece, ROWS};
 use crate::input::{self, Done, Input, SceneHeader, Source};
-use crate::memory::SceneMemoryError;
 use crate::node_transform::NodeTransform;
 use crate::scene::{FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::similarity::Similarity;
@@ -39,14 +38,17 @@ fn degree(primitive: &Primitive) -> u32 {
 
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let document = container::document(source)?;
-    let mut found = SceneHeader { count: 0, stored_degree: 0 };
-    for splats in document.splats()?.0 {
-        let index = splats.primitive.attributes.get("POSITION");
-        let accessor = index.and_then(|index| document.accessors.get(*index));
-        found.count = found.count.saturating_add(accessor.map_or(0, |accessor| accessor.count));
-        found.stored_degree = found.stored_degree.max(degree(splats.primitive));
-    }
-    Ok(found)
+    let headers: Vec<_> =
+        document.splats()?.0.iter().map(|splats| splats_header(&document, splats)).collect();
+    Ok(SceneHeader::joined(&headers))
+}
+
+/// Returns the number of splats that a primitive's positions declare, and the degree of its harmonics.
+fn splats_header(document: &Document, splats: &Splats) -> SceneHeader {
+    let positions = splats.primitive.attributes.get("POSITION");
+    let positions = positions.and_then(|index| document.accessors.get(*index));
+    let count = positions.map_or(0, |accessor| accessor.count);
+    SceneHeader { count, stored_degree: degree(splats.primitive) }
 }
 
 /// Reads a primitive; also returns the bytes of each kind of value.
@@ -153,17 +155,10 @@ fn packed(
 pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     let container = Container::open(input.source, path)?;
     let (all, mesh_primitives) = container.document.splats()?;
-    let mut total = 0u64;
-    for splats in all.iter().filter(|splats| splats.spz.is_none()) {
-        let index = splats.primitive.attributes.get("POSITION").copied();
-        let accessor = index.and_then(|index| container.document.accessors.get(index));
-        total = total.saturating_add(accessor.map_or(0, |accessor| accessor.count));
-    }
-    // Several nodes can place one primitive. During the join, every splat is in memory twice.
-    if all.len() > 1 {
-        let needed = Scene::host_bytes(total, 3).saturating_mul(2);
-        SceneMemoryError::check_against(total, 3, needed, input.memory)?;
-    }
+    // Several nodes can place one primitive.
+    let plain = all.iter().filter(|splats| splats.spz.is_none());
+    let headers: Vec<_> = plain.map(|splats| splats_header(&container.document, splats)).collect();
+    SceneHeader::check_joined(&headers, 0, input.memory)?;
     let (mut scenes, mut fields) = (Vec::new(), Vec::new());
     for splats in &all {
         let (scene, sizes) = primitive(input, &container, splats)?;

@@ -9,7 +9,6 @@ use super::read;
 use crate::error::{SceneError, wrong};
 use crate::input::{Input, OpenFile, SceneHeader, Source, beside};
 use crate::json;
-use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use serde::Deserialize;
@@ -146,14 +145,12 @@ pub(super) fn header(
     folder: Option<&Path>,
     level: Option<u32>,
 ) -> Result<SceneHeader, SceneError> {
-    headers(&Level::read(source, level)?, folder).map(|(all, _)| all)
+    Ok(SceneHeader::joined(&headers(&Level::read(source, level)?, folder)?))
 }
 
-/// Returns the combined header, and the number of the level's splats in each file.
-fn headers(level: &Level, folder: Option<&Path>) -> Result<(SceneHeader, Vec<u64>), SceneError> {
-    let mut all = SceneHeader { count: 0, stored_degree: 0 };
-    let mut counts = Vec::new();
-    for (name, runs) in &level.files {
+/// Returns the headers of the level's splats in each file.
+fn headers(level: &Level, folder: Option<&Path>) -> Result<Vec<SceneHeader>, SceneError> {
+    let header = |(name, runs): &(String, Runs)| {
         let header = within(folder, name, |source, folder| read::header(source, Some(folder)))?;
         let end = runs.iter().flatten().map(|run| run.end).max().unwrap_or(0);
         if end > header.count {
@@ -162,23 +159,20 @@ fn headers(level: &Level, folder: Option<&Path>) -> Result<(SceneHeader, Vec<u64
         }
         let count =
             runs.as_ref().map_or(header.count, |runs| runs.iter().map(|run| run.end - run.start).sum());
-        all.count += count;
-        all.stored_degree = all.stored_degree.max(header.stored_degree);
-        counts.push(count);
-    }
-    Ok((all, counts))
+        Ok(SceneHeader { count, ..header })
+    };
+    level.files.iter().map(header).collect()
 }
 
 /// Parses a level of a streamed scene; the finest if `level` is `None`.
 pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) -> Result<Scene, SceneError> {
     let level = Level::read(input.source, level)?;
-    let (all, counts) = headers(&level, folder)?;
-    // The scenes of the files and the joined scene are in memory together.
-    let needed = Scene::host_bytes(all.count, all.stored_degree).saturating_mul(2);
-    SceneMemoryError::check_against(all.count, all.stored_degree, needed, input.memory)?;
-    let (mut scenes, mut before) = (Vec::with_capacity(counts.len()), 0);
+    let headers = headers(&level, folder)?;
+    SceneHeader::check_joined(&headers, 0, input.memory)?;
+    let all = SceneHeader::joined(&headers);
+    let (mut scenes, mut before) = (Vec::with_capacity(headers.len()), 0);
     let mut breakdown = empty(&level, input.source.length());
-    for ((name, runs), count) in level.files.iter().zip(counts) {
+    for ((name, runs), SceneHeader { count, .. }) in level.files.iter().zip(headers) {
         // Converts a reader's progress to splats of the level.
         let tell = |done: u64, of: u64| -> ControlFlow<()> {
             let share = done as f64 / of.max(1) as f64;

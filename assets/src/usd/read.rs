@@ -6,9 +6,9 @@ use crate::activation;
 use crate::error::{SceneError, wrong};
 use crate::floats::{self, Floats};
 use crate::input::{self, Done, Input, SceneHeader, Source};
-use crate::memory::{self, SceneMemoryError};
+use crate::memory;
 use crate::node_transform::NodeTransform;
-use crate::scene::{Columns, FileNotes, Scene, SortKey, Splat, sh_floats};
+use crate::scene::{FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use glam::{DMat4, DQuat};
@@ -31,8 +31,8 @@ struct Splats<'a> {
 }
 
 impl Splats<'_> {
-    fn stored_degree(&self) -> u32 {
-        self.degree.min(3)
+    fn header(&self) -> SceneHeader {
+        SceneHeader { count: self.count, stored_degree: self.degree.min(3) }
     }
 }
 
@@ -176,28 +176,20 @@ fn prim_splats(layer: &Layer, prim: usize, place: Similarity) -> Result<Splats<'
 
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let (_, layer) = open(source, memory::available())?;
-    let all = splats(&layer)?;
-    let stored_degree = all.iter().map(Splats::stored_degree).max().unwrap_or(0);
-    Ok(SceneHeader { count: all.iter().map(|splats| splats.count).sum(), stored_degree })
+    let headers: Vec<_> = splats(&layer)?.iter().map(Splats::header).collect();
+    Ok(SceneHeader::joined(&headers))
 }
 
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let (bytes, layer) = open(input.source, input.memory)?;
     let all = splats(&layer)?;
-    let total = all.iter().fold(0u64, |sum, splats| sum.saturating_add(splats.count));
-    if u32::try_from(total).is_err() {
-        return Err(SceneError::TooMany { count: total });
+    let headers: Vec<_> = all.iter().map(Splats::header).collect();
+    let SceneHeader { count, .. } = SceneHeader::joined(&headers);
+    if u32::try_from(count).is_err() {
+        return Err(SceneError::TooMany { count });
     }
     let held = layer.held_bytes();
-    if all.len() > 1 {
-        // During the join, every splat is in memory twice.
-        let degree = all.iter().map(Splats::stored_degree).max().unwrap_or(0);
-        let alone = all.iter().map(|splats| Scene::host_bytes(splats.count, splats.stored_degree()));
-        let joined =
-            Scene::host_bytes(total, degree).saturating_add(total.saturating_mul(Columns::LOW_BYTES));
-        let needed = alone.chain([joined, held]).fold(0, u64::saturating_add);
-        SceneMemoryError::check_against(total, degree, needed, input.memory)?;
-    }
+    SceneHeader::check_joined(&headers, held, input.memory)?;
     let stride = |splats: &Splats| -> u64 {
         splats.arrays.iter().map(|(array, _)| array.stride() as u64 * array.count).sum()
     };
@@ -216,7 +208,7 @@ fn prim_scene(
     done: &Done,
 ) -> Result<Scene, SceneError> {
     let Splats { place, arrays, count, degree: file_degree, key_of } = splats;
-    let degree = splats.stored_degree();
+    let degree = splats.header().stored_degree;
     let transform = NodeTransform::new(*place, degree);
     // Components of a splat in each array.
     let coefficients = ((file_degree + 1) * (file_degree + 1)) as usize;
