@@ -324,7 +324,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let rows = ElementSize::new("splats", count, vec![FieldSize::whole("rows", "row", bytes)]);
     let header_bytes = sections.first().map_or(0, |section| section.rows);
     let format = format!("ksplat, level {}", header.level);
-    let size_breakdown = SizeBreakdown::new(format, source.length(), header_bytes, rows);
+    let size_breakdown = SizeBreakdown::new(format, source.length(), header_bytes, vec![rows]);
     input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
 }
 

@@ -49,10 +49,16 @@ pub struct FieldSize {
 }
 
 impl SizeBreakdown {
-    /// Creates the breakdown of a file with one element. The bytes beside header and element are trailing ones.
-    pub(crate) fn new(format: String, file_bytes: u64, header_bytes: u64, element: ElementSize) -> Self {
-        let trailing_bytes = file_bytes - header_bytes - element.bytes;
-        Self { format, file_bytes, header_bytes, elements: vec![element], trailing_bytes }
+    /// Creates the breakdown of a file. The bytes beside header and elements are trailing ones.
+    pub(crate) fn new(
+        format: String,
+        file_bytes: u64,
+        header_bytes: u64,
+        elements: Vec<ElementSize>,
+    ) -> Self {
+        let trailing_bytes =
+            file_bytes - header_bytes - elements.iter().map(|element| element.bytes).sum::<u64>();
+        Self { format, file_bytes, header_bytes, elements, trailing_bytes }
     }
 
     /// Sums header, elements and trailing bytes, which gives the file's size.
@@ -75,6 +81,11 @@ impl ElementSize {
 }
 
 impl FieldSize {
+    /// Creates a field that the reader uses, of `size` bytes in each of `rows` rows.
+    pub(crate) fn column(name: impl Into<String>, kind: &str, size: u64, rows: u64) -> Self {
+        Self { bytes_per_row: Some(size), ..Self::whole(name, kind, size * rows) }
+    }
+
     /// Creates a field that the reader uses, without columns.
     pub(crate) fn whole(name: impl Into<String>, kind: &str, bytes: u64) -> Self {
         Self { name: name.into(), kind: kind.into(), bytes_per_row: None, bytes, used: true }

@@ -68,15 +68,9 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     })?;
     let fields =
         [("position", "float", 12), ("scale", "float", 12), ("color", "uchar", 4), ("rotation", "uchar", 4)];
-    let field = |(name, kind, bytes): (&str, &str, u64)| FieldSize {
-        name: name.into(),
-        kind: kind.into(),
-        bytes_per_row: Some(bytes),
-        bytes: bytes * count,
-        used: true,
-    };
+    let field = |(name, kind, size): (&str, &str, u64)| FieldSize::column(name, kind, size, count);
     let rows = ElementSize::new("splat", count, fields.into_iter().map(field).collect());
-    let size_breakdown = SizeBreakdown::new(".splat".into(), input.source.length(), 0, rows);
+    let size_breakdown = SizeBreakdown::new(".splat".into(), input.source.length(), 0, vec![rows]);
     input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
 }
 

@@ -304,8 +304,7 @@ impl Scene {
                 let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
                 let file_bytes = header_bytes + elements.iter().map(|element| element.bytes).sum::<u64>();
                 let format = format!("list of scenes, {} files", elements.len());
-                let breakdown =
-                    SizeBreakdown { format, file_bytes, header_bytes, elements, trailing_bytes: 0 };
+                let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, elements);
                 Ok(Content::Splats(scene.with_breakdown(breakdown).into()))
             }
         }

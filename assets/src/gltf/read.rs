@@ -84,12 +84,9 @@ fn primitive(
         transform.apply(&mut splat);
         out.push(&splat, norm);
     })?;
-    let fields = columns.iter().zip(&names).map(|(column, name)| FieldSize {
-        name: name.trim_start_matches(SPLATTING).trim_start_matches(':').to_owned(),
-        kind: column.kind().into(),
-        bytes_per_row: Some(column.bytes() as u64),
-        bytes: column.total_bytes(),
-        used: true,
+    let fields = columns.iter().zip(&names).map(|(column, name)| {
+        let name = name.trim_start_matches(SPLATTING).trim_start_matches(':');
+        FieldSize::column(name, column.kind(), column.bytes() as u64, count)
     });
     let scene = input::finish(filled, count, SizeBreakdown::default(), FileNotes::default())?;
     Ok((scene.with_offset(transform.offset()), fields.collect()))
@@ -182,7 +179,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let rows = u64::from(scene.count()) + scene.dropped().total();
     let values = ElementSize::new("splats", rows, fields);
     let format = "gltf, KHR_gaussian_splatting".into();
-    let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, values);
+    let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, vec![values]);
     let notes = FileNotes { key_of: SortKey::Distance, mesh_primitives, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }

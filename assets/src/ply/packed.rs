@@ -148,13 +148,8 @@ impl Packed {
                 out.push(&splat, norm);
             })?;
         let length = input.source.length();
-        let size_breakdown = SizeBreakdown {
-            format: "PlayCanvas compressed ply".into(),
-            file_bytes: length,
-            header_bytes: header.bytes as u64,
-            elements,
-            trailing_bytes: length - at,
-        };
+        let format = "PlayCanvas compressed ply".into();
+        let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
         input::finish((columns, gathered), count, size_breakdown, header.notes)
     }
 

@@ -69,19 +69,14 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         Stored::Packed(packed) => return packed.parse(input, &header),
     };
     let file = File { input, source: input.source, header: &header, layout: &layout };
-    let (Splats { columns, gathered, origin }, elements, end) = match header.encoding {
+    let (Splats { columns, gathered, origin }, elements) = match header.encoding {
         Encoding::Ascii => file.ascii()?,
         Encoding::LittleEndian => file.binary::<false>()?,
         Encoding::BigEndian => file.binary::<true>()?,
     };
     let length = input.source.length();
-    let size_breakdown = SizeBreakdown {
-        format: format!("ply, {}", header.encoding.name()),
-        file_bytes: length,
-        header_bytes: header.bytes as u64,
-        elements,
-        trailing_bytes: length - end,
-    };
+    let format = format!("ply, {}", header.encoding.name());
+    let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
     let scene = input::finish((columns, gathered), count, size_breakdown, header.notes)?;
     Ok(scene.with_offset(origin))
 }
@@ -99,8 +94,8 @@ struct Splats {
     origin: [f64; 3],
 }
 
-/// The splats, the sizes of the elements, and the offset of the byte after the last row.
-type Body = (Splats, Vec<ElementSize>, u64);
+/// The splats, and the sizes of the elements.
+type Body = (Splats, Vec<ElementSize>);
 
 impl File<'_> {
     fn allocate(&self, count: u64) -> Result<Columns, SceneError> {
@@ -128,7 +123,7 @@ impl File<'_> {
             at += total;
         }
         let splats = body.expect("the caller found `vertex` among the elements");
-        Ok((splats, elements, at))
+        Ok((splats, elements))
     }
 
     fn binary_splats<const BIG: bool>(&self, start: u64, count: u64) -> Result<Splats, SceneError> {
@@ -192,7 +187,7 @@ impl File<'_> {
             elements.push(element.size(self.header.encoding, &sizes, bytes, used));
         }
         let splats = body.expect("the caller found `vertex` among the elements");
-        Ok((splats, elements, lines.place().at))
+        Ok((splats, elements))
     }
 
     /// Reads the splats, and advances `lines` past the last. Also returns the bytes of each column's words.

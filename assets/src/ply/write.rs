@@ -45,13 +45,13 @@ fn size_breakdown(count: u64, degree: u32, wide: bool, notes: FileNotes) -> Size
     let field = |(column, name): (usize, String)| {
         let (kind, size) = kind(column, wide);
         let used = !name.starts_with('n');
-        FieldSize { used, name, kind: kind.into(), bytes_per_row: Some(size), bytes: size * count }
+        FieldSize { used, ..FieldSize::column(name, kind, size, count) }
     };
     let fields = property_names(degree).into_iter().enumerate().map(field).collect();
     let header_bytes = header(count, degree, wide, notes).len() as u64;
     let vertex = ElementSize::new("vertex", count, fields);
     let format = "ply, binary_little_endian".into();
-    SizeBreakdown::new(format, header_bytes + vertex.bytes, header_bytes, vertex)
+    SizeBreakdown::new(format, header_bytes + vertex.bytes, header_bytes, vec![vertex])
 }
 
 impl Scene {

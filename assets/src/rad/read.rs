@@ -98,14 +98,11 @@ fn splat(chunk: &Arrays, palette: &[Option<Column>; 3], row: usize) -> (Splat, f
 fn breakdown(all: &Chunks, leaves: u64) -> SizeBreakdown {
     let kind = if leaves < all.count { ", leaves of a tree" } else { "" };
     let field = |(name, bytes): (Name, u64)| FieldSize {
-        name: name.text().into(),
-        kind: "array".into(),
-        bytes_per_row: None,
-        bytes,
         used: name != Name::ChildStart,
+        ..FieldSize::whole(name.text(), "array", bytes)
     };
     let format = format!("rad, {} chunks{kind}", all.chunks.len());
     let arrays = ElementSize::new("splats", all.count, all.sizes().into_iter().map(field).collect());
     let header_bytes = all.file_bytes - arrays.bytes - all.trailing_bytes;
-    SizeBreakdown::new(format, all.file_bytes, header_bytes, arrays)
+    SizeBreakdown::new(format, all.file_bytes, header_bytes, vec![arrays])
 }

@@ -193,7 +193,7 @@ fn empty(level: &Level, length: u64) -> SizeBreakdown {
     let Level { level, levels, .. } = level;
     let finest = if *level == 0 { ", the finest" } else { "" };
     let format = format!("sog, streamed, level {level}{finest}, of {levels}");
-    SizeBreakdown::new(format, length, length, ElementSize::new("splats", 0, Vec::new()))
+    SizeBreakdown::new(format, length, length, vec![ElementSize::new("splats", 0, Vec::new())])
 }
 
 fn add(all: &mut SizeBreakdown, part: &SizeBreakdown) {

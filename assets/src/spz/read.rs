@@ -103,7 +103,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     })?;
     let arrays = ElementSize::new("splats", count, fields);
     let format = format!("spz, version {}, {packing}", header.version);
-    let size_breakdown = SizeBreakdown::new(format, input.source.length(), header_bytes, arrays);
+    let size_breakdown = SizeBreakdown::new(format, input.source.length(), header_bytes, vec![arrays]);
     let notes = FileNotes {
         low_pass: if header.flags & ANTIALIASED == 0 { Filter::Dilated } else { Filter::Compensated },
         cut_degree: (header.degree > 3).then_some(header.degree),

@@ -295,5 +295,5 @@ fn breakdown(file_bytes: u64, layer: &Layer, all: &[Splats]) -> SizeBreakdown {
     }
     let arrays = ElementSize::new("splats", all.iter().map(|splats| splats.count).sum(), fields);
     let format = format!("{}, {SPLATS}", layer.kind);
-    SizeBreakdown::new(format, file_bytes, file_bytes - arrays.bytes, arrays)
+    SizeBreakdown::new(format, file_bytes, file_bytes - arrays.bytes, vec![arrays])
 }
