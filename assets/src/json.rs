@@ -1,17 +1,40 @@
-//! Limits the memory that parsing a JSON document takes.
+//! Reads JSON documents, and limits the memory that parsing them takes.
 
+use crate::error::{SceneError, field};
+use crate::input::{Source, grow};
 use crate::memory::{self, display};
+use std::collections::BTreeSet;
 
 /// Most bytes of memory that an object of glTF takes: a node of splats was measured at 1137, an accessor of a mesh at 696.
 /// A list that grows exists twice for a moment.
 pub(crate) const GLTF_OBJECT: u64 = 1200;
 
-/// Most bytes of memory that an object of a streamed SOG takes: a map with one run, or a list with one node.
-pub(crate) const LEVELS_OBJECT: u64 = 320;
+/// Most bytes of memory that an object of a streamed SOG takes: a map with one run, or a list with one node. An object of a
+/// `.rad` takes less.
+pub(crate) const STREAMED_OBJECT: u64 = 320;
 
 /// Most bytes of memory that any other byte outside of strings takes: an error in a list of indices takes 76 for each. A
 /// string, such as a buffer in base 64, takes no more memory than its text.
 const OTHER_BYTE: u64 = 80;
+
+/// Reads a document of `length` bytes at an offset of a source, and checks that it can be parsed within the available memory.
+///
+/// The document has `most` bytes at most. `object` is the memory that an object takes.
+pub(crate) fn read(
+    source: &Source,
+    (at, length): (u64, u64),
+    most: u64,
+    object: u64,
+) -> Result<Vec<u8>, SceneError> {
+    if length > most {
+        return Err(field(at, "JSON", format!("expected at most {most} bytes, found {length}")));
+    }
+    let mut text = Vec::new();
+    grow(&mut text, length as usize)?;
+    source.read(at, &mut text)?;
+    check(&text, object).map_err(|message| field(at, "JSON", message))?;
+    Ok(text)
+}
 
 /// Checks that a document can be parsed within the available memory. `object` is the memory that an object takes. The error
 /// is the message.
@@ -33,29 +56,38 @@ fn check_against(text: &[u8], object: u64, available: Option<u64>) -> Result<(),
 }
 
 /// Counts the objects, and the other bytes outside of strings, without blanks. Quotation marks count.
-fn structure(mut text: &[u8]) -> (u64, u64) {
+fn structure(text: &[u8]) -> (u64, u64) {
     let (mut objects, mut others) = (0, 0);
-    let mut count = |text: &[u8]| {
-        for byte in text.iter().filter(|byte| !byte.is_ascii_whitespace()) {
+    for (outside, string) in parts(text) {
+        for byte in outside.iter().filter(|byte| !byte.is_ascii_whitespace()) {
             *(if *byte == b'{' { &mut objects } else { &mut others }) += 1;
         }
-    };
-    while let Some(start) = text.iter().position(|byte| *byte == b'"') {
-        count(&text[..start]);
-        count(b"\"\"");
-        text = &text[start + 1..];
-        // The end of the string, or of an unfinished one.
-        loop {
-            let end = text.iter().position(|byte| matches!(byte, b'"' | b'\\')).unwrap_or(text.len());
-            let escaped = text.get(end) == Some(&b'\\');
-            text = text.get(end + 1 + usize::from(escaped)..).unwrap_or_default();
-            if !escaped {
-                break;
-            }
-        }
+        others += 2 * u64::from(string.is_some());
     }
-    count(text);
     (objects, others)
+}
+
+/// Lists the strings of a text that have 1 to `most` bytes, names of fields included, each once.
+pub(crate) fn strings(text: &[u8], most: usize) -> BTreeSet<String> {
+    let fits = |string: &&[u8]| (1..=most).contains(&string.len());
+    let raw: BTreeSet<&[u8]> = parts(text).filter_map(|(_, string)| string).filter(fits).collect();
+    raw.iter().filter_map(|raw| serde_json::from_slice(&[b"\"", *raw, b"\""].concat()).ok()).collect()
+}
+
+/// Divides a text into the bytes before each string, and the string without its quotation marks. The last part has no string.
+fn parts(text: &[u8]) -> impl Iterator<Item = (&[u8], Option<&[u8]>)> {
+    let mut rest = Some(text);
+    std::iter::from_fn(move || {
+        let text = rest.take()?;
+        let Some(start) = text.iter().position(|byte| *byte == b'"') else { return Some((text, None)) };
+        let mut end = start + 1;
+        while let Some(byte) = text.get(end).filter(|byte| **byte != b'"') {
+            end += 1 + usize::from(*byte == b'\\');
+        }
+        // The end of the string, or of an unfinished one.
+        rest = text.get(end + 1..);
+        Some((&text[..start], Some(&text[start + 1..end.min(text.len())])))
+    })
 }
 
 #[cfg(test)]
@@ -68,6 +100,12 @@ mod tests {
         assert_eq!(structure(br#"["a\"#), (0, 3));
         assert_eq!(structure(br#"["a"#), (0, 3));
         assert_eq!(structure(b""), (0, 0));
+    }
+
+    #[test]
+    fn strings_are_listed_once_without_their_escapes() {
+        let text = br#"{"a": ["b\"", "", "a"], "a long one": "\u0063", "unfinished"#;
+        assert_eq!(strings(text, 9).into_iter().collect::<Vec<_>>(), ["a", "b\"", "c"]);
     }
 
     #[test]
@@ -95,8 +133,8 @@ mod tests {
             r#"{{"bound":{{"min":[-10.25,-10.25,-10.25],"max":[10.25,10.25,10.25]}},"lods":{{{}}}}},"#,
             run.repeat(6)
         );
-        assert!(fits(&leaf, 31_000, LEVELS_OBJECT));
+        assert!(fits(&leaf, 31_000, STREAMED_OBJECT));
         assert!(!fits("{},", 4 << 20, GLTF_OBJECT));
-        assert!(!fits("{},", 16 << 20, LEVELS_OBJECT));
+        assert!(!fits("{},", 16 << 20, STREAMED_OBJECT));
     }
 }

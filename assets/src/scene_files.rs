@@ -8,10 +8,7 @@ use crate::json;
 use crate::words::word;
 use crate::{gltf, rad};
 use percent_encoding::percent_decode_str;
-use serde::Deserializer;
-use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use std::collections::BTreeSet;
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Maximum length of a JSON document that is searched for names, in bytes.
@@ -65,20 +62,9 @@ fn named(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
         head if head.trim_ascii_start().starts_with(b"{") => (0, source.length()),
         _ => return Ok(Vec::new()),
     };
-    if length > MAX_JSON.min(source.length()) {
-        return Ok(Vec::new());
-    }
-    let mut text = vec![0; length as usize];
-    source.read(start, &mut text)?;
-    // A document beyond this limit is not read as a scene either.
-    if json::check(&text, json::LEVELS_OBJECT).is_err() {
-        return Ok(Vec::new());
-    }
-    // A binary file pads its text.
-    let mut names = BTreeSet::new();
-    if Names(&mut names).deserialize(&mut serde_json::Deserializer::from_slice(&text)).is_err() {
-        return Ok(Vec::new());
-    }
+    // A binary file pads its text. A document beyond these limits is not read as a scene either.
+    let text = json::read(&source, (start, length), MAX_JSON, json::STREAMED_OBJECT)?;
+    let names = json::strings(&text, MAX_NAME);
     // The names of glTF are URIs.
     let uris = names.iter().map(|name| percent_decode_str(name).decode_utf8_lossy().into_owned());
     let all: BTreeSet<String> = uris.chain(names.iter().cloned()).collect();
@@ -87,64 +73,6 @@ fn named(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
         .filter(|name| !name.is_empty())
         .filter_map(|name| file::beside(Some(folder), name))
         .collect())
-}
-
-/// Collects the strings of a document that can be names, without its tree, which takes many times the memory of its text.
-struct Names<'a>(&'a mut BTreeSet<String>);
-
-impl<'de> DeserializeSeed<'de> for Names<'_> {
-    type Value = ();
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
-        deserializer.deserialize_any(self)
-    }
-}
-
-impl<'de> Visitor<'de> for Names<'_> {
-    type Value = ();
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a value")
-    }
-
-    fn visit_bool<E>(self, _: bool) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_i64<E>(self, _: i64) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_u64<E>(self, _: u64) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_f64<E>(self, _: f64) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_unit<E>(self) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_str<E>(self, text: &str) -> Result<(), E> {
-        if (1..=MAX_NAME).contains(&text.len()) && !self.0.contains(text) {
-            self.0.insert(text.to_owned());
-        }
-        Ok(())
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<(), A::Error> {
-        while list.next_element_seed(Names(self.0))?.is_some() {}
-        Ok(())
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut fields: A) -> Result<(), A::Error> {
-        while fields.next_key::<IgnoredAny>()?.is_some() {
-            fields.next_value_seed(Names(self.0))?;
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]

@@ -94,14 +94,8 @@ pub(super) fn document(source: &Source) -> Result<Document, SceneError> {
 }
 
 pub(super) fn json(source: &Source) -> Result<Vec<u8>, SceneError> {
-    let ((at, length), _) = chunks(source)?;
-    if length > MAX_JSON {
-        return Err(field(at, "JSON", format!("expected at most {MAX_JSON} bytes, found {length}")));
-    }
-    let mut text = vec![0; length as usize];
-    source.read(at, &mut text)?;
-    json::check(&text, json::GLTF_OBJECT).map_err(|message| field(at, "JSON", message))?;
-    Ok(text)
+    let (chunk, _) = chunks(source)?;
+    json::read(source, chunk, MAX_JSON, json::GLTF_OBJECT)
 }
 
 impl<'a> Container<'a> {

@@ -2,6 +2,7 @@
 
 use crate::error::{SceneError, field};
 use crate::input::Source;
+use crate::json;
 use crate::words::word;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -196,12 +197,7 @@ fn text<T: DeserializeOwned>(
         return Err(field(at, "magic", format!("expected {expected}, found {found}")));
     }
     let length = u64::from(word(&head, 4));
-    let limit = (most - 8).min(MAX_JSON);
-    if length > limit {
-        return Err(field(at + 4, "JSON", format!("expected at most {limit} bytes, found {length}")));
-    }
-    let mut json = vec![0; length as usize];
-    source.read(at + 8, &mut json)?;
+    let json = json::read(source, (at + 8, length), MAX_JSON.min(most - 8), json::STREAMED_OBJECT)?;
     let document = serde_json::from_slice(&json).map_err(|error| field(at + 8, "JSON", error.to_string()))?;
     Ok((document, at + 8 + length.next_multiple_of(8)))
 }

@@ -76,12 +76,8 @@ impl Node {
 
 impl Level {
     fn read(source: &Source, level: Option<u32>) -> Result<Self, SceneError> {
-        let length = source.length();
-        if length > MAX_JSON {
-            return Err(unexpected("length", format!("at most {MAX_JSON} bytes"), length));
-        }
-        let text = source.head(length as usize)?;
-        json::check(&text, json::LEVELS_OBJECT).map_err(|message| wrong(NAME, message))?;
+        let text = json::read(source, (0, source.length()), MAX_JSON, json::STREAMED_OBJECT);
+        let text = text.map_err(|error| error.in_file(NAME))?;
         let document: Document = serde_json::from_slice(&text).map_err(|error| malformed(NAME, &error))?;
         if let Some(found) = document.version.filter(|version| *version != 1) {
             return Err(unexpected("version", "1".into(), found));
