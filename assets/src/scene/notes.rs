@@ -1,10 +1,11 @@
 //! Defines the tags of scene files: the rules that the splats were trained with.
 
 use crate::size_breakdown::grouped;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
 /// The low-pass filter that splats were trained with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Filter {
     /// Adds 0.3 square pixels to the diagonal of 2D covariances, as the published rasteriser does.
     #[default]
@@ -28,7 +29,8 @@ impl Filter {
 }
 
 /// The quantity that splats are sorted by.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SortKey {
     /// The view depth, as in the published rasteriser.
     #[default]
@@ -44,22 +46,6 @@ impl SortKey {
             Self::Depth => "depth",
             Self::Distance => "distance",
         }
-    }
-}
-
-fn name<S: Serializer>(name: &str, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(name)
-}
-
-impl Serialize for Filter {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        name(self.name(), serializer)
-    }
-}
-
-impl Serialize for SortKey {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        name(self.name(), serializer)
     }
 }
 
