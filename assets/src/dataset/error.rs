@@ -1,8 +1,7 @@
 //! Defines the errors that reading and writing cameras can have.
 
-use crate::error::SceneError;
 use crate::projection::Projection;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Maximum size of a `cameras.json` or `transforms.json`, in bytes.
 pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
@@ -21,51 +20,15 @@ pub enum CameraError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// The text is neither a list of cameras nor a `transforms.json`, or one of its cameras is invalid.
-    #[error("{}:{line}:{column}: {}{message}", path.display(), in_camera(.camera))]
-    Parse {
+    /// The cameras of a file are malformed.
+    #[error("{}{place}: {message}", path.display())]
+    Invalid {
         /// Path of the file.
         path: PathBuf,
-        /// Line, counted from 1.
-        line: usize,
-        /// Column, counted from 1.
-        column: usize,
-        /// Index of the camera with the error, from 0; `None` outside the list's entries.
-        camera: Option<usize>,
+        /// Line, byte or field in the file, after a colon; empty if it is unknown.
+        place: String,
         /// Expected and found values, as a sentence.
         message: String,
-    },
-    /// A line of a text file, or one of its fields, is malformed.
-    #[error("{}:{line}: `{field}`: {message}", path.display())]
-    Line {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// The field's name in the format's description.
-        field: &'static str,
-        /// Expected and found values, as a sentence.
-        message: String,
-    },
-    /// A field of a binary file is damaged or has an invalid value.
-    #[error("{}: byte {at}, `{field}`: {message}", path.display())]
-    Byte {
-        /// Path of the file.
-        path: PathBuf,
-        /// Offset of the field in the file.
-        at: u64,
-        /// The field's name in the format's description.
-        field: &'static str,
-        /// Expected and found values, as a sentence.
-        message: String,
-    },
-    /// The cameras of a glTF file cannot be read.
-    #[error("{}: {problem}", path.display())]
-    Gltf {
-        /// Path of the file.
-        path: PathBuf,
-        /// Cause of the failure.
-        problem: Box<SceneError>,
     },
     /// The folder contains no camera file.
     #[error(
@@ -105,8 +68,10 @@ pub enum CameraError {
     },
 }
 
-fn in_camera(camera: &Option<usize>) -> String {
-    camera.map(|index| format!("camera {index}: ")).unwrap_or_default()
+impl CameraError {
+    pub(super) fn invalid(path: &Path, place: String, message: String) -> Self {
+        Self::Invalid { path: path.to_owned(), place, message }
+    }
 }
 
 fn named(names: &[String]) -> String {

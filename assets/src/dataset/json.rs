@@ -37,13 +37,10 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
         // serde_json appends the line and column to its message.
         let message = error.to_string();
         let place = format!(" at line {} column {}", error.line(), error.column());
-        CameraError::Parse {
-            path: path.to_owned(),
-            line: error.line(),
-            column: error.column(),
-            camera: reached.get(),
-            message: message.strip_suffix(&place).unwrap_or(&message).to_owned(),
-        }
+        let message = message.strip_suffix(&place).unwrap_or(&message);
+        let camera = reached.get().map(|index| format!("camera {index}: ")).unwrap_or_default();
+        let place = format!(":{}:{}", error.line(), error.column());
+        CameraError::invalid(path, place, format!("{camera}{message}"))
     })
 }
 

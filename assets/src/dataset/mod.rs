@@ -101,7 +101,7 @@ impl Dataset {
         let file =
             OpenFile::open(path).map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
         let cameras = gltf::cameras(&Source::File(&file))
-            .map_err(|problem| CameraError::Gltf { path: path.to_owned(), problem: problem.into() })?;
+            .map_err(|problem| CameraError::invalid(path, String::new(), problem.to_string()))?;
         if cameras.is_empty() {
             return Err(CameraError::Empty { path: path.to_owned() });
         }

@@ -432,7 +432,7 @@ fn damaged_cameras_of_gltf_are_read_or_refused() {
         write_old(&path, bytes);
         // Without the path, which differs from run to run.
         match Dataset::load(&path) {
-            Err(CameraError::Gltf { problem, .. }) => Err(kind(&problem.to_string())),
+            Err(CameraError::Invalid { message, .. }) => Err(kind(&message)),
             read => sound(read),
         }
     });

@@ -23,7 +23,7 @@ impl<'a> Fields<'a> {
     }
 
     fn fault(&self, at: u64, (field, message): Fault) -> CameraError {
-        CameraError::Byte { path: self.path.to_owned(), at, field, message }
+        CameraError::invalid(self.path, format!(": byte {at}, `{field}`"), message)
     }
 
     fn truncated(&self, field: &'static str, expected: u64) -> CameraError {

@@ -33,7 +33,7 @@ impl<'a> Lines<'a> {
     }
 
     fn fault(&self, (field, message): Fault) -> CameraError {
-        CameraError::Line { path: self.path.to_owned(), line: self.number, field, message }
+        CameraError::invalid(self.path, format!(":{}: `{field}`", self.number), message)
     }
 
     /// Reads the next line that is neither empty nor a comment; false at the end of the file.
