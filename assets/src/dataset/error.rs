@@ -69,6 +69,11 @@ pub enum CameraError {
 }
 
 impl CameraError {
+    /// Returns a function that adds the file's path to a system error.
+    pub(super) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
+        move |source| Self::Io { path: path.to_owned(), source }
+    }
+
     pub(super) fn invalid(path: &Path, place: String, message: String) -> Self {
         Self::Invalid { path: path.to_owned(), place, message }
     }

@@ -52,8 +52,7 @@ impl Dataset {
         if let Some(dataset) = Self::load_gltf(path)? {
             return Ok(dataset);
         }
-        let text = file::read_text(path, MAX_CAMERA_BYTES)
-            .map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
+        let text = file::read_text(path, MAX_CAMERA_BYTES).map_err(CameraError::io(path))?;
         Self::parse(&text, path)
     }
 
@@ -98,8 +97,7 @@ impl Dataset {
         if !(is_text || read().is_ok() && head == *gltf::MAGIC) {
             return Ok(None);
         }
-        let file =
-            OpenFile::open(path).map_err(|source| CameraError::Io { path: path.to_owned(), source })?;
+        let file = OpenFile::open(path).map_err(CameraError::io(path))?;
         let cameras = gltf::cameras(&Source::File(&file))
             .map_err(|problem| CameraError::invalid(path, String::new(), problem.to_string()))?;
         if cameras.is_empty() {
@@ -174,10 +172,11 @@ impl Camera {
     /// The file cannot be written.
     pub fn save(cameras: &[Self], path: impl AsRef<Path>) -> Result<(), CameraError> {
         let path = path.as_ref();
-        let io = |source| CameraError::Io { path: path.to_owned(), source };
-        let mut text = serde_json::to_string_pretty(cameras).map_err(|e| io(e.into()))?;
-        text.push('\n');
-        std::fs::write(path, text).map_err(io)
+        let written = || {
+            let text = serde_json::to_string_pretty(cameras)?;
+            std::fs::write(path, text + "\n")
+        };
+        written().map_err(CameraError::io(path))
     }
 
     /// Selects the camera of `path`, `path#2` (index from 0) or `path#name` (`img_name`, or its photograph's name);

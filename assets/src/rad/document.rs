@@ -107,34 +107,31 @@ pub(super) enum Compression {
     Gz,
 }
 
+/// The names of the properties, and their numbers of components, in the order of [`Name`].
+const NAMES: [(&str, usize); 14] = [
+    ("center", 3),
+    ("alpha", 1),
+    ("rgb", 3),
+    ("scales", 3),
+    ("orientation", 3),
+    ("sh1", 9),
+    ("sh2", 15),
+    ("sh3", 21),
+    ("sh1_code", 9),
+    ("sh2_code", 15),
+    ("sh3_code", 21),
+    ("sh_label", 1),
+    ("child_count", 1),
+    ("child_start", 1),
+];
+
 impl Name {
     pub(super) fn text(self) -> &'static str {
-        match self {
-            Self::Center => "center",
-            Self::Alpha => "alpha",
-            Self::Rgb => "rgb",
-            Self::Scales => "scales",
-            Self::Orientation => "orientation",
-            Self::Sh1 => "sh1",
-            Self::Sh2 => "sh2",
-            Self::Sh3 => "sh3",
-            Self::Sh1Code => "sh1_code",
-            Self::Sh2Code => "sh2_code",
-            Self::Sh3Code => "sh3_code",
-            Self::ShLabel => "sh_label",
-            Self::ChildCount => "child_count",
-            Self::ChildStart => "child_start",
-        }
+        NAMES[self as usize].0
     }
 
     pub(super) fn width(self) -> usize {
-        match self {
-            Self::Center | Self::Rgb | Self::Scales | Self::Orientation => 3,
-            Self::Alpha | Self::ShLabel | Self::ChildCount | Self::ChildStart => 1,
-            Self::Sh1 | Self::Sh1Code => 9,
-            Self::Sh2 | Self::Sh2Code => 15,
-            Self::Sh3 | Self::Sh3Code => 21,
-        }
+        NAMES[self as usize].1
     }
 
     /// Returns true for the palette of harmonics, whose rows are entries.

@@ -39,8 +39,7 @@ impl<'a> Fields<'a> {
             return Err(self.truncated(field, N as u64));
         }
         let mut bytes = [0; N];
-        let io = |source| CameraError::Io { path: self.path.to_owned(), source };
-        self.file.read_exact(&mut bytes).map_err(io)?;
+        self.file.read_exact(&mut bytes).map_err(CameraError::io(self.path))?;
         self.at += N as u64;
         Ok(bytes)
     }
@@ -91,8 +90,7 @@ impl<'a> Fields<'a> {
 
     /// Skips bytes; the file must have them.
     fn skip(&mut self, bytes: u64) -> Result<(), CameraError> {
-        let io = |source| CameraError::Io { path: self.path.to_owned(), source };
-        self.file.seek_relative(bytes as i64).map_err(io)?;
+        self.file.seek_relative(bytes as i64).map_err(CameraError::io(self.path))?;
         self.at += bytes;
         Ok(())
     }

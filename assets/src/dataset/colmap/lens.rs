@@ -185,5 +185,5 @@ pub(super) fn open(path: &Path) -> Result<(BufReader<File>, u64), CameraError> {
         let length = file.metadata()?.len();
         Ok((BufReader::new(file), length))
     };
-    inner().map_err(|source| CameraError::Io { path: path.to_owned(), source })
+    inner().map_err(CameraError::io(path))
 }

@@ -28,10 +28,6 @@ impl<'a> Lines<'a> {
         Ok(Self { file: open(path)?.0, path, number: 0, line: Vec::new() })
     }
 
-    fn io(&self, source: std::io::Error) -> CameraError {
-        CameraError::Io { path: self.path.to_owned(), source }
-    }
-
     fn fault(&self, (field, message): Fault) -> CameraError {
         CameraError::invalid(self.path, format!(":{}: `{field}`", self.number), message)
     }
@@ -43,7 +39,7 @@ impl<'a> Lines<'a> {
             self.number += 1;
             let mut line = (&mut self.file).take(MAX_LINE);
             let read = line.read_until(b'\n', &mut self.line);
-            match read.map_err(|error| self.io(error))? as u64 {
+            match read.map_err(CameraError::io(self.path))? as u64 {
                 0 => return Ok(false),
                 MAX_LINE => {
                     return Err(
@@ -61,7 +57,7 @@ impl<'a> Lines<'a> {
         self.line.clear();
         self.number += 1;
         let mut line = (&mut self.file).take(MAX_LINE);
-        line.read_until(b'\n', &mut self.line).map_err(|error| self.io(error))?;
+        line.read_until(b'\n', &mut self.line).map_err(CameraError::io(self.path))?;
         let is_cut = self.line.len() as u64 == MAX_LINE && !self.line.ends_with(b"\n");
         let text = String::from_utf8_lossy(&self.line);
         let mut words: Vec<&str> = text.split_ascii_whitespace().collect();
@@ -75,7 +71,7 @@ impl<'a> Lines<'a> {
             None if !is_cut && !words.len().is_multiple_of(3) => format!("found {} numbers", words.len()),
             None => {
                 return match is_cut {
-                    true => self.file.skip_until(b'\n').map(drop).map_err(|error| self.io(error)),
+                    true => self.file.skip_until(b'\n').map(drop).map_err(CameraError::io(self.path)),
                     false => Ok(()),
                 };
             }
