@@ -26,11 +26,6 @@ pub struct SceneMemoryError {
 }
 
 impl SceneMemoryError {
-    /// Refuses a scene that needs more memory than is [`available`] now.
-    pub(crate) fn check(count: u64, degree: u32, needed: u64) -> Result<(), Self> {
-        Self::check_against(count, degree, needed, available())
-    }
-
     /// Refuses a scene that needs more than `available` bytes. Accepts every scene if that is unknown.
     pub(crate) fn check_against(
         count: u64,

@@ -15,7 +15,7 @@ mod surface;
 
 use super::random::Random;
 use crate::camera::Camera;
-use crate::memory::SceneMemoryError;
+use crate::memory::{self, SceneMemoryError};
 use crate::scene::{Scene, Splat};
 
 struct Part {
@@ -46,7 +46,7 @@ const PARTS: [Part; 12] = [
 pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     // Three lists: all splats, the mirrored ones, and those of the part being generated.
     let needed = u64::from(count) * (3 * size_of::<Splat>() as u64) + Scene::host_bytes(count.into(), 3);
-    SceneMemoryError::check(count.into(), 3, needed)?;
+    SceneMemoryError::check_against(count.into(), 3, needed, memory::available())?;
     let count = count as usize;
     let mut splats = Vec::with_capacity(count);
     let mut mirrored = Vec::new();
