@@ -8,10 +8,14 @@ use std::cmp::Ordering;
 /// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Converts a colour to the coefficient of band 0.
+/// Converts a colour to harmonics of band 0 alone.
 #[inline]
-pub(crate) fn dc(color: f64) -> f32 {
-    ((color - 0.5) / SH_C0) as f32
+pub(crate) fn flat(color: [f64; 3]) -> [f32; 48] {
+    let mut sh = [0.0; 48];
+    for (coefficient, color) in sh.iter_mut().zip(color) {
+        *coefficient = ((color - 0.5) / SH_C0) as f32;
+    }
+    sh
 }
 
 /// Computes the exponential of a finite logarithm.
@@ -65,15 +69,16 @@ pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
     })
 }
 
-/// Finds the component with the largest absolute value. Returns its index, and the quaternion, negated if that
-/// component is negative.
-pub(crate) fn largest_positive(quaternion: [f32; 4]) -> (usize, [f64; 4]) {
+/// Omits the component with the largest absolute value, as [`with_omitted`] inserts it. Returns its index, and the others,
+/// negated if it is negative.
+pub(crate) fn omit_largest(quaternion: [f32; 4]) -> (usize, [f64; 3]) {
     let larger = |best: usize, at: usize| {
         if quaternion[at].abs() > quaternion[best].abs() { at } else { best }
     };
     let largest = (1..4).fold(0, larger);
     let sign = if quaternion[largest] < 0.0 { -1.0 } else { 1.0 };
-    (largest, quaternion.map(|c| f64::from(c) * sign))
+    let others = |at: usize| f64::from(quaternion[at + usize::from(at >= largest)]) * sign;
+    (largest, std::array::from_fn(others))
 }
 
 /// Quantises a value, clamped to 0..1, to the nearest of `most + 1` equidistant levels, numbered from 0.
@@ -109,9 +114,8 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_component_is_found_and_made_positive() {
-        assert_eq!(largest_positive([0.1, -0.9, 0.2, 0.3]).0, 1);
-        let (_, turned) = largest_positive([0.5, -0.75, 0.0, 0.25]);
-        assert_eq!(turned, [-0.5, 0.75, 0.0, -0.25]);
+    fn the_largest_component_is_omitted_and_made_positive() {
+        assert_eq!(omit_largest([0.5, -0.75, 0.0, 0.25]), (1, [-0.5, 0.0, -0.25]));
+        assert_eq!(omit_largest([0.5, 0.25, 0.0, 0.75]), (3, [0.5, 0.25, 0.0]));
     }
 }

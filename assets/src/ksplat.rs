@@ -193,11 +193,8 @@ impl Header {
             scale: [3, 4, 5].map(value),
             rotation,
             opacity: part(3) as f32,
-            sh: [0.0; 48],
+            sh: activation::flat([0, 1, 2].map(part)),
         };
-        for channel in 0..3 {
-            splat.sh[channel] = activation::dc(part(channel));
-        }
         let harmonics = &row[self.plain()..];
         let harmonic = |index: usize| match self.level {
             0 => float(harmonics, 4 * index),

@@ -78,16 +78,13 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
 fn splat(row: &[u8]) -> (Splat, f64) {
     let (rotation, norm) = activation::unit(quaternion(row));
     let part = |at: usize| f64::from(row[24 + at]) / 255.0;
-    let mut splat = Splat {
+    let splat = Splat {
         position: std::array::from_fn(|axis| float(row, 4 * axis)),
         scale: std::array::from_fn(|axis| float(row, 12 + 4 * axis)),
         rotation,
         opacity: part(3) as f32,
-        sh: [0.0; 48],
+        sh: activation::flat([0, 1, 2].map(part)),
     };
-    for channel in 0..3 {
-        splat.sh[channel] = activation::dc(part(channel));
-    }
     (splat, norm)
 }
 

@@ -4,7 +4,7 @@
 
 use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
 use super::tags;
-use crate::activation::{SH_C0, largest_positive, logarithm, quantised};
+use crate::activation::{SH_C0, logarithm, omit_largest, quantised};
 use crate::scene::{FileNotes, Scene, sh_floats};
 use std::f64::consts::SQRT_2;
 use std::io::{Result, Write};
@@ -44,9 +44,8 @@ fn pack(t: &[f64]) -> u32 {
 }
 
 fn rotation(quaternion: [f32; 4]) -> u32 {
-    let (largest, quaternion) = largest_positive(quaternion);
-    let others = (0..4).filter(|at| *at != largest);
-    others.fold(largest as u32, |word, at| word << 10 | quantised(quaternion[at] / SQRT_2 + 0.5, 1023))
+    let (largest, others) = omit_largest(quaternion);
+    others.iter().fold(largest as u32, |word, value| word << 10 | quantised(value / SQRT_2 + 0.5, 1023))
 }
 
 fn harmonic(value: f32) -> u8 {

@@ -190,11 +190,8 @@ impl Packed {
             scale: ranged(6, scale).map(activation::exponential),
             rotation,
             opacity: channel(0) as f32,
-            sh: [0.0; 48],
+            sh: activation::flat([0, 1, 2].map(|axis| lerp(12, axis, channel([24, 16, 8][axis])))),
         };
-        for (axis, shift) in [24, 16, 8].into_iter().enumerate() {
-            splat.sh[axis] = activation::dc(lerp(12, axis, channel(shift)));
-        }
         let bands = self.rest.len() / 3;
         for (index, offset) in self.rest.iter().enumerate() {
             splat.sh[3 * (index % bands + 1) + index / bands] = harmonic(rest[*offset]);

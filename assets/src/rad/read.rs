@@ -77,11 +77,8 @@ fn splat(chunk: &Arrays, palette: &[Option<Column>; 3], row: usize) -> (Splat, f
         scale: vector(&chunk.scales),
         rotation,
         opacity: chunk.alpha.value(row, 0),
-        sh: [0.0; 48],
+        sh: activation::flat(vector(&chunk.rgb).map(f64::from)),
     };
-    for (value, color) in splat.sh.iter_mut().zip(vector(&chunk.rgb)) {
-        *value = activation::dc(color.into());
-    }
     for (band, first) in [3, 12, 27].into_iter().enumerate() {
         let (column, row) = match (&chunk.harmonics[band], &palette[band], &chunk.label) {
             (Some(column), ..) => (column, row),

@@ -3,7 +3,7 @@
 use super::codebook::Codebook;
 use super::meta::MAX_ENTRIES;
 use super::palette::palette;
-use crate::activation::{largest_positive, logarithm, quantised};
+use crate::activation::{logarithm, omit_largest, quantised};
 use crate::input::Progress;
 use crate::scene::{Scene, sh_floats};
 use image_webp::{ColorType, WebPEncoder};
@@ -67,13 +67,9 @@ fn compressed(value: f64) -> f64 {
 }
 
 fn rotation(quaternion: [f32; 4]) -> Texel {
-    let (largest, quaternion) = largest_positive(quaternion);
-    let mut texel = [0, 0, 0, 252 + largest as u8];
-    let others = (0..4).filter(|at| *at != largest);
-    for (byte, at) in texel.iter_mut().zip(others) {
-        *byte = quantised(quaternion[at] * FRAC_1_SQRT_2 + 0.5, 255) as u8;
-    }
-    texel
+    let (largest, others) = omit_largest(quaternion);
+    let [a, b, c] = others.map(|value| quantised(value * FRAC_1_SQRT_2 + 0.5, 255) as u8);
+    [a, b, c, 252 + largest as u8]
 }
 
 /// Writes a scene of at least one splat. `progress` gets the number of palette entries found so far, and their total.

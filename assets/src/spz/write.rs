@@ -4,7 +4,7 @@ use super::frame::Frame;
 use super::layout::{
     ANTIALIASED, COLOR_SCALE, ENTRY, HEADER, LONG_HEADER, MAGIC, MAX_FIXED, SpzVersion, fractional_bits,
 };
-use crate::activation::{largest_positive, logarithm, quantised};
+use crate::activation::{logarithm, omit_largest, quantised};
 use crate::scene::{Scene, Splat, sh_floats};
 use flate2::{Compression, write::GzEncoder};
 use std::f64::consts::SQRT_2;
@@ -114,10 +114,9 @@ fn scale(scale: f32) -> u8 {
 }
 
 fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
-    let (largest, quaternion) = largest_positive([x, y, z, w]);
-    (0..4).filter(|at| *at != largest).fold(largest as u32, |word, at| {
-        let size = quantised(quaternion[at].abs() * SQRT_2, 511);
-        word << 10 | u32::from(quaternion[at] < 0.0) << 9 | size
+    let (largest, others) = omit_largest([x, y, z, w]);
+    others.iter().fold(largest as u32, |word, value| {
+        word << 10 | u32::from(*value < 0.0) << 9 | quantised(value.abs() * SQRT_2, 511)
     })
 }
 
