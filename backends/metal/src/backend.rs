@@ -1,23 +1,21 @@
 //! Implements the runtime's [`Gpu`](splatgraph_runtime::Gpu) trait with Metal.
 
-use crate::capture;
 use crate::descriptors::ArgumentTables;
 use crate::device;
 use crate::encoder::Encoder;
 use crate::features;
 use crate::gpu::MetalGpu;
-use crate::memory::{self, Memory, UnboundBuffer, UnboundImage};
+use crate::memory::{self, Memory};
 use crate::objc;
 use crate::pipelines::Pipelines;
 use crate::queue::{self, Timestamps};
 use crate::swapchain::Swapchain;
-use metal::{Buffer, Texture};
+use metal::{Buffer, Texture, TextureDescriptor};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Validation};
-use splatgraph_framework::ir::{Binding, Format, PassId};
+use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
-    Acquired, BindingTarget, BufferDesc, Common, FormatSupport, Gpu, ImageDesc, Location, NextPipeline,
-    Presented, Requirements, Show, Window,
+    BufferDesc, Common, FormatSupport, Gpu, ImageDesc, NextPipeline, Requirements, Window,
 };
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -25,8 +23,9 @@ use std::time::Duration;
 
 impl Gpu for MetalGpu {
     type Memory = Memory;
-    type UnboundBuffer = UnboundBuffer;
-    type UnboundImage = UnboundImage;
+    // A heap makes a buffer or an image from its description.
+    type UnboundBuffer = ();
+    type UnboundImage = TextureDescriptor;
     type Buffer = Buffer;
     type Image = Texture;
     // Fences and encoders come with the pipelines.
@@ -72,35 +71,33 @@ impl Gpu for MetalGpu {
         queue::idle(self, limit)
     }
 
-    fn create_buffer(
-        self: &Arc<Self>,
-        desc: &BufferDesc,
-    ) -> Result<(UnboundBuffer, Requirements), BackendError> {
-        Ok(memory::create_buffer(self, desc))
+    fn create_buffer(self: &Arc<Self>, desc: &BufferDesc) -> Result<((), Requirements), BackendError> {
+        Ok(((), memory::buffer_requirements(self, desc)))
     }
 
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
-    ) -> Result<(UnboundImage, Requirements), BackendError> {
+    ) -> Result<(TextureDescriptor, Requirements), BackendError> {
         Ok(memory::create_image(self, desc))
     }
 
-    fn allocate(
+    fn bind_buffer(
         self: &Arc<Self>,
-        name: &str,
-        requirements: &Requirements,
-        location: Location,
-    ) -> Result<Memory, BackendError> {
-        objc::pool(|| Memory::new(self, name, requirements, location))
+        desc: &BufferDesc,
+        (): (),
+        memory: &Memory,
+    ) -> Result<Buffer, BackendError> {
+        objc::pool(|| memory::bind_buffer(desc, memory))
     }
 
-    fn bind_buffer(self: &Arc<Self>, buffer: UnboundBuffer, memory: &Memory) -> Result<Buffer, BackendError> {
-        objc::pool(|| memory::bind_buffer(&buffer, memory))
-    }
-
-    fn bind_image(self: &Arc<Self>, image: UnboundImage, memory: &Memory) -> Result<Texture, BackendError> {
-        objc::pool(|| memory::bind_image(&image, memory))
+    fn bind_image(
+        self: &Arc<Self>,
+        desc: &ImageDesc,
+        image: TextureDescriptor,
+        memory: &Memory,
+    ) -> Result<Texture, BackendError> {
+        objc::pool(|| memory::bind_image(desc.name, &image, memory))
     }
 
     fn synchronization(_: &Plan) -> Result<(), BackendError> {
@@ -115,47 +112,12 @@ impl Gpu for MetalGpu {
         Pipelines::new(self, plan, next)
     }
 
-    fn create_bindings(
-        self: &Arc<Self>,
-        plan: &Plan,
-        pipelines: &Pipelines,
-    ) -> Result<ArgumentTables, BackendError> {
-        Ok(ArgumentTables::new(plan, pipelines))
-    }
-
-    fn write_binding(
-        &self,
-        bindings: &mut ArgumentTables,
-        pass: PassId,
-        copy: usize,
-        binding: &Binding,
-        target: BindingTarget<Self>,
-    ) {
-        bindings.write(pass, copy, binding, &target);
-    }
-
-    fn clear_bindings(&self, bindings: &mut ArgumentTables, pass: PassId) {
-        bindings.clear(pass);
-    }
-
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Timestamps>, BackendError> {
         Ok(Some(Timestamps::new(self, count)))
     }
 
     fn read_timestamps(&self, timestamps: &Timestamps, count: u32) -> Result<Vec<Option<u64>>, BackendError> {
         Ok(timestamps.read(count))
-    }
-
-    fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Encoder, BackendError> {
-        Ok(Encoder::new(self, name))
-    }
-
-    fn submit(&self, encoder: &mut Encoder, show: Option<Show<Self>>) -> Result<(), BackendError> {
-        objc::pool(|| encoder.submit(show.map(|show| show.swapchain)))
-    }
-
-    fn wait(&self, encoder: &mut Encoder, limit: Duration) -> Result<bool, BackendError> {
-        objc::pool(|| encoder.wait(limit))
     }
 
     fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
@@ -165,37 +127,6 @@ impl Gpu for MetalGpu {
     /// Does nothing: a layer is never lost.
     fn renew_surface(&self) -> Result<(), BackendError> {
         Ok(())
-    }
-
-    fn create_swapchain(
-        self: &Arc<Self>,
-        size: (u32, u32),
-        vsync: bool,
-        _: Option<&Swapchain>,
-    ) -> Result<Swapchain, BackendError> {
-        Swapchain::new(self, size, vsync)
-    }
-
-    fn acquire(&self, swapchain: &mut Swapchain, _: usize) -> Result<Acquired, BackendError> {
-        Ok(swapchain.acquire())
-    }
-
-    /// Stores the output to draw. The draw is recorded at submission, when the frame's fences are known.
-    fn record_blit(
-        &self,
-        show: Show<Self>,
-        output: &splatgraph_runtime::Image<Self>,
-        _: &Plan,
-        _: &(),
-    ) -> Result<(), BackendError> {
-        show.swapchain.set_output(output);
-        Ok(())
-    }
-
-    /// Ends a running capture. The draw's command buffer presents the drawable.
-    fn present(&self, _: Show<Self>) -> Result<Presented, BackendError> {
-        capture::end();
-        Ok(Presented::Shown)
     }
 }
 

@@ -7,9 +7,11 @@ use crate::gpu::MetalGpu;
 use crate::lower::{ArgumentSlot, Stage};
 use crate::pipelines::Pipelines;
 use metal::{Buffer, Texture};
+use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Binding, Msl, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{BindingTarget, binding_copies};
+use std::sync::Arc;
 
 /// The argument tables of all passes of a plan.
 pub struct ArgumentTables {
@@ -34,7 +36,14 @@ pub(crate) enum Argument {
 }
 
 impl ArgumentTables {
-    pub(crate) fn new(plan: &Plan, pipelines: &Pipelines) -> ArgumentTables {
+    pub(crate) fn of(&self, pass: PassId, slot: usize) -> Option<&Table> {
+        let copies = &self.tables[pass.index()];
+        copies.get(slot.checked_rem(copies.len())?)
+    }
+}
+
+impl splatgraph_runtime::Bindings<MetalGpu> for ArgumentTables {
+    fn new(_: &Arc<MetalGpu>, plan: &Plan, pipelines: &Pipelines) -> Result<ArgumentTables, BackendError> {
         let mut tables = vec![Vec::new(); plan.passes.len()];
         let mut places = vec![Vec::new(); plan.passes.len()];
         for id in plan.order() {
@@ -49,20 +58,21 @@ impl ArgumentTables {
             places[id.index()] = all.collect();
             tables[id.index()] = vec![Table::default(); binding_copies(plan, pass)];
         }
-        ArgumentTables { tables, places }
+        Ok(ArgumentTables { tables, places })
     }
 
-    pub(crate) fn write(
+    fn write(
         &mut self,
+        _: &MetalGpu,
         pass: PassId,
         copy: usize,
         binding: &Binding,
-        target: &BindingTarget<MetalGpu>,
+        target: BindingTarget<MetalGpu>,
     ) {
         let table = &mut self.tables[pass.index()][copy];
         let at = (binding.binding, binding.element);
         for &(_, place) in self.places[pass.index()].iter().filter(|(binding, _)| *binding == at) {
-            let argument = match target {
+            let argument = match &target {
                 BindingTarget::Buffer(buffer, bytes) => {
                     table.set_size(place, bytes.end - bytes.start);
                     Argument::Buffer(buffer.raw.clone(), bytes.start)
@@ -77,13 +87,8 @@ impl ArgumentTables {
     }
 
     /// Removes the objects from a pass's tables, which would keep them alive.
-    pub(crate) fn clear(&mut self, pass: PassId) {
+    fn clear(&mut self, pass: PassId) {
         self.tables[pass.index()].fill(Table::default());
-    }
-
-    pub(crate) fn of(&self, pass: PassId, slot: usize) -> Option<&Table> {
-        let copies = &self.tables[pass.index()];
-        copies.get(slot.checked_rem(copies.len())?)
     }
 }
 

@@ -28,8 +28,8 @@ enum Backing {
     Buffer(Buffer),
 }
 
-impl Memory {
-    pub(crate) fn new(
+impl splatgraph_runtime::Memory<MetalGpu> for Memory {
+    fn allocate(
         gpu: &Arc<MetalGpu>,
         name: &str,
         requirements: &Requirements,
@@ -37,7 +37,7 @@ impl Memory {
     ) -> Result<Memory, BackendError> {
         let bytes = requirements.size;
         let shared = MTLResourceOptions::StorageModeShared | MTLResourceOptions::HazardTrackingModeUntracked;
-        let backing = match location {
+        let backing = objc::pool(|| match location {
             Location::Device => {
                 let descriptor = HeapDescriptor::new();
                 descriptor.set_size(bytes);
@@ -57,7 +57,7 @@ impl Memory {
             Location::Readback | Location::Host => {
                 objc::new_buffer(&gpu.device, bytes, shared).map(Backing::Buffer)
             }
-        };
+        });
         let Some(backing) = backing else {
             let reason = "Metal created no object".to_string();
             return Err(BackendError::OutOfMemory { name: name.to_string(), bytes, reason });
@@ -65,9 +65,7 @@ impl Memory {
         gpu.allocated.fetch_add(bytes, Ordering::Relaxed);
         Ok(Memory { backing, bytes, gpu: gpu.clone() })
     }
-}
 
-impl splatgraph_runtime::Memory for Memory {
     fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -92,26 +90,17 @@ impl Drop for Memory {
     }
 }
 
-/// A buffer without memory.
-pub struct UnboundBuffer {
-    name: String,
-    bytes: u64,
+/// Returns a buffer's length: shaders and fills access whole words.
+fn length(desc: &BufferDesc) -> u64 {
+    desc.bytes.next_multiple_of(4)
 }
 
-/// An image without memory.
-pub struct UnboundImage {
-    name: String,
-    descriptor: TextureDescriptor,
+pub(crate) fn buffer_requirements(gpu: &MetalGpu, desc: &BufferDesc) -> Requirements {
+    let needed = gpu.device.heap_buffer_size_and_align(length(desc), private());
+    requirements(needed, MemoryKind::Linear)
 }
 
-pub(crate) fn create_buffer(gpu: &MetalGpu, desc: &BufferDesc) -> (UnboundBuffer, Requirements) {
-    // Shaders and fills access whole words.
-    let bytes = desc.bytes.next_multiple_of(4);
-    let needed = gpu.device.heap_buffer_size_and_align(bytes, private());
-    (UnboundBuffer { name: desc.name.to_string(), bytes }, requirements(needed, MemoryKind::Linear))
-}
-
-pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, Requirements) {
+pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (TextureDescriptor, Requirements) {
     let descriptor = TextureDescriptor::new();
     descriptor.set_texture_type(MTLTextureType::D2);
     descriptor.set_pixel_format(format(desc.format));
@@ -120,27 +109,31 @@ pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, R
     descriptor.set_resource_options(private());
     descriptor.set_usage(usage(lower::image_usage(desc.usage)));
     let needed = gpu.device.heap_texture_size_and_align(&descriptor);
-    (UnboundImage { name: desc.name.to_string(), descriptor }, requirements(needed, MemoryKind::Optimal))
+    (descriptor, requirements(needed, MemoryKind::Optimal))
 }
 
-pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buffer, BackendError> {
+pub(crate) fn bind_buffer(desc: &BufferDesc, memory: &Memory) -> Result<Buffer, BackendError> {
     let raw = match &memory.backing {
         Backing::Heap(heap) => heap
-            .new_buffer_with_offset(buffer.bytes, private(), 0)
+            .new_buffer_with_offset(length(desc), private(), 0)
             .ok_or_else(|| no_object("newBufferWithLength:options:offset:"))?,
         Backing::Buffer(own) => own.clone(),
     };
-    raw.set_label(&buffer.name);
+    raw.set_label(desc.name);
     Ok(raw)
 }
 
-pub(crate) fn bind_image(image: &UnboundImage, memory: &Memory) -> Result<Texture, BackendError> {
+pub(crate) fn bind_image(
+    name: &str,
+    image: &TextureDescriptorRef,
+    memory: &Memory,
+) -> Result<Texture, BackendError> {
     let raw = match &memory.backing {
-        Backing::Heap(heap) => heap.new_texture_with_offset(&image.descriptor, 0),
+        Backing::Heap(heap) => heap.new_texture_with_offset(image, 0),
         Backing::Buffer(_) => None,
     };
     let raw = raw.ok_or_else(|| no_object("newTextureWithDescriptor:offset:"))?;
-    raw.set_label(&image.name);
+    raw.set_label(name);
     Ok(raw)
 }
 

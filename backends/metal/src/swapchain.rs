@@ -3,6 +3,7 @@
 //! A triangle that covers the drawable samples the output, which is scaled if the sizes differ. The draw has its own
 //! command buffer, so the frame does not wait for the window.
 
+use crate::capture;
 use crate::error::no_object;
 use crate::gpu::MetalGpu;
 use crate::lower;
@@ -10,7 +11,9 @@ use crate::objc;
 use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;
-use splatgraph_runtime::{Acquired, Image};
+use splatgraph_framework::plan::Plan;
+use splatgraph_runtime::{Acquired, Image, Presented};
+use std::sync::Arc;
 
 /// The drawables of a window's layer, all of one size. A resize replaces the swapchain.
 pub struct Swapchain {
@@ -26,9 +29,14 @@ struct Output {
     size: (u32, u32),
 }
 
-impl Swapchain {
+impl splatgraph_runtime::Swapchain<MetalGpu> for Swapchain {
     /// Sets the layer's drawable size and vsync.
-    pub(crate) fn new(gpu: &MetalGpu, size: (u32, u32), vsync: bool) -> Result<Swapchain, BackendError> {
+    fn new(
+        gpu: &Arc<MetalGpu>,
+        size: (u32, u32),
+        vsync: bool,
+        _: Option<&Swapchain>,
+    ) -> Result<Swapchain, BackendError> {
         let Some(surface) = &gpu.surface else {
             return Err(BackendError::Invalid("the device was opened without a window".to_string()));
         };
@@ -41,18 +49,35 @@ impl Swapchain {
     }
 
     /// Acquires a drawable. Blocks until one is free, for at most a second (`allowsNextDrawableTimeout`).
-    pub(crate) fn acquire(&mut self) -> Acquired {
+    fn acquire(&mut self, _: usize) -> Result<Acquired, BackendError> {
         self.drawable = objc::pool(|| self.layer.next_drawable().map(ToOwned::to_owned));
-        match &self.drawable {
+        Ok(match &self.drawable {
             Some(_) => Acquired::Image { index: 0, suboptimal: false },
             None => Acquired::NotReady,
-        }
+        })
     }
 
-    pub(crate) fn set_output(&mut self, output: &Image<MetalGpu>) {
+    /// Stores the output to draw. The draw is recorded at submission, when the frame's fences are known.
+    fn record_blit(
+        &mut self,
+        _: u32,
+        _: usize,
+        output: &Image<MetalGpu>,
+        _: &Plan,
+        (): &(),
+    ) -> Result<(), BackendError> {
         self.output = Some(Output { texture: output.raw.clone(), format: output.format, size: output.size });
+        Ok(())
     }
 
+    /// Ends a running capture. The draw's command buffer presents the drawable.
+    fn present(&mut self, _: u32) -> Result<Presented, BackendError> {
+        capture::end();
+        Ok(Presented::Shown)
+    }
+}
+
+impl Swapchain {
     /// Records the draw of the output, and presents the drawable after it.
     ///
     /// The draw takes part in the export's order: it waits for the export's fences and updates them. If there are none,

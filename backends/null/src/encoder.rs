@@ -1,29 +1,29 @@
 //! Records commands as calls in the journal.
 
+use crate::fault::Point;
 use crate::gpu::{Bindings, NullGpu, Synchronization, Ticks, Timestamps};
-use crate::journal::{Call, Owned, Used};
+use crate::journal::{Call, Hung, Object, Owned, Used};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
-use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout, Show};
 use std::collections::HashSet;
 use std::fmt::Arguments;
 use std::ops::Range;
-use std::sync::PoisonError;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
 
 /// An encoder that adds each call to the journal and executes nothing.
 pub struct Encoder {
-    pub(crate) owned: Owned,
+    gpu: Arc<NullGpu>,
+    owned: Owned,
     /// The objects and bindings that the recorded commands use.
-    pub(crate) used: HashSet<Used>,
+    used: HashSet<Used>,
     /// The timestamps that the recorded commands write, each as a set and an index.
-    pub(crate) timestamps: Vec<(Ticks, u32)>,
+    timestamps: Vec<(Ticks, u32)>,
 }
 
 impl Encoder {
-    pub(crate) fn new(owned: Owned) -> Encoder {
-        Encoder { owned, used: HashSet::new(), timestamps: Vec::new() }
-    }
-
     fn call(&self, call: Call) {
         self.owned.journal.call(call);
     }
@@ -40,6 +40,11 @@ impl Encoder {
 }
 
 impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
+    fn new(gpu: &Arc<NullGpu>, name: &str) -> Result<Encoder, BackendError> {
+        let owned = gpu.create(Object::Encoder, name)?;
+        Ok(Encoder { gpu: gpu.clone(), owned, used: HashSet::new(), timestamps: Vec::new() })
+    }
+
     fn begin(&mut self) -> Result<(), BackendError> {
         self.owned.journal.check_idle(&self.owned, "begun");
         self.used.clear();
@@ -51,6 +56,51 @@ impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
     fn end(&mut self) -> Result<(), BackendError> {
         self.call(Call::End);
         Ok(())
+    }
+
+    fn submit(&mut self, show: Option<Show<NullGpu>>) -> Result<(), BackendError> {
+        self.gpu.check_lost("submit")?;
+        let show = show.map(|show| show.image);
+        self.gpu.journal.call(Call::Submit { encoder: self.owned.name.clone(), show });
+        if self.gpu.journal.fails(Point::Submit) {
+            self.gpu.journal.lose();
+            return self.gpu.check_lost("submit");
+        }
+        let lost = self.gpu.journal.fails(Point::Execute);
+        let hung = self.gpu.journal.hangs();
+        let written = match (lost || hung.is_some(), hung) {
+            (_, Some(Hung::Behind)) => 0,
+            (true, _) => self.timestamps.len() / 2,
+            (false, _) => self.timestamps.len(),
+        };
+        for (ticks, index) in &self.timestamps[..written] {
+            let tick = self.gpu.tick.fetch_add(1, Ordering::Relaxed);
+            ticks.lock().unwrap_or_else(PoisonError::into_inner)[*index as usize] = Some(tick);
+        }
+        if lost {
+            self.gpu.journal.lose();
+        } else {
+            self.gpu.journal.submit(&self.owned, std::mem::take(&mut self.used), hung.is_some());
+        }
+        if self.gpu.journal.fails(Point::LateSubmit) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        Ok(())
+    }
+
+    fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
+        self.gpu.journal.call(Call::Wait { encoder: self.owned.name.clone(), blocks: !limit.is_zero() });
+        self.gpu.check_lost("wait")?;
+        if self.gpu.journal.fails(Point::Wait) {
+            let reason = "a fault prevents the wait".to_string();
+            return Err(BackendError::OutOfMemory { name: "a wait".to_string(), bytes: 0, reason });
+        }
+        if self.gpu.journal.is_hung(Some(&self.owned)) {
+            std::thread::sleep(limit);
+            return Ok(false);
+        }
+        self.gpu.journal.complete(Some(&self.owned));
+        Ok(true)
     }
 
     fn push_label(&mut self, name: Arguments) {

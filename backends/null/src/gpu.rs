@@ -1,11 +1,14 @@
 //! Implements a device that executes nothing, with its objects.
 
 use crate::fault::{Fault, Point};
-use crate::journal::{Journal, Object, Owned};
+use crate::journal::{Call, Journal, Object, Owned, Used};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
-use splatgraph_framework::ir::{Features, PassId};
+use splatgraph_framework::ir::{Binding, Features, PassId};
 use splatgraph_framework::plan::{LayoutChange, Plan, Since};
-use splatgraph_runtime::{Common, Limits, SubgroupLimits};
+use splatgraph_runtime::{
+    Acquired, BindingTarget, Common, Image, Limits, Location, Presented, Requirements, SubgroupLimits,
+    binding_copies,
+};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -149,7 +152,29 @@ pub struct Memory {
     pub(crate) owned: Owned,
 }
 
-impl splatgraph_runtime::Memory for Memory {
+impl splatgraph_runtime::Memory<NullGpu> for Memory {
+    fn allocate(
+        gpu: &Arc<NullGpu>,
+        name: &str,
+        requirements: &Requirements,
+        location: Location,
+    ) -> Result<Memory, BackendError> {
+        let (name, bytes) = (name.to_string(), requirements.size);
+        if gpu.journal.fails(Point::Allocate) {
+            let reason = "a fault prevents the allocation".to_string();
+            return Err(BackendError::OutOfMemory { name, bytes, reason });
+        }
+        let owned = gpu.journal.create(Object::Memory, &name);
+        gpu.journal.call(Call::Allocate { name, bytes, location });
+        gpu.used.fetch_add(bytes, Ordering::Relaxed);
+        let mapped = match location {
+            Location::Device | Location::Host => Vec::new(),
+            Location::Readback => gpu.read.to_le_bytes().into_iter().cycle().take(bytes as usize).collect(),
+            _ => vec![0; bytes as usize],
+        };
+        Ok(Memory { bytes, mapped, used: gpu.used.clone(), owned })
+    }
+
     fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -201,10 +226,111 @@ pub struct Bindings {
     pub(crate) names: Vec<String>,
 }
 
+impl splatgraph_runtime::Bindings<NullGpu> for Bindings {
+    fn new(gpu: &Arc<NullGpu>, plan: &Plan, _: &Owned) -> Result<Bindings, BackendError> {
+        let copies = |id| vec![HashMap::new(); binding_copies(plan, plan.pass(id))];
+        Ok(Bindings {
+            owned: gpu.create(Object::Bindings, &plan.name)?,
+            passes: plan.order().map(|id| (id, copies(id))).collect(),
+            names: plan.passes.iter().map(|pass| pass.name.clone()).collect(),
+        })
+    }
+
+    fn write(
+        &mut self,
+        gpu: &NullGpu,
+        pass: PassId,
+        copy: usize,
+        binding: &Binding,
+        target: BindingTarget<NullGpu>,
+    ) {
+        let name = &self.names[pass.index()];
+        let used = Used::Bindings(self.owned.number, pass.0, copy);
+        gpu.journal.check_unused(used, || format!("a binding of pass `{name}` is written"));
+        let (object, bytes) = match target {
+            BindingTarget::Buffer(buffer, bytes) => (&buffer.raw, Some(bytes.end - bytes.start)),
+            BindingTarget::Image(image) => (&image.raw, None),
+        };
+        gpu.journal.call(Call::WriteBinding {
+            pass: name.clone(),
+            copy,
+            block: binding.name.clone(),
+            kind: binding.kind,
+            target: object.name.clone(),
+            bytes,
+        });
+        if let Some(copies) = self.passes.get_mut(&pass) {
+            copies[copy].insert((binding.binding, binding.element), object.number);
+        }
+    }
+}
+
 /// A swapchain of three images, which are acquired in turn.
 pub struct Swapchain {
-    pub(crate) _owned: Owned,
-    pub(crate) next: u32,
+    _owned: Owned,
+    next: u32,
+    gpu: Arc<NullGpu>,
+}
+
+impl splatgraph_runtime::Swapchain<NullGpu> for Swapchain {
+    fn new(
+        gpu: &Arc<NullGpu>,
+        size: (u32, u32),
+        vsync: bool,
+        _: Option<&Swapchain>,
+    ) -> Result<Swapchain, BackendError> {
+        gpu.journal.call(Call::CreateSwapchain { size, vsync });
+        Ok(Swapchain { _owned: gpu.create(Object::Swapchain, "swapchain")?, next: 0, gpu: gpu.clone() })
+    }
+
+    fn acquire(&mut self, slot: usize) -> Result<Acquired, BackendError> {
+        self.gpu.check_lost("acquire")?;
+        self.gpu.journal.call(Call::Acquire { slot });
+        if self.gpu.journal.fails(Point::AcquireLost) {
+            return Err(BackendError::SurfaceLost { call: "acquire" });
+        }
+        if self.gpu.journal.fails(Point::AcquireOutOfDate) {
+            return Ok(Acquired::OutOfDate);
+        }
+        if self.gpu.journal.fails(Point::AcquireTimeout) {
+            return Ok(Acquired::NotReady);
+        }
+        self.next = (self.next + 1) % 3;
+        let suboptimal = self.gpu.journal.fails(Point::AcquireSuboptimal);
+        Ok(Acquired::Image { index: self.next, suboptimal })
+    }
+
+    fn record_blit(
+        &mut self,
+        image: u32,
+        _: usize,
+        output: &Image<NullGpu>,
+        _: &Plan,
+        _: &Synchronization,
+    ) -> Result<(), BackendError> {
+        self.gpu.journal.call(Call::RecordBlit { output: output.raw.name.clone(), image });
+        Ok(())
+    }
+
+    fn present(&mut self, image: u32) -> Result<Presented, BackendError> {
+        self.gpu.check_lost("present")?;
+        self.gpu.journal.call(Call::Present { image });
+        if self.gpu.journal.fails(Point::Present) {
+            self.gpu.journal.lose();
+            self.gpu.check_lost("present")?;
+        }
+        if self.gpu.journal.fails(Point::PresentLost) {
+            return Err(BackendError::SurfaceLost { call: "present" });
+        }
+        if self.gpu.journal.fails(Point::PresentSuboptimal) {
+            return Ok(Presented::Suboptimal);
+        }
+        Ok(if self.gpu.journal.fails(Point::PresentOutOfDate) {
+            Presented::OutOfDate
+        } else {
+            Presented::Shown
+        })
+    }
 }
 
 /// A set of timestamps in ticks; `None` for those not written yet.

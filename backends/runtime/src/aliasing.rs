@@ -4,7 +4,7 @@
 //! allocation, as large as the largest member. Aliasing is optional: if the members need different memory types, or one
 //! needs a dedicated allocation, each gets its own.
 
-use crate::gpu::{Buffer, BufferDesc, Gpu, Image, ImageDesc, Location, MemoryKind, Requirements};
+use crate::gpu::{Buffer, BufferDesc, Gpu, Image, ImageDesc, Location, Memory, MemoryKind, Requirements};
 use splatgraph_api::BackendError;
 use std::sync::Arc;
 
@@ -91,7 +91,7 @@ pub(crate) fn create_block<G: Gpu>(
     let shared = match combine(&requirements, limits.device_memory_types, limits.buffer_image_granularity) {
         Some(requirements) => {
             let names: Vec<&str> = members.iter().map(Member::name).collect();
-            Some(Arc::new(gpu.allocate(&names.join(" + "), &requirements, Location::Device)?))
+            Some(Arc::new(G::Memory::allocate(gpu, &names.join(" + "), &requirements, Location::Device)?))
         }
         None => None,
     };
@@ -101,7 +101,7 @@ pub(crate) fn create_block<G: Gpu>(
         .map(|(member, (unbound, requirements))| {
             let memory = match &shared {
                 Some(memory) => memory.clone(),
-                None => Arc::new(gpu.allocate(member.name(), &requirements, Location::Device)?),
+                None => Arc::new(G::Memory::allocate(gpu, member.name(), &requirements, Location::Device)?),
             };
             member.bind(gpu, unbound, memory)
         })

@@ -4,7 +4,7 @@
 //! Bindings are written at creation, except bindings of host buffers, which are written when the buffer changes.
 //! Bindings of a continued history are rewritten when the plan is swapped in.
 
-use crate::gpu::{Gpu, binding_copies};
+use crate::gpu::{Bindings as _, Gpu, binding_copies};
 use crate::resources::Resources;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Pass, PassId, ResourceId, Run, Source, Work};
@@ -26,7 +26,7 @@ impl<G: Gpu> Bindings<G> {
         resources: &Resources<G>,
         skipped: &[PassId],
     ) -> Result<Self, BackendError> {
-        let mut raw = gpu.create_bindings(plan, pipelines)?;
+        let mut raw = G::Bindings::new(gpu, plan, pipelines)?;
         let runs = |pass: &Pass| matches!(pass.work, Work::Dispatch { .. } | Work::Draw { .. });
         let bound = plan.order().filter(|&id| {
             runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty() && !skipped.contains(&id)
@@ -37,17 +37,17 @@ impl<G: Gpu> Bindings<G> {
             for copy in 0..copies {
                 for binding in plan.pass(id).bindings.iter().filter(|binding| fixed(binding.resource)) {
                     let target = resources.binding_target(binding.resource, copy);
-                    gpu.write_binding(&mut raw, id, copy, binding, target);
+                    raw.write(gpu, id, copy, binding, target);
                 }
             }
         }
         Ok(Bindings { raw, passes })
     }
 
-    pub fn end_prologue(&mut self, gpu: &G, plan: &Plan) {
+    pub fn end_prologue(&mut self, plan: &Plan) {
         let once = |id: PassId| plan.pass(id).run == Run::Once;
         for (id, _) in self.passes.extract_if(.., |(id, _)| once(*id)) {
-            gpu.clear_bindings(&mut self.raw, id);
+            self.raw.clear(id);
         }
     }
 
@@ -67,7 +67,7 @@ impl<G: Gpu> Bindings<G> {
             for binding in plan.pass(id).bindings.iter().filter(|binding| changed.contains(&binding.resource))
             {
                 let target = resources.binding_target(binding.resource, slot);
-                gpu.write_binding(&mut self.raw, id, slot % copies, binding, target);
+                self.raw.write(gpu, id, slot % copies, binding, target);
             }
         }
     }

@@ -130,8 +130,8 @@ impl<G: Gpu> CompiledPlan<G> {
     }
 
     /// Frees the prologue's bindings and the buffers that only it uses. The prologue's frame must have completed.
-    pub fn end_prologue(&mut self, gpu: &G) {
-        self.bindings.end_prologue(gpu, &self.plan);
+    pub fn end_prologue(&mut self) {
+        self.bindings.end_prologue(&self.plan);
         for id in std::mem::take(&mut self.used_once) {
             self.resources.free(id);
         }

@@ -148,9 +148,7 @@ impl<G: Gpu> Executor<G> {
         if let Some((frame, result)) = collected.map_err(|error| self.losing(error))? {
             if prologue {
                 let plans = self.compiled.iter_mut().chain(&mut self.former);
-                plans
-                    .filter(|compiled| compiled.number == number)
-                    .for_each(|c| c.end_prologue(&self.shared.gpu));
+                plans.filter(|compiled| compiled.number == number).for_each(CompiledPlan::end_prologue);
             }
             self.results.insert(frame, result);
             if self.results.len() > MAX_RESULTS {
@@ -291,7 +289,7 @@ impl<G: Gpu> Device for Executor<G> {
         }
         self.missed_window = self.swapchain.is_some() && inputs.present;
         if let (Some(swapchain), Some(image)) = (&mut self.swapchain, image) {
-            self.missed_window = !swapchain.present(image, slot).map_err(|error| self.losing(error))?;
+            self.missed_window = !swapchain.present(image).map_err(|error| self.losing(error))?;
         }
         Ok(frame)
     }

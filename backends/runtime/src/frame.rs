@@ -4,7 +4,7 @@
 //! memory and host buffers. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
 
 use crate::compiled::CompiledPlan;
-use crate::gpu::{Buffer, Gpu};
+use crate::gpu::{Buffer, Encoder, Gpu};
 use crate::outputs::SharedOutput;
 use crate::record::Recorder;
 use crate::shared::Shared;
@@ -52,7 +52,7 @@ pub(crate) struct Frame<'a, G: Gpu> {
 
 impl<G: Gpu> Slot<G> {
     pub fn new(gpu: &Arc<G>) -> Result<Self, BackendError> {
-        Ok(Slot { encoder: gpu.create_encoder("frame")?, pending: None })
+        Ok(Slot { encoder: G::Encoder::new(gpu, "frame")?, pending: None })
     }
 
     /// Records and submits a frame. The slot must have no pending frame. Returns the index of the swapchain image to
@@ -97,7 +97,7 @@ impl<G: Gpu> Slot<G> {
             passes: passes.clone(),
             timestamps: compiled.timestamps[slot].clone().filter(|_| !inputs.untimed_passes),
         };
-        let submit = || shared.watch.submit(Some(watched), || gpu.submit(&mut self.encoder, show));
+        let submit = || shared.watch.submit(Some(watched), || self.encoder.submit(show));
         let ticket = info_span!("give to the queue").in_scope(submit)?;
         if compiled.prologue_due {
             shared.results.add(compiled.results());
@@ -134,7 +134,7 @@ impl<G: Gpu> Slot<G> {
         match &self.pending {
             None => return Ok(None),
             Some(pending) if patient => shared.watch.wait(gpu, &mut self.encoder, &pending.ticket)?,
-            Some(_) if gpu.wait(&mut self.encoder, Duration::ZERO)? => {}
+            Some(_) if self.encoder.wait(Duration::ZERO)? => {}
             Some(_) => return Ok(None),
         }
         let Some(pending) = self.pending.take() else { return Ok(None) };

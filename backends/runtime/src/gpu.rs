@@ -1,7 +1,7 @@
 //! Defines the trait that a graphics API implements, and the objects that it creates.
 //!
-//! [`Gpu`] is an open device. It creates objects, submits the commands recorded by an [`Encoder`], and presents images
-//! to a window. The rest of the crate decides, for every API, which objects a plan needs, how many frames are in
+//! [`Gpu`] is an open device, and creates objects. Those with calls of their own have a trait each: [`Memory`],
+//! [`Bindings`], [`Encoder`] and [`Swapchain`]. The rest of the crate decides, for every API, which objects a plan needs, how many frames are in
 //! flight, and what continues from one plan to the next. An object is dropped only when no frame in flight uses it.
 //!
 //! An implementation lowers the plan's dependencies to commands once per plan. Vulkan's commands are the
@@ -53,7 +53,7 @@ impl Common {
 /// prepared on their own threads.
 pub trait Gpu: Sized + Send + Sync + 'static {
     /// A device memory allocation, freed when it is dropped.
-    type Memory: Memory;
+    type Memory: Memory<Self>;
     /// A buffer without memory.
     type UnboundBuffer;
     /// An image without memory.
@@ -67,13 +67,13 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// The pipelines of one plan.
     type Pipelines: Send + Sync;
     /// The bindings of one plan's passes: descriptor sets or argument tables.
-    type Bindings: Send + Sync;
+    type Bindings: Bindings<Self>;
     /// A set of timestamp queries.
     type Timestamps: Send + Sync;
     /// A command recorder.
-    type Encoder: Encoder<Self> + 'static;
-    /// A window's swapchain. The device must be idle when it is dropped.
-    type Swapchain: Send + 'static;
+    type Encoder: Encoder<Self>;
+    /// A window's swapchain.
+    type Swapchain: Swapchain<Self>;
 
     /// Lists the machine's devices.
     fn devices() -> Result<Vec<DeviceInfo>, BackendError>;
@@ -114,24 +114,18 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         desc: &ImageDesc,
     ) -> Result<(Self::UnboundImage, Requirements), BackendError>;
 
-    /// Allocates memory for an object; `name` names it in errors.
-    fn allocate(
-        self: &Arc<Self>,
-        name: &str,
-        requirements: &Requirements,
-        location: Location,
-    ) -> Result<Self::Memory, BackendError>;
-
-    /// Binds a buffer to the start of an allocation that meets its requirements.
+    /// Binds a buffer, created as `desc` says, to the start of an allocation that meets its requirements.
     fn bind_buffer(
         self: &Arc<Self>,
+        desc: &BufferDesc,
         buffer: Self::UnboundBuffer,
         memory: &Self::Memory,
     ) -> Result<Self::Buffer, BackendError>;
 
-    /// Binds an image to the start of an allocation that meets its requirements.
+    /// Binds an image, created as `desc` says, to the start of an allocation that meets its requirements.
     fn bind_image(
         self: &Arc<Self>,
+        desc: &ImageDesc,
         image: Self::UnboundImage,
         memory: &Self::Memory,
     ) -> Result<Self::Image, BackendError>;
@@ -149,26 +143,6 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Self::Pipelines, BackendError>;
 
-    /// Creates the bindings of all dispatches and draws, without writing them; see [`binding_copies`].
-    fn create_bindings(
-        self: &Arc<Self>,
-        plan: &Plan,
-        pipelines: &Self::Pipelines,
-    ) -> Result<Self::Bindings, BackendError>;
-
-    /// Writes one binding in one copy of a pass's bindings. No frame in flight may use this copy.
-    fn write_binding(
-        &self,
-        bindings: &mut Self::Bindings,
-        pass: PassId,
-        copy: usize,
-        binding: &Binding,
-        target: BindingTarget<Self>,
-    );
-
-    /// Releases the references that the pass's bindings hold. The pass does not run again.
-    fn clear_bindings(&self, _bindings: &mut Self::Bindings, _pass: PassId) {}
-
     /// Creates `count` timestamps; `None` if the queue has no timer.
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Self::Timestamps>, BackendError>;
 
@@ -179,16 +153,6 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         count: u32,
     ) -> Result<Vec<Option<u64>>, BackendError>;
 
-    /// Creates an encoder; `name` appears in GPU captures.
-    fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Self::Encoder, BackendError>;
-
-    /// Submits an encoder's commands, followed by the blit to the swapchain image `show`, if any.
-    fn submit(&self, encoder: &mut Self::Encoder, show: Option<Show<Self>>) -> Result<(), BackendError>;
-
-    /// Blocks until the encoder's last submission, including the blit, has completed; it can then be reused. Returns
-    /// false once `limit` has passed.
-    fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
-
     /// Returns the size to create the swapchain with, in pixels; `None` while the window shows nothing. `wanted` is the
     /// size reported to the program, used if the surface does not dictate one.
     fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError>;
@@ -196,31 +160,42 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Recreates the window's surface, after a call returned [`BackendError::SurfaceLost`]. The caller has dropped the
     /// swapchain.
     fn renew_surface(&self) -> Result<(), BackendError>;
+}
 
+/// The bindings of one plan's passes.
+pub trait Bindings<G: Gpu>: Sized + Send + Sync {
+    /// Creates the bindings of all dispatches and draws, without writing them; see [`binding_copies`].
+    fn new(gpu: &Arc<G>, plan: &Plan, pipelines: &G::Pipelines) -> Result<Self, BackendError>;
+
+    /// Writes one binding in one copy of a pass's bindings. No frame in flight may use this copy.
+    fn write(&mut self, gpu: &G, pass: PassId, copy: usize, binding: &Binding, target: BindingTarget<G>);
+
+    /// Releases the references that the pass's bindings hold. The pass does not run again.
+    fn clear(&mut self, _pass: PassId) {}
+}
+
+/// A window's swapchain. The device must be idle when it is dropped.
+pub trait Swapchain<G: Gpu>: Sized + Send + 'static {
     /// Creates a swapchain of `size` pixels for the device's window, replacing `former`. The device must be idle.
-    fn create_swapchain(
-        self: &Arc<Self>,
-        size: (u32, u32),
-        vsync: bool,
-        former: Option<&Self::Swapchain>,
-    ) -> Result<Self::Swapchain, BackendError>;
+    fn new(gpu: &Arc<G>, size: (u32, u32), vsync: bool, former: Option<&Self>) -> Result<Self, BackendError>;
 
     /// Acquires an image for the frame in `slot`, whose previous frame must have completed. Blocks until the window has
     /// an image, for at most two seconds.
-    fn acquire(&self, swapchain: &mut Self::Swapchain, slot: usize) -> Result<Acquired, BackendError>;
+    fn acquire(&mut self, slot: usize) -> Result<Acquired, BackendError>;
 
-    /// Records the blit of a frame's output into an acquired image, scaled to the image's size. Later work that waits
-    /// for the plan's export also waits for the blit.
+    /// Records the blit of the output of the frame in `slot` into an acquired image, scaled to the image's size. Later
+    /// work that waits for the plan's export also waits for the blit.
     fn record_blit(
-        &self,
-        show: Show<Self>,
-        output: &Image<Self>,
+        &mut self,
+        image: u32,
+        slot: usize,
+        output: &Image<G>,
         plan: &Plan,
-        synchronization: &Self::Synchronization,
+        synchronization: &G::Synchronization,
     ) -> Result<(), BackendError>;
 
     /// Presents an image whose blit was submitted.
-    fn present(&self, show: Show<Self>) -> Result<Presented, BackendError>;
+    fn present(&mut self, image: u32) -> Result<Presented, BackendError>;
 }
 
 /// The pipeline about to be created, for progress and errors; see [`crate::PipelineStates::next`].
@@ -246,7 +221,7 @@ pub struct Show<'a, G: Gpu> {
     pub slot: usize,
 }
 
-/// The outcome of [`Gpu::acquire`].
+/// The outcome of [`Swapchain::acquire`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Acquired {
     /// An image was acquired.
@@ -262,7 +237,7 @@ pub enum Acquired {
     NotReady,
 }
 
-/// The outcome of [`Gpu::present`].
+/// The outcome of [`Swapchain::present`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presented {
     /// The image is shown.
@@ -274,7 +249,15 @@ pub enum Presented {
 }
 
 /// Device memory, mapped or not.
-pub trait Memory: Send + Sync + 'static {
+pub trait Memory<G: Gpu>: Sized + Send + Sync + 'static {
+    /// Allocates memory for an object; `name` names it in errors.
+    fn allocate(
+        gpu: &Arc<G>,
+        name: &str,
+        requirements: &Requirements,
+        location: Location,
+    ) -> Result<Self, BackendError>;
+
     /// Returns the size in bytes.
     fn bytes(&self) -> u64;
 
@@ -379,7 +362,7 @@ impl<G: Gpu> Buffer<G> {
     /// Creates a buffer with its own memory.
     pub(crate) fn new(gpu: &Arc<G>, desc: &BufferDesc, location: Location) -> Result<Self, BackendError> {
         let (unbound, requirements) = gpu.create_buffer(desc)?;
-        let memory = gpu.allocate(desc.name, &requirements, location)?;
+        let memory = G::Memory::allocate(gpu, desc.name, &requirements, location)?;
         Self::bind(gpu, desc, unbound, Arc::new(memory))
     }
 
@@ -389,7 +372,7 @@ impl<G: Gpu> Buffer<G> {
         unbound: G::UnboundBuffer,
         memory: Arc<G::Memory>,
     ) -> Result<Self, BackendError> {
-        let raw = gpu.bind_buffer(unbound, &memory)?;
+        let raw = gpu.bind_buffer(desc, unbound, &memory)?;
         Ok(Buffer { raw, bytes: desc.bytes, usage: desc.usage, memory })
     }
 
@@ -406,7 +389,7 @@ impl<G: Gpu> Buffer<G> {
 
     /// Returns the mapped bytes for writing; empty if the memory is not mapped or is shared with other objects.
     pub(crate) fn mapped_mut(&mut self) -> &mut [u8] {
-        let slice = Arc::get_mut(&mut self.memory).map(Memory::mapped_mut).unwrap_or_default();
+        let slice = Arc::get_mut(&mut self.memory).map(G::Memory::mapped_mut).unwrap_or_default();
         let end = slice.len().min(self.bytes as usize);
         &mut slice[..end]
     }
@@ -433,7 +416,7 @@ impl<G: Gpu> Image<G> {
         unbound: G::UnboundImage,
         memory: Arc<G::Memory>,
     ) -> Result<Self, BackendError> {
-        let raw = gpu.bind_image(unbound, &memory)?;
+        let raw = gpu.bind_image(desc, unbound, &memory)?;
         Ok(Image { raw, format: desc.format, size: desc.size, usage: desc.usage, memory })
     }
 
@@ -483,15 +466,25 @@ pub enum Draw<'a, G: Gpu> {
 
 /// A recorder of commands that are submitted together and can be waited for.
 ///
-/// It is reused: [`begin`](Encoder::begin), commands, [`end`](Encoder::end), [`Gpu::submit`], [`Gpu::wait`]. The caller
-/// guarantees what the plan's checks establish: ranges lie within their buffers, objects allow their uses, and images
+/// It is reused: [`begin`](Encoder::begin), commands, [`end`](Encoder::end), [`submit`](Encoder::submit),
+/// [`wait`](Encoder::wait). The caller guarantees what the plan's checks establish: ranges lie within their buffers, objects allow their uses, and images
 /// are in the layout of their use.
-pub trait Encoder<G: Gpu>: Send {
+pub trait Encoder<G: Gpu>: Sized + Send + 'static {
+    /// Creates an encoder; `name` appears in GPU captures.
+    fn new(gpu: &Arc<G>, name: &str) -> Result<Self, BackendError>;
+
     /// Begins recording and discards earlier commands. The last submission must have completed.
     fn begin(&mut self) -> Result<(), BackendError>;
 
     /// Ends recording.
     fn end(&mut self) -> Result<(), BackendError>;
+
+    /// Submits the commands, followed by the blit to the swapchain image `show`, if any.
+    fn submit(&mut self, show: Option<Show<G>>) -> Result<(), BackendError>;
+
+    /// Blocks until the last submission, including the blit, has completed; the encoder can then be reused. Returns
+    /// false once `limit` has passed.
+    fn wait(&mut self, limit: Duration) -> Result<bool, BackendError>;
 
     /// Announces the pass that the next commands belong to, even if it records none. If `timed`, timestamps are written
     /// before and after them. APIs with separate encoders choose the pass's encoder here.

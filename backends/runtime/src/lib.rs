@@ -58,9 +58,9 @@ pub use check::too_large;
 pub use devices::choose;
 pub use executor::Executor;
 pub use gpu::{
-    Acquired, BindingTarget, Buffer, BufferDesc, Common, Draw, Encoder, FormatSupport, Gpu, Image, ImageDesc,
-    ImageLayout, Location, Memory, MemoryKind, NextPipeline, Presented, Requirements, Show, Window,
-    binding_copies,
+    Acquired, BindingTarget, Bindings, Buffer, BufferDesc, Common, Draw, Encoder, FormatSupport, Gpu, Image,
+    ImageDesc, ImageLayout, Location, Memory, MemoryKind, NextPipeline, Presented, Requirements, Show,
+    Swapchain, Window, binding_copies,
 };
 pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};

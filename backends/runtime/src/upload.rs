@@ -60,7 +60,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         let half = || -> Result<Half<G>, BackendError> {
             Ok(Half {
                 staging: Buffer::new(gpu, &desc, Location::Staging)?,
-                encoder: gpu.create_encoder("upload")?,
+                encoder: G::Encoder::new(gpu, "upload")?,
                 busy: None,
             })
         };
@@ -113,7 +113,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         encoder.copy_buffer((staging, 0), (target, range.start), bytes);
         encoder.after_copy(target, range);
         encoder.end()?;
-        *busy = Some(self.shared.watch.submit(None, || self.shared.gpu.submit(encoder, None))?);
+        *busy = Some(self.shared.watch.submit(None, || encoder.submit(None))?);
         Ok(())
     }
 

@@ -7,7 +7,7 @@
 //! the first submission, in queue order, whose timestamps are not all written, in the pass after the last written one.
 //! A submission without readable timestamps, such as an upload, is reported only by a wait for it.
 
-use crate::gpu::Gpu;
+use crate::gpu::{Encoder, Gpu};
 use crate::stopwatch::Stopwatch;
 use crate::timing::Times;
 use splatgraph_api::{BackendError, Running};
@@ -101,7 +101,7 @@ impl<G: Gpu> Watch<G> {
     /// # Errors
     /// [`BackendError::Stuck`] once the device has run one pass for longer than its patience.
     pub fn wait(&self, gpu: &G, encoder: &mut G::Encoder, ticket: &Ticket<G>) -> Result<(), BackendError> {
-        while !gpu.wait(encoder, SLICE.min(gpu.common().patience))? {
+        while !encoder.wait(SLICE.min(gpu.common().patience))? {
             let running = self.look(gpu, ticket);
             if running.time >= gpu.common().patience {
                 return Err(stuck(running));

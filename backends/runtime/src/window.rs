@@ -7,7 +7,7 @@
 //! swapchain is out of date. The next frame to be shown then creates a new one. A window without pixels shows nothing.
 
 use crate::check::invalid;
-use crate::gpu::{Acquired, Gpu, Image, Presented, Show};
+use crate::gpu::{Acquired, Gpu, Image, Presented, Show, Swapchain as _};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
@@ -69,7 +69,7 @@ impl<G: Gpu> Swapchain<G> {
     /// nothing can be shown now.
     ///
     /// The blit is submitted after the frame in `slot`; the image is then [`present`](Swapchain::present)ed. The slot's
-    /// previous frame must have completed. Blocks as [`Gpu::acquire`] does.
+    /// previous frame must have completed. Blocks as [`crate::Swapchain::acquire`] does.
     pub fn prepare(
         &mut self,
         output: &Image<G>,
@@ -78,9 +78,8 @@ impl<G: Gpu> Swapchain<G> {
     ) -> Result<Option<u32>, BackendError> {
         check_output(output.format, self.gpu.format_support(output.format).blit)?;
         let Some(image) = self.acquire(slot)? else { return Ok(None) };
-        let gpu = self.gpu.clone();
-        if let Some(show) = self.show(image, slot) {
-            gpu.record_blit(show, output, plan, synchronization)?;
+        if let Some(raw) = &mut self.raw {
+            raw.record_blit(image, slot, output, plan, synchronization)?;
         }
         Ok(Some(image))
     }
@@ -90,10 +89,9 @@ impl<G: Gpu> Swapchain<G> {
     }
 
     /// Presents an image; returns true if it is shown. Its blit must have been submitted.
-    pub fn present(&mut self, image: u32, slot: usize) -> Result<bool, BackendError> {
-        let gpu = self.gpu.clone();
-        let Some(show) = self.show(image, slot) else { return Ok(false) };
-        let presented = gpu.present(show);
+    pub fn present(&mut self, image: u32) -> Result<bool, BackendError> {
+        let Some(raw) = &mut self.raw else { return Ok(false) };
+        let presented = raw.present(image);
         // Any other error leaves the image acquired: only a new swapchain gets it back.
         self.acquired = !matches!(presented, Ok(_) | Err(BackendError::SurfaceLost { .. }));
         match presented {
@@ -142,7 +140,7 @@ impl<G: Gpu> Swapchain<G> {
                 Err(error) => return Err(error),
             }
             let Some(swapchain) = self.raw.as_mut().filter(|_| !self.stale) else { return Ok(None) };
-            match self.gpu.acquire(swapchain, slot) {
+            match swapchain.acquire(slot) {
                 Ok(Acquired::Image { index, suboptimal }) => {
                     self.acquired = true;
                     if suboptimal {
@@ -179,7 +177,7 @@ impl<G: Gpu> Swapchain<G> {
         }
         // The old swapchain is unusable after this, even if creating a new one fails.
         let former = self.raw.take();
-        self.raw = Some(self.gpu.create_swapchain(size, self.vsync, former.as_ref())?);
+        self.raw = Some(G::Swapchain::new(&self.gpu, size, self.vsync, former.as_ref())?);
         self.stale = false;
         self.surface_lost = false;
         self.acquired = false;

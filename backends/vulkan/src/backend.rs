@@ -5,18 +5,17 @@ use crate::encoder::Encoder;
 use crate::error::api;
 use crate::gpu::{HOST_BLOCK, Owned, VulkanGpu};
 use crate::instance::Instance;
-use crate::memory::{self, Image, Memory, UnboundImage};
+use crate::memory::{self, Image, Memory};
 use crate::pipelines::Pipelines;
 use crate::swapchain::{self, Swapchain};
 use crate::sync::{self, Barriers};
 use crate::{device, lower, queue};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Robustness, Validation};
-use splatgraph_framework::ir::{Binding, Format, PassId};
+use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
-    Acquired, BindingTarget, BufferDesc, Common, FormatSupport, Gpu, ImageDesc, Location, NextPipeline,
-    Presented, Requirements, Show, Window,
+    BufferDesc, Common, FormatSupport, Gpu, ImageDesc, NextPipeline, Requirements, Window,
 };
 use std::ffi::CStr;
 use std::sync::{Arc, PoisonError};
@@ -26,7 +25,7 @@ use tracing::info_span;
 impl Gpu for VulkanGpu {
     type Memory = Memory;
     type UnboundBuffer = Owned<vk::Buffer>;
-    type UnboundImage = UnboundImage;
+    type UnboundImage = Owned<vk::Image>;
     type Buffer = Owned<vk::Buffer>;
     type Image = Image;
     type Synchronization = Barriers;
@@ -128,29 +127,26 @@ impl Gpu for VulkanGpu {
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
-    ) -> Result<(UnboundImage, Requirements), BackendError> {
+    ) -> Result<(Owned<vk::Image>, Requirements), BackendError> {
         memory::create_image(self, desc)
-    }
-
-    fn allocate(
-        self: &Arc<Self>,
-        name: &str,
-        requirements: &Requirements,
-        location: Location,
-    ) -> Result<Memory, BackendError> {
-        Memory::new(self, name, requirements, location)
     }
 
     fn bind_buffer(
         self: &Arc<Self>,
+        _: &BufferDesc,
         buffer: Owned<vk::Buffer>,
         memory: &Memory,
     ) -> Result<Owned<vk::Buffer>, BackendError> {
         memory::bind_buffer(self, buffer, memory)
     }
 
-    fn bind_image(self: &Arc<Self>, image: UnboundImage, memory: &Memory) -> Result<Image, BackendError> {
-        memory::bind_image(self, image, memory)
+    fn bind_image(
+        self: &Arc<Self>,
+        desc: &ImageDesc,
+        image: Owned<vk::Image>,
+        memory: &Memory,
+    ) -> Result<Image, BackendError> {
+        memory::bind_image(self, desc, image, memory)
     }
 
     fn synchronization(plan: &Plan) -> Result<Barriers, BackendError> {
@@ -163,25 +159,6 @@ impl Gpu for VulkanGpu {
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Pipelines, BackendError> {
         Pipelines::new(self, plan, next)
-    }
-
-    fn create_bindings(
-        self: &Arc<Self>,
-        plan: &Plan,
-        pipelines: &Pipelines,
-    ) -> Result<DescriptorSets, BackendError> {
-        DescriptorSets::new(self, plan, pipelines)
-    }
-
-    fn write_binding(
-        &self,
-        bindings: &mut DescriptorSets,
-        pass: PassId,
-        copy: usize,
-        binding: &Binding,
-        target: BindingTarget<Self>,
-    ) {
-        bindings.write(self, pass, copy, binding, target);
     }
 
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Owned<vk::QueryPool>>, BackendError> {
@@ -210,24 +187,6 @@ impl Gpu for VulkanGpu {
         Ok(values.iter().map(|[value, written]| (*written != 0).then_some(*value)).collect())
     }
 
-    fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Encoder, BackendError> {
-        Encoder::new(self, name)
-    }
-
-    fn submit(&self, encoder: &mut Encoder, show: Option<Show<Self>>) -> Result<(), BackendError> {
-        match show {
-            Some(show) => {
-                let blit = show.swapchain.blit(show.slot, show.image);
-                queue::submit_and_blit(self, encoder.commands, blit, *encoder.fence)
-            }
-            None => queue::submit(self, encoder.commands, *encoder.fence),
-        }
-    }
-
-    fn wait(&self, encoder: &mut Encoder, limit: Duration) -> Result<bool, BackendError> {
-        queue::wait(self, *encoder.fence, limit)
-    }
-
     fn window_size(&self, wanted: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError> {
         swapchain::window_size(self, wanted)
     }
@@ -239,33 +198,5 @@ impl Gpu for VulkanGpu {
             Some(surface) if surface.can_show(self.physical, self.family) => Ok(()),
             _ => Err(BackendError::SurfaceLost { call: "vkGetPhysicalDeviceSurfaceSupportKHR" }),
         }
-    }
-
-    fn create_swapchain(
-        self: &Arc<Self>,
-        size: (u32, u32),
-        vsync: bool,
-        former: Option<&Swapchain>,
-    ) -> Result<Swapchain, BackendError> {
-        Swapchain::new(self, size, vsync, former)
-    }
-
-    fn acquire(&self, swapchain: &mut Swapchain, slot: usize) -> Result<Acquired, BackendError> {
-        swapchain.acquire(slot)
-    }
-
-    fn record_blit(
-        &self,
-        show: Show<Self>,
-        output: &splatgraph_runtime::Image<Self>,
-        plan: &Plan,
-        barriers: &Barriers,
-    ) -> Result<(), BackendError> {
-        let waiting = barriers.waiting_for_copies(plan);
-        show.swapchain.record_blit(self, show.slot, show.image, output, waiting)
-    }
-
-    fn present(&self, show: Show<Self>) -> Result<Presented, BackendError> {
-        show.swapchain.present(self, show.image)
     }
 }

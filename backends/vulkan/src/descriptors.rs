@@ -20,12 +20,14 @@ pub struct DescriptorSets {
 }
 
 impl DescriptorSets {
-    /// Allocates a descriptor set per copy for each dispatch and draw with bindings, without writing them.
-    pub(crate) fn new(
-        gpu: &Arc<VulkanGpu>,
-        plan: &Plan,
-        pipelines: &Pipelines,
-    ) -> Result<DescriptorSets, BackendError> {
+    pub(crate) fn set(&self, pass: PassId, slot: usize) -> vk::DescriptorSet {
+        self.sets[pass.index()][slot]
+    }
+}
+
+impl splatgraph_runtime::Bindings<VulkanGpu> for DescriptorSets {
+    /// Allocates a descriptor set per copy for each dispatch and draw with bindings.
+    fn new(gpu: &Arc<VulkanGpu>, plan: &Plan, pipelines: &Pipelines) -> Result<DescriptorSets, BackendError> {
         let mut sets = vec![[vk::DescriptorSet::null(); FRAMES_IN_FLIGHT]; plan.passes.len()];
         let bound = plan.order().filter(|&id| !plan.pass(id).bindings.is_empty());
         let bound: Vec<PassId> = bound.collect();
@@ -48,8 +50,8 @@ impl DescriptorSets {
         Ok(DescriptorSets { sets, _pool: Some(pool) })
     }
 
-    pub(crate) fn write(
-        &self,
+    fn write(
+        &mut self,
         gpu: &VulkanGpu,
         pass: PassId,
         copy: usize,
@@ -80,10 +82,6 @@ impl DescriptorSets {
         };
         // SAFETY: the set is not in use, the resources are alive, and the kinds fit (checked with the plan).
         unsafe { gpu.device.update_descriptor_sets(&[write], &[]) };
-    }
-
-    pub(crate) fn set(&self, pass: PassId, slot: usize) -> vk::DescriptorSet {
-        self.sets[pass.index()][slot]
     }
 }
 

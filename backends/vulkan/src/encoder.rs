@@ -14,15 +14,16 @@ use ash::vk;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
 use splatgraph_framework::plan::Transition;
-use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout, Show};
 use std::fmt::Arguments;
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A command buffer, and the fence that its submission signals.
 pub struct Encoder {
-    pub(crate) commands: vk::CommandBuffer,
-    pub(crate) fence: Owned<vk::Fence>,
+    commands: vk::CommandBuffer,
+    fence: Owned<vk::Fence>,
     pool: Owned<vk::CommandPool>,
     gpu: Arc<VulkanGpu>,
     // Reused lists, so that recording does not allocate.
@@ -33,21 +34,6 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    pub(crate) fn new(gpu: &Arc<VulkanGpu>, name: &str) -> Result<Encoder, BackendError> {
-        let (pool, commands) = queue::command_pool(gpu)?;
-        gpu.name(commands, name);
-        Ok(Encoder {
-            commands,
-            fence: queue::fence(gpu)?,
-            pool,
-            gpu: gpu.clone(),
-            dependency: Dependency::default(),
-            memory: Vec::new(),
-            images: Vec::new(),
-            attachments: Vec::new(),
-        })
-    }
-
     fn flush(&mut self) {
         self.memory.clear();
         self.memory.extend(self.dependency.memory.iter().map(memory_barrier));
@@ -94,12 +80,36 @@ impl Encoder {
 }
 
 impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
+    fn new(gpu: &Arc<VulkanGpu>, name: &str) -> Result<Encoder, BackendError> {
+        let (pool, commands) = queue::command_pool(gpu)?;
+        gpu.name(commands, name);
+        Ok(Encoder {
+            commands,
+            fence: queue::fence(gpu)?,
+            pool,
+            gpu: gpu.clone(),
+            dependency: Dependency::default(),
+            memory: Vec::new(),
+            images: Vec::new(),
+            attachments: Vec::new(),
+        })
+    }
+
     fn begin(&mut self) -> Result<(), BackendError> {
         queue::begin(&self.gpu, *self.pool, self.commands)
     }
 
     fn end(&mut self) -> Result<(), BackendError> {
         queue::end(&self.gpu, self.commands)
+    }
+
+    fn submit(&mut self, show: Option<Show<VulkanGpu>>) -> Result<(), BackendError> {
+        let blit = show.map(|show| show.swapchain.blit(show.slot, show.image));
+        queue::submit(&self.gpu, self.commands, blit, *self.fence)
+    }
+
+    fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
+        queue::wait(&self.gpu, *self.fence, limit)
     }
 
     fn push_label(&mut self, name: Arguments) {

@@ -21,7 +21,15 @@ pub struct Memory {
 }
 
 impl Memory {
-    pub(crate) fn new(
+    /// Returns the memory handle, and the offset at which to bind objects.
+    fn handle_and_offset(&self) -> (vk::DeviceMemory, u64) {
+        // SAFETY: the handle is used only to bind objects, and their owner keeps this allocation alive.
+        self.allocation.as_ref().map_or_else(Default::default, |a| (unsafe { a.memory() }, a.offset()))
+    }
+}
+
+impl splatgraph_runtime::Memory<VulkanGpu> for Memory {
+    fn allocate(
         gpu: &Arc<VulkanGpu>,
         name: &str,
         requirements: &Requirements,
@@ -63,14 +71,6 @@ impl Memory {
         Ok(Memory { allocation: Some(allocation), gpu: gpu.clone() })
     }
 
-    /// Returns the memory handle, and the offset at which to bind objects.
-    fn handle_and_offset(&self) -> (vk::DeviceMemory, u64) {
-        // SAFETY: the handle is used only to bind objects, and their owner keeps this allocation alive.
-        self.allocation.as_ref().map_or_else(Default::default, |a| (unsafe { a.memory() }, a.offset()))
-    }
-}
-
-impl splatgraph_runtime::Memory for Memory {
     fn bytes(&self) -> u64 {
         self.allocation.as_ref().map_or(0, Allocation::size)
     }
@@ -130,14 +130,6 @@ pub(crate) fn bind_buffer(
     Ok(buffer)
 }
 
-/// An image without memory.
-pub struct UnboundImage {
-    raw: Owned<vk::Image>,
-    name: String,
-    format: vk::Format,
-    aspect: vk::ImageAspectFlags,
-}
-
 /// An image and a view of it.
 pub struct Image {
     pub(crate) view: Owned<vk::ImageView>,
@@ -148,11 +140,10 @@ pub struct Image {
 pub(crate) fn create_image(
     gpu: &Arc<VulkanGpu>,
     desc: &ImageDesc,
-) -> Result<(UnboundImage, Requirements), BackendError> {
-    let format = lower::format(desc.format);
+) -> Result<(Owned<vk::Image>, Requirements), BackendError> {
     let info = vk::ImageCreateInfo::default()
         .image_type(vk::ImageType::TYPE_2D)
-        .format(format)
+        .format(lower::format(desc.format))
         .extent(vk::Extent3D { width: desc.size.0, height: desc.size.1, depth: 1 })
         .mip_levels(1)
         .array_layers(1)
@@ -163,8 +154,7 @@ pub(crate) fn create_image(
         .initial_layout(vk::ImageLayout::UNDEFINED);
     // SAFETY: `info` is complete, and the format supports the usage.
     let raw = unsafe { gpu.device.create_image(&info, None) }.map_err(api("vkCreateImage"))?;
-    let aspect = lower::aspect(desc.format);
-    let image = UnboundImage { raw: Owned::new(gpu, raw), name: desc.name.to_string(), format, aspect };
+    let image = Owned::new(gpu, raw);
     gpu.name(raw, desc.name);
     let info = vk::ImageMemoryRequirementsInfo2::default().image(raw);
     let mut dedicated = vk::MemoryDedicatedRequirements::default();
@@ -180,21 +170,22 @@ pub(crate) fn create_image(
 
 pub(crate) fn bind_image(
     gpu: &Arc<VulkanGpu>,
-    image: UnboundImage,
+    desc: &ImageDesc,
+    image: Owned<vk::Image>,
     memory: &Memory,
 ) -> Result<Image, BackendError> {
     let (handle, offset) = memory.handle_and_offset();
     // SAFETY: the memory meets the image's requirements, and its owner keeps it as long as the image.
-    unsafe { gpu.device.bind_image_memory(*image.raw, handle, offset) }.map_err(api("vkBindImageMemory"))?;
+    unsafe { gpu.device.bind_image_memory(*image, handle, offset) }.map_err(api("vkBindImageMemory"))?;
     let info = vk::ImageViewCreateInfo::default()
-        .image(*image.raw)
+        .image(*image)
         .view_type(vk::ImageViewType::TYPE_2D)
-        .format(image.format)
-        .subresource_range(vk::ImageSubresourceRange { aspect_mask: image.aspect, ..WHOLE });
+        .format(lower::format(desc.format))
+        .subresource_range(vk::ImageSubresourceRange { aspect_mask: lower::aspect(desc.format), ..WHOLE });
     // SAFETY: the image has memory, and the view is of its own format.
     let view = unsafe { gpu.device.create_image_view(&info, None) }.map_err(api("vkCreateImageView"))?;
-    gpu.name(view, &image.name);
-    Ok(Image { view: Owned::new(gpu, view), raw: image.raw })
+    gpu.name(view, desc.name);
+    Ok(Image { view: Owned::new(gpu, view), raw: image })
 }
 
 /// Subresource range of a colour image: its single mip level and layer.

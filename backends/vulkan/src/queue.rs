@@ -57,20 +57,8 @@ pub(crate) fn semaphore(gpu: &Arc<VulkanGpu>) -> Result<Owned<vk::Semaphore>, Ba
     Ok(Owned::new(gpu, semaphore.map_err(api("vkCreateSemaphore"))?))
 }
 
-pub(crate) fn submit(
-    gpu: &VulkanGpu,
-    commands: vk::CommandBuffer,
-    fence: vk::Fence,
-) -> Result<(), BackendError> {
-    let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
-    let submits = [vk::SubmitInfo2::default().command_buffer_infos(&buffers)];
-    let queue = gpu.queue();
-    // SAFETY: the command buffer was recorded and is not in use, nor is the fence; the queue is locked.
-    unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
-}
-
 /// The recorded blit of a frame's output to the window, with the semaphores for its start and end.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Blit {
     pub commands: vk::CommandBuffer,
     /// Signalled when the window's image may be written.
@@ -79,23 +67,24 @@ pub(crate) struct Blit {
     pub finished: vk::Semaphore,
 }
 
-/// Submits a frame, followed by the blit of its output. `fence` is signalled when both complete.
+/// Submits commands, followed by the blit of a frame's output, if any. `fence` is signalled when both complete.
 ///
 /// The blit is a batch of its own: a driver may begin a batch only after its semaphores, and the frame must not wait
 /// for the window.
-pub(crate) fn submit_and_blit(
+pub(crate) fn submit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
-    blit: Blit,
+    blit: Option<Blit>,
     fence: vk::Fence,
 ) -> Result<(), BackendError> {
     let frame = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
-    let blits = [vk::CommandBufferSubmitInfo::default().command_buffer(blit.commands)];
-    let waits = [vk::SemaphoreSubmitInfo::default()
-        .semaphore(blit.acquired)
-        .stage_mask(vk::PipelineStageFlags2::BLIT)];
+    let batches = if blit.is_some() { 2 } else { 1 };
+    let Blit { commands, acquired, finished } = blit.unwrap_or_default();
+    let blits = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
+    let waits =
+        [vk::SemaphoreSubmitInfo::default().semaphore(acquired).stage_mask(vk::PipelineStageFlags2::BLIT)];
     let signals = [vk::SemaphoreSubmitInfo::default()
-        .semaphore(blit.finished)
+        .semaphore(finished)
         .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
     let submits = [
         vk::SubmitInfo2::default().command_buffer_infos(&frame),
@@ -107,7 +96,7 @@ pub(crate) fn submit_and_blit(
     let queue = gpu.queue();
     // SAFETY: the command buffers were recorded and are not in use, nor is the fence. The acquire signals the semaphore
     // `acquired`; the last wait for `finished` has completed. The queue is locked.
-    unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
+    unsafe { gpu.device.queue_submit2(*queue, &submits[..batches], fence) }.map_err(api("vkQueueSubmit2"))
 }
 
 /// Presents a swapchain image once `finished` is signalled. Returns true if the swapchain is suboptimal.

@@ -14,10 +14,12 @@ use crate::lower;
 use crate::memory::LAYER;
 use crate::queue::{self, Blit};
 use crate::surface::{self, Surface};
+use crate::sync::Barriers;
 use crate::sync::commands::{self, ImageBarrier, MemoryBarrier, Scope};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::ir::Stages;
+use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
@@ -38,6 +40,7 @@ pub struct Swapchain {
     /// A semaphore per image, signalled when the blit into the image completes.
     finished: Vec<Owned<vk::Semaphore>>,
     blits: [(Owned<vk::CommandPool>, vk::CommandBuffer); FRAMES_IN_FLIGHT],
+    gpu: Arc<VulkanGpu>,
 }
 
 fn window_surface(gpu: &VulkanGpu) -> Result<Arc<Surface>, BackendError> {
@@ -57,8 +60,17 @@ pub(crate) fn window_size(
 }
 
 impl Swapchain {
-    /// Creates a swapchain that replaces `former`, the window's current one. The device must be idle.
-    pub(crate) fn new(
+    pub(crate) fn blit(&self, slot: usize, image: u32) -> Blit {
+        Blit {
+            commands: self.blits[slot].1,
+            acquired: *self.acquired[slot],
+            finished: *self.finished[image as usize],
+        }
+    }
+}
+
+impl splatgraph_runtime::Swapchain<VulkanGpu> for Swapchain {
+    fn new(
         gpu: &Arc<VulkanGpu>,
         (width, height): (u32, u32),
         vsync: bool,
@@ -106,6 +118,7 @@ impl Swapchain {
             acquired,
             finished: Vec::new(),
             blits,
+            gpu: gpu.clone(),
         };
         // SAFETY: the swapchain was just created.
         let images = unsafe { swapchain.functions.get_swapchain_images(raw) };
@@ -117,7 +130,7 @@ impl Swapchain {
         Ok(swapchain)
     }
 
-    pub(crate) fn acquire(&self, slot: usize) -> Result<Acquired, BackendError> {
+    fn acquire(&mut self, slot: usize) -> Result<Acquired, BackendError> {
         // SAFETY: the slot's former frame, which waited for the semaphore, has completed, and every image acquired
         // before was presented.
         let answer = unsafe {
@@ -131,25 +144,16 @@ impl Swapchain {
         }
     }
 
-    pub(crate) fn blit(&self, slot: usize, image: u32) -> Blit {
-        Blit {
-            commands: self.blits[slot].1,
-            acquired: *self.acquired[slot],
-            finished: *self.finished[image as usize],
-        }
-    }
-
-    /// Records the blit of `output`, left in the transfer-source layout by the export, into an acquired image.
-    ///
-    /// `waiting` are the stages of later work that must wait for the blit.
-    pub(crate) fn record_blit(
-        &self,
-        gpu: &VulkanGpu,
-        slot: usize,
+    /// The export left the output in the transfer-source layout.
+    fn record_blit(
+        &mut self,
         image: u32,
+        slot: usize,
         output: &Image<VulkanGpu>,
-        waiting: Stages,
+        plan: &Plan,
+        barriers: &Barriers,
     ) -> Result<(), BackendError> {
+        let gpu = &*self.gpu;
         let (pool, commands) = &self.blits[slot];
         let (image, commands) = (self.images[image as usize], *commands);
         let size = vk::Extent2D { width: output.size.0, height: output.size.1 };
@@ -176,15 +180,14 @@ impl Swapchain {
                 filter,
             );
         }
-        barrier(gpu, commands, after(waiting), image);
+        barrier(gpu, commands, after(barriers.waiting_for_copies(plan)), image);
         gpu.end_label(commands);
         queue::end(gpu, commands)
     }
 
-    /// Presents an image once its blit has completed. The blit must have been submitted.
-    pub(crate) fn present(&self, gpu: &VulkanGpu, image: u32) -> Result<Presented, BackendError> {
+    fn present(&mut self, image: u32) -> Result<Presented, BackendError> {
         let finished = *self.finished[image as usize];
-        match queue::present(gpu, &self.functions, self.raw, image, finished) {
+        match queue::present(&self.gpu, &self.functions, self.raw, image, finished) {
             Ok(false) => Ok(Presented::Shown),
             Ok(true) => Ok(Presented::Suboptimal),
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(Presented::OutOfDate),

@@ -13,15 +13,15 @@ use crate::lower::{self, CLEAR_THREADS};
 use crate::objc;
 use crate::pipelines::Pipelines;
 use crate::queue::{self, Timestamps};
-use crate::swapchain::Swapchain;
 use crate::times;
-use crate::walk::Move;
+use crate::walk::{Move, Walk};
 use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{DepthAccess, Format, Pass, PassId, ResourceId, Target};
-use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout, Show};
 use std::fmt::Arguments;
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Duration;
 
 mod open;
@@ -31,56 +31,6 @@ pub use state::Encoder;
 use state::{Bound, Open};
 
 impl Encoder {
-    pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
-        let Some(commands) = self.commands.take() else {
-            return Err(BackendError::Invalid(format!("the encoder `{}` has nothing recorded", self.name)));
-        };
-        self.done.1 += 1;
-        commands.encode_signal_event(&self.done.0, self.done.1);
-        self.submitted = None;
-        let mut recorded = vec![commands];
-        if let Some(window) = window {
-            let frame = (&**self.done.0, self.done.1);
-            let shown = match (&self.order, self.walk.division()) {
-                (Some(order), Some(division)) => {
-                    let walked = order.walked();
-                    let updates = order.export.map_or(&[][..], |export| self.walk.updates(&walked, export));
-                    let fences = updates.iter().map(|update| order.fence(division, update.fence));
-                    window.draw(&self.gpu, &fences.collect::<Vec<_>>(), frame)?
-                }
-                _ => window.draw(&self.gpu, &[], frame)?,
-            };
-            // The submission as a whole signals the value after the frame's.
-            shown.encode_wait_for_event(&self.done.0, self.done.1);
-            self.done.1 += 1;
-            shown.encode_signal_event(&self.done.0, self.done.1);
-            recorded.push(shown);
-        }
-        let submission = Submission {
-            commands: recorded,
-            start: self.others.clone(),
-            done: self.done.clone(),
-            publishes: self.publishes,
-        };
-        self.submitted = Some(queue::submit(&self.gpu, submission, self.after_all)?);
-        if let Some(order) = self.order.take() {
-            order.walked().submitted(&self.walk);
-        }
-        Ok(())
-    }
-
-    pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
-        let Some(submission) = &self.submitted else { return Ok(true) };
-        if !queue::wait(&self.gpu, submission, limit)? {
-            return Ok(false);
-        }
-        if let (Some(times), Some(frame)) = (self.times.take(), submission.commands.first()) {
-            times.completed(objc::device_times(frame));
-        }
-        self.submitted = None;
-        Ok(true)
-    }
-
     fn follow(&mut self) {
         let moves = std::mem::take(&mut self.moves);
         for step in &moves {
@@ -143,6 +93,31 @@ impl Encoder {
 }
 
 impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
+    fn new(gpu: &Arc<MetalGpu>, name: &str) -> Result<Encoder, BackendError> {
+        Ok(Encoder {
+            name: name.to_string(),
+            commands: None,
+            submitted: None,
+            done: (gpu.device.new_shared_event(), 0),
+            order_event: (gpu.device.new_event(), 0),
+            others: (gpu.device.new_shared_event(), 0),
+            after_all: false,
+            publishes: false,
+            walk: Walk::default(),
+            order: None,
+            moves: Vec::new(),
+            open: Open::None,
+            next: None,
+            waits: Vec::new(),
+            bound: Bound::default(),
+            times: None,
+            sample: None,
+            label: String::new(),
+            groups: 0,
+            gpu: gpu.clone(),
+        })
+    }
+
     fn begin(&mut self) -> Result<(), BackendError> {
         objc::pool(|| {
             // Metal requires an encoder to end before it is dropped. An earlier recording may have failed.
@@ -167,6 +142,64 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         objc::pool(|| {
             self.interrupt();
             if self.commands.is_some() { Ok(()) } else { Err(no_object("commandBuffer")) }
+        })
+    }
+
+    fn submit(&mut self, show: Option<Show<MetalGpu>>) -> Result<(), BackendError> {
+        objc::pool(|| {
+            let Some(commands) = self.commands.take() else {
+                return Err(BackendError::Invalid(format!(
+                    "the encoder `{}` has nothing recorded",
+                    self.name
+                )));
+            };
+            self.done.1 += 1;
+            commands.encode_signal_event(&self.done.0, self.done.1);
+            self.submitted = None;
+            let mut recorded = vec![commands];
+            if let Some(Show { swapchain: window, .. }) = show {
+                let frame = (&**self.done.0, self.done.1);
+                let shown = match (&self.order, self.walk.division()) {
+                    (Some(order), Some(division)) => {
+                        let walked = order.walked();
+                        let updates =
+                            order.export.map_or(&[][..], |export| self.walk.updates(&walked, export));
+                        let fences = updates.iter().map(|update| order.fence(division, update.fence));
+                        window.draw(&self.gpu, &fences.collect::<Vec<_>>(), frame)?
+                    }
+                    _ => window.draw(&self.gpu, &[], frame)?,
+                };
+                // The submission as a whole signals the value after the frame's.
+                shown.encode_wait_for_event(&self.done.0, self.done.1);
+                self.done.1 += 1;
+                shown.encode_signal_event(&self.done.0, self.done.1);
+                recorded.push(shown);
+            }
+            let submission = Submission {
+                commands: recorded,
+                start: self.others.clone(),
+                done: self.done.clone(),
+                publishes: self.publishes,
+            };
+            self.submitted = Some(queue::submit(&self.gpu, submission, self.after_all)?);
+            if let Some(order) = self.order.take() {
+                order.walked().submitted(&self.walk);
+            }
+            Ok(())
+        })
+    }
+
+    fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
+        objc::pool(|| {
+            let Some(submission) = &self.submitted else { return Ok(true) };
+            if !queue::wait(&self.gpu, submission, limit)? {
+                return Ok(false);
+            }
+            if let (Some(times), Some(frame)) = (self.times.take(), submission.commands.first()) {
+                times.completed(objc::device_times(frame));
+            }
+            self.submitted = None;
+            Ok(true)
         })
     }
 

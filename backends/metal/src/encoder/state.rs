@@ -74,33 +74,6 @@ pub(super) struct Bound {
     pub(super) copied: Vec<(Stage, u32, Range<usize>)>,
 }
 
-impl Encoder {
-    pub(crate) fn new(gpu: &Arc<MetalGpu>, name: &str) -> Encoder {
-        Encoder {
-            name: name.to_string(),
-            commands: None,
-            submitted: None,
-            done: (gpu.device.new_shared_event(), 0),
-            order_event: (gpu.device.new_event(), 0),
-            others: (gpu.device.new_shared_event(), 0),
-            after_all: false,
-            publishes: false,
-            walk: Walk::default(),
-            order: None,
-            moves: Vec::new(),
-            open: Open::None,
-            next: None,
-            waits: Vec::new(),
-            bound: Bound::default(),
-            times: None,
-            sample: None,
-            label: String::new(),
-            groups: 0,
-            gpu: gpu.clone(),
-        }
-    }
-}
-
 impl Bound {
     /// Sets the pipeline and arguments of a dispatch. Returns its threadgroup size; `None` without a compute pipeline.
     pub fn dispatch(&self, encoder: &ComputeCommandEncoderRef) -> Option<MTLSize> {
