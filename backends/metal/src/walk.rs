@@ -34,7 +34,7 @@ impl Walked {
         let divided = |division| {
             let encoders = encoders(plan, division);
             let mut places = vec![None; plan.passes.len()];
-            for (index, encoding) in encoders.prologue.iter().chain(&encoders.frame).enumerate() {
+            for (index, encoding) in encoders.all().enumerate() {
                 for (place, pass) in encoding.passes.iter().enumerate() {
                     places[pass.pass.index()] = Some((index, place));
                 }
@@ -109,7 +109,7 @@ impl Walk {
         }
         // The host pass has no encoder.
         let Some((index, place)) = divided.places[pass.index()] else { return };
-        let encoding = divided.encoding(index);
+        let encoding = divided.encoders.encoder(index);
         match self.current {
             Some((current, true)) if current == index => {
                 moves.extend(encoding.passes[place].barrier.map(Move::Barrier));
@@ -146,7 +146,7 @@ impl Walk {
     /// Closes the open encoder after updating its fences. If it is opened again, they are updated again.
     fn close(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         let (Some(division), Some((index, true))) = (self.division, self.current) else { return };
-        for update in &walked.of(division).encoding(index).updates {
+        for update in &walked.of(division).encoders.encoder(index).updates {
             self.updated[update.fence as usize] = true;
             moves.push(Move::Update(*update));
         }
@@ -168,14 +168,7 @@ impl Walk {
     /// Commands that are added to this pass must wait for these fences and update them again.
     pub fn updates<'a>(&self, walked: &'a Walked, pass: PassId) -> &'a [FenceUse] {
         let Some(divided) = self.division.map(|division| walked.of(division)) else { return &[] };
-        divided.places[pass.index()].map_or(&[], |(index, _)| &divided.encoding(index).updates)
-    }
-}
-
-impl Divided {
-    fn encoding(&self, index: usize) -> &crate::sync::Encoding {
-        let Encoders { prologue, frame, .. } = &self.encoders;
-        prologue.get(index).unwrap_or_else(|| &frame[index - prologue.len()])
+        divided.places[pass.index()].map_or(&[], |(index, _)| &divided.encoders.encoder(index).updates)
     }
 }
 

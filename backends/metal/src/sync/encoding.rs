@@ -26,6 +26,19 @@ pub struct Encoders {
     pub fences: u32,
 }
 
+impl Encoders {
+    /// Lists the encoders of the prologue, then those of the frame.
+    pub fn all(&self) -> impl Iterator<Item = &Encoding> {
+        self.prologue.iter().chain(&self.frame)
+    }
+
+    /// Returns an encoder by its index, counted through the prologue and the frame.
+    pub fn encoder(&self, index: usize) -> &Encoding {
+        let frame = |index| &self.frame[index];
+        index.checked_sub(self.prologue.len()).map_or_else(|| &self.prologue[index], frame)
+    }
+}
+
 /// An encoder, with passes of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoding {

@@ -1,6 +1,6 @@
 //! Tests that the model objects to encoders with one mistake.
 
-use super::mutate::{At, Mutation, apply, mutations};
+use super::mutate::{Mutation, Piece, apply, mutations};
 use super::*;
 use crate::testing::*;
 
@@ -164,7 +164,7 @@ fn each_part_of_the_synchronization_can_be_taken_away() {
     let encoders = encoders(&s.plan, Division::Merged);
     let all = mutations(&encoders);
     assert!(
-        all.contains(&Mutation::Handover) && all.contains(&Mutation::Barrier(At::Frame(0), 1)),
+        all.contains(&Mutation::Handover) && all.contains(&Mutation::Encoder(1, Piece::Barrier(1))),
         "{all:?}"
     );
     for mutation in all {
