@@ -16,6 +16,7 @@ use splatgraph_api::Inspect;
 use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Run, Shape};
 use splatgraph_framework::plan::{Plan, Resource};
 use splatgraph_framework::source::nearest;
+use std::borrow::Cow;
 use std::path::Path;
 
 pub use contents::{Histogram, ReadAs, Words};
@@ -185,14 +186,25 @@ impl Finding {
         }
     }
 
-    /// Saves the words as a NumPy array: uint32 for buffers and integer images, float32 for float images.
+    /// Saves the words as a NumPy array: float32 for images of floats and for buffers that a shader declares as floats,
+    /// otherwise uint32.
     ///
     /// # Errors
     /// The extension is not `.npy`, or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
-        match &self.words {
+        match &*self.declared_words() {
             Words::Uint(words) => save_words(path, &self.shape, words),
             Words::Float(words) => save_words(path, &self.shape, words),
+        }
+    }
+
+    /// Converts the words of a buffer to the declared type.
+    fn declared_words(&self) -> Cow<'_, Words> {
+        match &self.words {
+            Words::Uint(words) if self.declared == ReadAs::Float => {
+                Cow::Owned(Words::Float(words.iter().map(|word| f32::from_bits(*word)).collect()))
+            }
+            words => Cow::Borrowed(words),
         }
     }
 
@@ -209,10 +221,7 @@ impl Finding {
         if let Some(reason) = &self.unknown_order {
             text += &format!("\n  {reason}");
         }
-        match &self.words {
-            Words::Uint(words) if self.declared == ReadAs::Float => {
-                text + &ends(&words.iter().map(|word| f32::from_bits(*word)).collect::<Vec<_>>())
-            }
+        match &*self.declared_words() {
             Words::Uint(words) => text + &ends(words),
             Words::Float(words) => text + &ends(words),
         }
@@ -373,5 +382,23 @@ mod tests {
             Finding::new(&plan(), &Inspect { resource: ResourceId(2), after: PassId(2) }, &[0; 48], &[]);
         assert_eq!(found.shape, [6, 2]);
         assert_eq!(found.order, None);
+    }
+
+    #[test]
+    fn a_buffer_is_saved_as_the_type_that_its_shader_declares() {
+        let words = [0.5f32, 0.25, 8.0, 0.0, -1.0, 1.5].map(f32::to_le_bytes);
+        let target = Inspect { resource: ResourceId(0), after: PassId(1) };
+        let found = Finding::new(&plan(), &target, words.as_flattened(), &[]);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        for (declared, kind, text) in [(ReadAs::Uint, "'<u4'", "1056964608"), (ReadAs::Float, "'<f4'", "0.5")]
+        {
+            let found = Finding { declared, ..found.clone() };
+            found.save(&path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            assert!(String::from_utf8_lossy(&bytes).contains(kind), "{declared:?}");
+            assert!(bytes.ends_with(words.as_flattened()), "{declared:?}: the bits are those of the buffer");
+            assert!(found.text().contains(&format!("all: {text} ")), "{}", found.text());
+        }
     }
 }
