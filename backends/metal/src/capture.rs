@@ -5,8 +5,9 @@
 
 use crate::objc;
 use metal::{CaptureDescriptor, CaptureManager, DeviceRef, MTLCaptureDestination};
+use splatgraph_runtime::lock;
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 
 enum State {
     Idle,
@@ -16,10 +17,6 @@ enum State {
 }
 
 static STATE: Mutex<State> = Mutex::new(State::Idle);
-
-fn state() -> MutexGuard<'static, State> {
-    STATE.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// Requests a capture of the window's next frame to the document `path`, which must not exist.
 ///
@@ -33,7 +30,7 @@ pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
             "Metal cannot capture this process: start the program with METAL_CAPTURE_ENABLED=1".to_string()
         );
     }
-    let mut state = state();
+    let mut state = lock(&STATE);
     match *state {
         State::Idle => *state = State::Asked(path),
         State::Asked(_) | State::Running => return Err("a frame is already being captured".to_string()),
@@ -43,7 +40,7 @@ pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
 
 /// Begins the requested capture, if any, before commands are recorded. If that fails, returns Metal's reason.
 pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
-    let mut state = state();
+    let mut state = lock(&STATE);
     let State::Asked(path) = &*state else { return None };
     let begun = objc::pool(|| {
         let descriptor = CaptureDescriptor::new();
@@ -58,7 +55,7 @@ pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
 
 /// Ends the running capture, if any. Call it once a frame was submitted to the window.
 pub(crate) fn end() {
-    let mut state = state();
+    let mut state = lock(&STATE);
     if matches!(*state, State::Running) {
         objc::pool(|| CaptureManager::shared().stop_capture());
         *state = State::Idle;

@@ -13,9 +13,9 @@ use crate::progress::{Progress, progress};
 use crate::surface::{FORMAT, Surface};
 use metal::*;
 use splatgraph_api::{BackendError, Options};
-use splatgraph_runtime::{Common, Window};
+use splatgraph_runtime::{Common, Window, lock};
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Duration;
 
 /// An open Apple GPU; see [`crate::Metal`].
@@ -104,7 +104,7 @@ impl MetalGpu {
 
     /// Returns the submissions that are still running. Releases the commands that wait for a failed submission.
     pub(crate) fn in_flight(&self) -> MutexGuard<'_, Vec<Submission>> {
-        let mut all = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = lock(&self.in_flight);
         all.retain(|submission| {
             let progress = submission.progress();
             if let Progress::Failed(index) = progress {

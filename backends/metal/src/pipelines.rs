@@ -16,7 +16,7 @@ use splatgraph_runtime::{BlendFactor, BlendFactors, NextPipeline, PipelineState}
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// A pipeline, with the parameters that Metal takes with each of its commands.
 #[derive(Clone)]
@@ -34,7 +34,7 @@ pub struct Pipelines {
 
 /// A plan's encoders and their fences. They are shared with each recording until it has been submitted.
 pub(crate) struct Order {
-    walked: Mutex<Walked>,
+    pub walked: Mutex<Walked>,
     /// The fences of each division: first merged, then one encoder per pass.
     fences: [Vec<Fence>; 2],
     /// The export pass, which makes the output readable by copies.
@@ -42,10 +42,6 @@ pub(crate) struct Order {
 }
 
 impl Order {
-    pub fn walked(&self) -> MutexGuard<'_, Walked> {
-        self.walked.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub fn fence(&self, division: Division, fence: u32) -> &Fence {
         &self.fences[usize::from(division == Division::Passes)][fence as usize]
     }

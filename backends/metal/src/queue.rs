@@ -6,7 +6,8 @@ use crate::progress::Progress;
 use crate::times::{FrameTimes, MAX_SAMPLES};
 use metal::{CounterSampleBuffer, CounterSampleBufferDescriptor, MTLStorageMode};
 use splatgraph_api::BackendError;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use splatgraph_runtime::lock;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Interval between checks for failed submissions during a wait.
@@ -101,28 +102,24 @@ impl Timestamps {
         Timestamps(Arc::new(Times { samples: buffer, frame }))
     }
 
-    fn frame(&self) -> MutexGuard<'_, FrameTimes> {
-        self.0.frame.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub(crate) fn reset(&self) {
-        self.frame().reset();
+        lock(&self.0.frame).reset();
     }
 
     /// Reserves samples `first` and `first + 1` for an encoder, and returns their buffer; `None` if they do not exist.
     pub(crate) fn take(&self, first: u32) -> Option<&CounterSampleBuffer> {
         let samples = self.0.samples.as_ref()?;
-        self.frame().take(first).then_some(samples)
+        lock(&self.0.frame).take(first).then_some(samples)
     }
 
     /// Stores the start and end of the completed frame's command buffer, in seconds.
     pub(crate) fn completed(&self, times: (f64, f64)) {
-        self.frame().complete(times);
+        lock(&self.0.frame).complete(times);
     }
 
     /// Reads the first `count` timestamps, in nanoseconds.
     pub(crate) fn read(&self, count: u32) -> Vec<Option<u64>> {
-        let frame = self.frame();
+        let frame = lock(&self.0.frame);
         let used = frame.samples();
         let samples = self.0.samples.as_ref().filter(|_| used > 0);
         let samples = samples.and_then(|samples| objc::resolve(samples, used)).unwrap_or_default();

@@ -9,10 +9,10 @@ use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     BufferDesc, Common, FormatSupport, Gpu, ImageDesc, MemoryKind, NextPipeline, PipelineStates,
-    Requirements, Window,
+    Requirements, Window, lock,
 };
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 impl Gpu for NullGpu {
@@ -124,7 +124,7 @@ impl Gpu for NullGpu {
     }
 
     fn read_timestamps(&self, timestamps: &Timestamps, count: u32) -> Result<Vec<Option<u64>>, BackendError> {
-        let ticks = timestamps.ticks.lock().unwrap_or_else(PoisonError::into_inner);
+        let ticks = lock(&timestamps.ticks);
         Ok(ticks[..count as usize].to_vec())
     }
 

@@ -5,12 +5,12 @@ use crate::gpu::{Bindings, NullGpu, Synchronization, Ticks, Timestamps};
 use crate::journal::{Call, Hung, Object, Owned, Used};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
-use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout, Show};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout, Show, lock};
 use std::collections::HashSet;
 use std::fmt::Arguments;
 use std::ops::Range;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 /// An encoder that adds each call to the journal and executes nothing.
@@ -75,7 +75,7 @@ impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
         };
         for (ticks, index) in &self.timestamps[..written] {
             let tick = self.gpu.tick.fetch_add(1, Ordering::Relaxed);
-            ticks.lock().unwrap_or_else(PoisonError::into_inner)[*index as usize] = Some(tick);
+            lock(ticks)[*index as usize] = Some(tick);
         }
         if lost {
             self.gpu.journal.lose();
@@ -218,7 +218,7 @@ impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
     }
 
     fn reset_timestamps(&mut self, timestamps: &Timestamps, count: u32) {
-        let mut ticks = timestamps.ticks.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut ticks = lock(&timestamps.ticks);
         ticks[..count as usize].fill(None);
         self.call(Call::ResetTimestamps { count });
     }

@@ -2,10 +2,10 @@
 
 use crate::fault::{Fault, Point};
 use splatgraph_framework::ir::{DescriptorKind, Layout};
-use splatgraph_runtime::{Location, Messages};
+use splatgraph_runtime::{Location, Messages, lock};
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 /// A kind of object that the journal counts.
@@ -215,7 +215,7 @@ impl Journal {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     /// Removes and returns the calls recorded since the last time.

@@ -4,10 +4,11 @@
 //! holds; a plane enters it when its upload is complete, unless it is in host memory. Only one plan uploads at a time:
 //! another plan that lacks a plane waits for its turn, then looks again.
 
+use crate::lock::lock;
 use splatgraph_framework::ir::{ResourceId, Shape, Source};
 use splatgraph_framework::plan::{Plan, Resource};
 use std::collections::{BTreeSet, HashMap};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct PlaneKey {
@@ -62,7 +63,7 @@ impl<B> AttributeCache<B> {
             return (held, None);
         }
         // A plan that failed or panicked has added nothing to the cache, so a poisoned lock is harmless.
-        let turn = self.uploading.lock().unwrap_or_else(PoisonError::into_inner);
+        let turn = lock(&self.uploading);
         (self.lookup(keys), Some(turn))
     }
 
@@ -71,13 +72,13 @@ impl<B> AttributeCache<B> {
     where
         B: 'a,
     {
-        let mut complete = self.complete.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut complete = lock(&self.complete);
         complete.retain(|_, plane| plane.strong_count() > 0);
         complete.extend(planes.into_iter().map(|(key, plane)| (key.clone(), Arc::downgrade(plane))));
     }
 
     fn lookup(&self, keys: &[(ResourceId, PlaneKey)]) -> Planes<B> {
-        let complete = self.complete.lock().unwrap_or_else(PoisonError::into_inner);
+        let complete = lock(&self.complete);
         keys.iter().filter_map(|(_, key)| Some((key.clone(), complete.get(key)?.upgrade()?))).collect()
     }
 }

@@ -36,6 +36,7 @@ mod inputs;
 mod inspect;
 mod limits;
 mod loader;
+mod lock;
 mod messages;
 mod once;
 mod outputs;
@@ -64,6 +65,7 @@ pub use gpu::{
 };
 pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};
+pub use lock::lock;
 pub use messages::Messages;
 pub use pipelines::abandoned_compilers;
 pub use states::{BlendFactor, BlendFactors, PipelineState, PipelineStates, position_or_push};

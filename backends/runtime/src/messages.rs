@@ -1,6 +1,7 @@
 //! Collects validation messages until they are taken.
 
-use std::sync::{Mutex, PoisonError};
+use crate::lock::lock;
+use std::sync::Mutex;
 
 /// Maximum number of messages kept, so that an error repeated in every frame does not fill the memory.
 const MAX_MESSAGES: usize = 1000;
@@ -12,12 +13,12 @@ pub struct Messages(Mutex<Vec<String>>);
 impl Messages {
     /// Removes and returns the messages collected since the last call.
     pub fn take(&self) -> Vec<String> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut *lock(&self.0))
     }
 
     /// Adds a message, or drops it if too many are kept.
     pub fn add(&self, message: String) {
-        let mut messages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut messages = lock(&self.0);
         if messages.len() < MAX_MESSAGES {
             messages.push(message);
         } else if messages.len() == MAX_MESSAGES {

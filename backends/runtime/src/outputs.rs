@@ -9,11 +9,12 @@
 
 use crate::check::within_bytes;
 use crate::gpu::{Buffer, BufferDesc, Gpu, Image, Location};
+use crate::lock::lock;
 use splatgraph_api::{BackendError, Picture};
 use splatgraph_framework::ir::Usage;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, Weak};
 
 /// A shared output with its pixels. Every frame that reads or writes it holds it until the frame completes.
 pub(crate) struct SharedOutput<G: Gpu> {
@@ -57,7 +58,7 @@ impl<G: Gpu> SharedOutputs<G> {
 
     /// Makes the output of a submitted frame available to other executors, in place of the executor's `former` one.
     pub fn enter(&self, output: &Arc<SharedOutput<G>>, former: Option<&Arc<SharedOutput<G>>>) {
-        let mut all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = lock(&self.last);
         if let Some(former) = former {
             all.remove(&former.picture.id);
         }
@@ -65,14 +66,14 @@ impl<G: Gpu> SharedOutputs<G> {
     }
 
     pub fn remove(&self, output: &SharedOutput<G>) {
-        let mut all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = lock(&self.last);
         all.remove(&output.picture.id);
     }
 
     /// Finds a shared output by its picture; `None` if it was replaced, its executor was dropped, or `picture` has
     /// another format or size.
     pub fn find(&self, picture: &Picture) -> Option<Arc<SharedOutput<G>>> {
-        let all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = lock(&self.last);
         let held = all.get(&picture.id).and_then(Weak::upgrade);
         held.filter(|held| held.picture == *picture)
     }

@@ -8,6 +8,7 @@
 //! end, and is refused if the oldest has exceeded the patience.
 
 use crate::gpu::{Gpu, NextPipeline};
+use crate::lock::lock;
 use crate::stopwatch::Stopwatch;
 use splatgraph_api::{BackendError, Progress};
 use splatgraph_framework::plan::Plan;
@@ -15,7 +16,7 @@ use splatgraph_framework::shader::Cancel;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 use tracing::info_span;
@@ -79,10 +80,6 @@ enum Message<P> {
 }
 
 impl Compilers {
-    fn abandoned(&self) -> MutexGuard<'_, Vec<Abandoned>> {
-        self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub fn create<G: Gpu>(
         &self,
         gpu: &Arc<G>,
@@ -99,7 +96,7 @@ impl Compilers {
                 work(&gpu, &plan, &sender);
                 // Frees the device, the plan and an unreceived result before the thread counts as ended.
                 drop((sender, plan, gpu));
-                let mut end = end_of(&end);
+                let mut end = lock(&end);
                 end.over = true;
                 end.counted = None;
             }
@@ -135,12 +132,12 @@ impl Compilers {
             }
         };
         drop(messages);
-        let mut end = end_of(&end);
+        let mut end = lock(&end);
         if !end.over {
             end.counted = Some(AbandonedThread::new());
         }
         let error = told.clone().unwrap_or(BackendError::Cancelled);
-        self.abandoned().push(Abandoned { plan: Arc::downgrade(plan), current, begun, told });
+        lock(&self.abandoned).push(Abandoned { plan: Arc::downgrade(plan), current, begun, told });
         Err(error)
     }
 
@@ -160,7 +157,7 @@ impl Compilers {
     /// [`BackendError::StuckCompiler`] if a thread abandoned for exceeding the patience is still compiling this plan,
     /// or if too many threads run and the oldest has exceeded the patience.
     fn has_room(&self, plan: &Plan, patience: Duration) -> Result<bool, BackendError> {
-        let mut abandoned = self.abandoned();
+        let mut abandoned = lock(&self.abandoned);
         abandoned.retain(|former| former.plan.strong_count() > 0);
         for former in abandoned.iter() {
             if let (Some(told), Some(former)) = (&former.told, former.plan.upgrade())
@@ -193,10 +190,6 @@ fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>
     drop(span);
     // The receiver may have been dropped.
     let _ = sender.send(Message::Made(made));
-}
-
-fn end_of(end: &Mutex<End>) -> MutexGuard<'_, End> {
-    end.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Returns true if two plans are taken to have the same pipelines: equal names, shaders and pass names.

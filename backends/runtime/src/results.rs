@@ -11,10 +11,11 @@
 
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};
+use crate::lock::lock;
 use crate::usage::usage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, Weak};
 
 /// Everything that a result's bytes depend on. Resources are numbered in order of first appearance.
 #[derive(Clone, Debug, PartialEq)]
@@ -201,7 +202,7 @@ impl<G: Gpu> Default for Results<G> {
 impl<G: Gpu> Results<G> {
     /// Finds the results for a plan's recipes, among buffers that allow every use that this plan makes of them.
     pub fn find(&self, plan: &Plan, recipes: &Recipes) -> BTreeMap<ResourceId, Arc<Buffer<G>>> {
-        let computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
+        let computed = lock(&self.computed);
         let find = |(id, recipe): (&ResourceId, &Arc<Recipe>)| {
             let fit = |(known, buffer): &Computed<G>| {
                 let buffer = buffer.upgrade().filter(|_| known == recipe)?;
@@ -214,7 +215,7 @@ impl<G: Gpu> Results<G> {
 
     /// Adds the results of a plan whose prologue has been submitted.
     pub fn add<'a>(&self, results: impl Iterator<Item = (&'a Arc<Recipe>, &'a Arc<Buffer<G>>)>) {
-        let mut computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut computed = lock(&self.computed);
         computed.retain(|(_, buffer)| buffer.strong_count() > 0);
         for (recipe, buffer) in results {
             let known = computed.iter().any(|(_, known)| std::ptr::eq(known.as_ptr(), Arc::as_ptr(buffer)));

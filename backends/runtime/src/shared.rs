@@ -2,12 +2,13 @@
 
 use crate::attributes::AttributeCache;
 use crate::gpu::{Buffer, Gpu};
+use crate::lock::lock;
 use crate::outputs::SharedOutputs;
 use crate::pipelines::Compilers;
 use crate::results::Results;
 use crate::watch::Watch;
 use splatgraph_api::BackendError;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 pub(crate) struct Shared<G: Gpu> {
@@ -38,17 +39,13 @@ impl<G: Gpu> Shared<G> {
 
     /// Keeps objects until [`Shared::drop_abandoned`] finds the device idle, which may be never.
     pub fn abandon(&self, objects: impl Send + 'static) {
-        self.abandoned().push(Box::new(objects));
+        lock(&self.abandoned).push(Box::new(objects));
     }
 
     pub fn drop_abandoned(&self) {
-        if !self.abandoned().is_empty() && self.gpu.wait_idle(Duration::ZERO) {
-            self.abandoned().clear();
+        if !lock(&self.abandoned).is_empty() && self.gpu.wait_idle(Duration::ZERO) {
+            lock(&self.abandoned).clear();
         }
-    }
-
-    fn abandoned(&self) -> MutexGuard<'_, Vec<Box<dyn Send>>> {
-        self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub fn check_lost(&self) -> Result<(), BackendError> {
@@ -72,7 +69,7 @@ impl<G: Gpu> Shared<G> {
 impl<G: Gpu> Drop for Shared<G> {
     fn drop(&mut self) {
         self.drop_abandoned();
-        let abandoned = std::mem::take(&mut *self.abandoned());
+        let abandoned = std::mem::take(&mut *lock(&self.abandoned));
         if !abandoned.is_empty() {
             // Leaks both, so the device is never closed.
             Box::leak(Box::new((abandoned, self.gpu.clone())));

@@ -8,12 +8,13 @@
 //! A submission without readable timestamps, such as an upload, is reported only by a wait for it.
 
 use crate::gpu::{Encoder, Gpu};
+use crate::lock::lock;
 use crate::stopwatch::Stopwatch;
 use crate::timing::Times;
 use splatgraph_api::{BackendError, Running};
 use splatgraph_framework::ir::PassId;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// Maximum duration of a wait between two looks.
@@ -52,7 +53,7 @@ pub(crate) struct Ticket<G: Gpu> {
 
 impl<G: Gpu> Drop for Ticket<G> {
     fn drop(&mut self) {
-        self.watch.state().submitted.remove(&self.number);
+        lock(&self.watch.state).submitted.remove(&self.number);
     }
 }
 
@@ -63,10 +64,6 @@ impl<G: Gpu> Default for Watch<G> {
 }
 
 impl<G: Gpu> Watch<G> {
-    fn state(&self) -> MutexGuard<'_, State<G>> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Calls `submit`, and registers the submission; `frame` is `None` for an upload. Both happen under one lock, so
     /// that the numbers follow the queue's order.
     pub fn submit(
@@ -74,7 +71,7 @@ impl<G: Gpu> Watch<G> {
         frame: Option<Frame<G>>,
         submit: impl FnOnce() -> Result<(), BackendError>,
     ) -> Result<Ticket<G>, BackendError> {
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         submit()?;
         let number = state.next;
         state.next += 1;
@@ -84,7 +81,7 @@ impl<G: Gpu> Watch<G> {
 
     /// Returns the work that the device is executing. The caller knows that `own` is unfinished.
     pub fn look(&self, gpu: &G, own: &Ticket<G>) -> Running {
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         let (number, done, place) = state.first_unfinished(gpu, own.number);
         let time =
             state.submitted.get_mut(&number).map_or(Duration::ZERO, |submission| {

@@ -15,10 +15,10 @@ use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Robustness
 use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
-    BufferDesc, Common, FormatSupport, Gpu, ImageDesc, NextPipeline, Requirements, Window,
+    BufferDesc, Common, FormatSupport, Gpu, ImageDesc, NextPipeline, Requirements, Window, lock,
 };
 use std::ffi::CStr;
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 use tracing::info_span;
 
@@ -66,7 +66,7 @@ impl Gpu for VulkanGpu {
     }
 
     fn memory(&self) -> DeviceMemory {
-        let allocator = self.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        let allocator = lock(&self.allocator);
         allocator.as_ref().map_or(DeviceMemory::default(), |allocator| {
             let report = allocator.generate_report();
             DeviceMemory { used: report.total_allocated_bytes, reserved: report.total_capacity_bytes }
@@ -75,7 +75,7 @@ impl Gpu for VulkanGpu {
 
     fn available(&self) -> Option<u64> {
         let available = device::heap(&self.instance, self.physical, self.budget).available?;
-        let allocator = self.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        let allocator = lock(&self.allocator);
         let report = allocator.as_ref()?.generate_report();
         // Free space in the allocator's blocks counts as used by the driver, but is available. On a discrete GPU, the
         // blocks that the host can access are in another heap.
@@ -109,7 +109,7 @@ impl Gpu for VulkanGpu {
             // A lost device has no work left.
             Err(BackendError::DeviceLost(_)) => true,
             Err(_) => {
-                let _queue = self.queue();
+                let _queue = lock(&self.queue);
                 // SAFETY: the device's only queue is locked.
                 let answer = unsafe { self.device.device_wait_idle() };
                 matches!(answer, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST))

@@ -16,11 +16,11 @@ use ash::{ext, vk};
 use gpu_allocator::AllocationSizes;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use splatgraph_api::{BackendError, Options};
-use splatgraph_runtime::Common;
+use splatgraph_runtime::{Common, lock};
 use std::ffi::{CStr, CString};
 use std::fmt::Arguments;
 use std::ops::Deref;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// Size of the allocator's blocks in memory that the host cannot access, and in memory that it can.
 const DEVICE_BLOCK: u64 = 256 << 20;
@@ -29,7 +29,7 @@ pub(crate) const HOST_BLOCK: u64 = 64 << 20;
 /// An open Vulkan device; see [`crate::Vulkan`].
 pub struct VulkanGpu {
     pub(crate) device: ash::Device,
-    queue: Mutex<vk::Queue>,
+    pub(crate) queue: Mutex<vk::Queue>,
     pub(crate) family: u32,
     pub(crate) common: Common,
     pub(crate) physical: vk::PhysicalDevice,
@@ -93,31 +93,27 @@ impl VulkanGpu {
         Ok(gpu)
     }
 
-    pub(crate) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Keeps a fence until [`VulkanGpu::release`], or else until the device is destroyed.
     pub(crate) fn keep(&self, fence: vk::Fence) {
-        self.fences.lock().unwrap_or_else(PoisonError::into_inner).push(fence);
+        lock(&self.fences).push(fence);
     }
 
     /// Destroys a kept fence. No submission may use it any more.
     pub(crate) fn release(&self, fence: vk::Fence) {
-        self.fences.lock().unwrap_or_else(PoisonError::into_inner).retain(|&kept| kept != fence);
+        lock(&self.fences).retain(|&kept| kept != fence);
         // SAFETY: no submission uses the fence, and it was just removed from the list.
         unsafe { self.device.destroy_fence(fence, None) };
     }
 
     /// Returns a pipeline that a plan still holds.
     pub(crate) fn find_pipeline(&self, key: &PipelineKey) -> Option<Arc<Pipeline>> {
-        let known = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = lock(&self.pipelines);
         known.iter().filter(|(other, _)| other == key).find_map(|(_, pipeline)| pipeline.upgrade())
     }
 
     /// Offers a pipeline to later plans, for as long as a plan holds it.
     pub(crate) fn share_pipeline(&self, key: PipelineKey, pipeline: &Arc<Pipeline>) {
-        let mut known = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut known = lock(&self.pipelines);
         known.retain(|(_, pipeline)| pipeline.strong_count() > 0);
         known.push((key, Arc::downgrade(pipeline)));
     }

@@ -7,9 +7,9 @@ use crate::error::api;
 use crate::surface::{self, Surface};
 use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, Validation};
-use splatgraph_runtime::{Messages, Window};
+use splatgraph_runtime::{Messages, Window, lock};
 use std::ffi::{CStr, OsString, c_char, c_void};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -67,7 +67,7 @@ impl Instance {
     pub fn in_window(validation: Validation, window: Arc<dyn Window>) -> Result<Instance, BackendError> {
         let instance = Instance::new(validation, &surface::extensions(&*window)?)?;
         let surface = Surface::new(loader()?, &instance.raw, window)?;
-        *instance.lock_surface() = Some(Arc::new(surface));
+        *lock(&instance.surface) = Some(Arc::new(surface));
         Ok(instance)
     }
 
@@ -78,17 +78,13 @@ impl Instance {
         extensions.is_ok_and(|extensions| offers(&extensions, name))
     }
 
-    fn lock_surface(&self) -> MutexGuard<'_, Option<Arc<Surface>>> {
-        self.surface.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub fn surface(&self) -> Option<Arc<Surface>> {
-        self.lock_surface().clone()
+        lock(&self.surface).clone()
     }
 
     /// Recreates the surface for the same window. All swapchains of the previous one must have been dropped.
     pub fn renew_surface(&self) -> Result<(), BackendError> {
-        let mut surface = self.lock_surface();
+        let mut surface = lock(&self.surface);
         let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
         // A window has one surface at a time. If the new one cannot be created, none is left.
         *surface = None;

@@ -10,8 +10,8 @@ use ash::vk::{self, Handle};
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use splatgraph_api::BackendError;
-use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind, Requirements};
-use std::sync::{Arc, PoisonError};
+use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind, Requirements, lock};
+use std::sync::Arc;
 
 /// A device memory allocation.
 pub struct Memory {
@@ -64,7 +64,7 @@ impl splatgraph_runtime::Memory<VulkanGpu> for Memory {
             bytes: requirements.size,
             reason,
         };
-        let mut allocator = gpu.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut allocator = lock(&gpu.allocator);
         let allocator =
             allocator.as_mut().ok_or_else(|| out_of_memory("the device is closed".to_string()))?;
         let allocation = allocator.allocate(&describe).map_err(|error| out_of_memory(error.to_string()))?;
@@ -87,7 +87,7 @@ impl splatgraph_runtime::Memory<VulkanGpu> for Memory {
 impl Drop for Memory {
     fn drop(&mut self) {
         let Some(allocation) = self.allocation.take() else { return };
-        let mut allocator = self.gpu.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut allocator = lock(&self.gpu.allocator);
         if let Some(allocator) = allocator.as_mut() {
             // It fails only for an allocation of another allocator.
             let _ = allocator.free(allocation);

@@ -4,6 +4,7 @@ use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
 use ash::{khr, vk};
 use splatgraph_api::BackendError;
+use splatgraph_runtime::lock;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -93,7 +94,7 @@ pub(crate) fn submit(
             .command_buffer_infos(&blits)
             .signal_semaphore_infos(&signals),
     ];
-    let queue = gpu.queue();
+    let queue = lock(&gpu.queue);
     // SAFETY: the command buffers were recorded and are not in use, nor is the fence. The acquire signals the semaphore
     // `acquired`; the last wait for `finished` has completed. The queue is locked.
     unsafe { gpu.device.queue_submit2(*queue, &submits[..batches], fence) }.map_err(api("vkQueueSubmit2"))
@@ -110,7 +111,7 @@ pub(crate) fn present(
     let (waits, swapchains, images) = ([finished], [swapchain], [image]);
     let info =
         vk::PresentInfoKHR::default().wait_semaphores(&waits).swapchains(&swapchains).image_indices(&images);
-    let queue = gpu.queue();
+    let queue = lock(&gpu.queue);
     // SAFETY: the image was acquired, and a submission that signals the semaphore brings it into the present layout.
     // The swapchain is used by one window only, and the queue is locked.
     unsafe { functions.queue_present(*queue, &info) }
@@ -142,7 +143,7 @@ pub(crate) fn idle(gpu: &VulkanGpu, limit: Duration) -> Result<bool, BackendErro
     // If the wait times out, the queue may still use the fence, so it is kept until the device is destroyed.
     gpu.keep(fence);
     // SAFETY: the fence is not in use; the queue is locked.
-    unsafe { gpu.device.queue_submit2(*gpu.queue(), &[], fence) }.map_err(api("vkQueueSubmit2"))?;
+    unsafe { gpu.device.queue_submit2(*lock(&gpu.queue), &[], fence) }.map_err(api("vkQueueSubmit2"))?;
     let idle = wait(gpu, fence, limit)?;
     if idle {
         gpu.release(fence);

@@ -18,7 +18,7 @@ use crate::walk::{Move, Walk};
 use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{DepthAccess, Format, Pass, PassId, ResourceId, Target};
-use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout, Show};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout, Show, lock};
 use std::fmt::Arguments;
 use std::ops::Range;
 use std::sync::Arc;
@@ -85,7 +85,7 @@ impl Encoder {
     /// Closes the open encoder, whether it belongs to the plan or to copies outside of it.
     fn interrupt(&mut self) {
         if let Some(order) = self.order.clone() {
-            self.walk.interrupt(&order.walked(), &mut self.moves);
+            self.walk.interrupt(&lock(&order.walked), &mut self.moves);
             self.follow();
         }
         self.close();
@@ -161,7 +161,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
                 let frame = (&**self.done.0, self.done.1);
                 let shown = match (&self.order, self.walk.division()) {
                     (Some(order), Some(division)) => {
-                        let walked = order.walked();
+                        let walked = lock(&order.walked);
                         let updates =
                             order.export.map_or(&[][..], |export| self.walk.updates(&walked, export));
                         let fences = updates.iter().map(|update| order.fence(division, update.fence));
@@ -183,7 +183,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
             };
             self.submitted = Some(queue::submit(&self.gpu, submission, self.after_all)?);
             if let Some(order) = self.order.take() {
-                order.walked().submitted(&self.walk);
+                lock(&order.walked).submitted(&self.walk);
             }
             Ok(())
         })
@@ -211,7 +211,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
             if !self.walk.is_open() {
                 self.close();
             }
-            self.walk.pass(&order.walked(), id, timed, &mut self.moves);
+            self.walk.pass(&lock(&order.walked), id, timed, &mut self.moves);
             self.follow();
         })
     }
