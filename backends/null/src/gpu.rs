@@ -3,11 +3,10 @@
 use crate::fault::{Fault, Point};
 use crate::journal::{Call, Journal, Object, Owned, Used};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
-use splatgraph_framework::ir::{Binding, Features, PassId};
+use splatgraph_framework::ir::{Binding, PassId};
 use splatgraph_framework::plan::{LayoutChange, Plan, Since};
 use splatgraph_runtime::{
-    Acquired, BindingTarget, Common, Image, Limits, Location, Presented, Requirements, SubgroupLimits,
-    binding_copies,
+    Acquired, BindingTarget, Common, Image, Limits, Location, Presented, Requirements, binding_copies,
 };
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -62,40 +61,9 @@ pub struct NullGpu {
     _owned: Owned,
 }
 
-/// Returns the limits of the device that [`Config::default`] opens, similar to a desktop GPU's.
+/// Returns the limits of the device that [`Config::default`] opens.
 pub fn limits() -> Limits {
-    Limits {
-        max_storage_bytes: 1 << 30,
-        max_uniform_bytes: 65536,
-        max_buffer_bytes: 2 << 30,
-        max_push_bytes: 128,
-        max_groups: [65535; 3],
-        max_local_size: [1024; 3],
-        max_invocations: 1024,
-        shared_bytes: 32768,
-        max_image_size: 16384,
-        max_targets: 8,
-        max_storage_buffers: 32,
-        max_uniform_buffers: 16,
-        max_storage_images: 16,
-        heap_bytes: 16 << 30,
-        device_memory_types: 1,
-        buffer_image_granularity: 64,
-        independent_blend: true,
-        subgroup: SubgroupLimits {
-            size: 32,
-            min_size: 32,
-            max_size: 32,
-            selectable: true,
-            max_per_group: 32,
-        },
-        rounds_half: true,
-        fused_fma: true,
-        features: Features::all(),
-        timestamp_bits: 64,
-        live_timestamps: true,
-        timestamp_period: 1.0,
-    }
+    Limits::desktop()
 }
 
 impl NullGpu {

@@ -89,6 +89,42 @@ impl SubgroupLimits {
 }
 
 impl Limits {
+    /// Returns limits similar to those of a desktop GPU, for a device that executes nothing, and for tests.
+    pub fn desktop() -> Limits {
+        Limits {
+            max_storage_bytes: 1 << 30,
+            max_uniform_bytes: 65536,
+            max_buffer_bytes: 2 << 30,
+            max_push_bytes: 128,
+            max_groups: [65535; 3],
+            max_local_size: [1024; 3],
+            max_invocations: 1024,
+            shared_bytes: 32768,
+            max_image_size: 16384,
+            max_targets: 8,
+            max_storage_buffers: 32,
+            max_uniform_buffers: 16,
+            max_storage_images: 16,
+            heap_bytes: 16 << 30,
+            device_memory_types: 1,
+            buffer_image_granularity: 64,
+            independent_blend: true,
+            subgroup: SubgroupLimits {
+                size: 32,
+                min_size: 32,
+                max_size: 32,
+                selectable: true,
+                max_per_group: 32,
+            },
+            rounds_half: true,
+            fused_fma: true,
+            features: Features::all(),
+            timestamp_bits: 64,
+            live_timestamps: true,
+            timestamp_period: 1.0,
+        }
+    }
+
     /// Returns the device facts that graphs can use; see [`splatgraph_api::DeviceInfo::facts`].
     pub fn facts(&self) -> DeviceFacts {
         DeviceFacts {

@@ -5,29 +5,10 @@ use crate::testing::*;
 fn limits() -> Limits {
     Limits {
         max_storage_bytes: 128 << 20,
-        max_uniform_bytes: 65536,
-        max_buffer_bytes: 2 << 30,
-        max_push_bytes: 128,
-        max_groups: [65535; 3],
-        max_local_size: [1024; 3],
-        max_invocations: 1024,
-        shared_bytes: 32768,
-        max_image_size: 16384,
-        max_targets: 8,
-        rounds_half: true,
-        fused_fma: true,
-        features: Features::empty(),
-        max_storage_buffers: 32,
-        max_uniform_buffers: 16,
-        max_storage_images: 16,
         heap_bytes: 4 << 30,
-        device_memory_types: 1,
-        buffer_image_granularity: 64,
-        independent_blend: true,
+        features: Features::empty(),
         subgroup: SubgroupLimits { size: 8, min_size: 8, max_size: 8, selectable: true, max_per_group: 32 },
-        timestamp_bits: 64,
-        live_timestamps: true,
-        timestamp_period: 1.0,
+        ..Limits::desktop()
     }
 }
 
