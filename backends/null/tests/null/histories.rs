@@ -1,7 +1,7 @@
 //! Tests plan changes: nothing waits, histories continue, and objects live as long as the frames that use them.
 
 use crate::common::*;
-use crate::testing::{WORDS, plan};
+use crate::testing::{COLOR, WORDS, plan};
 use splatgraph_api::{Device, Loader as _};
 use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Null, Object};
@@ -55,23 +55,26 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
 }
 
 #[test]
-fn a_history_starts_from_zeros_where_its_name_shape_scene_or_neighbours_differ() {
+fn a_history_starts_from_zeros_where_its_name_shape_scene_neighbours_or_uses_differ() {
     type Alteration = fn(&mut splatgraph_framework::plan::Plan);
-    let cases: [(&str, Alteration); 4] = [
-        ("name", |plan| plan.resources[WORDS.index()].history = Some("other".to_string())),
-        ("shape", |plan| plan.resources[WORDS.index()].shape = Shape::Buffer { stride: 4, count: 1025 }),
-        ("neighbours", |plan| {
+    let cases: [(&str, &str, Alteration); 5] = [
+        ("words", "name", |plan| plan.resources[WORDS.index()].history = Some("other".to_string())),
+        ("words", "shape", |plan| {
+            plan.resources[WORDS.index()].shape = Shape::Buffer { stride: 4, count: 1025 };
+        }),
+        ("color", "use", |plan| plan.resources[COLOR.index()].usage |= Usage::STORAGE),
+        ("words", "neighbours", |plan| {
             // `args` moves into the block of `words`.
             plan.blocks[0].aliases.push(crate::testing::ARGS);
             plan.blocks[1].aliases.clear();
             plan.resources[crate::testing::ARGS.index()].block = Some(BlockId(0));
         }),
-        ("history", |plan| {
+        ("words", "history", |plan| {
             plan.resources[WORDS.index()].history = None;
             plan.passes[0].work = Work::Fill { buffer: WORDS, value: 0 };
         }),
     ];
-    for (what, alter) in cases {
+    for (name, what, alter) in cases {
         let (mut null, journal) = device();
         load(&mut null, histories());
         frame(&mut null, &inputs());
@@ -79,7 +82,12 @@ fn a_history_starts_from_zeros_where_its_name_shape_scene_or_neighbours_differ()
         alter(&mut altered);
         load(&mut null, altered);
         frame(&mut null, &inputs());
-        assert_eq!(started(&journal.take()), ["words"], "another {what}");
+        assert_eq!(started(&journal.take()), [name], "another {what}");
+        load(&mut null, histories());
+        frame(&mut null, &inputs());
+        // An image that allows more than the plan needs continues.
+        let back: &[&str] = if what == "use" { &[] } else { &[name] };
+        assert_eq!(started(&journal.take()), back, "back from another {what}");
         finish(null, &journal);
     }
     let (mut null, journal) = device();

@@ -4,7 +4,7 @@ use crate::common::*;
 use crate::testing::{SPLATS, plan};
 use splatgraph_api::{BackendError, Device, Progress, SceneData};
 use splatgraph_framework::ir::Shape;
-use splatgraph_null::{Call, Config};
+use splatgraph_null::{Call, Config, Null};
 
 fn copies(calls: &[Call]) -> Vec<(u64, u64)> {
     let copy = |call: &Call| match call {
@@ -91,6 +91,8 @@ fn a_plane_is_uploaded_once_for_all_executors_as_long_as_some_plan_has_it() {
     null.load(plan(), &scene, &mut |_| {}).expect("the plan loads");
     other.load(plan(), &scene, &mut |_| {}).expect("the plan loads");
     assert_eq!((scene.asked(), copies(&journal.take()).len()), (1, 1));
+    let lists = |null: &Null| null.memory().iter().any(|(name, _)| name == "splats");
+    assert!(lists(&null) && lists(&other), "both read it");
     drop(null);
     other.load(plan(), &scene, &mut |_| {}).expect("the plan loads");
     assert_eq!(scene.asked(), 1);

@@ -175,7 +175,8 @@ fn needs(first: PassId, second: PassId, resource: ResourceId, alias: Option<Reso
 #[test]
 fn a_plan_that_contradicts_itself_is_refused_and_never_a_panic() {
     type Alteration = fn(&mut Plan);
-    let alterations: [(&str, Alteration); 29] = [
+    let alterations: [(&str, Alteration); 30] = [
+        ("shader `scan.comp` has no code", |plan| plan.shaders[0].spirv = Default::default()),
         ("pass 9", |plan| plan.frame[0] = PassId(9)),
         ("runs twice", |plan| plan.frame[0] = PassId(0)),
         ("needs 64-bit floats (shaderFloat64), which the device does not have", |plan| {

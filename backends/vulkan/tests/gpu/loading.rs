@@ -1,7 +1,7 @@
 //! Loading: uploads, resources kept between plans, and refusals.
 
 use crate::build::*;
-use splatgraph_api::{BackendError, Device, FrameInputs, Progress};
+use splatgraph_api::{Device, FrameInputs, Progress};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::sync::atomic::Ordering;
@@ -93,53 +93,14 @@ void main() {
 }
 
 #[test]
-fn a_plan_that_cannot_be_loaded_leaves_the_former_one_running() {
-    let good = scene(1, &[1, 2]);
-    let mut vulkan = open();
-    vulkan.load(numbers(2, 0), &good, &mut |_| {}).unwrap();
-    let error = vulkan.load(numbers(2, 0), &Scene { identity: 2, ..Default::default() }, &mut |_| {});
-    assert!(matches!(error, Err(BackendError::Scene { .. })));
-    assert_eq!(error_of(error), "cannot read plane 2 of scene attribute `numbers`: plane 2 of `numbers`");
-    assert_eq!(shown(&mut vulkan), [1, 2]);
-    finish(vulkan);
-}
-
-fn refused(alter: impl FnOnce(&mut Plan)) -> String {
-    let mut plan = numbers(4, 0);
-    alter(&mut plan);
-    let mut vulkan = open();
-    let said = error_of(vulkan.load(plan, &scene(1, &[0; 4]), &mut |_| {}));
-    finish(vulkan);
-    said
-}
-
-#[test]
 fn a_buffer_that_is_too_large_to_bind_is_named_with_its_size_and_the_limit() {
-    let info = Vulkan::devices().unwrap().remove(0);
-    let most = info.facts.max_storage_bytes;
-    let said = refused(|plan| plan.resources[1].shape = Shape::Buffer { stride: 4, count: most / 4 + 1 });
+    let mut vulkan = open();
+    let mut plan = numbers(4, 0);
+    let count = vulkan.info().facts.max_storage_bytes / 4 + 1;
+    plan.resources[1].shape = Shape::Buffer { stride: 4, count };
+    let said = error_of(vulkan.load(plan, &scene(1, &[0; 4]), &mut |_| {}));
     assert!(said.contains("`sum`") && said.contains("MiB"), "{said}");
-}
-
-#[test]
-fn too_many_push_constants_and_workgroups_and_too_large_images_are_named() {
-    let said = refused(|plan| plan.passes[0].push = vec![0; 1 << 16]);
-    assert!(said.contains("push constants of pass `sum`") && said.contains("found 65536 bytes"), "{said}");
-    let groups = Groups::Direct([1, u32::MAX, 1]);
-    let said = refused(|plan| {
-        let Work::Dispatch { groups: g, .. } = &mut plan.passes[0].work else { panic!("not a dispatch") };
-        *g = groups;
-    });
-    assert!(said.contains("workgroups [1, 4294967295, 1] of pass `sum` in y"), "{said}");
-    let format = Format::R32Uint;
-    let said = refused(|plan| plan.resources[2].shape = Shape::Image { format, width: 1 << 20, height: 1 });
-    assert!(said.contains("image `row` (1048576 x 1 pixels)"), "{said}");
-}
-
-#[test]
-fn a_plan_from_a_file_has_no_code_and_says_so() {
-    let said = refused(|plan| plan.shaders[0].spirv = Default::default());
-    assert!(said.contains("`sum.comp` has no code"), "{said}");
+    finish(vulkan);
 }
 
 #[test]

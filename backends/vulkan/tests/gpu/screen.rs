@@ -206,22 +206,6 @@ fn a_plan_may_be_replaced_while_its_frames_are_on_their_way_to_the_window() {
 }
 
 #[test]
-fn an_output_that_is_no_picture_cannot_be_shown_and_the_next_frames_can() {
-    let (_screen, window, mut vulkan) = opened();
-    let mut build = Build::new();
-    let count = build.words("count", 1);
-    build.fill(Run::Frame, "seven", count, 7);
-    load(&mut vulkan, crate::build::show(build, count));
-    let said = error_of(vulkan.submit(&inputs(0, true)));
-    assert!(said.contains("r32ui") && said.contains("not colours"), "{said}");
-    assert_eq!(output(&frame(&mut vulkan, &inputs(0, false))), [7]);
-    load(&mut vulkan, gradients(Format::Rgba8Unorm));
-    show(&mut vulkan, 8);
-    window.expect(&drawn(8, SIZE), 0);
-    finish(vulkan);
-}
-
-#[test]
 fn the_window_is_kept_for_as_long_as_the_device_is_open() {
     let (_screen, window, mut vulkan) = opened();
     let kept = Arc::downgrade(&window);

@@ -2,7 +2,7 @@
 
 use crate::build::*;
 use crate::swapping::{grow, growing, growing_with, grown, submit};
-use splatgraph_api::{BackendError, Device, FrameInputs, Loader as _, Progress, SceneData};
+use splatgraph_api::{BackendError, Device, FrameInputs, Loader as _, SceneData};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Loader, Ready, Vulkan};
 use std::sync::Barrier as Meeting;
@@ -111,43 +111,6 @@ fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
     let rest = vulkan.loader().prepare(numbers(3), &data, &mut |_| {}).expect("it is made ready");
     assert_eq!(vulkan.close(), Vec::<String>::new());
     drop(rest);
-}
-
-#[test]
-fn a_plan_belongs_to_the_executor_whose_loader_made_it() {
-    let first = open();
-    let mut second = new_context(&first);
-    let mut other = open();
-    let error = error_of(second.swap(prepare(first.loader(), growing("count", 1))));
-    assert!(error.contains("`hand-made` was prepared for another executor"), "{error}");
-    assert!(error_of(other.swap(prepare(first.loader(), growing("count", 1)))).contains("another executor"));
-    drop(second);
-    finish(first);
-    finish(other);
-}
-
-#[test]
-fn what_executors_read_of_a_scene_is_on_the_device_once() {
-    let data = scene(&[4, 5, 6]);
-    let mut first = open();
-    let mut second = new_context(&first);
-    first.load(numbers(3), &data, &mut |_| {}).expect("the plan loads");
-    let again = &mut |progress: Progress| {
-        assert!(!matches!(progress, Progress::Upload { .. }), "nothing is uploaded twice");
-    };
-    second.load(numbers(3), &data, again).expect("the plan loads");
-    assert_eq!(data.asked(), 1);
-    assert_eq!((shown(&mut first), shown(&mut second)), (vec![4, 5, 6], vec![4, 5, 6]));
-    // Both list the plane. It stays on the device as long as one of them reads it.
-    assert!([&first, &second].iter().all(|v| v.memory().iter().any(|(name, _)| name == "numbers")));
-    first.submit(&with_output()).expect("the frame is submitted");
-    drop(first);
-    assert_eq!(shown(&mut second), [4, 5, 6]);
-    let mut third = new_context(&second);
-    third.load(numbers(3), &data, again).expect("the plan loads");
-    assert_eq!((data.asked(), shown(&mut third)), (1, vec![4, 5, 6]));
-    drop(second);
-    finish(third);
 }
 
 #[test]
