@@ -2,13 +2,12 @@
 
 use crate::descriptors::DescriptorSets;
 use crate::gpu::{Owned, VulkanGpu};
-use crate::lower;
-use crate::memory::{LAYER, WHOLE};
+use crate::lower::{self, LAYER, WHOLE};
 use crate::pipelines::Pipelines;
 use crate::queue;
 use crate::sync::Barriers;
 use crate::sync::commands::{
-    ANYTHING, BEFORE_COPIES, COPIES, Dependency, HOST, ImageBarrier, MemoryBarrier, READERS, Scope, layout,
+    ANYTHING, BEFORE_COPIES, COPIES, Dependency, HOST, READERS, Scope, image_barrier, layout, memory_barrier,
 };
 use ash::vk;
 use splatgraph_api::BackendError;
@@ -28,22 +27,16 @@ pub struct Encoder {
     gpu: Arc<VulkanGpu>,
     // Reused lists, so that recording does not allocate.
     dependency: Dependency,
-    memory: Vec<vk::MemoryBarrier2<'static>>,
-    images: Vec<vk::ImageMemoryBarrier2<'static>>,
     attachments: Vec<vk::RenderingAttachmentInfo<'static>>,
 }
 
 impl Encoder {
     fn flush(&mut self) {
-        self.memory.clear();
-        self.memory.extend(self.dependency.memory.iter().map(memory_barrier));
-        self.images.clear();
-        self.images.extend(self.dependency.images.iter().map(image_barrier));
-        if self.memory.is_empty() && self.images.is_empty() {
+        let Dependency { memory, images, .. } = &self.dependency;
+        if memory.is_empty() && images.is_empty() {
             return;
         }
-        let info =
-            vk::DependencyInfo::default().memory_barriers(&self.memory).image_memory_barriers(&self.images);
+        let info = vk::DependencyInfo::default().memory_barriers(memory).image_memory_barriers(images);
         pipeline_barrier(&self.gpu, self.commands, &info);
     }
 
@@ -89,8 +82,6 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
             pool,
             gpu: gpu.clone(),
             dependency: Dependency::default(),
-            memory: Vec::new(),
-            images: Vec::new(),
             attachments: Vec::new(),
         })
     }
@@ -135,14 +126,10 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
 
     fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, VulkanGpu>>) {
         self.dependency.clear();
-        self.dependency.memory.push(MemoryBarrier { source: ANYTHING, target: ANYTHING });
-        self.dependency.images.extend(changes.map(|change| ImageBarrier {
-            image: *change.image.raw.raw,
-            aspect: lower::aspect(change.image.format),
-            source: ANYTHING,
-            target: ANYTHING,
-            old: layout(change.old),
-            new: layout(change.new),
+        self.dependency.memory.push(memory_barrier(ANYTHING, ANYTHING));
+        self.dependency.images.extend(changes.map(|ImageLayout { image, old, new }| {
+            let changed = (*image.raw.raw, lower::aspect(image.format));
+            image_barrier(changed, [old, new].map(layout), ANYTHING, ANYTHING)
         }));
         self.flush();
     }
@@ -157,7 +144,7 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
 
     fn copies_to_host(&mut self) {
         self.dependency.clear();
-        self.dependency.memory.push(MemoryBarrier { source: COPIES, target: HOST });
+        self.dependency.memory.push(memory_barrier(COPIES, HOST));
         self.flush();
     }
 
@@ -344,26 +331,4 @@ fn clear_value(format: Format, [r, g, b, a]: [f32; 4]) -> vk::ClearValue {
         _ => vk::ClearColorValue { float32: [r, g, b, a] },
     };
     vk::ClearValue { color }
-}
-
-pub(crate) fn memory_barrier(barrier: &MemoryBarrier) -> vk::MemoryBarrier2<'static> {
-    vk::MemoryBarrier2::default()
-        .src_stage_mask(barrier.source.stages)
-        .src_access_mask(barrier.source.accesses)
-        .dst_stage_mask(barrier.target.stages)
-        .dst_access_mask(barrier.target.accesses)
-}
-
-pub(crate) fn image_barrier(barrier: &ImageBarrier) -> vk::ImageMemoryBarrier2<'static> {
-    vk::ImageMemoryBarrier2::default()
-        .src_stage_mask(barrier.source.stages)
-        .src_access_mask(barrier.source.accesses)
-        .dst_stage_mask(barrier.target.stages)
-        .dst_access_mask(barrier.target.accesses)
-        .old_layout(barrier.old)
-        .new_layout(barrier.new)
-        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .image(barrier.image)
-        .subresource_range(vk::ImageSubresourceRange { aspect_mask: barrier.aspect, ..WHOLE })
 }

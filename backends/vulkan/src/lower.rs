@@ -157,6 +157,23 @@ pub(crate) fn factor(factor: BlendFactor) -> vk::BlendFactor {
     }
 }
 
+/// Subresource range of a colour image: its single mip level and layer.
+pub(crate) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    base_mip_level: 0,
+    level_count: 1,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
+/// Subresource layers of a colour image: its single mip level and layer.
+pub(crate) const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    mip_level: 0,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
 /// Joins the flags of a table's entries that satisfy `has`.
 pub(crate) fn flags<A: Copy, B: Copy + Default + BitOr<Output = B>>(
     table: &[(A, B)],

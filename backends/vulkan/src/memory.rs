@@ -181,29 +181,15 @@ pub(crate) fn bind_image(
         .image(*image)
         .view_type(vk::ImageViewType::TYPE_2D)
         .format(lower::format(desc.format))
-        .subresource_range(vk::ImageSubresourceRange { aspect_mask: lower::aspect(desc.format), ..WHOLE });
+        .subresource_range(vk::ImageSubresourceRange {
+            aspect_mask: lower::aspect(desc.format),
+            ..lower::WHOLE
+        });
     // SAFETY: the image has memory, and the view is of its own format.
     let view = unsafe { gpu.device.create_image_view(&info, None) }.map_err(api("vkCreateImageView"))?;
     gpu.name(view, desc.name);
     Ok(Image { view: Owned::new(gpu, view), raw: image })
 }
-
-/// Subresource range of a colour image: its single mip level and layer.
-pub(crate) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
-    aspect_mask: vk::ImageAspectFlags::COLOR,
-    base_mip_level: 0,
-    level_count: 1,
-    base_array_layer: 0,
-    layer_count: 1,
-};
-
-/// Subresource layers of a colour image: its single mip level and layer.
-pub(crate) const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
-    aspect_mask: vk::ImageAspectFlags::COLOR,
-    mip_level: 0,
-    base_array_layer: 0,
-    layer_count: 1,
-};
 
 fn requirements(
     answer: vk::MemoryRequirements,

@@ -7,15 +7,14 @@
 //! included, has completed. The semaphore for a completed blit belongs to the *image*: the window system waits for it,
 //! and has certainly finished with it only when it returns the image.
 
-use crate::encoder::{image_barrier, memory_barrier, pipeline_barrier};
+use crate::encoder::pipeline_barrier;
 use crate::gpu::{Owned, VulkanGpu};
 use crate::instance::searching_devices;
-use crate::lower;
-use crate::memory::LAYER;
+use crate::lower::{self, LAYER};
 use crate::queue::{self, Blit};
 use crate::surface::{self, Surface};
 use crate::sync::Barriers;
-use crate::sync::commands::{self, ImageBarrier, MemoryBarrier, Scope};
+use crate::sync::commands::{self, Scope, image_barrier, memory_barrier};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::ir::Stages;
@@ -166,7 +165,7 @@ impl splatgraph_runtime::Swapchain<VulkanGpu> for Swapchain {
             .src_offsets(corners(size))
             .dst_subresource(LAYER)
             .dst_offsets(corners(self.extent))];
-        barrier(gpu, commands, BEFORE, image);
+        barrier(gpu, commands, before(image));
         // SAFETY: the command buffer is being recorded outside of rendering. The images are alive and allow the copies;
         // the device can blit between their formats with this filter.
         unsafe {
@@ -180,7 +179,7 @@ impl splatgraph_runtime::Swapchain<VulkanGpu> for Swapchain {
                 filter,
             );
         }
-        barrier(gpu, commands, after(barriers.waiting_for_copies(plan)), image);
+        barrier(gpu, commands, after(image, barriers.waiting_for_copies(plan)));
         gpu.end_label(commands);
         queue::end(gpu, commands)
     }
@@ -215,45 +214,34 @@ const fn scope(stages: vk::PipelineStageFlags2, accesses: vk::AccessFlags2) -> S
     Scope { stages, accesses }
 }
 
+const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
 const BLIT: Scope = scope(vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::NONE);
 const BLIT_WRITES: Scope = scope(vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::TRANSFER_WRITE);
 
 /// The barriers on one side of the blit: on memory for the plan's output, and on the window's image.
-struct Around {
-    output: [Scope; 2],
-    window: [Scope; 2],
-    layouts: [vk::ImageLayout; 2],
-}
+type BlitBarriers = (vk::MemoryBarrier2<'static>, vk::ImageMemoryBarrier2<'static>);
 
-/// Barriers before the blit, which chain with the plan's barriers before the export's copies.
+/// Returns the barriers before the blit, which chain with the plan's barriers before the export's copies.
 ///
 /// The window's old contents are discarded, and the wait for the acquired image is at the blit's stage.
-const BEFORE: Around = Around {
-    output: [
-        scope(vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
-        scope(vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::TRANSFER_READ),
-    ],
-    window: [BLIT, BLIT_WRITES],
-    layouts: [vk::ImageLayout::UNDEFINED, vk::ImageLayout::TRANSFER_DST_OPTIMAL],
-};
+fn before(image: vk::Image) -> BlitBarriers {
+    let layouts = [vk::ImageLayout::UNDEFINED, vk::ImageLayout::TRANSFER_DST_OPTIMAL];
+    let copies = scope(vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE);
+    let reads = scope(vk::PipelineStageFlags2::BLIT, vk::AccessFlags2::TRANSFER_READ);
+    (memory_barrier(copies, reads), image_barrier((image, COLOR), layouts, BLIT, BLIT_WRITES))
+}
 
 /// Returns the barriers after the blit, for stages that wait for the export's copies.
 ///
 /// A semaphore hands over the window's image, so no barrier is needed on the presentation side.
-fn after(waiting: Stages) -> Around {
-    Around {
-        output: [BLIT, scope(commands::stages(waiting), vk::AccessFlags2::NONE)],
-        window: [BLIT_WRITES, BLIT],
-        layouts: [vk::ImageLayout::TRANSFER_DST_OPTIMAL, vk::ImageLayout::PRESENT_SRC_KHR],
-    }
+fn after(image: vk::Image, waiting: Stages) -> BlitBarriers {
+    let layouts = [vk::ImageLayout::TRANSFER_DST_OPTIMAL, vk::ImageLayout::PRESENT_SRC_KHR];
+    let waiting = scope(commands::stages(waiting), vk::AccessFlags2::NONE);
+    (memory_barrier(BLIT, waiting), image_barrier((image, COLOR), layouts, BLIT_WRITES, BLIT))
 }
 
-fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, around: Around, image: vk::Image) {
-    let [source, target] = around.output;
-    let memory = [memory_barrier(&MemoryBarrier { source, target })];
-    let ([source, target], [old, new]) = (around.window, around.layouts);
-    let aspect = vk::ImageAspectFlags::COLOR;
-    let images = [image_barrier(&ImageBarrier { image, aspect, source, target, old, new })];
+fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, (memory, image): BlitBarriers) {
+    let (memory, images) = ([memory], [image]);
     let info = vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images);
     pipeline_barrier(gpu, commands, &info);
 }
@@ -269,12 +257,15 @@ mod tests {
 
     #[test]
     fn the_blit_takes_its_place_between_the_exports_copies_and_whatever_waits_for_them() {
-        let [copies, blit] = BEFORE.output;
-        assert_eq!((copies.stages, blit.stages), (vk::PipelineStageFlags2::COPY, BLIT.stages));
-        assert_eq!(blit.accesses, vk::AccessFlags2::TRANSFER_READ);
-        let [blit, before] = after(Stages::COPY | Stages::COMPUTE).output;
+        let none = vk::Image::null();
+        let (output, _) = before(none);
+        let stages = (vk::PipelineStageFlags2::COPY, BLIT.stages);
+        assert_eq!((output.src_stage_mask, output.dst_stage_mask), stages);
+        assert_eq!(output.dst_access_mask, vk::AccessFlags2::TRANSFER_READ);
+        let (output, _) = after(none, Stages::COPY | Stages::COMPUTE);
         let waiting = vk::PipelineStageFlags2::COPY | vk::PipelineStageFlags2::COMPUTE_SHADER;
-        assert_eq!((blit, before.stages), (BLIT, waiting));
+        assert_eq!((output.src_stage_mask, output.dst_stage_mask), (BLIT.stages, waiting));
+        assert_eq!(output.src_access_mask, BLIT.accesses);
     }
 
     #[test]

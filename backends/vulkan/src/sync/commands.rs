@@ -3,7 +3,7 @@
 //! The barriers of one call become one `VkDependencyInfo`. Nothing here calls the API.
 
 use super::barrier::Barrier;
-use crate::lower::flags;
+use crate::lower::{WHOLE, flags};
 use ash::vk;
 use splatgraph_framework::ir::*;
 use splatgraph_framework::plan::Transition;
@@ -35,29 +35,40 @@ pub(crate) const READERS: Scope =
 pub(crate) const HOST: Scope =
     Scope { stages: vk::PipelineStageFlags2::HOST, accesses: vk::AccessFlags2::HOST_READ };
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct MemoryBarrier {
-    pub source: Scope,
-    pub target: Scope,
+pub(crate) fn memory_barrier(source: Scope, target: Scope) -> vk::MemoryBarrier2<'static> {
+    vk::MemoryBarrier2::default()
+        .src_stage_mask(source.stages)
+        .src_access_mask(source.accesses)
+        .dst_stage_mask(target.stages)
+        .dst_access_mask(target.accesses)
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct ImageBarrier {
-    pub image: vk::Image,
-    pub aspect: vk::ImageAspectFlags,
-    pub source: Scope,
-    pub target: Scope,
-    pub old: vk::ImageLayout,
-    pub new: vk::ImageLayout,
+pub(crate) fn image_barrier(
+    (image, aspect): (vk::Image, vk::ImageAspectFlags),
+    [old, new]: [vk::ImageLayout; 2],
+    source: Scope,
+    target: Scope,
+) -> vk::ImageMemoryBarrier2<'static> {
+    vk::ImageMemoryBarrier2::default()
+        .src_stage_mask(source.stages)
+        .src_access_mask(source.accesses)
+        .dst_stage_mask(target.stages)
+        .dst_access_mask(target.accesses)
+        .old_layout(old)
+        .new_layout(new)
+        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+        .image(image)
+        .subresource_range(vk::ImageSubresourceRange { aspect_mask: aspect, ..WHOLE })
 }
 
 /// The contents of one `vkCmdPipelineBarrier2` call, in a reusable allocation.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Dependency {
-    pub memory: Vec<MemoryBarrier>,
-    pub images: Vec<ImageBarrier>,
+    pub memory: Vec<vk::MemoryBarrier2<'static>>,
+    pub images: Vec<vk::ImageMemoryBarrier2<'static>>,
     /// The execution dependencies of image barriers, repeated as barriers on all memory without accesses.
-    orders: Vec<MemoryBarrier>,
+    orders: Vec<vk::MemoryBarrier2<'static>>,
 }
 
 impl Dependency {
@@ -83,21 +94,21 @@ impl Dependency {
             let source = Scope { stages: stages(source_stages), accesses: accesses(source_accesses) };
             let target = Scope { stages: stages(target_stages), accesses: accesses(target_accesses) };
             let Some(Transition { old, new, .. }) = barrier.image else {
-                self.memory.push(MemoryBarrier { source, target });
+                self.memory.push(memory_barrier(source, target));
                 continue;
             };
-            if let Some((image, aspect)) = image {
-                let (old, new) = (layout(old), layout(new));
-                self.images.push(ImageBarrier { image, aspect, source, target, old, new });
+            if let Some(image) = image {
+                self.images.push(image_barrier(image, [old, new].map(layout), source, target));
             }
             let order = |scope: Scope| Scope { accesses: vk::AccessFlags2::NONE, ..scope };
-            self.orders.push(MemoryBarrier { source: order(source), target: order(target) });
+            self.orders.push(memory_barrier(order(source), order(target)));
         }
         for order in &self.orders {
-            let (source, target) = (order.source.stages, order.target.stages);
-            let has =
-                |b: &MemoryBarrier| b.source.stages.contains(source) && b.target.stages.contains(target);
-            if !source.is_empty() && !self.memory.iter().any(has) {
+            let has = |b: &vk::MemoryBarrier2| {
+                b.src_stage_mask.contains(order.src_stage_mask)
+                    && b.dst_stage_mask.contains(order.dst_stage_mask)
+            };
+            if !order.src_stage_mask.is_empty() && !self.memory.iter().any(has) {
                 self.memory.push(*order);
             }
         }
@@ -181,8 +192,13 @@ mod tests {
         let mut dependency = Dependency::default();
         dependency
             .lower(barriers.iter().map(|barrier| (barrier, barrier.image.map(|_| (IMAGE, COLOR_ASPECT)))));
-        dependency.orders.clear();
         dependency
+    }
+
+    fn scopes(dependency: &Dependency) -> Vec<[Scope; 2]> {
+        let source = |b: &vk::MemoryBarrier2| Scope { stages: b.src_stage_mask, accesses: b.src_access_mask };
+        let target = |b: &vk::MemoryBarrier2| Scope { stages: b.dst_stage_mask, accesses: b.dst_access_mask };
+        dependency.memory.iter().map(|barrier| [source(barrier), target(barrier)]).collect()
     }
 
     #[test]
@@ -212,38 +228,27 @@ mod tests {
     fn nothing_lowers_to_nothing() {
         assert_eq!(stages(Stages::empty()), S::NONE);
         assert_eq!(accesses(Accesses::empty()), A::NONE);
-        assert_eq!(dependency(&[]), Dependency::default());
+        assert!(dependency(&[]).memory.is_empty() && dependency(&[]).images.is_empty());
     }
 
     #[test]
     fn the_barriers_of_a_call_become_one_dependency_with_the_same_masks_and_layouts() {
         let lowered = dependency(&[on_memory(WROTE, READS), on_image(ANEW, COPIED, DRAWS)]);
+        let (reads, wrote) = (A::SHADER_STORAGE_READ | A::INDIRECT_COMMAND_READ, A::SHADER_STORAGE_WRITE);
+        let scope = |stages, accesses| Scope { stages, accesses };
         let memory = [
-            MemoryBarrier {
-                source: Scope { stages: S::COMPUTE_SHADER, accesses: A::SHADER_STORAGE_WRITE },
-                target: Scope {
-                    stages: S::COMPUTE_SHADER | S::DRAW_INDIRECT,
-                    accesses: A::SHADER_STORAGE_READ | A::INDIRECT_COMMAND_READ,
-                },
-            },
+            [scope(S::COMPUTE_SHADER, wrote), scope(S::COMPUTE_SHADER | S::DRAW_INDIRECT, reads)],
             // The execution dependency of the image barrier, repeated for all memory.
-            MemoryBarrier {
-                source: Scope { stages: S::COPY, accesses: A::NONE },
-                target: Scope { stages: S::COLOR_ATTACHMENT_OUTPUT, accesses: A::NONE },
-            },
+            [scope(S::COPY, A::NONE), scope(S::COLOR_ATTACHMENT_OUTPUT, A::NONE)],
         ];
-        let images = [ImageBarrier {
-            image: IMAGE,
-            aspect: COLOR_ASPECT,
-            source: Scope { stages: S::COPY, accesses: A::TRANSFER_READ },
-            target: Scope {
-                stages: S::COLOR_ATTACHMENT_OUTPUT,
-                accesses: A::COLOR_ATTACHMENT_READ | A::COLOR_ATTACHMENT_WRITE,
-            },
-            old: vk::ImageLayout::UNDEFINED,
-            new: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
-        }];
-        assert_eq!(lowered, Dependency { memory: memory.into(), images: images.into(), orders: Vec::new() });
+        assert_eq!(scopes(&lowered), memory);
+        let [image] = lowered.images[..] else { panic!("{:?}", lowered.images) };
+        assert_eq!((image.src_stage_mask, image.src_access_mask), (S::COPY, A::TRANSFER_READ));
+        let draws = A::COLOR_ATTACHMENT_READ | A::COLOR_ATTACHMENT_WRITE;
+        assert_eq!((image.dst_stage_mask, image.dst_access_mask), (S::COLOR_ATTACHMENT_OUTPUT, draws));
+        let layouts = (vk::ImageLayout::UNDEFINED, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL);
+        assert_eq!((image.old_layout, image.new_layout), layouts);
+        assert_eq!((image.image, image.subresource_range.aspect_mask), (IMAGE, COLOR_ASPECT));
     }
 
     #[test]
@@ -255,7 +260,7 @@ mod tests {
         assert_eq!((twice.memory.len(), twice.images.len()), (1, 2));
         // An image barrier without source stages has no execution dependency.
         let nothing = (Stages::empty(), Accesses::empty());
-        assert_eq!(dependency(&[on_image(ANEW, nothing, DRAWS)]).memory, []);
+        assert!(dependency(&[on_image(ANEW, nothing, DRAWS)]).memory.is_empty());
     }
 
     #[test]
@@ -263,7 +268,7 @@ mod tests {
         let barrier = on_image(ANEW, COPIED, DRAWS);
         let mut lowered = Dependency::default();
         lowered.lower([(&barrier, None)].into_iter());
-        assert_eq!(lowered.memory, dependency(&[barrier]).memory);
+        assert_eq!(scopes(&lowered), scopes(&dependency(&[barrier])));
         assert!(lowered.memory.len() == 1 && lowered.images.is_empty());
     }
 }
