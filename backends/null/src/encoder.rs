@@ -131,11 +131,6 @@ impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
         self.call(Call::FullBarrier { images });
     }
 
-    fn before_copy(&mut self, target: &Buffer<NullGpu>) {
-        let target = self.buffer(target);
-        self.call(Call::BeforeCopy { target });
-    }
-
     fn after_copy(&mut self, target: &Buffer<NullGpu>, range: Range<u64>) {
         let target = self.buffer(target);
         self.call(Call::AfterCopy { target, range });

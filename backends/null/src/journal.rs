@@ -75,9 +75,6 @@ pub enum Call {
     FullBarrier {
         images: Vec<(String, Layout, Layout)>,
     },
-    BeforeCopy {
-        target: String,
-    },
     AfterCopy {
         target: String,
         range: Range<u64>,

@@ -507,11 +507,9 @@ pub trait Encoder<G: Gpu>: Sized + Send + 'static {
         image: impl Fn(ResourceId) -> Option<&'a Image<G>>,
     );
 
-    /// Records a full memory barrier between all earlier and all later commands, with layout changes.
+    /// Records a full memory barrier between all earlier commands and submissions and all later commands, with layout
+    /// changes.
     fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, G>>);
-
-    /// Makes later copies into a buffer wait for all earlier commands and submissions.
-    fn before_copy(&mut self, target: &Buffer<G>);
 
     /// Makes copies into a byte range of a buffer visible to all later submissions.
     fn after_copy(&mut self, target: &Buffer<G>, range: Range<u64>);

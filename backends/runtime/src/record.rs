@@ -184,7 +184,7 @@ impl<G: Gpu> Recorder<'_, G> {
     fn share_output(&mut self) {
         let Some(SharedOutput { buffer, .. }) = self.shared else { return };
         self.encoder.push_label(format_args!("picture"));
-        self.encoder.before_copy(buffer);
+        self.encoder.full_barrier(std::iter::empty());
         self.copy_output(buffer);
         self.encoder.after_copy(buffer, 0..buffer.bytes);
         self.encoder.pop_label();

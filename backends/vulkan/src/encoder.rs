@@ -7,7 +7,7 @@ use crate::pipelines::Pipelines;
 use crate::queue;
 use crate::sync::Barriers;
 use crate::sync::commands::{
-    ANYTHING, BEFORE_COPIES, COPIES, Dependency, HOST, READERS, Scope, image_barrier, layout, memory_barrier,
+    ANYTHING, COPIES, Dependency, HOST, READERS, image_barrier, layout, memory_barrier,
 };
 use ash::vk;
 use splatgraph_api::BackendError;
@@ -37,21 +37,6 @@ impl Encoder {
             return;
         }
         let info = vk::DependencyInfo::default().memory_barriers(memory).image_memory_barriers(images);
-        pipeline_barrier(&self.gpu, self.commands, &info);
-    }
-
-    fn buffer_barrier(&self, buffer: &Buffer<VulkanGpu>, range: Range<u64>, source: Scope, target: Scope) {
-        let barrier = [vk::BufferMemoryBarrier2::default()
-            .src_stage_mask(source.stages)
-            .src_access_mask(source.accesses)
-            .dst_stage_mask(target.stages)
-            .dst_access_mask(target.accesses)
-            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .buffer(*buffer.raw)
-            .offset(range.start)
-            .size(range.end - range.start)];
-        let info = vk::DependencyInfo::default().buffer_memory_barriers(&barrier);
         pipeline_barrier(&self.gpu, self.commands, &info);
     }
 
@@ -134,12 +119,19 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         self.flush();
     }
 
-    fn before_copy(&mut self, target: &Buffer<VulkanGpu>) {
-        self.buffer_barrier(target, 0..target.bytes, BEFORE_COPIES, COPIES);
-    }
-
     fn after_copy(&mut self, target: &Buffer<VulkanGpu>, range: Range<u64>) {
-        self.buffer_barrier(target, range, COPIES, READERS);
+        let barrier = [vk::BufferMemoryBarrier2::default()
+            .src_stage_mask(COPIES.stages)
+            .src_access_mask(COPIES.accesses)
+            .dst_stage_mask(READERS.stages)
+            .dst_access_mask(READERS.accesses)
+            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .buffer(*target.raw)
+            .offset(range.start)
+            .size(range.end - range.start)];
+        let info = vk::DependencyInfo::default().buffer_memory_barriers(&barrier);
+        pipeline_barrier(&self.gpu, self.commands, &info);
     }
 
     fn copies_to_host(&mut self) {

@@ -249,12 +249,6 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         })
     }
 
-    fn before_copy(&mut self, _: &Buffer<MetalGpu>) {
-        objc::pool(|| {
-            self.order_everything();
-        })
-    }
-
     fn after_copy(&mut self, _: &Buffer<MetalGpu>, _: Range<u64>) {
         self.publishes = true;
     }

@@ -194,7 +194,7 @@ fn a_shared_output_is_copied_in_order_and_kept_until_its_readers_are_done() {
     let calls = journal.take();
     let target = "picture".to_string();
     let copy = [
-        Call::BeforeCopy { target: target.clone() },
+        Call::FullBarrier { images: Vec::new() },
         Call::CopyImage { image: "color".to_string(), target: target.clone() },
         Call::AfterCopy { target, range: 0..16384 },
     ];

@@ -21,10 +21,6 @@ pub(crate) const ANYTHING: Scope = Scope {
     ),
 };
 
-/// Source for copies: all commands of the queue, with the writes of earlier copies.
-pub(crate) const BEFORE_COPIES: Scope =
-    Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::TRANSFER_WRITE };
-
 pub(crate) const COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::COPY, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
