@@ -5,10 +5,25 @@ use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, FrameResult, Sc
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_null::{Call, Config, Journal, Null, Object, open};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
 pub fn device() -> (Null, Journal) {
-    let (null, journal) = open(&Config::default());
+    opened(&Config::default())
+}
+
+pub fn opened(config: &Config) -> (Null, Journal) {
+    let (null, journal) = open(config);
     (null.expect("it opens"), journal)
+}
+
+/// Waits until a condition holds that another thread brings about.
+#[track_caller]
+pub fn until(mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "waited in vain");
+        std::thread::sleep(Duration::from_millis(1));
+    }
 }
 
 /// Closes the device, and checks that there are no messages and no live objects.

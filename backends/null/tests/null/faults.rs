@@ -6,7 +6,7 @@ use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Recove
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 struct Script {
     null: Null,
@@ -114,11 +114,7 @@ fn run(faults: &[Fault]) -> Outcome {
 }
 
 fn until_compilers_end() {
-    let begun = Instant::now();
-    while splatgraph_runtime::abandoned_compilers() > 0 {
-        assert!(begun.elapsed() < Duration::from_secs(60), "a compiler does not end");
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    until(|| splatgraph_runtime::abandoned_compilers() == 0);
 }
 
 /// Returns a frame's calls without its number and slot.
@@ -203,12 +199,11 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
 
 #[test]
 fn a_device_that_is_lost_in_a_frame_names_the_pass_that_was_done_last() {
-    let (null, journal) = open(&Config {
+    let (mut null, journal) = opened(&Config {
         // Uploads come first, in the order of submission.
         faults: vec![Fault { point: Point::Execute, after: 2 }],
         ..Config::default()
     });
-    let mut null = null.expect("it opens");
     load(&mut null, plan());
     let first = submit(&mut null);
     let second = submit(&mut null);
@@ -225,8 +220,7 @@ fn a_device_that_is_lost_in_a_frame_names_the_pass_that_was_done_last() {
 /// Opens a device that hangs in submission number `after`; uploads count.
 fn hanging(after: u64) -> (Null, Journal) {
     let faults = vec![Fault { point: Point::Hang, after }];
-    let (null, journal) = open(&Config { faults, ..Config::default() });
-    let mut null = null.expect("it opens");
+    let (mut null, journal) = opened(&Config { faults, ..Config::default() });
     load(&mut null, plan());
     (null, journal)
 }
@@ -300,14 +294,12 @@ fn two_executors_that_look_at_different_frames_each_count_the_time_of_their_own(
     let hidden = first.submit(&FrameInputs { untimed_passes: true, ..inputs() }).expect("it is submitted");
     let behind = submit(&mut second);
     second.wait(done).expect("it is done");
-    let begun = Instant::now();
     std::thread::scope(|scope| {
         let wait = scope.spawn(|| error_of(first.wait(hidden)));
-        while !wait.is_finished() {
+        until(|| {
             assert_eq!(second.running().expect("it waits").place, "pass `scan[0]` of `other`");
-            assert!(begun.elapsed() < Duration::from_secs(20), "the wait does not end");
-            std::thread::sleep(Duration::from_millis(1));
-        }
+            wait.is_finished()
+        });
         let error = wait.join().expect("no panic").to_string();
         assert!(error.starts_with("a frame of `test` has been running"), "{error}");
     });
@@ -322,12 +314,11 @@ fn two_executors_that_look_at_different_frames_each_count_the_time_of_their_own(
 
 #[test]
 fn a_frame_behind_one_whose_submission_returns_late_names_the_pass_of_that_one() {
-    let (null, journal) = open(&Config {
+    let (mut first, journal) = opened(&Config {
         // Uploads come first, in the order of submission.
         faults: [Point::LateSubmit, Point::Hang].map(|point| Fault { point, after: 1 }).to_vec(),
         ..Config::default()
     });
-    let mut first = null.expect("it opens");
     load(&mut first, plan());
     let mut second = first.new_context().expect("there can be another");
     load(&mut second, Plan { name: "other".to_string(), ..plan() });
@@ -355,8 +346,7 @@ fn a_frame_behind_one_whose_submission_returns_late_names_the_pass_of_that_one()
 #[test]
 fn an_upload_that_cannot_be_waited_for_keeps_the_memory_that_the_device_may_use() {
     let faults = (0..2).map(|after| Fault { point: Point::Wait, after }).collect();
-    let (null, journal) = open(&Config { faults, ..Config::default() });
-    let mut null = null.expect("it opens");
+    let (mut null, journal) = opened(&Config { faults, ..Config::default() });
     let error = error_of(null.load(plan(), &Zeros::default(), &mut |_| {}));
     assert!(matches!(error, BackendError::OutOfMemory { .. }), "{error}");
     load(&mut null, plan());
@@ -366,9 +356,8 @@ fn an_upload_that_cannot_be_waited_for_keeps_the_memory_that_the_device_may_use(
 
 #[test]
 fn an_upload_that_does_not_end_is_given_up_and_frees_its_memory_when_it_has_ended() {
-    let (null, journal) =
-        open(&Config { faults: vec![Fault { point: Point::Hang, after: 0 }], ..Config::default() });
-    let mut null = null.expect("it opens");
+    let (mut null, journal) =
+        opened(&Config { faults: vec![Fault { point: Point::Hang, after: 0 }], ..Config::default() });
     let error = error_of(null.load(plan(), &Zeros::default(), &mut |_| {}));
     assert!(error.to_string().starts_with("the upload of the scene has been running"), "{error}");
     journal.resume();

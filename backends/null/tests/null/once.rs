@@ -6,7 +6,7 @@ use crate::results::{SUMS, folding, load_sharing};
 use crate::testing::{SPLATS, WORDS, plan};
 use splatgraph_api::{Device, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_null::{Call, Config, Null, Object, limits, open};
+use splatgraph_null::{Call, Config, Null, Object, limits};
 use splatgraph_runtime::{Limits, Location};
 
 /// Bytes of `splats`, and below of `sums` (and of the `table` computed from them). Here only the prologue uses `splats`
@@ -134,8 +134,7 @@ fn without_room_for_what_is_freed_it_lies_in_the_memory_of_the_host() {
         (heap(all), packing(), Location::Device),
         (heap(all - 1), importing_twice(), Location::Host),
     ] {
-        let (null, journal) = open(&config);
-        let mut null = null.expect("it opens");
+        let (mut null, journal) = opened(&config);
         load(&mut null, plan);
         let placed = |call: &Call| match call {
             Call::Allocate { name, location, .. } if name == "splats" => Some(*location),
@@ -153,8 +152,7 @@ fn without_room_for_what_is_freed_it_lies_in_the_memory_of_the_host() {
         finish(null, &journal);
     }
     let needed = packing().transient_bytes();
-    let (null, journal) = open(&Config { budget: Some(needed - 1), ..Config::default() });
-    let mut null = null.expect("it opens");
+    let (mut null, journal) = opened(&Config { budget: Some(needed - 1), ..Config::default() });
     let error = error_of(null.load(packing(), &Zeros::default(), &mut |_| {})).to_string();
     assert!(error.starts_with("out of memory for the plan `test`"), "{error}");
     finish(null, &journal);

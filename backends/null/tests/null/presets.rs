@@ -1,6 +1,6 @@
 //! Runs the plan of every built-in graph through the runtime, without a GPU.
 
-use crate::common::Zeros;
+use crate::common::{Zeros, opened};
 use crate::nominal::{self, CAMERA_BYTES};
 use splatgraph_api::{Device, FrameInputs, Inspect};
 use splatgraph_assets::{ATTRIBUTES, MESH_ATTRIBUTES};
@@ -9,7 +9,7 @@ use splatgraph_framework::ir::{Attribute, Facts, Layout, Request, ResourceId, Wo
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::{Library, SourceMap, render};
-use splatgraph_null::{Call, Config, Journal, Null, limits, open};
+use splatgraph_null::{Call, Config, Journal, Null, limits};
 use std::path::Path;
 use std::time::Instant;
 
@@ -49,8 +49,7 @@ fn plans(share_memory: bool) -> Vec<Plan> {
 }
 
 fn device() -> (Null, Journal) {
-    let (null, journal) = open(&Config { window: Some((64, 36)), ..Config::default() });
-    (null.expect("it opens"), journal)
+    opened(&Config { window: Some((64, 36)), ..Config::default() })
 }
 
 fn inputs(plan: &Plan) -> FrameInputs {

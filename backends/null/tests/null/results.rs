@@ -4,7 +4,7 @@ use crate::common::*;
 use crate::testing::{ARGS, CAMERA, SPLATS, WORDS, plan};
 use splatgraph_api::{Device, Inspect, Loader};
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_null::{Call, Config, Journal, Null, Object, open};
+use splatgraph_null::{Call, Config, Journal, Null, Object};
 use std::sync::Arc;
 
 pub const SUMS: ResourceId = ResourceId(6);
@@ -120,8 +120,7 @@ fn two_plans_at_a_time_take_the_memory_of_their_shared_results_once() {
     drop(ready);
     // The budget has room for one copy of each result, because shared results count once.
     let limit = before + shared + (1 << 20);
-    let (tight, _) = open(&Config { budget: Some(limit), ..Config::default() });
-    let mut tight = tight.expect("it opens");
+    let (mut tight, _) = opened(&Config { budget: Some(limit), ..Config::default() });
     load_sharing(&mut tight, folding(64), 1);
     frame(&mut tight, &inputs());
     load_sharing(&mut tight, folding(65), 1);

@@ -59,8 +59,7 @@ fn a_chunk_has_whole_entries_of_its_plane() {
 #[test]
 fn a_plan_beyond_the_budget_is_refused_before_anything_is_made_and_the_former_goes_on() {
     let config = Config { budget: Some(30 << 20), ..Config::default() };
-    let (null, journal) = splatgraph_null::open(&config);
-    let mut null = null.expect("it opens");
+    let (mut null, journal) = opened(&config);
     load(&mut null, plan());
     let before = submit(&mut null);
     let _ = journal.take();

@@ -3,12 +3,11 @@
 use crate::common::*;
 use crate::testing::plan;
 use splatgraph_api::{BackendError, Device, FrameInputs, Windowed};
-use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};
+use splatgraph_null::{Call, Config, Fault, Journal, Null, Point};
 
 fn window(faults: &[Fault]) -> (Null, Journal) {
     let config = Config { window: Some((64, 32)), faults: faults.to_vec(), ..Config::default() };
-    let (null, journal) = open(&config);
-    let mut null = null.expect("it opens");
+    let (mut null, journal) = opened(&config);
     load(&mut null, plan());
     journal.take();
     (null, journal)
