@@ -4,8 +4,7 @@ use super::whole::TestShell;
 use crate::common;
 use egui::{Key, Modifiers};
 use splatgraph::draw::backend::Validation;
-use splatgraph::view::events::{Event, RendererId};
-use splatgraph::view::renderer::Cause;
+use splatgraph::view::events::{Cause, Event, RendererId};
 use std::sync::Arc;
 
 fn viewer(size: (u32, u32)) -> TestShell {

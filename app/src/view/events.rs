@@ -1,7 +1,7 @@
 //! Defines the viewer's events, for the log in the window and for `--events` (one JSON object per line).
 
-use super::renderer::{RendererEvent, Swap};
-use serde::Serialize;
+use indexmap::IndexSet;
+use serde::{Serialize, Serializer};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -24,6 +24,140 @@ impl fmt::Display for RendererId {
             RendererId::B => "B",
             RendererId::Window => "window",
         })
+    }
+}
+
+/// A cause of a build.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Cause {
+    /// There is no plan yet.
+    Start,
+    /// This file changed.
+    File(PathBuf),
+    /// This constant parameter changed.
+    Parameter(String),
+    /// Another graph was selected.
+    Graph,
+    /// The picture's size changed.
+    Size,
+    /// The scene as drawn changed: another was opened, or splats were selected or hidden.
+    Scene,
+    /// Memory sharing between resources was turned on or off.
+    Memory,
+    /// The prologue must run again, for an inspection of its results.
+    Prologue,
+    /// The device was lost and opened again.
+    Device,
+    /// A frame overflowed a list; this parameter sets the list's capacity, and was raised.
+    Room(String),
+    /// The last build failed for lack of something that may be available now, such as memory.
+    Retry,
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Cause::Start => f.write_str("start"),
+            Cause::File(file) => f.write_str(&file.file_name().unwrap_or_default().to_string_lossy()),
+            Cause::Parameter(name) => f.write_str(name),
+            Cause::Graph => f.write_str("another graph"),
+            Cause::Size => f.write_str("another size"),
+            Cause::Scene => f.write_str("another scene"),
+            Cause::Memory => f.write_str("memory sharing"),
+            Cause::Prologue => f.write_str("the prologue"),
+            Cause::Device => f.write_str("another device"),
+            Cause::Room(name) => write!(f, "growth of {name}"),
+            Cause::Retry => f.write_str("another attempt"),
+        }
+    }
+}
+
+/// Causes of a build without duplicates, in the order of the changes. In JSON, they are a list of texts.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Causes(IndexSet<Cause>);
+
+impl Causes {
+    /// Returns true if `cause` is among the causes.
+    pub fn contains(&self, cause: &Cause) -> bool {
+        self.0.contains(cause)
+    }
+
+    /// Iterates over the causes in the order of the changes.
+    pub fn iter(&self) -> impl Iterator<Item = &Cause> {
+        self.0.iter()
+    }
+
+    pub(super) fn add(&mut self, later: Causes) {
+        self.0.extend(later.0);
+    }
+
+    /// Returns true if there are causes, and all are overflowed lists.
+    pub(super) fn is_room_alone(&self) -> bool {
+        !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
+    }
+
+    /// Returns true if all causes are the renderer's own: another attempt, or an overflowed list.
+    pub(super) fn are_own(&self) -> bool {
+        self.0.iter().all(|cause| matches!(cause, Cause::Room(_) | Cause::Retry))
+    }
+
+    /// Returns true if a file changed.
+    pub fn has_file(&self) -> bool {
+        self.0.iter().any(|cause| matches!(cause, Cause::File(_)))
+    }
+}
+
+impl From<Cause> for Causes {
+    fn from(cause: Cause) -> Causes {
+        Causes(IndexSet::from([cause]))
+    }
+}
+
+impl FromIterator<Cause> for Causes {
+    fn from_iter<I: IntoIterator<Item = Cause>>(all: I) -> Causes {
+        Causes(all.into_iter().collect())
+    }
+}
+
+impl fmt::Display for Causes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let texts: Vec<String> = self.0.iter().map(Cause::to_string).collect();
+        f.write_str(&texts.join(", "))
+    }
+}
+
+impl Serialize for Causes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter().map(Cause::to_string))
+    }
+}
+
+/// The replacement of a plan, with the times of its build.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Swap {
+    /// Name of the graph.
+    pub graph: String,
+    /// Causes of the build.
+    pub causes: Causes,
+    /// Number of passes in the new plan's frame.
+    pub passes: usize,
+    /// Milliseconds to read the graph, compile its shaders, and solve the plan.
+    pub plan_ms: f64,
+    /// Milliseconds to prepare the device: memory, pipelines, uploads.
+    pub prepare_ms: f64,
+    /// Milliseconds from the change, or the system's notification of it, to the end of the plan's first frame on the
+    /// device.
+    pub latency_ms: f64,
+}
+
+impl Swap {
+    /// Lists the constant parameters whose changes caused the build.
+    pub fn parameters(&self) -> Vec<String> {
+        let name = |cause: &Cause| match cause {
+            Cause::Parameter(name) => Some(name.clone()),
+            _ => None,
+        };
+        self.causes.iter().filter_map(name).collect()
     }
 }
 
@@ -164,19 +298,6 @@ pub enum Event {
     },
 }
 
-impl Event {
-    /// Converts a renderer's event to a viewer's event.
-    pub fn of(renderer: RendererId, event: RendererEvent) -> Event {
-        match event {
-            RendererEvent::Swapped(swap) => Event::Swapped { renderer, swap },
-            RendererEvent::Failed(text) => Event::Failed { renderer, text },
-            RendererEvent::Mended => Event::Mended { renderer },
-            RendererEvent::Dropped { parameters, text } => Event::Dropped { renderer, parameters, text },
-            RendererEvent::Restored { parameters, text } => Event::Restored { renderer, parameters, text },
-        }
-    }
-}
-
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -233,5 +354,32 @@ impl fmt::Display for Event {
                 f.write_str(if *identical { ": identical" } else { "" })
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_that_are_built_together_are_all_told_each_once_in_their_order() {
+        let mut causes = Causes::from(Cause::Size);
+        causes.add([Cause::Scene, Cause::Size].into_iter().collect());
+        causes.add(Cause::File("shaders/splat.frag".into()).into());
+        assert!(causes.contains(&Cause::Size) && causes.contains(&Cause::Scene));
+        assert_eq!(causes.to_string(), "another size, another scene, splat.frag");
+        let json = serde_json::to_string(&causes).unwrap();
+        assert_eq!(json, r#"["another size","another scene","splat.frag"]"#);
+    }
+
+    #[test]
+    fn more_room_alone_is_told_from_more_room_with_another_change() {
+        let room = |name: &str| Cause::Room(name.to_owned());
+        let mut causes: Causes = [room("x"), room("y")].into_iter().collect();
+        assert!(causes.is_room_alone());
+        assert_eq!(causes.to_string(), "growth of x, growth of y");
+        causes.add(Cause::Size.into());
+        assert!(!causes.is_room_alone());
+        assert!(!Causes::default().is_room_alone());
     }
 }

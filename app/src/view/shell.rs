@@ -145,7 +145,7 @@ impl Shell {
             panels: Panels::default(),
             ctx,
             painter: Painter::default(),
-            canvas: Renderer::new(canvas, graph, &[], wake)?,
+            canvas: Renderer::new(RendererId::Window, canvas, graph, &[], wake)?,
             catalog: Arc::new(catalog),
             history: History::default(),
             events: Vec::new(),
@@ -397,7 +397,7 @@ impl Shell {
         }
         self.reading &= picture.is_none();
         for event in self.canvas.take_events() {
-            self.report(Event::of(RendererId::Window, event));
+            self.report(event);
         }
         (drawn, picture)
     }

@@ -6,10 +6,11 @@
 //! The window's graph reads the picture on the device. If the window has its own device, the picture is copied through
 //! host memory.
 
+use super::events::Cause;
 use super::history::History;
 use super::paint::Shown;
 use super::profile::GpuTrack;
-use super::renderer::{Cause, FinishedFrame, Renderer};
+use super::renderer::{FinishedFrame, Renderer};
 use crate::draw::animation::is_animated;
 use crate::draw::camera;
 use crate::draw::capacity::Overflow;

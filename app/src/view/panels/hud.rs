@@ -3,8 +3,7 @@
 use super::controls::Controls;
 use super::theme::{self, GRID, Palette, TEXT};
 use super::widgets;
-use crate::view::events::{Event, RendererId};
-use crate::view::renderer::Cause;
+use crate::view::events::{Cause, Event, RendererId};
 use crate::view::viewer::{Comparison, Viewer};
 use egui::{
     Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, Margin, Order, Rect, RichText, Stroke,

@@ -1,9 +1,10 @@
 //! Releases a renderer's device after a loss, and replaces it.
 
 use super::Renderer;
-use super::events::{Cause, Failure};
+use super::failure::Failure;
 use super::state::{BuildState, DeviceState, Fault, Pause};
 use crate::draw::backend::Backend;
+use crate::view::events::Cause;
 use splatgraph_api::{BackendError, Device, DeviceInfo};
 use splatgraph_framework::reload::LastGood;
 use std::time::Instant;

@@ -1,8 +1,8 @@
 //! Manages a renderer's frames in flight: submission, bounded waits, and results.
 
-use super::events::{RendererEvent, Swap};
 use super::state::{Fault, RETRY};
 use super::{FinishedFrame, FrameInFlight, PendingSwap, Renderer};
+use crate::view::events::{Event, Swap};
 use crate::view::profile::zone;
 use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recovery, Running};
 use splatgraph_framework::plan::Plan;
@@ -116,7 +116,7 @@ impl Renderer {
         };
         if let Some(PendingSwap { swap, asked }) = first {
             let latency_ms = asked.elapsed().as_secs_f64() * 1e3;
-            self.events.push(RendererEvent::Swapped(Swap { latency_ms, ..swap }));
+            self.events.push(Event::Swapped { renderer: self.id, swap: Swap { latency_ms, ..swap } });
         }
         let short = self.make_room(&plan, &result);
         self.done.push(FinishedFrame { result, plan, inspected, short, number });

@@ -1,12 +1,13 @@
 //! Builds a plan and prepares it on the device, on the build thread.
 
-use super::events::{Causes, Failure};
+use super::failure::Failure;
 use super::state::PlanInputs;
 use crate::draw::backend::{Loader, Ready};
 use crate::draw::capacity::Capacities;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
 use crate::draw::session::Upload;
+use crate::view::events::Causes;
 use crate::view::profile::zone;
 use splatgraph_api::{Loader as _, Progress};
 use splatgraph_framework::ir::DeviceFacts;

@@ -20,12 +20,13 @@
 //! called its [`Wake`].
 
 mod device;
-mod events;
+mod failure;
 pub(super) mod frames;
 mod job;
 mod room;
 mod state;
 
+use super::events::{Cause, Causes, Event, RendererId, Swap};
 use crate::draw::backend::Backend;
 use crate::draw::capacity::{Capacities, Overflow};
 use indexmap::IndexMap;
@@ -41,7 +42,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-pub use events::{Cause, Causes, Failure, RendererEvent, Swap};
+pub use failure::Failure;
 pub use state::{PlanInputs, RETRY, Wake};
 
 /// Default of [`Renderer::patience`]. A longer wait would let a slow frame block the user interface; with no wait, the
@@ -81,6 +82,8 @@ struct PendingSwap {
 
 /// A graph on a device, with its plans, builds and frames in flight; see the module's documentation.
 pub struct Renderer {
+    /// Name of the renderer in its events.
+    pub(super) id: RendererId,
     /// Maximum wait for a frame in [`Renderer::submit`].
     pub patience: Duration,
     /// True while frames must not be submitted.
@@ -122,7 +125,7 @@ pub struct Renderer {
     stalled: Option<Running>,
     forgot: bool,
     done: Vec<FinishedFrame>,
-    events: Vec<RendererEvent>,
+    events: Vec<Event>,
     /// Text of the last reported failure.
     failed: Option<String>,
     /// Device numbers (see `epoch`) of the builds in progress, oldest first.
@@ -136,6 +139,7 @@ impl Renderer {
     /// # Errors
     /// The file watcher or the build thread cannot be started.
     pub fn new(
+        id: RendererId,
         device: Backend,
         graph: &str,
         set: &[(String, String)],
@@ -149,6 +153,7 @@ impl Renderer {
         let now = Instant::now();
         let build = PendingBuild { causes: Cause::Start.into(), asked: now, attempt: state.asked(now) };
         Ok(Renderer {
+            id,
             patience: PATIENCE,
             paused: false,
             info: device.info().clone(),
@@ -432,8 +437,8 @@ impl Renderer {
         self.changes += u64::from(failure != self.failed);
         match (&failure, &self.failed) {
             (Some(new), Some(old)) if new == old => {}
-            (Some(new), _) => self.events.push(RendererEvent::Failed(new.clone())),
-            (None, Some(_)) => self.events.push(RendererEvent::Mended),
+            (Some(new), _) => self.events.push(Event::Failed { renderer: self.id, text: new.clone() }),
+            (None, Some(_)) => self.events.push(Event::Mended { renderer: self.id }),
             (None, None) => {}
         }
         self.failed = failure;
@@ -542,13 +547,13 @@ impl Renderer {
             };
             let text = dropped.iter().map(reason).collect::<Vec<_>>().join("; ");
             let parameters = dropped.keys().cloned().collect();
-            self.events.push(RendererEvent::Dropped { parameters, text });
+            self.events.push(Event::Dropped { renderer: self.id, parameters, text });
         }
         if !restored.is_empty() {
             let value = |(name, text): (&String, &String)| format!("{name} is {text} again");
             let text = restored.iter().map(value).collect::<Vec<_>>().join("; ");
             let parameters = restored.keys().cloned().collect();
-            self.events.push(RendererEvent::Restored { parameters, text });
+            self.events.push(Event::Restored { renderer: self.id, parameters, text });
         }
         self.set.extend(restored);
         self.rejected.extend(dropped);
@@ -576,7 +581,7 @@ impl Renderer {
     }
 
     /// Takes the events since the last call.
-    pub fn take_events(&mut self) -> Vec<RendererEvent> {
+    pub fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 }

@@ -1,9 +1,10 @@
 //! Increases a renderer's list capacities when frames overflow, up to the device's memory.
 
 use super::Renderer;
-use super::events::{Cause, Causes, Failure};
+use super::failure::Failure;
 use super::state::{Crowded, ends_device};
 use crate::draw::capacity::{Overflow, overflows};
+use crate::view::events::{Cause, Causes};
 use splatgraph_api::FrameResult;
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Defines the states of a renderer's device and builds.
 
-use super::events::{Cause, Causes};
 use crate::draw::backend::Backend;
+use crate::view::events::{Cause, Causes};
 use splatgraph_api::{BackendError, Recovery};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::Catalog;

@@ -3,7 +3,7 @@
 //! The copies are made by a separate graph, whose frames alternate with the frames of the pictures.
 
 use super::{Viewer, Viewport};
-use crate::view::events::Event;
+use crate::view::events::{Event, RendererId};
 use crate::view::renderer::{PlanInputs, Renderer};
 use crate::view::viewport::View;
 use splatgraph_api::Device;
@@ -35,7 +35,8 @@ impl Viewer {
         }
         let renderer = match self.a.renderer.device().map(Device::new_context) {
             Some(Ok(device)) => {
-                Renderer::new(device, GRAPH, &[], self.wake.clone()).map_err(|error| error.to_string())
+                let renderer = Renderer::new(RendererId::A, device, GRAPH, &[], self.wake.clone());
+                renderer.map_err(|error| error.to_string())
             }
             Some(Err(error)) => Err(error.to_string()),
             None => Err("the device is lost".to_owned()),

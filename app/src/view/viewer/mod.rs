@@ -135,7 +135,7 @@ impl Viewer {
         wake: Wake,
     ) -> Result<Viewer, ViewerError> {
         let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
-        let renderer = Renderer::new(device, graph, set, wake.clone())?;
+        let renderer = Renderer::new(RendererId::A, device, graph, set, wake.clone())?;
         let mut placed = PlacedFiles::default();
         placed.follow(RendererId::A, &path, &wake)?;
         let subject = Subject::new(scene, path, wake.clone());
@@ -283,7 +283,7 @@ impl Viewer {
                 None => return Err(ViewerError::NoDevice),
             };
             let set: Vec<_> = a.set().iter().map(|(name, value)| (name.clone(), value.clone())).collect();
-            let mut b = Renderer::new(device, a.graph(), &set, self.wake.clone())?;
+            let mut b = Renderer::new(RendererId::B, device, a.graph(), &set, self.wake.clone())?;
             b.patience = a.patience;
             b.take_room_of(a);
             self.b = Some(Viewport::new(b));
@@ -419,10 +419,8 @@ impl Viewer {
         let ready = self.collect(self.a.renderer.patience);
         let subjects = [&self.subject, self.other.as_ref().unwrap_or(&self.subject)];
         let shown_b = self.b.as_mut().filter(|_| self.compare != Mode::A);
-        let viewports = [Some((RendererId::A, &mut self.a)), shown_b.map(|b| (RendererId::B, b))];
-        for ((id, viewport), (subject, camera)) in
-            viewports.into_iter().flatten().zip(subjects.into_iter().zip(&cameras))
-        {
+        let viewports = [Some(&mut self.a), shown_b].into_iter().flatten();
+        for (viewport, (subject, camera)) in viewports.zip(subjects.into_iter().zip(&cameras)) {
             let inputs = PlanInputs {
                 scene: Some(subject.scene.clone()),
                 catalog: subject.catalog.clone(),
@@ -439,8 +437,7 @@ impl Viewer {
                 continuous: self.continuous,
                 to_host: self.to_host,
             });
-            let events = viewport.renderer.take_events();
-            self.events.extend(events.into_iter().map(|event| Event::of(id, event)));
+            self.events.extend(viewport.renderer.take_events());
         }
         self.compare_pictures();
         self.step_copy(now);

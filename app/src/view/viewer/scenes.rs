@@ -144,7 +144,12 @@ impl Viewer {
     /// If B shares A's scene, it gets its own while another is being loaded for it: A shows that one once it is loaded.
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
+        // What happened before the exchange is reported with the former names.
+        for viewport in [&mut self.a, &mut *b] {
+            self.events.extend(viewport.renderer.take_events());
+        }
         std::mem::swap(&mut self.a, b);
+        std::mem::swap(&mut self.a.renderer.id, &mut b.renderer.id);
         self.events.push(Event::Exchanged);
         if self.other.is_none() && self.loading(RendererId::B).is_some() {
             let (copy, applied) = self.subject.copied(self.wake.clone());

@@ -1,0 +1,48 @@
+//! Defines why a build failed.
+
+use crate::draw::planner::GraphErrors;
+use splatgraph_api::{BackendError, Recovery};
+
+/// A reason why a build failed.
+#[derive(Debug)]
+pub enum Failure {
+    /// The graph or its shaders have errors.
+    Graph(GraphErrors),
+    /// The device rejected the plan.
+    Backend(BackendError),
+    /// The build panicked, which is a bug in this program.
+    Panicked(String),
+    /// The build took long and was cancelled in favour of a newer request.
+    Cancelled,
+    /// The device was lost repeatedly with this graph, which is not built again before something changes. The field is
+    /// the text of the loss.
+    Held(String),
+}
+
+impl Failure {
+    /// Formats the failure as text, with ANSI colours if `colour`.
+    pub fn text(&self, colour: bool) -> String {
+        match self {
+            Failure::Graph(errors) => errors.text(colour).trim_end().to_owned(),
+            Failure::Backend(error) => format!("error: {error}"),
+            Failure::Panicked(message) => {
+                format!("error: internal error while building the plan: {message}")
+            }
+            Failure::Cancelled => "error: the build was cancelled".to_owned(),
+            Failure::Held(loss) => format!(
+                "error: {loss}\nThe device was lost repeatedly. This graph is not drawn until its files, its parameters or the \
+                 scene change."
+            ),
+        }
+    }
+
+    /// Returns true if the same build may succeed later, without a change of files or parameters.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Failure::Backend(error) => {
+                matches!(error, BackendError::OutOfMemory { .. }) || error.recovery() == Recovery::Retry
+            }
+            Failure::Graph(_) | Failure::Panicked(_) | Failure::Cancelled | Failure::Held(_) => false,
+        }
+    }
+}
