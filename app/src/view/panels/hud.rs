@@ -272,12 +272,7 @@ pub fn comparison(
                     let find =
                         ui.add_enabled(worst > 0.0, egui::Button::new("Worst pixel").selected(*marked));
                     controls.see("worst", find.rect);
-                    if widgets::hint(
-                        find,
-                        "Mark the pixel with the largest difference, and move the line there",
-                    )
-                    .clicked()
-                    {
+                    if widgets::hint(find, "Mark the pixel with the largest difference").clicked() {
                         *marked = !*marked;
                     }
                     close = ui.button("Close").clicked();
