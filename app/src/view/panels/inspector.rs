@@ -12,47 +12,46 @@ use egui_plot::{Line, PlotPoints};
 use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::ir::{Masks, Origin, Run, Use};
 
-#[derive(Default)]
-pub struct State {
-    contents: contents::State,
-}
-
-impl State {
-    pub fn show(&mut self, ui: &mut Ui, viewport: &mut Viewport, dumped: &mut Dumped, target: &mut Target) {
-        let Some(plan) = viewport.renderer.plan().cloned() else { return };
-        let dump = dumped.of(&plan);
-        if target.selection.as_ref().is_some_and(|selection| !selection.is_in(dump)) {
-            *target.selection = None;
-        }
-        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            match target.selection.clone() {
-                None if viewport.inspection.is_none() => {
-                    ui.weak(
-                        "Click a pass, a barrier or a resource in the timeline, or a splat in the picture. \
-                         Details appear here.",
-                    );
-                }
-                Some(Selection::Pass(name)) => {
-                    if let Some(pass) = dump.pass(&name) {
-                        show_pass(ui, viewport, dump, pass, target);
-                    }
-                }
-                Some(Selection::Barrier(id)) => {
-                    if let Some(barrier) = selection::barrier(dump, id) {
-                        show_barrier(ui, barrier, target);
-                    }
-                }
-                Some(Selection::Resource(name)) => {
-                    if let Some(resource) = selection::resource(dump, &name) {
-                        show_resource(ui, dump, resource, target);
-                    }
-                }
-                None | Some(Selection::Splat) => {}
-            }
-            ui.separator();
-            self.contents.show(ui, viewport, &plan, target);
-        });
+pub fn show(
+    ui: &mut Ui,
+    viewport: &mut Viewport,
+    dumped: &mut Dumped,
+    contents: &mut contents::State,
+    target: &mut Target,
+) {
+    let Some(plan) = viewport.renderer.plan().cloned() else { return };
+    let dump = dumped.of(&plan);
+    if target.selection.as_ref().is_some_and(|selection| !selection.is_in(dump)) {
+        *target.selection = None;
     }
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        match target.selection.clone() {
+            None if viewport.inspection.is_none() => {
+                ui.weak(
+                    "Click a pass, a barrier or a resource in the timeline, or a splat in the picture. \
+                         Details appear here.",
+                );
+            }
+            Some(Selection::Pass(name)) => {
+                if let Some(pass) = dump.pass(&name) {
+                    show_pass(ui, viewport, dump, pass, target);
+                }
+            }
+            Some(Selection::Barrier(id)) => {
+                if let Some(barrier) = selection::barrier(dump, id) {
+                    show_barrier(ui, barrier, target);
+                }
+            }
+            Some(Selection::Resource(name)) => {
+                if let Some(resource) = selection::resource(dump, &name) {
+                    show_resource(ui, dump, resource, target);
+                }
+            }
+            None | Some(Selection::Splat) => {}
+        }
+        ui.separator();
+        contents.show(ui, viewport, &plan, target);
+    });
 }
 
 fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {

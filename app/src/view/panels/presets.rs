@@ -32,33 +32,24 @@ impl Presets {
         self.remember(renderer);
         let mut chosen = None;
         let wanted = widgets::search_or_open(ui, &mut self.search, "graph_search", controls);
-        let found = widgets::ranked(&self.entries, |Entry { graph, summary }| {
-            widgets::rank(&wanted, &[graph, &file_name(graph)], summary)
-        });
-        let enter = widgets::enters(ui, &wanted);
+        let rank =
+            |Entry { graph, summary }: &&Entry| widgets::rank(&wanted, &[graph, &file_name(graph)], summary);
+        let row = |ui: &mut Ui, Entry { graph, summary }: &&Entry| {
+            // Show only the last component: the tooltip has the whole path.
+            let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
+            let label = ui.horizontal(|ui| {
+                let name = RichText::new(name).family(super::theme::strong());
+                let response = ui.selectable_label(graph == renderer.graph(), name);
+                ui.add(egui::Label::new(RichText::new(summary).weak()).truncate());
+                response
+            });
+            (format!("preset:{graph}"), widgets::hint(label.inner, format!("{graph}\n{summary}")))
+        };
         let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
         // By default, egui limits the height of a menu to 400 points.
         egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
-            for (index, Entry { graph, summary }) in found.into_iter().enumerate() {
-                // Show only the last component: the tooltip has the whole path.
-                let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
-                let response = ui
-                    .horizontal(|ui| {
-                        let name = RichText::new(name).family(super::theme::strong());
-                        let response = ui.selectable_label(graph == renderer.graph(), name);
-                        ui.add(egui::Label::new(RichText::new(summary).weak()).truncate());
-                        response
-                    })
-                    .inner;
-                // egui lays out an opening list once invisibly.
-                if ui.is_visible() {
-                    controls.see(&format!("preset:{graph}"), response.rect);
-                }
-                let clicked = widgets::hint(response, format!("{graph}\n{summary}")).clicked();
-                if clicked || enter && index == 0 {
-                    chosen = Some(graph.clone());
-                }
-            }
+            let found = widgets::list(ui, controls, &wanted, &self.entries, rank, row);
+            chosen = found.map(|entry| entry.graph.clone());
         });
         if chosen.is_some() {
             self.search.clear();

@@ -4,7 +4,7 @@ use super::layout::{self, Tool};
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
-use super::{Panels, cameras, contents, splat, timeline, times};
+use super::{Panels, cameras, contents, inspector, splat, timeline, times};
 use crate::view::history::History;
 use crate::view::viewer::Viewer;
 use egui::{Frame, Rect, Response, Ui, WidgetText};
@@ -96,7 +96,7 @@ impl Panels {
                     copy,
                     measure: &mut measure,
                 };
-                self.inspector.show(ui, viewport, &mut self.dumped, &mut target);
+                inspector::show(ui, viewport, &mut self.dumped, &mut self.contents, &mut target);
                 if measure {
                     viewer.measure_copy();
                 }

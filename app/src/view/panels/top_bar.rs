@@ -15,7 +15,7 @@ use egui::{
     UiBuilder, gui_zoom, pos2,
 };
 use splatgraph_assets::{Camera, grouped};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const LIST: f32 = 400.0;
 
@@ -94,22 +94,16 @@ impl Panels {
         let title = file_name(&path.to_string_lossy());
         let button = drop_down(ui, whose(selected), &title, TITLE, |ui| {
             let wanted = widgets::search_or_open(ui, search, "scene_search", controls);
-            let found = widgets::ranked(recent, |scene| {
+            let rank = |scene: &&PathBuf| {
                 let path = scene.to_string_lossy();
                 widgets::rank(&wanted, &[&file_name(&path)], &path)
-            });
-            let enter = widgets::enters(ui, &wanted);
-            for (index, scene) in found.into_iter().enumerate() {
-                let item = ui.selectable_label(*scene == recent[0], named(scene));
-                if ui.is_visible() {
-                    controls.see(&format!("scene:{}", scene.display()), item.rect);
-                }
-                let clicked = hint(item, scene.display().to_string()).clicked();
-                if clicked || enter && index == 0 {
-                    chosen = Some(scene.clone());
-                    ui.close();
-                }
-            }
+            };
+            let row = |ui: &mut Ui, scene: &&PathBuf| {
+                let path = scene.display().to_string();
+                let item = ui.selectable_label(**scene == recent[0], named(scene));
+                (format!("scene:{path}"), hint(item, path))
+            };
+            chosen = widgets::list(ui, controls, &wanted, recent, rank, row).cloned();
         });
         self.controls.see("scene", button.rect);
         let of = if selected == RendererId::B { "Scene of B" } else { "Scene" };
@@ -134,21 +128,15 @@ impl Panels {
                 return;
             }
             let wanted = widgets::search(ui, search, "camera_search", controls);
-            let found = widgets::ranked(names.iter().enumerate(), |(index, name)| {
+            let rank = |(index, name): &(usize, &String)| {
                 widgets::rank(&wanted, &[name, &cameras[*index].img_name], "")
-            });
-            let enter = widgets::enters(ui, &wanted);
+            };
+            let row = |ui: &mut Ui, (index, name): &(usize, &String)| {
+                (format!("camera:{index}"), ui.selectable_label(now == Some(*index), *name))
+            };
             egui::ScrollArea::vertical().max_height(320.0).show(ui, |ui| {
-                for (place, (index, name)) in found.into_iter().enumerate() {
-                    let item = ui.selectable_label(now == Some(index), name);
-                    if ui.is_visible() {
-                        controls.see(&format!("camera:{index}"), item.rect);
-                    }
-                    if item.clicked() || enter && place == 0 {
-                        chosen = Some(index);
-                        ui.close();
-                    }
-                }
+                let found = widgets::list(ui, controls, &wanted, names.iter().enumerate(), rank, row);
+                chosen = found.map(|(index, _)| index);
             });
         });
         self.controls.see("camera", button.rect);
@@ -167,9 +155,6 @@ impl Panels {
         let mut chosen = None;
         let button = drop_down(ui, whose(selected), &title, TITLE, |ui| {
             chosen = presets.show(ui, &viewport.renderer, controls);
-            if chosen.is_some() {
-                ui.close();
-            }
         });
         controls.see("graph", button.rect);
         let about = viewport.renderer.plan().map_or(String::new(), |plan| format!("\n{}", plan.summary));

@@ -89,17 +89,37 @@ pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     names.iter().filter_map(|name| of(name)).min().or_else(|| of(about).map(|_| 3))
 }
 
-/// Lists the items that have a [`rank`], the best match first.
-pub fn ranked<T>(items: impl IntoIterator<Item = T>, rank: impl Fn(&T) -> Option<u8>) -> Vec<T> {
+/// Draws the items of an open list that have a [`rank`] for `wanted`, the best match first; returns the item that is
+/// clicked, or the best match if Enter is pressed. `row` draws an item, and returns its name for scripts.
+pub fn list<T>(
+    ui: &mut Ui,
+    controls: &mut Controls,
+    wanted: &str,
+    items: impl IntoIterator<Item = T>,
+    rank: impl Fn(&T) -> Option<u8>,
+    row: impl Fn(&mut Ui, &T) -> (String, Response),
+) -> Option<T> {
+    let enter = !wanted.is_empty() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+    let mut chosen = None;
+    for (place, item) in ranked(items, rank).into_iter().enumerate() {
+        let (name, response) = row(ui, &item);
+        // egui lays out an opening list once invisibly, at another position.
+        if ui.is_visible() {
+            controls.see(&name, response.rect);
+        }
+        if response.clicked() || enter && place == 0 {
+            ui.close();
+            chosen = Some(item);
+        }
+    }
+    chosen
+}
+
+fn ranked<T>(items: impl IntoIterator<Item = T>, rank: impl Fn(&T) -> Option<u8>) -> Vec<T> {
     let mut found: Vec<(u8, T)> =
         items.into_iter().filter_map(|item| rank(&item).map(|rank| (rank, item))).collect();
     found.sort_by_key(|(rank, _)| *rank);
     found.into_iter().map(|(_, item)| item).collect()
-}
-
-/// Returns true if Enter is pressed and chooses the best match of a search.
-pub fn enters(ui: &Ui, wanted: &str) -> bool {
-    !wanted.is_empty() && ui.input(|input| input.key_pressed(egui::Key::Enter))
 }
 
 /// Draws a search field, as [`search`] does, beside a button that opens a file.
