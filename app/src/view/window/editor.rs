@@ -1,6 +1,6 @@
 //! Opens a source location in the user's editor.
 //!
-//! `VISUAL` or `EDITOR` names the editor. An editor unknown to `command`, such as one that needs a terminal, is
+//! `VISUAL` or `EDITOR` names the editor. An editor that is not in `EDITORS`, such as one that needs a terminal, is
 //! replaced by a `vscode://` link. If that fails, the user is told the place.
 
 use crate::draw::builtin;
@@ -17,20 +17,25 @@ use std::time::{Duration, Instant};
 /// Time after its start within which a program that fails has not opened the file. Later, the user may have closed it.
 const STARTING: Duration = Duration::from_secs(10);
 
-/// Editors that [`command`] can start.
-const KNOWN: [&str; 12] = [
-    "code",
-    "code-insiders",
-    "codium",
-    "cursor",
-    "subl",
-    "zed",
-    "gvim",
-    "emacs",
-    "emacsclient",
-    "gedit",
-    "kate",
-    "mousepad",
+/// Arguments that name a place, where the words in braces stand for its parts.
+const GOTO: &[&str] = &["--goto", "{file}:{line}:{column}"];
+const COLONS: &[&str] = &["{file}:{line}:{column}"];
+const PLUS: &[&str] = &["+{line}", "{file}"];
+
+/// Editors that can be started without a terminal, with their arguments.
+const EDITORS: [(&str, &[&str]); 12] = [
+    ("code", GOTO),
+    ("code-insiders", GOTO),
+    ("codium", GOTO),
+    ("cursor", GOTO),
+    ("subl", COLONS),
+    ("zed", COLONS),
+    ("gvim", PLUS),
+    ("emacs", PLUS),
+    ("emacsclient", PLUS),
+    ("gedit", PLUS),
+    ("kate", &["--line={line}", "{file}"]),
+    ("mousepad", PLUS),
 ];
 
 /// Starts the user's editor, and collects its failures.
@@ -88,10 +93,10 @@ impl Editor {
 
 /// Says what to do if the program for `editor` fails.
 fn advice(editor: &str) -> String {
-    let known = KNOWN.join(", ");
+    let known = EDITORS.map(|(name, _)| name).join(", ");
     match editor.split_whitespace().next() {
         None => format!("Set VISUAL to one of {known}"),
-        Some(program) if is_known(program) => format!("VISUAL or EDITOR is `{editor}`"),
+        Some(program) if arguments_of(program).is_some() => format!("VISUAL or EDITOR is `{editor}`"),
         Some(program) => format!(
             "{program} may need a terminal, so a vscode:// link was tried instead: set VISUAL to one of {known}"
         ),
@@ -116,37 +121,25 @@ fn chosen(variable: impl Fn(&str) -> Option<String>) -> String {
     ["VISUAL", "EDITOR"].into_iter().find_map(set).unwrap_or_default()
 }
 
-fn name_of(program: &str) -> String {
-    Path::new(program).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+/// Returns the arguments of an editor in [`EDITORS`].
+fn arguments_of(program: &str) -> Option<&'static [&'static str]> {
+    let name = Path::new(program).file_stem().unwrap_or_default();
+    EDITORS.iter().find(|(known, _)| name == *known).map(|(_, arguments)| *arguments)
 }
 
-fn is_known(program: &str) -> bool {
-    KNOWN.contains(&name_of(program).as_str())
-}
-
-fn command(editor: &str, path: &Path, origin: &Origin) -> (String, Vec<String>) {
+fn command(editor: &str, path: &Path, Origin { line, column, .. }: &Origin) -> (String, Vec<String>) {
     let mut words = editor.split_whitespace().map(str::to_owned);
     let program = words.next().unwrap_or_default();
-    let mut arguments: Vec<String> = words.collect();
-    let name = name_of(&program);
-    let Origin { line, column, .. } = origin;
-    let file = path.display();
-    match name.as_str() {
-        "code" | "code-insiders" | "codium" | "cursor" => {
-            arguments.extend(["--goto".to_owned(), format!("{file}:{line}:{column}")]);
-        }
-        "subl" | "zed" => arguments.push(format!("{file}:{line}:{column}")),
-        "gvim" | "emacs" | "emacsclient" | "gedit" | "kate" | "mousepad" => {
-            let place = if name == "kate" { format!("--line={line}") } else { format!("+{line}") };
-            arguments.extend([place, file.to_string()]);
-        }
-        _ => {
-            let opener = if cfg!(target_vendor = "apple") { "open" } else { "xdg-open" };
-            let link = format!("vscode://file{}:{line}:{column}", uri::encoded(path));
-            return (opener.to_owned(), vec![link]);
-        }
-    }
-    (program, arguments)
+    let Some(arguments) = arguments_of(&program) else {
+        let opener = if cfg!(target_vendor = "apple") { "open" } else { "xdg-open" };
+        let link = format!("vscode://file{}:{line}:{column}", uri::encoded(path));
+        return (opener.to_owned(), vec![link]);
+    };
+    let place = |argument: &&str| {
+        let place = argument.replace("{line}", &line.to_string()).replace("{column}", &column.to_string());
+        place.replace("{file}", &path.display().to_string())
+    };
+    (program, words.chain(arguments.iter().map(place)).collect())
 }
 
 #[cfg(test)]
@@ -184,7 +177,7 @@ mod tests {
         let advice = advice("vim -u NONE");
         assert!(advice.starts_with("vim may need a terminal") && advice.contains("gvim, emacs"), "{advice}");
         let origin = Origin { file: "a.ron".to_owned(), line: 7, column: 3 };
-        for editor in KNOWN {
+        for (editor, _) in EDITORS {
             let (program, _) = command(editor, Path::new("/a.ron"), &origin);
             assert_eq!(program, editor, "the editor itself is started, not a link");
         }
