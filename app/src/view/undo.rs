@@ -219,35 +219,34 @@ impl History {
     /// Undoes the newest step; returns a description of the change, or `None` if there is no step. A step without
     /// effect, such as a value of a parameter that the file no longer declares, is dropped.
     pub fn undo(&mut self, viewer: &mut Viewer) -> Option<String> {
-        while let (Some(to), Some(now)) = (self.past.pop(), self.now.clone()) {
-            if let Some(text) = self.go(&to, &now, viewer) {
-                self.future.push(now);
-                return Some(text);
-            }
-        }
-        None
+        go(&mut self.past, &mut self.now, &mut self.future, viewer)
     }
 
     /// Redoes the last undone step; returns a description of the change, or `None` if there is no step.
     pub fn redo(&mut self, viewer: &mut Viewer) -> Option<String> {
-        while let (Some(to), Some(now)) = (self.future.pop(), self.now.clone()) {
-            if let Some(text) = self.go(&to, &now, viewer) {
-                self.past.push(now);
-                return Some(text);
-            }
-        }
-        None
+        go(&mut self.future, &mut self.now, &mut self.past, viewer)
     }
+}
 
-    /// Applies settings, and describes the change; `None` if nothing changed.
-    fn go(&mut self, to: &Settings, now: &Settings, viewer: &mut Viewer) -> Option<String> {
+/// Applies the last settings of `steps` that have an effect; the former settings become a step of `back`.
+fn go(
+    steps: &mut Vec<Settings>,
+    now: &mut Option<Settings>,
+    back: &mut Vec<Settings>,
+    viewer: &mut Viewer,
+) -> Option<String> {
+    while let (Some(to), Some(former)) = (steps.pop(), now.clone()) {
         to.apply(viewer);
         // Settings that could not be applied, such as B without a device, must not appear as a new step.
         let reached = Settings::of(viewer);
-        let text = reached.difference(now);
-        self.now = Some(reached);
-        (!text.is_empty()).then_some(text)
+        let text = reached.difference(&former);
+        *now = Some(reached);
+        if !text.is_empty() {
+            back.push(former);
+            return Some(text);
+        }
     }
+    None
 }
 
 #[cfg(test)]
