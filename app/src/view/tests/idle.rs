@@ -3,6 +3,7 @@
 use super::script::{Script, arranged};
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
+use egui::{Key, Modifiers};
 use splatgraph_api::BufferContents;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Value;
@@ -122,13 +123,6 @@ fn what_is_inspected_is_read_again_in_each_new_plan_and_is_an_error_without_its_
     script.close(&[]);
 }
 
-fn undo(script: &mut Script) {
-    let (key, modifiers) = (egui::Key::Z, egui::Modifiers::COMMAND);
-    let event = |pressed| egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
-    script.input = vec![event(true), event(false)];
-    script.frame(false);
-}
-
 #[test]
 fn undoing_brings_removed_views_back_with_their_names() {
     let mut script = resting();
@@ -138,12 +132,12 @@ fn undoing_brings_removed_views_back_with_their_names() {
     }
     script.viewer().views.remove(0);
     script.frame(false);
-    undo(&mut script);
+    script.press(Key::Z, Modifiers::COMMAND);
     let names = |script: &mut Script| {
         script.viewer().views.list().iter().map(|view| view.img_name.clone()).collect::<Vec<_>>()
     };
     assert_eq!(names(&mut script), ["front", "side"]);
-    undo(&mut script);
+    script.press(Key::Z, Modifiers::COMMAND);
     assert_eq!(names(&mut script), ["front"]);
     script.close(&[]);
 }
@@ -162,7 +156,7 @@ fn undoing_skips_a_parameter_that_the_file_no_longer_declares() {
         .expect("it is written");
     script.until("the file", |script| script.has_event(|event| matches!(event, Event::Dropped { .. })));
     script.settle();
-    undo(&mut script);
+    script.press(Key::Z, Modifiers::COMMAND);
     assert_eq!(script.viewer().background, [0.0; 3]);
     assert_eq!(script.panels().undo_steps(), 0);
     script.close(&[]);
@@ -272,7 +266,7 @@ fn a_key_after_a_rest_moves_the_camera_by_one_frame_and_on_while_it_is_held() {
         one.iter().zip(other).map(|(a, b)| a * b).sum::<f64>().clamp(-1.0, 1.0).acos()
     };
     let key = |pressed| {
-        let (key, modifiers) = (egui::Key::ArrowLeft, egui::Modifiers::NONE);
+        let (key, modifiers) = (Key::ArrowLeft, Modifiers::NONE);
         vec![egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers }]
     };
     let start = script.viewer().navigation.camera(64, 36);

@@ -20,17 +20,6 @@ fn window(tools: &[Tool]) -> Script {
     script
 }
 
-fn press(script: &mut Script, key: Key) {
-    press_with(script, key, Modifiers::NONE);
-}
-
-fn press_with(script: &mut Script, key: Key, modifiers: Modifiers) {
-    let event = |pressed| egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
-    script.input = [true, false].map(event).into();
-    script.frame(false);
-    script.frame(false);
-}
-
 fn click_at(script: &mut Script, pos: Pos2) {
     let button = |pressed| egui::Event::PointerButton {
         pos,
@@ -56,7 +45,7 @@ fn search(script: &mut Script, list: &str, text: &str) {
     script.frame(false);
     script.input = vec![egui::Event::Text(text.to_owned())];
     script.frame(false);
-    press(script, Key::Enter);
+    script.press(Key::Enter, Modifiers::NONE);
 }
 
 #[test]
@@ -167,9 +156,9 @@ fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
 fn a_key_of_a_tool_shows_it_while_the_tools_are_hidden() {
     let mut script = window(&[Tool::Parameters]);
     script.panels().hidden = true;
-    press(&mut script, Key::Num1);
+    script.press(Key::Num1, Modifiers::NONE);
     assert!(!script.panels().hidden && script.panels().controls.find("tool:Parameters").is_some());
-    press(&mut script, Key::Num1);
+    script.press(Key::Num1, Modifiers::NONE);
     assert_eq!(script.panels().controls.find("tool:Parameters"), None);
     script.close(&[]);
 }
@@ -198,7 +187,7 @@ fn the_size_of_texts_is_there_again_at_the_next_start() {
         kept["zoom"].as_f64().unwrap()
     };
     let mut script = window(&[]);
-    press_with(&mut script, Key::Equals, Modifiers::COMMAND);
+    script.press(Key::Equals, Modifiers::COMMAND);
     let larger = zoom(&mut script);
     assert!(larger > 1.0);
     let mut next = window(&[]);

@@ -7,7 +7,7 @@ use crate::view::panels::Panels;
 use crate::view::recovery::Recovery;
 use crate::view::shell::{Frame, FrameRequest, Shell};
 use crate::view::viewer::Viewer;
-use egui::{Pos2, RawInput, Rect, Vec2};
+use egui::{Key, Modifiers, Pos2, RawInput, Rect, Vec2};
 use splatgraph_api::{Device, Running, Windowed};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Value;
@@ -80,10 +80,7 @@ const SHADERS: [(&str, &str); 3] = [
 ];
 
 /// Devices opened during the visit, each with a context from which its messages are read at the end.
-#[derive(Default)]
-struct Devices {
-    opened: Vec<(Option<Backend>, Journal)>,
-}
+type Devices = Vec<(Option<Backend>, Journal)>;
 
 /// Final state of a visit, for comparison with other visits.
 #[derive(Clone, Debug, PartialEq)]
@@ -148,10 +145,10 @@ impl Script {
             };
             let open = |config: &Config| {
                 let (device, journal) = open(config);
-                opened.borrow_mut().opened.push((None, journal));
+                opened.borrow_mut().push((None, journal));
                 let device = Backend::Null(device?);
                 let probe = device.new_context()?;
-                if let Some(last) = opened.borrow_mut().opened.last_mut() {
+                if let Some(last) = opened.borrow_mut().last_mut() {
                     last.0 = Some(probe);
                 }
                 Ok(device)
@@ -205,7 +202,7 @@ impl Script {
 
     /// Changes the size that the device finds, without an event.
     pub fn resize_swapchain(&mut self, size: (u32, u32)) {
-        if let Some(canvas) = self.shell.canvas_mut() {
+        if let Some(canvas) = self.shell.window_mut().device_mut() {
             canvas.resize_window(size.0, size.1);
         }
     }
@@ -236,6 +233,14 @@ impl Script {
         self.draw(FrameRequest { redraw: true, ..FrameRequest::default() })
     }
 
+    /// Presses and releases a key in one frame, and draws the result.
+    pub fn press(&mut self, key: Key, modifiers: Modifiers) {
+        let event = |pressed| egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
+        self.input = [true, false].map(event).into();
+        self.frame(false);
+        self.frame(false);
+    }
+
     fn draw(&mut self, request: FrameRequest) -> Option<Frame> {
         let (width, height) = self.size;
         let input = RawInput {
@@ -255,13 +260,13 @@ impl Script {
     /// Counts the pipelines that were requested from all devices.
     pub fn pipelines(&self) -> u64 {
         let devices = self.devices.borrow();
-        devices.opened.iter().map(|(_, journal)| journal.reached(splatgraph_null::Point::Compile)).sum()
+        devices.iter().map(|(_, journal)| journal.reached(splatgraph_null::Point::Compile)).sum()
     }
 
     /// Counts the frames of A, B and the window submitted since the last call.
     pub fn submissions(&self) -> usize {
         let devices = self.devices.borrow();
-        let calls = devices.opened.iter().flat_map(|(_, journal)| journal.take());
+        let calls = devices.iter().flat_map(|(_, journal)| journal.take());
         calls.filter(|call| matches!(call, Call::Submit { encoder, .. } if encoder == "frame")).count()
     }
 
@@ -273,7 +278,7 @@ impl Script {
     pub fn set_hanging(&mut self, hangs: bool) {
         self.hangs = hangs;
         let devices = self.devices.borrow();
-        let journal = &devices.opened.first().expect("a device").1;
+        let journal = &devices.first().expect("a device").1;
         if hangs { journal.hang() } else { journal.resume() }
     }
 
@@ -310,7 +315,7 @@ impl Script {
         let said = self.shell.problem().is_some_and(stuck)
             || self.viewer().a.inspection.as_ref().is_some_and(|i| matches!(&i.found, Some(Err(_))));
         if self.shell.stalled().is_some() || said {
-            self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
+            self.devices.borrow().iter().for_each(|(_, journal)| journal.resume());
         }
     }
 
@@ -451,7 +456,7 @@ impl Script {
         self.settle();
         self.viewer().open(&cameras);
         self.settle();
-        if let Some(canvas) = self.shell.canvas_mut() {
+        if let Some(canvas) = self.shell.window_mut().device_mut() {
             canvas.set_vsync(false);
         }
         self.shell.panels.vsync = false;
@@ -468,9 +473,9 @@ impl Script {
     pub fn close(mut self, faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<splatgraph_null::Point, u64>) {
         self.viewer().continuous = true;
         // A frame that was never waited for may be hanging unnoticed.
-        self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
+        self.devices.borrow().iter().for_each(|(_, journal)| journal.resume());
         self.shell.finish(PATIENCE).expect("the frames end");
-        let journal = self.devices.borrow().opened.last().expect("a device").1.clone();
+        let journal = self.devices.borrow().last().expect("a device").1.clone();
         journal.take();
         let mut drawn = false;
         for _ in 0..100 {
@@ -479,7 +484,7 @@ impl Script {
             if drawn {
                 break;
             }
-            self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
+            self.devices.borrow().iter().for_each(|(_, journal)| journal.resume());
             std::thread::sleep(Duration::from_millis(5));
         }
         assert!(drawn, "no last frame: {:?}", self.shell.problem());
@@ -504,7 +509,7 @@ impl Script {
         drop(recovery);
         drop(shell.into_devices());
         let mut reached = BTreeMap::new();
-        for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
+        for (index, (probe, journal)) in devices.take().into_iter().enumerate() {
             let messages = probe.map(Backend::close).unwrap_or_default();
             assert_eq!(messages, Vec::<String>::new(), "device {index} under {faults:?}");
             // An abandoned compiler thread that was resumed must notice that its result is no longer awaited.
