@@ -61,6 +61,7 @@ impl ShaderCompiler for ListCompiler {
                     atomics: how.contains('a'),
                     atomics_only: how.contains('a'),
                     writes_first: !how.contains('r'),
+                    floats: false,
                 });
             };
             match words[..] {

@@ -78,6 +78,7 @@ pub fn reflection(text: &str, stage: ShaderStage) -> Reflection {
                 atomics: words[3].contains('a'),
                 atomics_only: words[3].contains('a'),
                 writes_first: !words[3].contains('r'),
+                floats: false,
             }),
             way @ ("in" | "out") => {
                 let varyings = if way == "in" { &mut reflection.inputs } else { &mut reflection.outputs };

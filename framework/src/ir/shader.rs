@@ -138,6 +138,8 @@ pub struct ReflectedBinding {
     pub atomics_only: bool,
     /// True if the first access in the code is a store without a read, as in a shader that clears counters before use.
     pub writes_first: bool,
+    /// True if a block has only 32-bit floats, also in vectors, matrices, arrays and structs. False for images.
+    pub floats: bool,
 }
 
 /// The type and layout of a binding.

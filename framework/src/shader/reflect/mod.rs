@@ -162,6 +162,7 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
         atomics: accesses.atomics.contains(&variable.id),
         atomics_only: accesses.atomics.contains(&variable.id) && !accesses.plain.contains(&variable.id),
         writes_first: accesses.written_first.contains(&variable.id),
+        floats: module.floats.contains(&element),
         name,
     })
 }

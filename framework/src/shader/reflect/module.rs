@@ -3,7 +3,7 @@
 //! SPIR-V requires definitions before uses, so one pass over the global instructions finds every size and every value
 //! without recursion. A module that breaks this rule is rejected.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use rspirv::binary::{Consumer, ParseAction, parse_words};
 use rspirv::dr::{Instruction, ModuleHeader, Operand};
@@ -97,6 +97,8 @@ pub(super) struct Module {
     /// Value of each integer constant, by the constant's id.
     pub values: HashMap<Word, u64>,
     pub types: HashMap<Word, TypeInfo>,
+    /// Types that consist of 32-bit floats only.
+    pub floats: HashSet<Word>,
     pub variables: Vec<Variable>,
     pub functions: HashMap<Word, Function>,
     /// Ids of non-semantic extended instruction sets, such as debug information.
@@ -170,6 +172,7 @@ impl Module {
             constants: HashMap::new(),
             values: HashMap::new(),
             types: HashMap::new(),
+            floats: HashSet::new(),
             variables: Vec::new(),
             functions: HashMap::new(),
             non_semantic: Vec::new(),
@@ -281,6 +284,9 @@ impl Module {
                     // OpTypeForwardPointer has no result, and cannot occur in the supported types.
                     if let Some(id) = i.result_id {
                         let info = module.type_info(i, id, &constants)?;
+                        if module.has_only_floats(&info.kind) {
+                            module.floats.insert(id);
+                        }
                         // A redefinition could refer to itself, and following it would not end.
                         if module.types.insert(id, info).is_some() {
                             return Err(format!("the type {id} is defined twice"));
@@ -351,6 +357,18 @@ impl Module {
 
     pub fn type_of(&self, id: Word) -> Result<&TypeInfo, String> {
         self.types.get(&id).ok_or_else(|| format!("id {id} is used as a type and is not one"))
+    }
+
+    fn has_only_floats(&self, kind: &Type) -> bool {
+        match kind {
+            Type::Float { bits } => *bits == 32,
+            Type::Vector { element: part, .. }
+            | Type::Matrix { column: part, .. }
+            | Type::Array { element: part, .. }
+            | Type::RuntimeArray { element: part } => self.floats.contains(part),
+            Type::Struct { members } => members.iter().all(|member| self.floats.contains(member)),
+            _ => false,
+        }
     }
 
     fn type_info(&self, i: &Instruction, this: Word, constants: &Constants) -> Result<TypeInfo, String> {

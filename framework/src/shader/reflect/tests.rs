@@ -90,7 +90,9 @@ fn what_unreachable_functions_touch_is_left_out() {
 
 #[test]
 fn a_declared_block_that_no_code_mentions_is_left_out() {
-    assert_eq!(compute(&format!("{IN_OUT}void main() {{}}")).bindings, []);
+    // A graph cannot bind the sampler.
+    let sampler = "layout(set = 0, binding = 2) uniform sampler2D tex;";
+    assert_eq!(compute(&format!("{IN_OUT}{sampler}void main() {{}}")).bindings, []);
 }
 
 #[test]
@@ -204,6 +206,28 @@ fn strides_of_nested_structs_and_the_bytes_before_the_array() {
 }
 
 #[test]
+fn blocks_of_floats_alone_are_told_from_others_at_any_depth() {
+    for (block, used, floats) in [
+        ("buffer Data { float f[]; }", "f[0]", true),
+        ("buffer Data { vec4 v; mat3 m; S s[]; }", "s[0].b[1]", true),
+        ("uniform Data { vec2 v[3]; }", "v[0].x", true),
+        ("buffer Data { float f; uint n; }", "f", false),
+        ("buffer Data { uvec2 u[]; }", "u[0].x", false),
+        ("buffer Data { double d; }", "d", false),
+        ("buffer Data { T t[]; }", "t[0].s.a.x", false),
+    ] {
+        let r = compute(&format!(
+            "struct S {{ vec3 a; float b[2]; }};
+             struct T {{ S s; int n; }};
+             layout(set = 0, binding = 0) buffer Out {{ uint o; }};
+             layout(set = 0, binding = 1) {block} data[2];
+             void main() {{ o = uint(data[1].{used}); }}",
+        ));
+        assert_eq!(find(&r, "Data").floats, floats, "{block}");
+    }
+}
+
+#[test]
 fn uniform_members_have_offsets_and_kinds() {
     let r = compute(
         "layout(set = 0, binding = 31, std140) uniform Live { float cutoff; int k; uint n; vec3 v; mat4 m; float a[2]; };
@@ -300,14 +324,6 @@ fn shared_memory_is_summed_with_specialization_defaults() {
     );
     assert_eq!(r.shared_bytes, 2048 + 48 + 32);
     assert_eq!(compute("void main() {}").shared_bytes, 0);
-}
-
-#[test]
-fn subgroup_operations_are_noticed() {
-    let with = "#extension GL_KHR_shader_subgroup_ballot : require\n";
-    let has = |body: &str| compute(&format!("{with}{IN_OUT}void main() {{ {body} }}")).has_subgroups();
-    assert!(!has("b[0] = a[0];"));
-    assert!(has("b[0] = subgroupBallot(a[0] > 1).x;"));
 }
 
 #[test]
@@ -426,52 +442,6 @@ fn members_without_locations_of_their_own_take_those_after_the_members_before_th
     );
     let locations: Vec<_> = r.outputs.iter().map(|v| (v.name.as_str(), v.location)).collect();
     assert_eq!(locations, [("m", 1), ("pair", 5), ("v", 7), ("last", 9)]);
-}
-
-#[test]
-fn bindings_that_a_graph_cannot_give_are_named() {
-    let out = "layout(set = 0, binding = 9) buffer Out { vec4 o; };\n";
-    let sampler = format!(
-        "{out}layout(set = 0, binding = 0) uniform sampler2D tex;\nvoid main() {{ o = texture(tex, vec2(0)); }}"
-    );
-    let error = refused(&sampler);
-    assert!(error.contains("`tex` is a sampled image") && error.contains("test.glsl:3:48"), "{error}");
-    let texel = format!(
-        "{out}layout(set = 0, binding = 0) uniform samplerBuffer t;\nvoid main() {{ o = texelFetch(t, 0); }}"
-    );
-    let error = refused(&texel);
-    assert!(error.contains("`t` is"), "{error}");
-    let cube = format!(
-        "{out}layout(set = 0, binding = 0, r32f) uniform imageCube c;\nvoid main() {{ o = imageLoad(c, ivec3(0)); }}"
-    );
-    assert!(refused(&cube).contains("`c` is a storage image that is not two-dimensional"));
-    let format = format!(
-        "{out}layout(set = 0, binding = 0, rg16f) uniform image2D i;\nvoid main() {{ o = imageLoad(i, ivec2(0)); }}"
-    );
-    assert!(refused(&format).contains("`i` has the format rg16f"));
-    // An unused sampler is ignored.
-    compute("layout(set = 0, binding = 0) uniform sampler2D tex;\nvoid main() {}");
-}
-
-#[test]
-fn an_array_of_blocks_without_length_is_refused() {
-    let error = refused(
-        "#extension GL_EXT_nonuniform_qualifier : require
-         layout(set = 0, binding = 0) buffer B { uint x; } blocks[];
-         void main() { blocks[gl_LocalInvocationIndex].x = 1; }",
-    );
-    assert!(error.contains("without a length"), "{error}");
-}
-
-#[test]
-fn addresses_of_buffers_are_refused() {
-    let error = refused(
-        "#extension GL_EXT_buffer_reference : require
-         layout(buffer_reference) buffer Ref { uint x; };
-         layout(push_constant) uniform Push { Ref ref; };
-         void main() { ref.x = 1; }",
-    );
-    assert!(error.contains("PhysicalStorageBufferAddresses"), "{error}");
 }
 
 #[test]

@@ -174,6 +174,7 @@ fn two_stages_that_access_by_atomics_alone_do_not_race() {
                 atomics: true,
                 atomics_only,
                 writes_first: false,
+                floats: false,
             }],
             push: None,
             inputs: vec![],
