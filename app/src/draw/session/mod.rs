@@ -4,37 +4,34 @@
 //! [`Session::submit`] draws a frame from a camera, and [`Session::wait`] returns its results. Up to
 //! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be in flight.
 //!
-//! All results are of complete frames. If a list overflowed in a frame (see [`capacity`]), [`Session::wait`] builds a
-//! plan with more capacity and draws the frame again with the same inputs. The later frames in flight are repeated when
-//! they are waited for. The graph's histories are not restored: `last(...)` then contains a frame of the same camera,
-//! or of the next one in flight. The larger capacity is kept until [`Session::set_graph`], for pictures of all sizes,
-//! unless the default for another size is larger.
+//! All results are of complete frames. If a list overflowed in a frame (see [`capacity`](crate::draw::capacity)),
+//! [`Session::wait`] builds a plan with more capacity and draws the frame again with the same inputs. The later frames
+//! in flight are repeated when they are waited for. The graph's histories are not restored: `last(...)` then contains a
+//! frame of the same camera, or of the next one in flight. The larger capacity is kept until [`Session::set_graph`], for
+//! pictures of all sizes, unless the default for another size is larger.
 
 use crate::draw::backend::Backend;
-use crate::draw::camera;
-use crate::draw::capacity::{self, Capacities, Overflow};
+use crate::draw::capacity::Capacities;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit;
-use crate::draw::inspect::{self, InspectError};
+use crate::draw::inspect::InspectError;
 use crate::draw::planner::{self, GraphErrors, Planner};
-use crate::draw::projection::{self, ProjectionError};
+use crate::draw::projection::ProjectionError;
 use crate::draw::storage::{Choice, StorageError};
 use crate::io::output::say;
-use crate::io::timeline;
-use splatgraph_api::{
-    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Progress, Recovery, SceneData,
-};
+use splatgraph_api::{BackendError, Device, FrameId, Inspect, Loader, Progress, SceneData};
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{Catalog, Facts, Fallback, Run, Source};
+use splatgraph_framework::ir::{Catalog, Facts, Fallback, Source};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use tracing::info_span;
 
+mod flight;
 mod pixels;
 
 pub use pixels::{PixelsError, image_of};
@@ -125,9 +122,6 @@ struct Flight {
     growths: u32,
 }
 
-/// Maximum number of frames whose inputs are kept: as many as a device keeps the results of.
-const MAX_FLYING: usize = 64;
-
 /// Options of a frame: background, results to read back, and timestamps.
 #[derive(Clone, Debug, Default)]
 pub struct FrameOptions {
@@ -137,7 +131,7 @@ pub struct FrameOptions {
     pub read_output: bool,
     /// Resources to read back, each after a pass.
     pub inspect: Vec<Inspect>,
-    /// True to omit the timestamps of passes; see [`FrameInputs::untimed_passes`].
+    /// True to omit the timestamps of passes; see [`untimed_passes`](splatgraph_api::FrameInputs::untimed_passes).
     pub untimed_passes: bool,
 }
 
@@ -430,162 +424,6 @@ impl Session {
         let new = found.chain(mesh).filter(|(name, _)| self.told_settings.insert(name.clone()));
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
-
-    /// Submits a frame. The camera must have the prepared size; pinholes are converted to the graph's projection.
-    ///
-    /// # Errors
-    /// The camera has another projection than the graph, no plan is prepared, or the device fails.
-    pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
-        let flight = self.fly(camera.clone(), request.clone(), self.frame)?;
-        self.frame += 1;
-        let id = flight.id;
-        if flight.plan.params.iter().any(|param| param.grows.is_some()) {
-            let old = (self.flying.len() + 1).saturating_sub(MAX_FLYING);
-            self.flying.drain(..old);
-            self.flying.push(flight);
-        }
-        Ok(id)
-    }
-
-    fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
-        let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
-        assert_eq!(*size, (camera.width, camera.height), "the size that was prepared");
-        let camera = projection::convert(&camera, projection::of_params(&plan.params), &self.scene)?;
-        let inputs = FrameInputs {
-            uniforms: camera::frame_uniforms(&camera, &self.scene.bounds(), request.background, number),
-            live: plan.live_bytes(),
-            read_output: request.read_output,
-            inspect: request.inspect.clone(),
-            untimed_passes: request.untimed_passes,
-            ..FrameInputs::default()
-        };
-        let id = info_span!("submit a frame").in_scope(|| self.device.submit(&inputs))?;
-        timeline::submitted(id.0);
-        Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
-    }
-
-    /// Waits for a frame and returns its results, drawn with the current plan.
-    ///
-    /// Repeats an incomplete frame with more capacity; see the [module documentation](self). Wait for all frames before
-    /// another size is prepared.
-    ///
-    /// # Errors
-    /// - The device fails.
-    /// - The frame needs more capacity than a parameter's range or the device allows. The plan stays unchanged.
-    /// - The frame must be repeated, but the larger plan lacks an inspected resource or pass.
-    pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
-        let flight = self.flying.iter().find(|flight| flight.id == frame);
-        let plan = flight.map(|flight| &flight.plan).or(self.loaded.as_ref().map(|(plan, _)| plan)).cloned();
-        let mut result = self.land(frame, plan.as_deref())?;
-        let Some(index) = self.flying.iter().position(|flight| flight.id == frame) else { return Ok(result) };
-        let mut drawn = self.flying.remove(index);
-        loop {
-            let short = capacity::overflows(&drawn.plan, &result.stats);
-            if short.is_empty() && drawn.growths == self.growths {
-                return Ok(result);
-            }
-            let inspects_once = |flight: &Flight| {
-                flight.request.inspect.iter().any(|target| inspect::in_prologue(&flight.plan, target))
-            };
-            // Passes with reused results do not run, so nothing can be read after them.
-            let share = !self.flying.iter().chain([&drawn]).any(inspects_once);
-            self.grow(&short, (drawn.camera.width, drawn.camera.height), share)?;
-            let former = (drawn.plan.clone(), result);
-            drawn = self.repeat(drawn)?;
-            result = self.land(drawn.id, Some(&drawn.plan))?;
-            keep_once_times(&former, (&drawn.plan, &mut result));
-        }
-    }
-
-    /// Returns the time since the last frame was complete; `None` before the first.
-    pub fn idle(&self) -> Option<Duration> {
-        self.completed.map(|completed| completed.elapsed())
-    }
-
-    /// Waits for a frame. If its plan is given, adds the frame to the timeline.
-    fn land(&mut self, id: FrameId, plan: Option<&Plan>) -> Result<FrameResult, BackendError> {
-        let result = info_span!("wait for a frame").in_scope(|| self.device.wait(id))?;
-        self.completed = Some(Instant::now());
-        if let Some(plan) = plan {
-            timeline::completed(id.0, |submitted, seen| timeline::Frame {
-                number: id.0,
-                submitted,
-                seen,
-                start_ms: result.start_ms,
-                total_ms: result.total_ms,
-                passes: timed(plan, &result),
-            });
-        }
-        Ok(result)
-    }
-
-    /// Loads a plan with capacity for an overflowed frame, unless the current plan already has it.
-    fn grow(&mut self, short: &[Overflow], size: (u32, u32), share: bool) -> Result<(), SessionError> {
-        if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
-            return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
-        }
-        let mut capacities = self.planner.capacities.clone();
-        let raised: Vec<&Overflow> = short.iter().filter(|short| capacities.raise(short)).collect();
-        let Some(first) = raised.first() else { return Ok(()) };
-        let mut tight = capacities.clone();
-        tight.tighten(&raised);
-        let has_spare = tight != capacities;
-        let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
-        let mut outcome = self.load(size, share, &mut |_| {});
-        let lacks_room = |error: &SessionError| {
-            let of_device =
-                matches!(error, SessionError::Backend(error) if error.recovery() == Recovery::User);
-            of_device || matches!(error, SessionError::Graph(_))
-        };
-        if has_spare && outcome.as_ref().is_err_and(lacks_room) {
-            self.planner.capacities = tight;
-            outcome = self.load(size, share, &mut |_| {});
-        }
-        match outcome {
-            Ok(()) => {
-                self.growths += 1;
-                Ok(())
-            }
-            Err(error) => {
-                (self.planner.capacities, self.loaded) = former;
-                let (parameter, needed) = (first.parameter.clone(), first.needed);
-                Err(SessionError::NoRoom { parameter, needed, error: Box::new(error) })
-            }
-        }
-    }
-
-    fn repeat(&mut self, frame: Flight) -> Result<Flight, SessionError> {
-        let Flight { camera, mut request, number, plan: former, .. } = frame;
-        let plan = self.plan().ok_or(SessionError::NotPrepared)?;
-        for target in &mut request.inspect {
-            let (resource, pass) = (former.resource(target.resource), former.pass(target.after));
-            *target = inspect::resolve(plan, &resource.name, &pass.name)?;
-        }
-        self.fly(camera, request, number)
-    }
-}
-
-/// Copies the times of `Once` passes from an incomplete frame to the frame that reused their results.
-fn keep_once_times(
-    (former_plan, former): &(Arc<Plan>, FrameResult),
-    (plan, result): (&Plan, &mut FrameResult),
-) {
-    let id_of = |name: &str| plan.prologue.iter().copied().find(|id| plan.pass(*id).name == name);
-    let once = former.pass_ms.iter().filter(|(pass, _)| former_plan.pass(*pass).run == Run::Once);
-    let reused: Vec<_> = once
-        .filter_map(|(pass, ms)| Some((id_of(&former_plan.pass(*pass).name)?, *ms)))
-        .filter(|(pass, _)| result.pass_ms.iter().all(|(other, _)| other != pass))
-        .collect();
-    result.pass_start_ms.splice(0..0, reused.iter().map(|_| None));
-    result.pass_ms.splice(0..0, reused);
-}
-
-fn timed(plan: &Plan, result: &FrameResult) -> Vec<timeline::Pass> {
-    let passes = result.pass_ms.iter().zip(&result.pass_start_ms);
-    let timed = passes.filter_map(|((pass, ms), start)| {
-        Some(timeline::Pass { name: plan.pass(*pass).name.clone(), start_ms: (*start)?, ms: (*ms)? })
-    });
-    timed.collect()
 }
 
 /// Supplies a scene's attributes for upload. `None` is for a graph that draws without a scene.

@@ -1,6 +1,8 @@
 //! Tests of incomplete frames, on a device that executes nothing and returns one word for every statistic.
 
 use super::*;
+use crate::draw::inspect;
+use splatgraph_api::FrameResult;
 use splatgraph_assets::synth;
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Call, Config, Journal, open};
