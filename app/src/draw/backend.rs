@@ -3,8 +3,8 @@
 //! The program contains the APIs that its operating system supports; `--backend` chooses among them.
 
 use splatgraph_api::{
-    BackendError, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap, Picture,
-    Progress, Running, SceneData, Windowed,
+    BackendError, Compiled, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap,
+    Picture, Progress, Running, SceneData, Windowed,
 };
 use splatgraph_framework::dump::{self, Dump};
 use splatgraph_framework::plan::Plan;
@@ -178,6 +178,18 @@ macro_rules! each {
     };
 }
 
+/// Wraps the result for an API's own type in the variant of `$to` for the same API.
+macro_rules! wrapped {
+    ($value:expr, $from:ident => $to:ident, $own:ident => $call:expr) => {
+        match $value {
+            $from::Vulkan($own) => $to::Vulkan($call),
+            #[cfg(target_vendor = "apple")]
+            $from::Metal($own) => $to::Metal($call),
+            $from::Null($own) => $to::Null($call),
+        }
+    };
+}
+
 impl Backend {
     /// Opens a device.
     ///
@@ -265,20 +277,19 @@ impl splatgraph_api::Loader for Loader {
     type Ready = Ready;
 
     fn cancelled_by(self, cancel: Cancel) -> Self {
-        match self {
-            Loader::Vulkan(loader) => Loader::Vulkan(loader.cancelled_by(cancel)),
-            #[cfg(target_vendor = "apple")]
-            Loader::Metal(loader) => Loader::Metal(loader.cancelled_by(cancel)),
-            Loader::Null(loader) => Loader::Null(loader.cancelled_by(cancel)),
-        }
+        wrapped!(self, Loader => Loader, loader => loader.cancelled_by(cancel))
     }
 
     fn sharing_results(self) -> Self {
+        wrapped!(self, Loader => Loader, loader => loader.sharing_results())
+    }
+
+    fn compile(self, plan: Arc<Plan>) -> Result<Compiled, BackendError> {
         match self {
-            Loader::Vulkan(loader) => Loader::Vulkan(loader.sharing_results()),
+            Loader::Vulkan(loader) => loader.compile(plan),
             #[cfg(target_vendor = "apple")]
-            Loader::Metal(loader) => Loader::Metal(loader.sharing_results()),
-            Loader::Null(loader) => Loader::Null(loader.sharing_results()),
+            Loader::Metal(loader) => loader.compile(plan),
+            Loader::Null(loader) => loader.compile(plan),
         }
     }
 
@@ -288,12 +299,7 @@ impl splatgraph_api::Loader for Loader {
         scene: &dyn SceneData,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Ready, BackendError> {
-        match self {
-            Loader::Vulkan(loader) => loader.prepare(plan, scene, progress).map(Ready::Vulkan),
-            #[cfg(target_vendor = "apple")]
-            Loader::Metal(loader) => loader.prepare(plan, scene, progress).map(Ready::Metal),
-            Loader::Null(loader) => loader.prepare(plan, scene, progress).map(Ready::Null),
-        }
+        Ok(wrapped!(self, Loader => Ready, loader => loader.prepare(plan, scene, progress)?))
     }
 }
 
@@ -305,12 +311,7 @@ impl Device for Backend {
     }
 
     fn new_context(&self) -> Result<Self, BackendError> {
-        match self {
-            Backend::Vulkan(device) => device.new_context().map(Backend::Vulkan),
-            #[cfg(target_vendor = "apple")]
-            Backend::Metal(device) => device.new_context().map(Backend::Metal),
-            Backend::Null(device) => device.new_context().map(Backend::Null),
-        }
+        Ok(wrapped!(self, Backend => Backend, device => device.new_context()?))
     }
 
     fn shares_device(&self, other: &Self) -> bool {
@@ -324,12 +325,7 @@ impl Device for Backend {
     }
 
     fn loader(&self) -> Loader {
-        match self {
-            Backend::Vulkan(device) => Loader::Vulkan(device.loader()),
-            #[cfg(target_vendor = "apple")]
-            Backend::Metal(device) => Loader::Metal(device.loader()),
-            Backend::Null(device) => Loader::Null(device.loader()),
-        }
+        wrapped!(self, Backend => Loader, device => device.loader())
     }
 
     fn swap(&mut self, ready: Ready) -> Result<(), BackendError> {

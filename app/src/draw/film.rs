@@ -79,80 +79,51 @@ pub fn draw<T: Send + 'static>(
     frames: &[u32],
     options: &DrawOptions,
     encode: impl Fn(u32, Image) -> Result<T> + Clone + Send + 'static,
-    done: impl FnMut(T) -> Result<()>,
+    mut done: impl FnMut(T) -> Result<()>,
 ) -> Result<Option<f64>> {
-    let pictures = Pictures::new(options.jobs);
-    let mut developing = Developing {
-        flying: VecDeque::new(),
-        exposure: Exposure::default(),
-        pictures,
-        encode,
-        done,
-        ms: Some(0.0),
-    };
+    let mut pictures = Pictures::new(options.jobs);
+    let (mut exposure, mut ms) = (Exposure::default(), Some(0.0));
+    // Waits for a frame in flight. `samples` is the number of samples of its picture, if it is the last of them: starts to
+    // encode the picture.
+    let mut land =
+        |session: &mut Session, (id, frame, samples): (FrameId, u32, Option<usize>)| -> Result<()> {
+            let result = session.wait(id)?;
+            ms = ms.zip(result.total_ms).map(|(sum, ms)| sum + ms);
+            let pixels = result.output.context("the device returned no picture")?;
+            let (encode, bytes) = (encode.clone(), pictures::encoding_bytes(&pixels));
+            let finished = match samples {
+                Some(1) => pictures.start(bytes, move || encode(frame, image_of(&pixels)?))?,
+                _ => {
+                    exposure.add(&image_of(&pixels)?);
+                    if samples.is_none() {
+                        return Ok(());
+                    }
+                    let exposure = std::mem::take(&mut exposure);
+                    pictures.start(bytes, move || encode(frame, exposure.developed()))?
+                }
+            };
+            finished.into_iter().try_for_each(&mut done)
+        };
     let request =
         FrameOptions { background: options.background, read_output: true, ..FrameOptions::default() };
+    let mut flying = VecDeque::new();
     for &frame in frames {
         let cameras = film.cameras(frame);
         for (at, camera) in cameras.iter().enumerate() {
-            if developing.flying.len() == FRAMES_IN_FLIGHT {
-                developing.land(session)?;
+            if flying.len() == FRAMES_IN_FLIGHT
+                && let Some(oldest) = flying.pop_front()
+            {
+                land(session, oldest)?;
             }
             let id = session.submit(camera, &request)?;
-            let place = if at + 1 == cameras.len() { Some(cameras.len()) } else { None };
-            developing.flying.push_back((id, frame, place));
+            flying.push_back((id, frame, (at + 1 == cameras.len()).then_some(cameras.len())));
         }
     }
-    while !developing.flying.is_empty() {
-        developing.land(session)?;
+    flying.into_iter().try_for_each(|oldest| land(session, oldest))?;
+    while let Some(outcome) = pictures.wait()? {
+        done(outcome)?;
     }
-    developing.finish()
-}
-
-/// Pictures in progress.
-struct Developing<T, E, F> {
-    /// Frames in flight, with their frame number in the film. A frame's last sample also has the number of samples.
-    flying: VecDeque<(FrameId, u32, Option<usize>)>,
-    exposure: Exposure,
-    pictures: Pictures<T>,
-    encode: E,
-    done: F,
-    ms: Option<f64>,
-}
-
-impl<T, E, F> Developing<T, E, F>
-where
-    T: Send + 'static,
-    E: Fn(u32, Image) -> Result<T> + Clone + Send + 'static,
-    F: FnMut(T) -> Result<()>,
-{
-    /// Waits for the oldest frame in flight. If it was the last sample of a picture, starts to encode the picture.
-    fn land(&mut self, session: &mut Session) -> Result<()> {
-        let Some((id, frame, last)) = self.flying.pop_front() else { return Ok(()) };
-        let result = session.wait(id)?;
-        self.ms = self.ms.zip(result.total_ms).map(|(sum, ms)| sum + ms);
-        let pixels = result.output.context("the device returned no picture")?;
-        let (encode, bytes) = (self.encode.clone(), pictures::encoding_bytes(&pixels));
-        let finished = match last {
-            Some(1) => self.pictures.start(bytes, move || encode(frame, image_of(&pixels)?))?,
-            _ => {
-                self.exposure.add(&image_of(&pixels)?);
-                if last.is_none() {
-                    return Ok(());
-                }
-                let exposure = std::mem::take(&mut self.exposure);
-                self.pictures.start(bytes, move || encode(frame, exposure.developed()))?
-            }
-        };
-        finished.into_iter().try_for_each(&mut self.done)
-    }
-
-    fn finish(mut self) -> Result<Option<f64>> {
-        while let Some(outcome) = self.pictures.wait()? {
-            (self.done)(outcome)?;
-        }
-        Ok(self.ms)
-    }
+    Ok(ms)
 }
 
 /// Sum of a frame's samples, in linear light.
