@@ -147,14 +147,6 @@ pub struct Drawn {
     pub counts: Vec<(String, u32)>,
 }
 
-/// Draws a picture with a prepared session, and compares it and the order of its splats with the truth.
-///
-/// # Errors
-/// The device fails. The inner error is the reason that the picture cannot be compared.
-pub fn draw(session: &mut Session, view: &View) -> Result<Result<Drawn, String>, SessionError> {
-    Ok(capture(session, view)?.and_then(|capture| compare(capture, view)))
-}
-
 fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>, SessionError> {
     // A graph with the previous frame's order needs a frame before the capture.
     interleaved::frame(session, &view.camera)?;
