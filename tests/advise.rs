@@ -55,13 +55,6 @@ fn an_outlier_at_2e7_takes_the_bits_of_linear_keys_alone() {
 }
 
 #[test]
-fn what_lies_within_one_unit_of_depth_needs_as_many_bits_as_there_are_steps() {
-    let depths: Vec<f32> = (0..512u16).map(|i| 10.0 + f32::from(i) / 512.0).collect();
-    let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));
-    assert_eq!((bits(&advice, "linear"), bits(&advice, "float_bits")), (Some(9), Some(9)), "{text}");
-}
-
-#[test]
 fn a_scene_without_view_dependence_is_told_to_leave_the_bands_out() {
     let depths: Vec<f32> = (0..20u8).map(|i| 2.0 + f32::from(i)).collect();
     let (text, flat) = advice(&on_the_axis(&depths, |at| if at < 3 { 0.4 } else { 0.0 }));
