@@ -10,6 +10,7 @@ use splatgraph::draw::truth::Truth;
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 use splatgraph_framework::ir::{DeviceFacts, Value};
+use splatgraph_framework::lower;
 use splatgraph_reference::Rules;
 use std::sync::Arc;
 
@@ -331,8 +332,9 @@ fn pictures_whose_bins_need_more_shared_memory_than_the_device_has_are_drawn_in_
         let facts = facts::facts(&SceneFacts::NOMINAL, &device, (width, 40));
         let set = [("record".to_string(), "f32".to_string())];
         let mut planner = Planner::default();
-        let choice =
-            planner.standing("auto", &facts, &common::catalog()).unwrap_or_else(|errors| panic!("{errors}"));
+        let choice = planner
+            .ask(("auto", &[]), &facts, &common::catalog(), lower::standing)
+            .unwrap_or_else(|errors| panic!("{errors}"));
         if choice.fallbacks.is_empty() {
             let plan = planner.plan("auto", &set, &facts, &common::catalog());
             plan.unwrap_or_else(|errors| panic!("{errors}"));

@@ -11,7 +11,7 @@ use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_assets::grouped;
 use splatgraph_framework::ir::ParamBinding;
-use splatgraph_framework::lower::Control;
+use splatgraph_framework::lower::{self, Control};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (scene, catalog) = options::scene_facts(args.scene.as_deref(), &args.load)?;
     let facts = facts::facts(&scene, &device, facts::DEFAULT_SIZE);
     let mut planner = Planner::default();
-    let standing = planner.standing(&args.graph, &facts, &catalog)?;
+    let standing = planner.ask((&args.graph, &[]), &facts, &catalog, lower::standing)?;
     let controls = planner.controls(&args.graph, &args.set, &facts, &catalog)?;
     let drawn = standing.fallbacks.last().map_or(args.graph.as_str(), |last| last.taken.as_str());
     if let Some(path) = &args.json {

@@ -5,7 +5,7 @@ use crate::draw::capacity::Capacities;
 use serde::Serialize;
 use splatgraph_framework::build_candidate;
 use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Origin, Request, Span, Value};
-use splatgraph_framework::lower::{self, Candidate, Control, ExpressionNames, Standing, no_output};
+use splatgraph_framework::lower::{self, Control, no_output};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::{Cancel, Glslang, SpirvStore, Worker};
@@ -112,25 +112,14 @@ impl Planner {
         facts: &Facts,
         catalog: &Catalog,
     ) -> Result<Plan, GraphErrors> {
-        self.build(graph, None, set, facts, catalog)
+        self.plan_candidate(graph, None, set, facts, catalog)
     }
 
-    /// Like [`Planner::plan`], but builds the graph at an index of [`Planner::candidates`].
+    /// Like [`Planner::plan`], but builds the graph at an index of [`lower::candidates`], if given.
     ///
     /// # Errors
     /// The graph or its shaders have errors, or its requirements are not met.
     pub fn plan_candidate(
-        &mut self,
-        graph: &str,
-        index: usize,
-        set: &[(String, String)],
-        facts: &Facts,
-        catalog: &Catalog,
-    ) -> Result<Plan, GraphErrors> {
-        self.build(graph, Some(index), set, facts, catalog)
-    }
-
-    fn build(
         &mut self,
         graph: &str,
         candidate: Option<usize>,
@@ -203,26 +192,6 @@ impl Planner {
         self.ask((graph, set), facts, catalog, lower::rejected_settings)
     }
 
-    /// Returns the graphs of a choice that a device cannot run, and the unmet requirements if none is left.
-    pub fn standing(
-        &mut self,
-        graph: &str,
-        facts: &Facts,
-        catalog: &Catalog,
-    ) -> Result<Standing, GraphErrors> {
-        self.ask((graph, &[]), facts, catalog, lower::standing)
-    }
-
-    /// Lists the graphs of a choice in order of preference, with their unmet requirements; see [`lower::candidates`].
-    pub fn candidates(
-        &mut self,
-        graph: &str,
-        facts: &Facts,
-        catalog: &Catalog,
-    ) -> Result<Vec<Candidate>, GraphErrors> {
-        self.ask((graph, &[]), facts, catalog, lower::candidates)
-    }
-
     /// Drops the cached files, so that the next plan reads them again. Unchanged shaders are not recompiled.
     pub fn forget_files(&mut self) {
         self.files = files(&self.settings, &self.unsaved);
@@ -234,17 +203,9 @@ impl Planner {
         self.forget_files();
     }
 
-    /// Lists the names, with their values, that a graph's expressions can use.
-    pub fn expression_names(
-        &mut self,
-        graph: &str,
-        facts: &Facts,
-        catalog: &Catalog,
-    ) -> Result<ExpressionNames, GraphErrors> {
-        self.ask((graph, &[]), facts, catalog, lower::expression_names)
-    }
-
-    fn ask<T>(
+    /// Asks about a graph with the parameters in `set`, without building it: `ask` is a function of [`lower`], such as
+    /// [`lower::standing`].
+    pub fn ask<T>(
         &mut self,
         (graph, set): (&str, &[(String, String)]),
         facts: &Facts,

@@ -7,6 +7,7 @@ use crate::draw::planner::{GraphErrors, Planner};
 use splatgraph_assets::{Filter, SortKey};
 use splatgraph_framework::expr::Expr;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Unmet, Value};
+use splatgraph_framework::lower;
 use splatgraph_framework::plan::Plan;
 
 /// A device, a scene and the size of a picture, for which a plan is built.
@@ -50,7 +51,7 @@ pub fn builds(
 ) -> Result<Vec<Build>, GraphErrors> {
     let mut all = Vec::new();
     for case in given {
-        let standing = planner.standing(graph, &case.facts(), catalog)?;
+        let standing = planner.ask((graph, &[]), &case.facts(), catalog, lower::standing)?;
         if standing.unmet.is_empty() {
             all.push(Build {
                 is_drawn: true,
@@ -83,14 +84,13 @@ pub fn undrawn(
 ) -> Result<Vec<Build>, GraphErrors> {
     let mut found: Vec<Build> = Vec::new();
     for case in given {
-        let candidates = planner.candidates(graph, &case.facts(), catalog)?;
+        let mut ask = |case: &Case| planner.ask((graph, &[]), &case.facts(), catalog, lower::candidates);
+        let candidates = ask(case)?;
         let is_alone = candidates.len() == 1;
         for (index, candidate) in candidates.into_iter().enumerate().filter(|(i, _)| !drawn.contains(i)) {
-            let unmet = |planner: &mut Planner, case: &Case| {
-                let all = planner.candidates(graph, &case.facts(), catalog).ok();
-                all.map(|mut all| all.swap_remove(index).unmet)
-            };
-            let met = meeting(case, candidate.unmet.clone(), |case| unmet(planner, case));
+            let met = meeting(case, candidate.unmet.clone(), |case| {
+                ask(case).ok().map(|mut all| all.swap_remove(index).unmet)
+            });
             let changed = met.as_ref().map_or_else(String::new, |met| met.differences(case));
             let name = (!is_alone).then_some(candidate.name);
             let new = Build { is_drawn: false, index, name, case: met, changed, unmet: candidate.unmet };
@@ -119,7 +119,7 @@ impl Build {
     ) -> Result<Option<Plan>, GraphErrors> {
         let Some(case) = &self.case else { return Ok(None) };
         let set = if self.name.is_none() { set } else { &[] };
-        planner.plan_candidate(graph, self.index, set, &case.facts(), &case.catalog(catalog)).map(Some)
+        planner.plan_candidate(graph, Some(self.index), set, &case.facts(), &case.catalog(catalog)).map(Some)
     }
 }
 

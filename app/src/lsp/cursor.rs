@@ -55,6 +55,13 @@ pub struct Group {
     pub values: Vec<(String, String)>,
 }
 
+impl Group {
+    /// Returns the value of a field or key that is a string or a name.
+    pub fn value(&self, key: &str) -> Option<&str> {
+        self.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.as_str())
+    }
+}
+
 #[derive(Clone, Debug)]
 pub struct Text {
     /// Byte range between the quotes.
@@ -182,17 +189,16 @@ fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
 /// Determines the meaning of the value of `key`. `around` lists the brackets around it, innermost first.
 fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     let Some((group, around)) = around.split_first() else { return Meaning::Free };
+    let graph = |include: &&Group| include.value("graph").map(str::to_owned);
     match (key, group.lead.as_str()) {
         (None, "bind") if group.is_map => {
             Meaning::Block { shaders: around.first().map(|pass| shaders(pass)).unwrap_or_default() }
         }
-        (None, "set") if group.is_map => {
-            Meaning::Parameter { graph: around.first().and_then(|of| graph(of)) }
-        }
+        (None, "set") if group.is_map => Meaning::Parameter { graph: around.first().and_then(graph) },
         (None, _) if group.is_map => Meaning::Free,
         (None, _) if around.first().is_some_and(|around| around.name == "Only") => {
             let include = around.iter().find(|around| around.name == "Include");
-            Meaning::Parameter { graph: include.and_then(|include| graph(include)) }
+            Meaning::Parameter { graph: include.and_then(graph) }
         }
         (Some(_), "bind" | "with" | "outputs") if group.is_map => Meaning::Resource,
         (Some("image" | "buffer" | "output"), _) => Meaning::Resource,
@@ -209,10 +215,6 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
         (None, "of" | "expose") => Meaning::Free,
         _ => Meaning::Expression,
     }
-}
-
-fn graph(include: &Group) -> Option<String> {
-    include.values.iter().find(|(key, _)| key == "graph").map(|(_, graph)| graph.clone())
 }
 
 pub fn shaders(pass: &Group) -> Vec<String> {

@@ -2,7 +2,6 @@
 
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::requirements::Case;
-use splatgraph_framework::ir::{Catalog, Facts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -17,11 +16,6 @@ pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
 
 pub fn is_graph(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "ron")
-}
-
-/// Returns the facts and imports to build graphs with, for a subgroup size of `lanes`.
-pub fn nominal(lanes: u32) -> (Facts, Catalog) {
-    (nominal_case(lanes).facts(), facts::nominal_catalog())
 }
 
 pub fn nominal_case(lanes: u32) -> Case {

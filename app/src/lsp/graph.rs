@@ -1,7 +1,7 @@
 //! Builds the open graphs, and answers requests about them.
 
 use super::cursor::{self, Meaning, Scan};
-use super::files::{self, LANES, is_graph, nominal, nominal_case};
+use super::files::{self, LANES, is_graph, nominal_case};
 use super::index::{Index, Place};
 use super::{hints, names, rename, text};
 use crate::draw::backend;
@@ -16,7 +16,7 @@ use lsp_types::{
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::Dump;
 use splatgraph_framework::ir::{Format, LIVE_BLOCK, ParamBinding, Shape};
-use splatgraph_framework::lower::{Control, ExpressionNames};
+use splatgraph_framework::lower::{self, Control, ExpressionNames};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::schema::Document;
 use splatgraph_framework::source::Kind;
@@ -24,9 +24,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
 
-/// The planner, and the declarations and plan of every open graph.
+/// The texts of the open files, the planner, and the declarations and plan of every open graph.
 #[derive(Default)]
 pub struct Workspace {
+    /// Texts of the files that are open in the editor, by path.
+    pub open: BTreeMap<PathBuf, String>,
     planner: Planner,
     known: BTreeMap<PathBuf, Known>,
     folders: Vec<PathBuf>,
@@ -52,14 +54,15 @@ impl Workspace {
 
     /// Builds the open graphs, and lists the diagnostics of each file, including files that are not open. Every open
     /// graph has an entry in the result, even if it has no diagnostics.
-    pub fn diagnostics(&mut self, open: &BTreeMap<PathBuf, String>) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
-        self.planner.read_unsaved(open.clone());
-        self.known.retain(|path, _| open.contains_key(path));
+    pub fn diagnostics(&mut self) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
+        self.planner.read_unsaved(self.open.clone());
+        self.known.retain(|path, _| self.open.contains_key(path));
         let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
-        for path in open.keys().filter(|path| is_graph(path)) {
+        let graphs: Vec<PathBuf> = self.open.keys().filter(|path| is_graph(path)).cloned().collect();
+        for path in graphs {
             found.entry(path.clone()).or_default();
-            for plain in self.check(path) {
-                let (file, diagnostic) = placed(path, plain, open);
+            for plain in self.check(&path) {
+                let (file, diagnostic) = self.placed(&path, plain);
                 let of_file = found.entry(file).or_default();
                 if !of_file.contains(&diagnostic) {
                     of_file.push(diagnostic);
@@ -103,7 +106,7 @@ impl Workspace {
     fn declare(&mut self, path: &Path, graph: &str, case: &Case, changed: &str) -> Result<(), GraphErrors> {
         let (facts, catalog) = (case.facts(), facts::nominal_catalog());
         let controls = self.planner.controls(graph, &[], &facts, &catalog)?;
-        let names = self.planner.expression_names(graph, &facts, &catalog)?;
+        let names = self.planner.ask((graph, &[]), &facts, &catalog, lower::expression_names)?;
         let known = self.known.entry(path.to_owned()).or_default();
         (known.controls, known.names, known.changed) = (controls, names, changed.to_owned());
         Ok(())
@@ -127,12 +130,8 @@ impl Workspace {
         let includes = Scan::of(&self.planner.path_and_text(file).1).groups;
         let mut found = Vec::new();
         for include in includes.iter().filter(|group| group.name == "Include") {
-            let (Some(name), Some(included)) =
-                (names::value(include, "name"), names::value(include, "graph"))
-            else {
-                continue;
-            };
-            let Some(inner) = self.planner.file(Some(file), &included, Kind::Graph) else { continue };
+            let Some((name, included)) = include.value("name").zip(include.value("graph")) else { continue };
+            let Some(inner) = self.planner.file(Some(file), included, Kind::Graph) else { continue };
             let mut about = format!("the output of `{included}`");
             match Document::parse(&self.planner.path_and_text(inner).1) {
                 Ok(Document::Graph(graph)) => {
@@ -153,7 +152,7 @@ impl Workspace {
         let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
         let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
         let (path, _) = self.planner.path_and_text(file);
-        let (facts, catalog) = nominal(LANES[0]);
+        let (facts, catalog) = (nominal_case(LANES[0]).facts(), facts::nominal_catalog());
         let mut of = |graph: &str| self.planner.controls(graph, &[], &facts, &catalog);
         // The path of a built-in graph is not that of a file.
         of(&path).or_else(|_| of(included)).unwrap_or_default()
@@ -245,7 +244,7 @@ impl Workspace {
                 }
             }
         }
-        let range = Range { start: text::position_of(text, start), end: text::position_of(text, offset) };
+        let range = text::range_of(text, start..offset);
         let item = |(label, (kind, about)): (String, (CompletionItemKind, String))| CompletionItem {
             text_edit: Some(CompletionTextEdit::Edit(TextEdit { range, new_text: label.clone() })),
             label,
@@ -290,11 +289,7 @@ impl Workspace {
         lines.push(format!("*for {splats} splats, on the least capable supported device{with}*"));
         let value = lines.join("\n\n");
         let contents = HoverContents::Markup(MarkupContent { kind: MarkupKind::Markdown, value });
-        let range = Range {
-            start: text::position_of(text, cursor.inside.start),
-            end: text::position_of(text, cursor.inside.end),
-        };
-        Some(Hover { contents, range: Some(range) })
+        Some(Hover { contents, range: Some(text::range_of(text, cursor.inside)) })
     }
 
     /// Lists the hints of a graph: the barriers before its passes, and the values of its `let`s. A part has no plan of
@@ -315,55 +310,101 @@ impl Workspace {
         found
     }
 
-    fn index(&mut self, path: &Path, open: &BTreeMap<PathBuf, String>) -> Index {
-        let graphs = files::graphs_near(path, open, &self.folders);
+    fn index(&mut self, path: &Path) -> Index {
+        let graphs = files::graphs_near(path, &self.open, &self.folders);
         Index::of(&mut self.planner, &graphs)
     }
 
-    pub fn definitions(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
-        let index = self.index(at.0, open);
-        let places = index.definitions(&in_index(at.0), at.1);
-        places.iter().filter_map(|place| location(&index, place, open)).collect()
+    pub fn definitions(&mut self, path: &Path, offset: usize) -> Vec<Location> {
+        let index = self.index(path);
+        let places = index.definitions(&in_index(path), offset);
+        places.iter().filter_map(|place| self.location(&index, place)).collect()
     }
 
-    pub fn references(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
-        let index = self.index(at.0, open);
-        let places = index.places(&in_index(at.0), at.1);
-        places.iter().filter_map(|(place, _)| location(&index, place, open)).collect()
+    pub fn references(&mut self, path: &Path, offset: usize) -> Vec<Location> {
+        let index = self.index(path);
+        let places = index.places(&in_index(path), offset);
+        places.iter().filter_map(|(place, _)| self.location(&index, place)).collect()
     }
 
     /// Returns the range and the text of the name at a byte offset; `None` if no graph declares a name there.
-    pub fn renamed_name(
-        &mut self,
-        at: (&Path, usize),
-        open: &BTreeMap<PathBuf, String>,
-    ) -> Option<(Range, String)> {
-        let index = self.index(at.0, open);
-        let (place, _, _) = index.name_at(&in_index(at.0), at.1)?;
+    pub fn renamed_name(&mut self, path: &Path, offset: usize) -> Option<(Range, String)> {
+        let index = self.index(path);
+        let (place, _, _) = index.name_at(&in_index(path), offset)?;
         let text = index.text(&place.file)?[place.start..place.end].to_owned();
-        Some((location(&index, &place, open)?.range, text))
+        Some((self.location(&index, &place)?.range, text))
     }
 
     /// Lists the edits, by file, that rename the name at a byte offset; see [`rename::rename`].
     pub fn rename(
         &mut self,
-        at: (&Path, usize),
+        path: &Path,
+        offset: usize,
         new: &str,
-        open: &BTreeMap<PathBuf, String>,
     ) -> Result<Vec<(Uri, Vec<TextEdit>)>, String> {
-        let index = self.index(at.0, open);
-        let edits = rename::rename(&mut self.planner, &index, open, (&in_index(at.0), at.1), new)?;
+        let index = self.index(path);
+        let edits = rename::rename(&mut self.planner, &index, &self.open, (&in_index(path), offset), new)?;
         let of_file = |(file, edits): (String, Vec<rename::Edit>)| {
             let edit = |(range, new_text): rename::Edit| {
                 let place = Place { file: file.clone(), start: range.start, end: range.end };
-                Some(TextEdit { range: location(&index, &place, open)?.range, new_text })
+                Some(TextEdit { range: self.location(&index, &place)?.range, new_text })
             };
-            Some((
-                text::uri_of(&as_opened(PathBuf::from(&file), open))?,
-                edits.into_iter().filter_map(edit).collect(),
-            ))
+            let uri = text::uri_of(&self.as_opened(PathBuf::from(&file)))?;
+            Some((uri, edits.into_iter().filter_map(edit).collect()))
         };
         Ok(edits.into_iter().filter_map(of_file).collect())
+    }
+
+    /// Converts a place to an editor's location; `None` for a file that is built into the program.
+    fn location(&self, index: &Index, place: &Place) -> Option<Location> {
+        let path = Some(PathBuf::from(&place.file)).filter(|path| path.is_absolute())?;
+        let range = text::range_of(index.text(&place.file)?, place.start..place.end);
+        Some(Location { uri: text::uri_of(&self.as_opened(path))?, range })
+    }
+
+    /// Converts a diagnostic to the editor's form. Also returns the file in which it is shown. An error in a built-in
+    /// file, which no editor can open, is shown at the start of the graph.
+    fn placed(&self, graph: &Path, plain: PlainDiagnostic) -> (PathBuf, Diagnostic) {
+        let path = self.as_opened(PathBuf::from(&plain.file));
+        let text = match self.open.get(&path) {
+            Some(text) => Some(text.clone()),
+            None if path.is_absolute() => std::fs::read_to_string(&path).ok(),
+            None => None,
+        };
+        let mut message = plain.message;
+        if !plain.label.is_empty() {
+            message += &format!(": {}", plain.label);
+        }
+        for help in &plain.help {
+            message += &format!("\nhelp: {help}");
+        }
+        let (file, range) = match text {
+            Some(text) => {
+                let start = text::position_of_column(&text, plain.line, plain.column);
+                let end = text::position_of_column(&text, plain.end_line, plain.end_column);
+                (path, Range { start, end })
+            }
+            None => {
+                message = format!("{}:{}:{}: {message}", plain.file, plain.line, plain.column);
+                (graph.to_owned(), Range::default())
+            }
+        };
+        let severity = match plain.severity {
+            Severity::Error => DiagnosticSeverity::ERROR,
+            Severity::Warning => DiagnosticSeverity::WARNING,
+        };
+        let source = Some("splatgraph".to_owned());
+        (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
+    }
+
+    /// Returns the path under which the editor opened a file, or otherwise its canonical path.
+    fn as_opened(&self, path: PathBuf) -> PathBuf {
+        if self.open.contains_key(&path) || !path.is_absolute() {
+            return path;
+        }
+        let Ok(canonical) = path.canonicalize() else { return path };
+        let same = |other: &&PathBuf| other.canonicalize().is_ok_and(|other| other == canonical);
+        self.open.keys().find(same).cloned().unwrap_or(canonical)
     }
 }
 
@@ -378,15 +419,6 @@ fn described(control: &Control) -> String {
 
 fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
-}
-
-/// Converts a place to an editor's location; `None` for a file that is built into the program.
-fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> Option<Location> {
-    let path = Some(PathBuf::from(&place.file)).filter(|path| path.is_absolute())?;
-    let text = index.text(&place.file)?;
-    let range =
-        Range { start: text::position_of(text, place.start), end: text::position_of(text, place.end) };
-    Some(Location { uri: text::uri_of(&as_opened(path, open))?, range })
 }
 
 /// Messages of the errors that a graph made to be included always has when it is built alone.
@@ -404,51 +436,6 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
     let name = |full: &str| full.split(['#', '[']).next().unwrap_or(full).to_owned();
     let named = |full: &str| !full.contains('(') && full != LIVE_BLOCK;
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
-}
-
-/// Converts a diagnostic to the editor's form. Also returns the file in which it is shown. An error in a built-in file,
-/// which no editor can open, is shown at the start of the graph.
-fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>) -> (PathBuf, Diagnostic) {
-    let path = as_opened(PathBuf::from(&plain.file), open);
-    let text = match open.get(&path) {
-        Some(text) => Some(text.clone()),
-        None if path.is_absolute() => std::fs::read_to_string(&path).ok(),
-        None => None,
-    };
-    let mut message = plain.message;
-    if !plain.label.is_empty() {
-        message += &format!(": {}", plain.label);
-    }
-    for help in &plain.help {
-        message += &format!("\nhelp: {help}");
-    }
-    let (file, range) = match text {
-        Some(text) => {
-            let start = text::position_of_column(&text, plain.line, plain.column);
-            let end = text::position_of_column(&text, plain.end_line, plain.end_column);
-            (path, Range { start, end })
-        }
-        None => {
-            message = format!("{}:{}:{}: {message}", plain.file, plain.line, plain.column);
-            (graph.to_owned(), Range::default())
-        }
-    };
-    let severity = match plain.severity {
-        Severity::Error => DiagnosticSeverity::ERROR,
-        Severity::Warning => DiagnosticSeverity::WARNING,
-    };
-    let source = Some("splatgraph".to_owned());
-    (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
-}
-
-/// Returns the path under which the editor opened a file, or otherwise its canonical path.
-fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
-    if open.contains_key(&path) || !path.is_absolute() {
-        return path;
-    }
-    let Ok(canonical) = path.canonicalize() else { return path };
-    let same = |other: &&PathBuf| other.canonicalize().is_ok_and(|other| other == canonical);
-    open.keys().find(same).cloned().unwrap_or(canonical)
 }
 
 /// Returns the range of the name at a byte offset of a string. Names consist of letters, digits, `_` and `.`.

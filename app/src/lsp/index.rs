@@ -370,11 +370,11 @@ impl Index {
         let all = graph.scan.groups.iter().enumerate().filter(|(_, group)| group.name == "Include");
         let include = |(at, group): (usize, &Group)| {
             Some(Include {
-                name: names::value(group, "name")?,
-                graph: names::value(group, "graph")?,
+                name: group.value("name")?.to_owned(),
+                graph: group.value("graph")?.to_owned(),
                 set: entries(at, "set"),
                 only: entries(at, "expose"),
-                exposes_all: names::value(group, "expose").as_deref() == Some("All"),
+                exposes_all: group.value("expose") == Some("All"),
             })
         };
         all.filter_map(include).collect()

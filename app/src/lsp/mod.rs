@@ -139,8 +139,6 @@ fn answered<P: DeserializeOwned, R: serde::Serialize>(
 
 #[derive(Default)]
 struct Server {
-    /// Texts of the files that are open in the editor, by path.
-    open: BTreeMap<PathBuf, String>,
     /// True if a text or a file has changed since the last build.
     changed: bool,
     workspace: Workspace,
@@ -195,7 +193,7 @@ impl Server {
             DidChangeWatchedFiles::METHOD => {
                 let changes = serde_json::from_value::<DidChangeWatchedFilesParams>(params)?.changes;
                 // The server reads an open file from the editor, not from the disk.
-                let is_closed = |path: PathBuf| !self.open.contains_key(&path);
+                let is_closed = |path: PathBuf| !self.workspace.open.contains_key(&path);
                 self.changed |= changes.iter().filter_map(|change| text::path_of(&change.uri)).any(is_closed);
             }
             _ => {}
@@ -207,8 +205,8 @@ impl Server {
         // A document without a path, such as an unsaved one, has no folder to find its shaders in.
         let Some(path) = text::path_of(uri) else { return };
         match text {
-            Some(text) => drop(self.open.insert(path, text)),
-            None => drop(self.open.remove(&path)),
+            Some(text) => drop(self.workspace.open.insert(path, text)),
+            None => drop(self.workspace.open.remove(&path)),
         }
         self.changed = true;
     }
@@ -216,7 +214,7 @@ impl Server {
     /// Builds the open graphs, and returns the new diagnostics of the files in which they changed.
     fn published_after_a_change(&mut self) -> Vec<PublishDiagnosticsParams> {
         self.changed = false;
-        let found = self.workspace.diagnostics(&self.open);
+        let found = self.workspace.diagnostics();
         let gone = self.shown.keys().filter(|path| !found.contains_key(*path)).cloned().collect::<Vec<_>>();
         let cleared = gone.into_iter().map(|path| (path, Vec::new()));
         let changed = found.iter().filter(|(path, all)| self.shown.get(*path) != Some(*all));
@@ -246,18 +244,17 @@ impl Server {
                 let Some((path, offset)) = self.any_place(&params.text_document_position_params) else {
                     return Ok(Vec::new());
                 };
-                Ok(self.workspace.definitions((&path, offset), &self.open))
+                Ok(self.workspace.definitions(&path, offset))
             }),
             References::METHOD => answered(params, |params: ReferenceParams| {
                 let Some((path, offset)) = self.any_place(&params.text_document_position) else {
                     return Ok(Vec::new());
                 };
-                Ok(self.workspace.references((&path, offset), &self.open))
+                Ok(self.workspace.references(&path, offset))
             }),
             PrepareRenameRequest::METHOD => answered(params, |params: TextDocumentPositionParams| {
-                let name = self
-                    .any_place(&params)
-                    .and_then(|(path, offset)| self.workspace.renamed_name((&path, offset), &self.open));
+                let place = self.any_place(&params);
+                let name = place.and_then(|(path, offset)| self.workspace.renamed_name(&path, offset));
                 Ok(name.map(|(range, placeholder)| PrepareRenameResponse::RangeWithPlaceholder {
                     range,
                     placeholder,
@@ -267,7 +264,7 @@ impl Server {
                 let Some((path, offset)) = self.any_place(&params.text_document_position) else {
                     return Err("expected a file open in the editor, found another".to_owned());
                 };
-                let files = self.workspace.rename((&path, offset), &params.new_name, &self.open)?;
+                let files = self.workspace.rename(&path, offset, &params.new_name)?;
                 let changes = files.into_iter().map(|(uri, edits)| (uri.as_str().to_owned(), json!(edits)));
                 Ok(json!({ "changes": changes.collect::<serde_json::Map<_, _>>() }))
             }),
@@ -282,7 +279,8 @@ impl Server {
 
     fn hints(&mut self, params: &InlayHintParams) -> Vec<InlayHint> {
         let path = text::path_of(&params.text_document.uri).filter(|path| files::is_graph(path));
-        let Some((path, text)) = path.and_then(|path| Some((path.clone(), self.open.get(&path)?))) else {
+        let Some((path, text)) = path.and_then(|path| Some((path.clone(), self.workspace.open.get(&path)?)))
+        else {
             return Vec::new();
         };
         hints::within(self.workspace.hints(&path, text), params.range.start.line, params.range.end.line)
@@ -297,14 +295,14 @@ impl Server {
     /// Resolves a position in an open graph or shader to the file and the byte offset.
     fn any_place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
-        let offset = text::offset_of(self.open.get(&path)?, at.position);
+        let offset = text::offset_of(self.workspace.open.get(&path)?, at.position);
         Some((path, offset))
     }
 
     /// Resolves a position in an open graph to the file, its text and the byte offset.
     fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, String, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
-        let text = self.open.get(&path).filter(|_| files::is_graph(&path))?.clone();
+        let text = self.workspace.open.get(&path).filter(|_| files::is_graph(&path))?.clone();
         let offset = text::offset_of(&text, at.position);
         Some((path, text, offset))
     }

@@ -62,7 +62,7 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
         };
         let whole = 0..inside.len();
         let outer = around.get(1).copied();
-        let graph = |include: Option<&Group>| value(include?, "graph");
+        let graph = |include: Option<&Group>| include?.value("graph").map(str::to_owned);
         match (place.key.as_deref(), group.lead.as_str()) {
             // A requirement holds a condition over facts and an explanation, neither of which has names of the graph.
             _ if around.iter().any(|group| group.lead == "require") => {}
@@ -100,11 +100,6 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
         }
     }
     found
-}
-
-/// Returns the value of field `key` if it is a string or a name; `None` without such a field.
-pub fn value(group: &Group, key: &str) -> Option<String> {
-    group.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.clone())
 }
 
 /// Returns the byte range of the name in `name`, `front(name)`, `back(name)` or `last(name)`; `None` for other text.

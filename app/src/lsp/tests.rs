@@ -51,17 +51,20 @@ impl Editor {
         let (server, connection) = Connection::memory();
         let server = thread::spawn(move || serve(&server).expect("the editor follows the protocol"));
         let folder = tempfile::tempdir().expect("a folder");
-        let write =
-            |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("writable");
-        write("graph.ron", GRAPH);
-        write("outer.ron", OUTER);
-        write("show.comp", SHADER);
-        write("copy.comp", COPY);
         let mut editor = Editor { connection, folder, server, requests: 0 };
+        for (name, text) in
+            [("graph.ron", GRAPH), ("outer.ron", OUTER), ("show.comp", SHADER), ("copy.comp", COPY)]
+        {
+            editor.write(name, text);
+        }
         let capabilities = editor.request("initialize", json!({ "capabilities": capabilities }));
         assert_eq!(capabilities["capabilities"]["hoverProvider"], true);
         editor.notify("initialized", json!({}));
         editor
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).expect("writable");
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -98,7 +101,11 @@ impl Editor {
     }
 
     fn open(&self, name: &str, text: &str) {
-        let document = json!({ "uri": self.uri(name), "languageId": "ron", "version": 1, "text": text });
+        self.open_at(&self.uri(name), text);
+    }
+
+    fn open_at(&self, uri: &str, text: &str) {
+        let document = json!({ "uri": uri, "languageId": "ron", "version": 1, "text": text });
         self.notify("textDocument/didOpen", json!({ "textDocument": document }));
     }
 
@@ -118,20 +125,24 @@ impl Editor {
         }
     }
 
-    /// Removes the mark `|` from a text. Returns the text, and the mark's position in `graph.ron`.
-    fn at(&self, marked: &str) -> (String, Value) {
+    /// Removes the mark `|` from a text. Returns the text, and the mark's position in a file.
+    fn at(&self, name: &str, marked: &str) -> (String, Value) {
         let text = marked.replacen('|', "", 1);
         let position = text::position_of(&text, marked.find('|').expect("a mark"));
-        let document = json!({ "uri": self.uri("graph.ron") });
-        (text, json!({ "textDocument": document, "position": position }))
+        (text, json!({ "textDocument": { "uri": self.uri(name) }, "position": position }))
     }
 
     /// Opens a file without its mark `|`. Returns the mark's position.
     fn place(&self, name: &str, marked: &str) -> Value {
-        let text = marked.replacen('|', "", 1);
+        let (text, place) = self.at(name, marked);
         self.open(name, &text);
-        let position = text::position_of(&text, marked.find('|').expect("a mark"));
-        json!({ "textDocument": { "uri": self.uri(name) }, "position": position })
+        place
+    }
+
+    /// Returns the text that is shown over a position; empty if there is none.
+    fn hover(&mut self, place: Value) -> String {
+        let hover = self.request("textDocument/hover", place);
+        hover["contents"]["value"].as_str().unwrap_or_default().to_owned()
     }
 
     /// Renames the name at `place`. Returns the changed files, text by name, or the error message.
@@ -171,17 +182,11 @@ impl Editor {
         found
     }
 
-    /// Changes `graph.ron` to a text without its mark `|`, and lists the completions offered at the mark.
-    fn offered(&mut self, marked: &str) -> Vec<String> {
-        let (text, place) = self.at(marked);
-        self.change("graph.ron", &text);
+    /// Lists the completions that are offered at a position.
+    fn offered(&mut self, place: Value) -> Vec<String> {
         let items = self.request("textDocument/completion", place);
-        items
-            .as_array()
-            .expect("a list")
-            .iter()
-            .map(|item| item["label"].as_str().expect("text").to_owned())
-            .collect()
+        let items = items.as_array().expect("a list").iter();
+        items.map(|item| item["label"].as_str().expect("text").to_owned()).collect()
     }
 
     fn end(mut self) {
@@ -233,23 +238,21 @@ fn a_mistake_in_the_text_of_a_shader_that_is_not_saved_is_shown_in_the_shader() 
 fn a_uri_with_brackets_that_the_editor_left_as_they_are_names_its_file() {
     let mut editor = Editor::start();
     let name = "a[1]|^ {ä}.ron";
-    std::fs::write(editor.path(name), GRAPH).expect("writable");
+    editor.write(name, GRAPH);
     let uri = format!("file://{}", editor.path(name).display());
-    let document = json!({ "uri": uri, "languageId": "ron", "version": 1, "text": GRAPH });
-    editor.notify("textDocument/didOpen", json!({ "textDocument": document }));
+    editor.open_at(&uri, GRAPH);
     assert_eq!(editor.published(), (editor.uri(name), vec![]));
     let position = text::position_of(GRAPH, GRAPH.find("2 * width").expect("there") + 4);
     let place = json!({ "textDocument": { "uri": uri }, "position": position });
-    let hover = editor.request("textDocument/hover", place);
-    assert!(hover["contents"]["value"].as_str().expect("text").starts_with("`width`: "), "{hover}");
+    let hover = editor.hover(place);
+    assert!(hover.starts_with("`width`: "), "{hover}");
     editor.end();
 }
 
 #[test]
 fn a_notification_that_cannot_be_parsed_is_logged_and_changes_nothing() {
     let editor = Editor::start();
-    let document = json!({ "uri": "file:///100%.ron", "languageId": "ron", "version": 1, "text": "" });
-    editor.notify("textDocument/didOpen", json!({ "textDocument": document }));
+    editor.open_at("file:///100%.ron", "");
     let Message::Notification(log) = editor.connection.receiver.recv().expect("a message") else {
         panic!("the server logs what it ignores");
     };
@@ -277,7 +280,7 @@ fn a_shader_that_changes_on_the_disk_is_checked_again() {
     editor.open("graph.ron", GRAPH);
     assert!(editor.published().1.is_empty());
     for (text, count) in [(SHADER.replace("vec4(table[0])", "vec4(tabel[0])"), 1), (SHADER.to_owned(), 0)] {
-        std::fs::write(editor.path("show.comp"), text).expect("writable");
+        editor.write("show.comp", &text);
         let changes = json!([{ "uri": editor.uri("show.comp"), "type": 2 }]);
         editor.notify("workspace/didChangeWatchedFiles", json!({ "changes": changes }));
         let (uri, found) = editor.published();
@@ -291,21 +294,24 @@ fn blocks_resources_names_and_formats_are_offered_where_each_can_stand() {
     let mut editor = Editor::start();
     editor.open("graph.ron", GRAPH);
     assert!(editor.published().1.is_empty());
-    let replaced = |from: &str, to: &str| GRAPH.replacen(from, to, 1);
-    assert_eq!(editor.offered(&replaced("\"Table\": \"table\"", "\"|")), ["Table", "picture"]);
-    let resources = editor.offered(&replaced("\"Table\": \"table\"", "\"Table\": \"ta|\""));
+    let mut offered = |from: &str, to: &str| {
+        let (text, place) = editor.at("graph.ron", &GRAPH.replacen(from, to, 1));
+        editor.change("graph.ron", &text);
+        editor.offered(place)
+    };
+    assert_eq!(offered("\"Table\": \"table\"", "\"|"), ["Table", "picture"]);
+    let resources = offered("\"Table\": \"table\"", "\"Table\": \"ta|\"");
     assert_eq!(resources, ["picture", "table"]);
-    let names = editor.offered(&replaced("words + 1", "words + sce|"));
+    let names = offered("words + 1", "words + sce|");
     for name in ["width", "words", "scene.count", "viewport.width", "device.subgroup_size"] {
         assert!(names.iter().any(|other| other == name), "{name} is not in {names:?}");
     }
-    assert_eq!(editor.offered(&replaced("rgba8", "|"))[..2], ["depth32f", "r32f"]);
-    let shaders = editor.offered(&replaced("show.comp", "|"));
+    assert_eq!(offered("rgba8", "|")[..2], ["depth32f", "r32f"]);
+    let shaders = offered("show.comp", "|");
     assert!(shaders.iter().any(|s| s == "show.comp") && shaders.iter().any(|s| s == "sort/scatter.comp"));
     assert!(shaders.iter().all(|s| s.ends_with(".comp")), "{shaders:?}");
-    let draw =
-        replaced("Dispatch(name: \"show\", shader: \"show.comp\"", "Draw(name: \"show\", vertex: \"|\"");
-    let shaders = editor.offered(&draw);
+    let shaders =
+        offered("Dispatch(name: \"show\", shader: \"show.comp\"", "Draw(name: \"show\", vertex: \"|\"");
     assert!(!shaders.is_empty() && shaders.iter().all(|s| s.ends_with(".vert")), "{shaders:?}");
     editor.end();
 }
@@ -316,11 +322,8 @@ fn hovering_tells_the_value_of_a_name_and_of_the_expression_around_it() {
     editor.open("graph.ron", GRAPH);
     assert!(editor.published().1.is_empty());
     let mut told = |from: &str, to: &str| {
-        let (_, place) = editor.at(&GRAPH.replacen(from, to, 1));
-        editor.request("textDocument/hover", place)["contents"]["value"]
-            .as_str()
-            .unwrap_or_default()
-            .to_owned()
+        let (_, place) = editor.at("graph.ron", &GRAPH.replacen(from, to, 1));
+        editor.hover(place)
     };
     let words = told("words + 1", "wo|rds + 1");
     assert!(words.starts_with("`words` = 8\n\n`words + 1` = 9\n\n*for 1,000,000 splats"), "{words}");
@@ -351,10 +354,9 @@ fn a_graph_whose_requirements_the_nominal_device_does_not_meet_is_checked_all_th
 #[test]
 fn a_mistake_in_a_graph_of_a_choice_that_is_not_drawn_is_shown_in_that_graph() {
     let editor = Editor::start();
-    std::fs::write(editor.path("broken.ron"), GRAPH.replace("Groups(1)", "Groups(\"8 / 0\")"))
-        .expect("writable");
+    editor.write("broken.ron", &GRAPH.replace("Groups(1)", "Groups(\"8 / 0\")"));
     let choice = r#"Choice(summary: "", of: [(graph: "graph.ron"), (graph: "broken.ron")])"#;
-    std::fs::write(editor.path("choice.ron"), choice).expect("writable");
+    editor.write("choice.ron", choice);
     editor.open("choice.ron", choice);
     let mut found = BTreeMap::from([editor.published(), editor.published()]);
     assert_eq!(found.remove(&editor.uri("choice.ron")), Some(vec![]));
@@ -367,32 +369,22 @@ fn a_mistake_in_a_graph_of_a_choice_that_is_not_drawn_is_shown_in_that_graph() {
 fn the_output_of_an_include_and_the_parameters_that_it_sets_are_known() {
     let mut editor = Editor::start();
     let outer = OUTER.replace("inner.picture", "inner.pic|ture");
-    let mut place = editor.place("outer.ron", &outer);
+    let place = editor.place("outer.ron", &outer);
     assert!(editor.published().1.is_empty());
     let line = GRAPH.lines().position(|line| line.contains("resources: ")).expect("there") as u64;
     let column = GRAPH.lines().nth(line as usize).expect("there").find("\"picture\"").expect("there") as u64;
     assert_eq!(editor.defined(place.clone()), [("graph.ron".into(), line, column + 1)]);
-    let hover = |editor: &mut Editor, place: &Value| {
-        let hover = editor.request("textDocument/hover", place.clone());
-        hover["contents"]["value"].as_str().unwrap_or_default().to_owned()
-    };
-    let text = hover(&mut editor, &place);
+    let text = editor.hover(place.clone());
     assert!(
         text.starts_with("`inner.picture`: an image of 8 x 8, rgba8: the output of `graph.ron`"),
         "{text}"
     );
-    let offered = |editor: &mut Editor, place: &Value| -> Vec<String> {
-        let items = editor.request("textDocument/completion", place.clone());
-        let items = items.as_array().expect("a list").iter();
-        items.map(|item| item["label"].as_str().expect("text").to_owned()).collect()
-    };
-    assert_eq!(offered(&mut editor, &place), ["copy", "inner.picture", "inner.table"]);
+    assert_eq!(editor.offered(place.clone()), ["copy", "inner.picture", "inner.table"]);
     for marked in ["set: { \"wi|dth\"", "expose: Only([\"wi|dth\"])"] {
         let outer = OUTER.replace(&marked.replace('|', ""), marked);
-        let mark = outer.find('|').expect("a mark");
-        place["position"] = json!(text::position_of(&outer.replace('|', ""), mark));
-        assert_eq!(offered(&mut editor, &place), ["width"]);
-        let text = hover(&mut editor, &place);
+        let (_, place) = editor.at("outer.ron", &outer);
+        assert_eq!(editor.offered(place.clone()), ["width"]);
+        let text = editor.hover(place);
         assert!(text.starts_with("`width`: a constant parameter, here 4. ring width"), "{text}");
     }
     editor.end();
@@ -404,8 +396,7 @@ fn a_part_is_no_mistake_because_it_has_no_output() {
     let part = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pipelines/parts/sort.ron");
     let uri = text::uri_of(&part.canonicalize().expect("there")).expect("a URI");
     let text = std::fs::read_to_string(&part).expect("text");
-    let document = json!({ "uri": uri.as_str(), "languageId": "ron", "version": 1, "text": text });
-    editor.notify("textDocument/didOpen", json!({ "textDocument": document }));
+    editor.open_at(uri.as_str(), &text);
     assert_eq!(editor.published(), (uri.as_str().to_owned(), vec![]));
     editor.end();
 }
@@ -417,9 +408,9 @@ fn a_mistake_in_a_shader_of_the_folder_beside_is_shown_under_its_plain_path() {
         std::fs::create_dir(editor.path(folder)).expect("writable");
     }
     let broken = SHADER.replace("vec4(table[0])", "vec4(tabel[0])");
-    std::fs::write(editor.path("shaders/paint.comp"), broken).expect("writable");
+    editor.write("shaders/paint.comp", &broken);
     let graph = GRAPH.replace("show.comp", "paint.comp");
-    std::fs::write(editor.path("pipelines/graph.ron"), &graph).expect("writable");
+    editor.write("pipelines/graph.ron", &graph);
     editor.open("pipelines/graph.ron", &graph);
     let mut found = BTreeMap::from([editor.published(), editor.published()]);
     assert_eq!(found.remove(&editor.uri("pipelines/graph.ron")), Some(vec![]));
@@ -492,14 +483,14 @@ fn a_rename_that_would_give_a_word_of_a_shader_another_meaning_is_refused() {
             "Live(Float(default: 4.0, range: (1, 64), label: \"\"))",
         )
         .replace("2 * width", "8");
-    std::fs::write(editor.path("graph.ron"), &graph).expect("writable");
+    editor.write("graph.ron", &graph);
     let shader = SHADER
         .replace(
             "#version 460",
             "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"live.glsl\"",
         )
         .replace("table[0] = 1;", "float ring = 2.0 / width; table[0] = uint(ring * width);");
-    std::fs::write(editor.path("show.comp"), &shader).expect("writable");
+    editor.write("show.comp", &shader);
     // The includer sets a constant, and is no longer valid.
     std::fs::remove_file(editor.path("outer.ron")).expect("there");
     let place = editor.place("graph.ron", &graph.replace("\"width\"", "\"wi|dth\""));
@@ -573,8 +564,7 @@ fn parameters_of_the_shipped_graphs_are_found_through_choices_and_shared_shaders
         let part = pipelines.join(part);
         let text = std::fs::read_to_string(&part).expect("text");
         let uri = text::uri_of(&part).expect("a URI").as_str().to_owned();
-        let document = json!({ "uri": uri, "languageId": "ron", "version": 1, "text": text });
-        editor.notify("textDocument/didOpen", json!({ "textDocument": document }));
+        editor.open_at(&uri, &text);
         let position = text::position_of(&text, text.find("\"digit_bits\"").expect("there") + 1);
         let context = json!({ "includeDeclaration": true });
         let place = json!({ "textDocument": { "uri": uri }, "position": position, "context": context });

@@ -1,7 +1,7 @@
 //! Converts positions and file names between the editor's form and the framework's.
 
 use crate::io::uri;
-use lsp_types::{Position, Uri};
+use lsp_types::{Position, Range, Uri};
 use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -83,6 +83,11 @@ pub fn position_of(text: &str, offset: usize) -> Position {
     let line = before.matches('\n').count() as u32;
     let start = before.rfind('\n').map_or(0, |at| at + 1);
     Position { line, character: before[start..].encode_utf16().count() as u32 }
+}
+
+/// Converts a range of bytes to the editor's form.
+pub fn range_of(text: &str, bytes: std::ops::Range<usize>) -> Range {
+    Range { start: position_of(text, bytes.start), end: position_of(text, bytes.end) }
 }
 
 /// Converts a line and a column, counted from 1 and in characters, to a position in UTF-16 units.

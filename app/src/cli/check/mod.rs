@@ -12,7 +12,7 @@ use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_framework::dump;
 use splatgraph_framework::ir::{Catalog, Fallback, ReflectedKind, Shader, Unmet};
-use splatgraph_framework::lower::Standing;
+use splatgraph_framework::lower::{self, Standing};
 use splatgraph_framework::oracle;
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::sync::model::{Replay, mutate, replay};
@@ -242,7 +242,7 @@ fn check(
     let mut unsuited = Lines::default();
     for (device, case) in devices.iter().zip(&cases) {
         let facts = case.facts();
-        let standing = planner.standing(graph, &facts, &catalog)?;
+        let standing = planner.ask((graph, &[]), &facts, &catalog, lower::standing)?;
         let (is_unmet, index) = (!standing.unmet.is_empty(), standing.fallbacks.len());
         let fallback = lacking(standing);
         if let Some(line) = fallback.clone().filter(|_| is_unmet) {
