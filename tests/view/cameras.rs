@@ -1,13 +1,16 @@
 //! The command that redraws the window's picture, and cameras far from the world's origin.
 
-use super::twin::{SIZE, Twin};
+use super::whole::TestShell;
 use crate::common;
+use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::navigation::Input;
 use splatgraph_assets::synth;
 use std::path::Path;
 use std::process::Command;
+
+const SIZE: (u32, u32) = (96, 54);
 
 /// Runs a shell command line in which `splatgraph` is the program under test.
 fn run(line: &str, folder: &Path) {
@@ -26,28 +29,32 @@ fn run(line: &str, folder: &Path) {
 
 #[test]
 fn the_command_of_a_picture_draws_the_same_picture_near_the_origin_and_far_from_it() {
-    let mut twin = Twin::drawing("splat", 100, &[("cutoff", "2.5")]);
+    let set = [("cutoff", "2.5")];
+    let mut viewer =
+        TestShell::open(Validation::Synchronization, ("demo", 100), "pipelines/splat.ron", &set, SIZE);
+    (viewer.shell.panels.hidden, viewer.shell.panels.hud) = (true, false);
     for (name, offset) in
         [("near scene.ply", [0.0; 3]), ("far scene.ply", [512_345.1, -4_000_000.7, 1_000.3])]
     {
-        let path = twin.place.at(name);
+        let path = viewer.place.at(name);
         let scene = synth::generate("uniform", 3_000, 0).expect("the scene is generated").with_offset(offset);
         scene.write_ply(&path).expect("the scene is written");
-        twin.viewer.open(&path);
-        twin.until("the scene", |event| matches!(event, Event::Scene { path, .. } if path.ends_with(name)));
-        twin.settle();
+        viewer.shell.viewer.open(&path);
+        viewer.event("the scene", |event| matches!(event, Event::Scene { path, .. } if path.ends_with(name)));
+        viewer.settle();
         let drag = Input {
             size: [f64::from(SIZE.0), f64::from(SIZE.1)],
             moved: [-71.0, 23.0],
             drags: true,
             ..Input::default()
         };
-        assert!(twin.viewer.navigate(&drag));
-        twin.viewer.navigation.set_field_of_view(37.3);
-        twin.viewer.background = [0.1, 0.25, 0.7];
-        twin.frame();
-        let shown = twin.picture(RendererId::A);
-        let line = twin.viewer.render_command(RendererId::A, Path::new("again.npy")).expect("A is there");
+        assert!(viewer.shell.viewer.navigate(&drag));
+        viewer.shell.viewer.navigation.set_field_of_view(37.3);
+        viewer.shell.viewer.background = [0.1, 0.25, 0.7];
+        viewer.frame();
+        let shown = viewer.picture(RendererId::A);
+        let line =
+            viewer.shell.viewer.render_command(RendererId::A, Path::new("again.npy")).expect("A is there");
         let folder = path.parent().expect("a folder").to_owned();
         run(&format!("{line} {}", common::device_option().unwrap_or_default()), &folder);
         let again = Image::load(&folder.join("again.npy")).expect("the picture is read");
@@ -56,5 +63,5 @@ fn the_command_of_a_picture_draws_the_same_picture_near_the_origin_and_far_from_
         let [r, g, b] = shown.rgb[shown.rgb.len() / 2 + shown.width / 2];
         assert!((r - 0.1).abs() + (g - 0.25).abs() + (b - 0.7).abs() > 0.05, "{name}: only background");
     }
-    twin.close();
+    viewer.close();
 }

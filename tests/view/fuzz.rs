@@ -14,7 +14,6 @@ use crate::common;
 use crate::fuzz::damaged;
 use crate::numbers::Random;
 use crate::place::{Place, shipped};
-use splatgraph::draw::backend::Validation;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::{Planner, Settings};
 use splatgraph::view::events::{Cause, Event, RendererId};
@@ -93,8 +92,7 @@ struct Fuzz {
 
 impl Fuzz {
     fn begin(seed: u64) -> Fuzz {
-        let options = common::options(Validation::Synchronization);
-        let mut viewer = TestShell::new(&options, ("demo", 400), "pipelines/splat.ron", SIZE);
+        let mut viewer = TestShell::new(("demo", 400), "pipelines/splat.ron", SIZE);
         viewer.shell.panels.hidden = true;
         viewer.settle();
         // One sort pass instead of four: a frame is cheaper, and still uses all files.
@@ -192,7 +190,8 @@ fn has_place(text: &str) -> bool {
 /// Another copy of the files, for building plans without a device.
 struct Beside {
     place: Place,
-    planners: BTreeMap<&'static str, Building>,
+    /// The graphs of A and of the window.
+    graphs: [Building; 2],
 }
 
 /// Holds the inputs of a graph's build.
@@ -206,10 +205,6 @@ struct Building {
     plan: Option<Plan>,
 }
 
-fn key(who: RendererId) -> &'static str {
-    if who == RendererId::Window { "window" } else { "scene" }
-}
-
 impl Beside {
     fn new(viewer: &TestShell) -> Beside {
         let place = Place::shipped();
@@ -221,13 +216,13 @@ impl Beside {
             (RendererId::A, "pipelines/splat.ron", vec![NARROW], facts::catalog(scene)),
             (RendererId::Window, "pipelines/view/window.ron", vec![], window),
         ];
-        let planners = graphs.map(|(who, graph, set, catalog)| {
+        let graphs = graphs.map(|(who, graph, set, catalog)| {
             let size = renderer(viewer, who).size();
             let facts = match who {
                 RendererId::Window => facts::without_scene(device, size),
                 _ => facts::facts(&SceneFacts::of(scene), device, size),
             };
-            let building = Building {
+            let mut building = Building {
                 planner: Planner::new(Settings { worker: Some(common::worker()), ..Settings::default() }),
                 graph: place.named(graph),
                 set: set.into_iter().map(|(name, bits)| (name.to_owned(), bits.to_string())).collect(),
@@ -235,17 +230,14 @@ impl Beside {
                 catalog,
                 plan: None,
             };
-            (key(who), building)
-        });
-        let mut planners = BTreeMap::from(planners);
-        for building in planners.values_mut() {
             building.plan = Some(building.build().unwrap_or_else(|error| panic!("{error}")));
-        }
-        Beside { place, planners }
+            building
+        });
+        Beside { place, graphs }
     }
 
     fn building(&mut self, who: RendererId) -> &mut Building {
-        self.planners.get_mut(key(who)).expect("both are there")
+        &mut self.graphs[usize::from(who == RendererId::Window)]
     }
 
     /// Returns the files of the folder that the graph is built from.

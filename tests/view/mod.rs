@@ -19,7 +19,6 @@ mod screen;
 mod soak;
 mod splats;
 mod tools;
-mod twin;
 mod whole;
 #[cfg(target_os = "linux")]
 mod window;

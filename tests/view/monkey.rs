@@ -52,7 +52,7 @@ impl Drop for Monkey {
 impl Monkey {
     fn new(devices: [Backend; 2], graph: &str, seed: u64) -> Monkey {
         let graph = format!("pipelines/{graph}.ron");
-        let mut viewer = TestShell::on(devices, ("demo", 300), &graph, SIZES[0]);
+        let mut viewer = TestShell::on(devices, ("demo", 300), &graph, &[], SIZES[0]);
         viewer.place.scene("other.ply", "demo", 200, 0);
         viewer.shell.viewer.continuous = false;
         viewer.pixels_per_point = PIXELS_PER_POINT;

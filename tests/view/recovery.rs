@@ -1,10 +1,8 @@
 //! Things are broken and repaired repeatedly: picture and memory afterwards must be as before.
 //!
 //! Each cycle breaks one thing of every kind: a graph, a shader, a scene, a size, an inspection, and the device itself,
-//! which is closed and reopened as after its loss. `SPLATGRAPH_LONG` runs more cycles. `SPLATGRAPH_RECOVERY=FILE.csv`
-//! writes a row after each step, for a plot.
+//! which is closed and reopened as after its loss. `SPLATGRAPH_LONG` runs more cycles.
 
-use super::soak::process::resident;
 use super::whole::{PATIENCE, TestShell};
 use crate::common;
 use crate::place::shipped;
@@ -12,8 +10,6 @@ use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph_api::Device;
-use std::fs::File;
-use std::io::Write;
 use std::process::Command;
 use std::time::Instant;
 
@@ -33,8 +29,6 @@ const PADDING_BYTES: u64 = 4 << 10;
 
 struct Cycles {
     viewer: TestShell,
-    begun: Instant,
-    table: Option<File>,
     /// A's picture and memory after the first repair, which every later repair must restore.
     sound: Option<(Image, Vec<(String, u64)>)>,
 }
@@ -45,9 +39,7 @@ fn whatever_is_broken_and_mended_the_picture_and_the_memory_are_those_from_befor
         "view::recovery::whatever_is_broken_and_mended_the_picture_and_the_memory_are_those_from_before",
         || {
             let mut cycles = Cycles::begin();
-            for cycle in 0..if common::long() { 40 } else { 2 } {
-                cycles.run(cycle);
-            }
+            (0..if common::long() { 40 } else { 2 }).for_each(|_| cycles.run());
             cycles.viewer.close();
         },
     );
@@ -55,48 +47,21 @@ fn whatever_is_broken_and_mended_the_picture_and_the_memory_are_those_from_befor
 
 impl Cycles {
     fn begin() -> Cycles {
-        let mut viewer = TestShell::new(&common::options(Validation::Off), ("demo", SPLATS), GRAPH, SIZE);
+        let mut viewer = TestShell::open(Validation::Off, ("demo", SPLATS), GRAPH, &[], SIZE);
         viewer.shell.panels.hidden = true;
         viewer.settle();
-        let table = std::env::var_os("SPLATGRAPH_RECOVERY").map(|path| {
-            let mut table = File::create(path).expect("the table can be written");
-            writeln!(table, "cycle,kind,state,seconds,mended_ms,gpu_bytes,rss_bytes").expect("it is written");
-            table
-        });
-        Cycles { viewer, begun: Instant::now(), table, sound: None }
+        Cycles { viewer, sound: None }
     }
 
-    fn run(&mut self, cycle: u32) {
-        self.broken_file(cycle, "graph", GRAPH, "Graph(");
+    fn run(&mut self) {
+        self.broken_file(GRAPH, "Graph(");
         let shader = shipped(SHADER).replacen("void main() {", "void main() {\n    int i = undeclared;", 1);
-        self.broken_file(cycle, "shader", SHADER, &shader);
-        for (kind, name) in
-            [("graph", GRAPH), ("include", INCLUDE), ("shader", SHADER), ("shader's include", HEADER)]
-        {
-            self.no_file(cycle, kind, name);
-        }
-        self.broken_scene(cycle);
-        self.broken_inspection(cycle);
-        self.odd_sizes(cycle);
-        self.lost_device(cycle);
-    }
-
-    fn device_memory(&self) -> u64 {
-        let shell = &self.viewer.shell;
-        let devices = [shell.window().device(), shell.viewer.a.renderer.device()];
-        devices.into_iter().flatten().map(|device| device.device_memory().used).sum()
-    }
-
-    fn note(&mut self, cycle: u32, kind: &str, state: &str, mended: Option<Instant>) {
-        let memory = self.device_memory();
-        let mended =
-            mended.map_or(String::new(), |since| format!("{:.0}", since.elapsed().as_secs_f64() * 1e3));
-        if let Some(table) = &mut self.table {
-            let seconds = self.begun.elapsed().as_secs_f64();
-            let rss = resident();
-            writeln!(table, "{cycle},{kind},{state},{seconds:.3},{mended},{memory},{rss}")
-                .expect("it is written");
-        }
+        self.broken_file(SHADER, &shader);
+        [GRAPH, INCLUDE, SHADER, HEADER].into_iter().for_each(|name| self.no_file(name));
+        self.broken_scene();
+        self.broken_inspection();
+        self.odd_sizes();
+        self.lost_device();
     }
 
     fn check(&mut self, kind: &str) {
@@ -119,84 +84,62 @@ impl Cycles {
         }
     }
 
-    fn broken_file(&mut self, cycle: u32, kind: &str, name: &str, text: &str) {
-        let shipped = shipped(name);
+    fn broken_file(&mut self, name: &str, text: &str) {
         self.viewer.place.write(name, text);
         self.viewer.until("the mistake", |viewer| viewer.shell.viewer.a.renderer.failure().is_some());
-        self.note(cycle, kind, "broken", None);
-        let since = Instant::now();
-        self.viewer.place.write(name, shipped);
+        self.mend(name);
+        self.check(&format!("a mistake in {name}"));
+    }
+
+    fn mend(&mut self, name: &str) {
+        self.viewer.place.write(name, shipped(name));
         self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
-        self.note(cycle, kind, "mended", Some(since));
-        self.check(kind);
     }
 
     /// Replaces a file with a named pipe, which would block a reader, and restores the file.
-    fn no_file(&mut self, cycle: u32, kind: &str, name: &str) {
-        let (shipped, path) = (shipped(name), self.viewer.place.at(name));
+    fn no_file(&mut self, name: &str) {
+        let path = self.viewer.place.at(name);
         std::fs::remove_file(&path).expect("it is removed");
         assert!(Command::new("mkfifo").arg(&path).status().expect("mkfifo runs").success());
         self.viewer.until("the pipe", |viewer| {
             let failure = viewer.shell.viewer.a.renderer.failure();
             failure.is_some_and(|failure| failure.text(false).contains("is a pipe, not a file"))
         });
-        self.note(cycle, &format!("pipe for the {kind}"), "broken", None);
-        let since = Instant::now();
         std::fs::remove_file(&path).expect("it is removed");
-        self.viewer.place.write(name, shipped);
-        self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
-        self.note(cycle, &format!("pipe for the {kind}"), "mended", Some(since));
-        self.check("a pipe");
+        self.mend(name);
+        self.check(&format!("a pipe for {name}"));
     }
 
-    fn broken_scene(&mut self, cycle: u32) {
+    fn broken_scene(&mut self) {
         self.viewer.place.write("broken.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
         let (broken, whole) = (self.viewer.place.at("broken.ply"), self.viewer.place.at("scene.ply"));
-        let seen = self.viewer.events.len();
         self.viewer.shell.viewer.open(&broken);
-        self.viewer.until("the error", |viewer| {
-            viewer.events[seen..].iter().any(|event| matches!(event, Event::SceneFailed { .. }))
-        });
-        self.note(cycle, "scene", "broken", None);
-        let since = Instant::now();
+        self.viewer.event("the error", |event| matches!(event, Event::SceneFailed { .. }));
         let navigation = self.viewer.shell.viewer.navigation.clone();
         self.viewer.shell.viewer.open(&whole);
-        self.viewer.until("the scene", |viewer| {
-            viewer.events[seen..].iter().any(|event| matches!(event, Event::Scene { .. }))
-        });
-        self.note(cycle, "scene", "mended", Some(since));
+        self.viewer.event("the scene", |event| matches!(event, Event::Scene { .. }));
         self.viewer.shell.viewer.navigation = navigation;
         self.check("a broken scene");
     }
 
-    fn broken_inspection(&mut self, cycle: u32) {
+    fn broken_inspection(&mut self) {
         self.viewer.shell.viewer.a.look_at("nothing", "nowhere");
         self.viewer.settle();
-        self.note(cycle, "inspection", "broken", None);
-        let since = Instant::now();
         self.viewer.shell.viewer.a.inspection = None;
-        self.viewer.settle();
-        self.note(cycle, "inspection", "mended", Some(since));
         self.check("an inspection");
     }
 
-    fn odd_sizes(&mut self, cycle: u32) {
+    fn odd_sizes(&mut self) {
         for size in [(0, 0), (1, 1), (1200, 16)] {
             self.viewer.size = size;
-            for _ in 0..3 {
-                self.viewer.frame();
-            }
+            self.viewer.frames(3);
         }
         self.viewer.settle();
-        self.note(cycle, "size", "broken", None);
-        let since = Instant::now();
         self.viewer.size = SIZE;
-        self.viewer.settle();
-        self.note(cycle, "size", "mended", Some(since));
         self.check("odd sizes");
     }
 
-    fn lost_device(&mut self, cycle: u32) {
+    fn lost_device(&mut self) {
         self.viewer.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         self.viewer.shell.release();
         let begun = Instant::now();
@@ -204,14 +147,11 @@ impl Cycles {
             assert!(begun.elapsed() < PATIENCE, "a build holds the device");
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
-        self.note(cycle, "device", "broken", None);
-        let since = Instant::now();
-        let canvas = common::open(&common::options(Validation::Off));
         let options = common::options(Validation::Off);
+        let canvas = common::open(&options);
         let device = canvas.open_beside(&options).expect("a device for the scene");
         self.viewer.shell.give(canvas, device).expect("there is no B");
         self.viewer.until("a picture", |viewer| viewer.shell.viewer.pictures()[0].is_some());
-        self.note(cycle, "device", "mended", Some(since));
         self.check("the loss of the device");
     }
 }

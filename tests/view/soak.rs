@@ -14,11 +14,11 @@
 //! - The process's memory does not grow: see [`check_growth`].
 //! - The numbers of its open files and of its threads do not grow.
 //!
-//! `SPLATGRAPH_LONG` runs 10,000 frames. `SPLATGRAPH_SOAK=FILE.csv` writes a row per [`ROW`] frames, for a plot.
+//! `SPLATGRAPH_LONG` runs 10,000 frames, and the test prints each reference state.
 //! `SPLATGRAPH_SOAK_BARE` leaves the validation layers out, and so their memory.
 
 mod deeds;
-pub mod process;
+mod process;
 
 use super::whole::{PATIENCE, TestShell};
 use crate::common;
@@ -26,7 +26,7 @@ use crate::numbers::Random;
 use deeds::{DEEDS, GRAPHS};
 use egui::Event as Input;
 use indexmap::IndexMap;
-use process::{open_files, resident, settled_threads, threads};
+use process::{open_files, resident, settled_threads};
 use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
@@ -36,8 +36,6 @@ use splatgraph::view::renderer::Renderer;
 use splatgraph_api::Device;
 use splatgraph_api::DeviceMemory;
 use std::collections::BTreeSet;
-use std::fs;
-use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
@@ -46,9 +44,6 @@ const SIZE: (u32, u32) = (400, 225);
 /// Pixels of the picture per pixel of the window in the reference state: the picture has 64 x 36 pixels.
 const SCALE: f32 = 0.16;
 const SPLATS: u32 = 2_000;
-
-/// Frames per row of the table.
-const ROW: u64 = 25;
 
 struct Length {
     frames: u64,
@@ -188,9 +183,6 @@ struct Soak {
     failures: u64,
     /// Pictures of the reference state: A, and the window.
     shown: Option<[Image; 2]>,
-    table: Option<fs::File>,
-    /// Rows of the table so far. Some are skipped on the way to the reference state.
-    rows: u64,
     scenes: [&'static str; 3],
 }
 
@@ -213,17 +205,11 @@ impl Soak {
     fn begin() -> Soak {
         let bare = std::env::var_os("SPLATGRAPH_SOAK_BARE").is_some();
         let validation = if bare { Validation::Off } else { Validation::Synchronization };
-        let viewer = TestShell::new(&common::options(validation), ("demo", SPLATS), GRAPHS[0], SIZE);
+        let viewer = TestShell::open(validation, ("demo", SPLATS), GRAPHS[0], &[], SIZE);
         let scenes = ["scene.ply", "smaller.ply", "larger.ply"];
         for (name, generator, splats) in [(scenes[1], "uniform", 700), (scenes[2], "demo", 3_100)] {
             viewer.place.scene(name, generator, splats, 1);
         }
-        let table = std::env::var_os("SPLATGRAPH_SOAK").map(|path| {
-            let mut table = fs::File::create(path).expect("the table can be written");
-            let head = "frame,seconds,gpu_bytes,rss_bytes,files,threads,plans,failures,lost";
-            writeln!(table, "{head}").expect("the table is written");
-            table
-        });
         let start = viewer.shell.viewer.navigation.clone();
         let mut soak = Soak {
             viewer,
@@ -236,8 +222,6 @@ impl Soak {
             plans: 0,
             failures: 0,
             shown: None,
-            table,
-            rows: 0,
             scenes,
         };
         soak.viewer.settle();
@@ -261,7 +245,7 @@ impl Soak {
         self.note();
     }
 
-    /// Counts events, and checks for lost frames.
+    /// Counts events.
     fn note(&mut self) {
         for event in std::mem::take(&mut self.viewer.events) {
             match event {
@@ -272,23 +256,6 @@ impl Soak {
                 }
                 _ => {}
             }
-        }
-        if self.viewer.calls / ROW > self.rows {
-            self.rows = self.viewer.calls / ROW;
-            let lost = self.lost();
-            let (files, threads) = (open_files(), threads().len());
-            let memory = device_memory(&self.viewer).used;
-            if let Some(table) = &mut self.table {
-                let seconds = self.begun.elapsed().as_secs_f64();
-                let (calls, plans, failures) = (self.viewer.calls, self.plans, self.failures);
-                let rss = resident();
-                writeln!(
-                    table,
-                    "{calls},{seconds:.3},{memory},{rss},{files},{threads},{plans},{failures},{lost}"
-                )
-                .expect("the table is written");
-            }
-            assert_eq!(lost, 0, "frames were lost");
         }
     }
 
@@ -332,23 +299,20 @@ impl Soak {
         }
         self.viewer.restore(cycle);
         // Notifications fade out.
-        for _ in 0..30 {
-            self.viewer.frame();
-        }
+        self.viewer.frames(30);
         // Buffers that grow on demand are recreated with a new plan. A new size causes one.
         for size in [(SIZE.0 + 2, SIZE.1 + 2), SIZE] {
             self.viewer.size = size;
             self.viewer.settle();
         }
         self.viewer.shell.viewer.set_compare(Mode::A).unwrap_or_else(|error| panic!("{error}"));
-        for _ in 0..4 {
-            self.viewer.frame();
-        }
+        self.viewer.frames(4);
         self.note();
     }
 
     /// Measures the reference state, and compares its pictures with the first ones.
     fn reference(&mut self) -> Reference {
+        assert_eq!(self.lost(), 0, "frames were lost");
         self.viewer.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let shell = &self.viewer.shell;
         let b = shell.viewer.b.as_ref().and_then(|b| b.renderer.device());

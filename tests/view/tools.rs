@@ -1,10 +1,7 @@
 //! The tools around the picture: they show true values, and only the user changes settings.
 
 use super::whole::{PIXELS_PER_POINT, TestShell};
-use crate::common;
 use egui::{Key, Modifiers, Vec2};
-use splatgraph::draw::backend::Validation;
-use splatgraph::draw::builtin;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::panels::Tool;
 use splatgraph::view::panels::selection::Selection;
@@ -17,17 +14,12 @@ const SIZE: (u32, u32) = (640, 360);
 
 /// Opens a viewer of a small scene with all tools.
 fn viewer(graph: &str) -> TestShell {
-    let mut viewer =
-        TestShell::new(&common::options(Validation::Synchronization), ("demo", 500), graph, SIZE);
+    let mut viewer = TestShell::new(("demo", 500), graph, SIZE);
     // The tool that is opened last is the front tab.
     let tools = [Tool::Cameras, Tool::Inspector, Tool::Times, Tool::Timeline, Tool::Parameters];
     viewer.shell.panels.open_tools(&tools);
     viewer.settle();
     viewer
-}
-
-fn passes(viewer: &TestShell) -> usize {
-    viewer.shell.viewer.a.renderer.plan().expect("there is a plan").frame.len()
 }
 
 fn choose(viewer: &mut TestShell, who: RendererId, graph: &str) {
@@ -43,22 +35,6 @@ fn until_measured(viewer: &mut TestShell) {
         let viewport = &viewer.shell.viewer.a;
         viewport.renderer.plan().is_some_and(|plan| viewport.history.is_of(plan))
     });
-}
-
-#[test]
-fn a_plan_with_fewer_passes_leaves_the_open_tools_alone() {
-    let mut viewer = viewer("pipelines/splat.ron");
-    viewer.shell.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
-    until_measured(&mut viewer);
-    let many = passes(&viewer);
-    viewer.shell.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(11)));
-    until_measured(&mut viewer);
-    assert!(passes(&viewer) < many, "{} passes after {many}", passes(&viewer));
-    for graph in ["digit4", "digit8", "splat", "unsorted"] {
-        choose(&mut viewer, RendererId::A, graph);
-        until_measured(&mut viewer);
-    }
-    viewer.close();
 }
 
 #[test]
@@ -104,32 +80,6 @@ fn a_change_of_the_digit_width_says_what_it_did_to_the_plan() {
 }
 
 #[test]
-fn nothing_is_changed_by_looking_at_it() {
-    let mut viewer = viewer("pipelines/splat.ron");
-    for preset in builtin::names() {
-        choose(&mut viewer, RendererId::A, preset);
-        viewer.settle();
-        let values = |viewer: &TestShell| {
-            let controls = viewer.shell.viewer.a.renderer.controls().iter().map(|control| &control.param);
-            controls
-                .filter(|param| param.grows.is_none())
-                .map(|p| (p.name.clone(), p.value.clone()))
-                .collect::<Vec<_>>()
-        };
-        let before = values(&viewer);
-        // A control that changes what it shows does so in the frame that draws it.
-        for _ in 0..10 {
-            viewer.frame();
-        }
-        assert_eq!(values(&viewer), before, "{preset}");
-        let renderer = &viewer.shell.viewer.a.renderer;
-        assert!(renderer.failure().is_none(), "{preset}: {:?}", renderer.problem(false));
-        assert!(renderer.set().is_empty(), "{preset}: {:?}", renderer.set());
-    }
-    viewer.close();
-}
-
-#[test]
 fn a_step_is_undone_and_done_again() {
     let mut viewer = viewer("pipelines/splat.ron");
     viewer.frame();
@@ -139,8 +89,7 @@ fn a_step_is_undone_and_done_again() {
     viewer.shell.viewer.a.renderer.set_param("budget", Some(Value::Float(0.5)));
     viewer.frame();
     let undo = |viewer: &mut TestShell, modifiers| {
-        viewer.key(Key::Z, modifiers);
-        viewer.act();
+        viewer.press(Key::Z, modifiers);
     };
     undo(&mut viewer, Modifiers::COMMAND);
     assert!(!viewer.shell.viewer.a.renderer.set().contains_key("budget"));
@@ -171,8 +120,7 @@ fn one_selection_runs_through_timeline_and_inspector() {
     let pass = scatter.strip_prefix("pass:").expect("a name").to_owned();
     // Pass widths follow their times, which still vary in the first frames.
     for _ in 0..20 {
-        assert!(viewer.click(&scatter));
-        viewer.act();
+        viewer.push(&scatter);
         if viewer.shell.panels.selection() == Some(&Selection::Pass(pass.clone())) {
             break;
         }
@@ -181,11 +129,9 @@ fn one_selection_runs_through_timeline_and_inspector() {
     // The inspector lists what the pass reads and writes.
     let touched = names(&viewer, &format!("@{pass}"));
     assert!(touched.len() > 2, "{touched:?}");
-    assert!(viewer.click("barrier:8"), "the timeline shows the barrier");
-    viewer.act();
+    viewer.push("barrier:8");
     assert_eq!(viewer.shell.panels.selection(), Some(&Selection::Barrier(8)));
-    viewer.key(Key::Escape, Modifiers::NONE);
-    viewer.act();
+    viewer.press(Key::Escape, Modifiers::NONE);
     assert_eq!(viewer.shell.panels.selection(), None);
     viewer.close();
 }
@@ -193,14 +139,12 @@ fn one_selection_runs_through_timeline_and_inspector() {
 #[test]
 fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     let mut viewer = viewer("pipelines/splat.ron");
-    assert!(viewer.click("compare:split"));
-    viewer.act();
+    viewer.push("compare:split");
     viewer.settle();
     choose(&mut viewer, RendererId::B, "unsorted");
     viewer.settle();
     assert_eq!(viewer.shell.panels.controls.find("comparison"), None, "nothing is measured yet");
-    assert!(viewer.click("measure"));
-    viewer.act();
+    viewer.push("measure");
     viewer.until("the result", |viewer| viewer.shell.viewer.comparison().is_some());
     viewer.frame();
     let found = viewer.shell.viewer.comparison().expect("it is there").clone();
@@ -208,8 +152,7 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(viewer.events.iter().any(|event| matches!(event, Event::Compared { .. })));
     assert!(viewer.shell.panels.controls.find("comparison").is_some());
     assert!(viewer.shell.viewer.comparison_is_current(), "at once, and not only after a while");
-    assert!(viewer.click("worst"));
-    viewer.act();
+    viewer.push("worst");
     assert!(viewer.shell.viewer.comparison_is_current());
     // A comparison requested together with a change is measured after the change.
     choose(&mut viewer, RendererId::B, "splat");
@@ -235,8 +178,7 @@ fn b_draws_another_scene_from_the_same_place_of_the_world() {
     let far = synth::generate("demo", 300, 7).expect("the scene is generated").with_offset([3.0, -2.0, 1.0]);
     let (first, other) = (viewer.place.at("scene.ply"), viewer.place.at("other.ply"));
     far.write_ply(&other).expect("the scene is written");
-    assert!(viewer.click("compare:split"));
-    viewer.act();
+    viewer.push("compare:split");
     viewer.settle();
     viewer.shell.viewer.measure();
     viewer.until("a result", |viewer| !viewer.shell.viewer.is_comparing());
@@ -262,8 +204,7 @@ fn b_draws_another_scene_from_the_same_place_of_the_world() {
     assert!(away.fold(0.0, f64::max) < 1e-5, "the camera stays where it is");
     // After both steps are undone, B shares A's scene again.
     for _ in 0..2 {
-        viewer.key(Key::Z, Modifiers::COMMAND);
-        viewer.act();
+        viewer.press(Key::Z, Modifiers::COMMAND);
         viewer.settle();
     }
     assert_eq!(viewer.shell.viewer.scene_path(), first);
@@ -282,8 +223,7 @@ fn lists_of_scenes_and_cameras_show_what_is_searched_for() {
     };
     for (list, search, kind) in [("camera", "camera_search", "camera:"), ("scene", "scene_search", "scene:")]
     {
-        assert!(viewer.click(list));
-        viewer.act();
+        viewer.push(list);
         viewer.frame();
         let all = listed(&viewer, kind);
         assert!(all > 0, "{list}");
@@ -295,8 +235,7 @@ fn lists_of_scenes_and_cameras_show_what_is_searched_for() {
         assert!(!viewer.shell.panels.hidden, "{list}");
         viewer.frame();
         assert_eq!(listed(&viewer, kind), 0, "{list}");
-        viewer.key(Key::Escape, Modifiers::NONE);
-        viewer.act();
+        viewer.press(Key::Escape, Modifiers::NONE);
     }
     viewer.close();
 }
@@ -305,17 +244,14 @@ fn lists_of_scenes_and_cameras_show_what_is_searched_for() {
 fn keys_act_on_nothing_else_while_a_menu_is_open() {
     let mut viewer = viewer("pipelines/splat.ron");
     let hidden = |viewer: &mut TestShell| {
-        viewer.key(Key::H, Modifiers::NONE);
-        viewer.act();
+        viewer.press(Key::H, Modifiers::NONE);
         std::mem::take(&mut viewer.shell.panels.hidden)
     };
     assert!(hidden(&mut viewer));
     viewer.frame();
-    assert!(viewer.click("menu"));
-    viewer.act();
+    viewer.push("menu");
     assert!(!hidden(&mut viewer), "the menu has no field, and takes the keys all the same");
-    viewer.key(Key::Escape, Modifiers::NONE);
-    viewer.act();
+    viewer.press(Key::Escape, Modifiers::NONE);
     assert!(hidden(&mut viewer));
     viewer.close();
 }
@@ -329,8 +265,7 @@ fn a_pass_is_held_against_a_copy_of_its_bytes() {
     viewer.frame();
     assert_eq!(viewer.shell.viewer.copy_limit(), None);
     let before = viewer.shell.viewer.a.history.frames();
-    assert!(viewer.click("measure_copy"), "the inspector offers it");
-    viewer.act();
+    viewer.push("measure_copy");
     viewer.until("the rate", |viewer| viewer.shell.viewer.copy_limit().is_some());
     let rate = viewer.shell.viewer.copy_limit().expect("it is measured");
     assert!((0.01..100_000.0).contains(&rate), "{rate} GB/s");
@@ -344,9 +279,7 @@ fn tools_leave_the_picture_its_room_in_windows_of_every_size() {
     let mut viewer = viewer("pipelines/splat.ron");
     for points in [(1600.0, 900.0), (1200.0, 800.0), (600.0, 500.0), (500.0, 400.0), (340.0, 300.0)] {
         viewer.size = ((points.0 * PIXELS_PER_POINT) as u32, (points.1 * PIXELS_PER_POINT) as u32);
-        for _ in 0..4 {
-            viewer.frame();
-        }
+        viewer.frames(4);
         let view = viewer.shell.panels.controls.find("view").expect("there is a picture");
         let least = Vec2::new(320.0_f32.min(points.0 - 1.0), 0.0);
         assert!(view.width() >= least.x - 3.0, "{view:?} in a window of {points:?} points");

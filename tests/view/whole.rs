@@ -1,7 +1,7 @@
 //! The whole viewer without its window: pictures, panels and the window's own graph, driven by events like a window
 //! system's.
 
-use crate::common;
+use crate::common::{self, settings};
 use crate::place::Place;
 #[cfg(target_os = "linux")]
 use crate::place::shipped;
@@ -9,7 +9,7 @@ use egui::{
     Event as Input, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, RawInput, Rect,
     TouchPhase, Vec2, ViewportId, ViewportInfo,
 };
-use splatgraph::draw::backend::{Backend, Options};
+use splatgraph::draw::backend::{Backend, Validation};
 #[cfg(target_os = "linux")]
 use splatgraph::draw::builtin;
 use splatgraph::draw::session::image_of;
@@ -56,31 +56,33 @@ pub struct TestShell {
 }
 
 impl TestShell {
-    /// Opens a viewer that draws `scene` (generator and number of splats) with `graph`.
+    /// Opens a viewer that draws `scene` (generator and number of splats) with `graph`, under synchronization validation.
     ///
     /// Both `graph` and the window's graph are from a copy of all shipped files.
-    pub fn new(options: &Options, scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell {
-        let canvas = common::open(options);
-        let device = canvas.open_beside(options).expect("a device for the scene");
-        TestShell::on([canvas, device], scene, graph, size)
+    pub fn new(scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell {
+        TestShell::open(Validation::Synchronization, scene, graph, &[], size)
     }
 
-    /// Closes the viewer; fails on validation messages.
-    pub fn close(mut self) {
-        self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let devices = self.shell.into_devices();
-        assert_eq!(devices.len(), 2, "a device is lost");
-        let messages: Vec<String> = devices.into_iter().flat_map(Backend::close).collect();
-        assert!(messages.is_empty(), "{}", messages.join("\n"));
+    /// Like `new`, with another validation and with parameters.
+    pub fn open(
+        validation: Validation,
+        scene: (&str, u32),
+        graph: &str,
+        set: &[(&str, &str)],
+        size: (u32, u32),
+    ) -> TestShell {
+        let options = common::options(validation);
+        let canvas = common::open(&options);
+        let device = canvas.open_beside(&options).expect("a device for the scene");
+        TestShell::on([canvas, device], scene, graph, set, size)
     }
-}
 
-impl TestShell {
     /// Opens a viewer that draws the window on one device, and the scene on another.
     pub fn on(
         [canvas, device]: [Backend; 2],
         scene: (&str, u32),
         graph: &str,
+        set: &[(&str, &str)],
         size: (u32, u32),
     ) -> TestShell {
         common::share_shaders();
@@ -95,7 +97,7 @@ impl TestShell {
             // A dropped viewer needs no waking.
             Arc::new(move || _ = sender.send(()))
         };
-        let mut viewer = Viewer::new(device, (scene, path), &place.named(graph), &[], wake())
+        let mut viewer = Viewer::new(device, (scene, path), &place.named(graph), &settings(set), wake())
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
         viewer.folder = place.at("");
@@ -117,6 +119,15 @@ impl TestShell {
             input: VecDeque::new(),
             woken,
         }
+    }
+
+    /// Closes the viewer; fails on validation messages.
+    pub fn close(mut self) {
+        self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let devices = self.shell.into_devices();
+        assert_eq!(devices.len(), 2, "a device is lost");
+        let messages: Vec<String> = devices.into_iter().flat_map(Backend::close).collect();
+        assert!(messages.is_empty(), "{}", messages.join("\n"));
     }
 
     /// Plans events, one per frame.
@@ -165,9 +176,25 @@ impl TestShell {
         self.frame();
     }
 
+    /// Clicks a control, which must be shown, and draws the result.
+    pub fn push(&mut self, name: &str) {
+        assert!(self.click(name), "{name} is not shown");
+        self.act();
+    }
+
+    /// Presses and releases a key, and draws the result.
+    pub fn press(&mut self, key: Key, modifiers: Modifiers) {
+        self.key(key, modifiers);
+        self.act();
+    }
+
     /// Draws a frame and collects its events.
     pub fn frame(&mut self) {
         self.draw(false);
+    }
+
+    pub fn frames(&mut self, count: usize) {
+        (0..count).for_each(|_| self.frame());
     }
 
     fn draw(&mut self, read: bool) -> Frame {
@@ -200,12 +227,14 @@ impl TestShell {
         self.events.extend(self.shell.take_events());
         let scene = self.shell.viewer.a.renderer.device_mut().expect("the device is not lost");
         common::assert_silent(scene, "a frame");
-        common::assert_silent(self.shell.canvas_mut().expect("the device is not lost"), "a frame");
+        common::assert_silent(
+            self.shell.window_mut().device_mut().expect("the device is not lost"),
+            "a frame",
+        );
         frame
     }
 
     /// Waits for frames in flight; returns the number of frames of A and B so far.
-    #[cfg(target_os = "linux")]
     pub fn drawn(&mut self) -> u64 {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         self.shell.viewer.viewports().map(|viewport| viewport.history.frames()).sum()
@@ -224,6 +253,16 @@ impl TestShell {
                 self.woken.try_iter().for_each(drop);
             }
         }
+    }
+
+    /// Draws frames until a new event satisfies `is_it`; returns the event.
+    pub fn event(&mut self, what: &str, is_it: impl Fn(&Event) -> bool) -> Event {
+        let (seen, mut found) = (self.events.len(), None);
+        self.until(what, |viewer| {
+            found = viewer.events[seen..].iter().find(|event| is_it(event)).cloned();
+            found.is_some()
+        });
+        found.expect("the event ended the wait")
     }
 
     /// Draws frames until nothing is being built and the window's plan has the window's size.

@@ -21,7 +21,6 @@ fn a_person_uses_the_window() {
     parameters(&mut program, &first);
     presets(&mut program, &first);
     camera(&mut program, &first);
-    files(&mut program, &first);
     mistakes(&mut program, &first);
     comparisons(&mut program, &first);
     screen(&mut program, &first);
@@ -214,31 +213,6 @@ fn camera(program: &mut Program, first: &Pixels) {
     program.view_is_not("what a turned head sees", first);
     program.keys(&[HOME]);
     program.view_is("the first view", first);
-}
-
-fn files(program: &mut Program, first: &Pixels) {
-    let since = program.now();
-    let part = "pipelines/parts/depth_order.ron";
-    let graph =
-        program.place.edit(part, "default: 1.0, range: (0.0, 1.0)", "default: 0.3, range: (0.0, 1.0)");
-    program.swapped(since, "a", "depth_order.ron");
-    program.view_is_not("fewer splats", first);
-    let since = program.now();
-    program.place.write(part, graph);
-    program.swapped(since, "a", "depth_order.ron");
-    program.view_is("all splats", first);
-
-    let since = program.now();
-    let blue = "alpha, alpha);\n    blended.rg = vec2(0.0);";
-    let shader = program.place.edit("shaders/splat.frag", "alpha, alpha);", blue);
-    program.swapped(since, "a", "splat.frag");
-    program.view_until("blue alone", |shown| {
-        shown.rgb.iter().all(|[r, g, _]| *r == 0 && *g == 0) && shown.rgb.iter().any(|[_, _, b]| *b > 50)
-    });
-    let since = program.now();
-    program.place.write("shaders/splat.frag", shader);
-    program.swapped(since, "a", "splat.frag");
-    program.view_is("all colours", first);
 }
 
 fn mistakes(program: &mut Program, first: &Pixels) {

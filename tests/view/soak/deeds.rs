@@ -64,7 +64,10 @@ pub(super) enum Deed {
     Empty,
     Replace,
     Mend,
-    Param(ParamBindingKind),
+    /// Sets a live parameter, or a constant.
+    Param {
+        live: bool,
+    },
     Graph,
     Resize,
     Minimise,
@@ -81,12 +84,6 @@ pub(super) enum Deed {
     Panel,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ParamBindingKind {
-    Const,
-    Live,
-}
-
 pub(super) const DEEDS: [(usize, Deed); 23] = [
     (10, Deed::Comment),
     (6, Deed::Constant),
@@ -95,8 +92,8 @@ pub(super) const DEEDS: [(usize, Deed); 23] = [
     (1, Deed::Empty),
     (4, Deed::Replace),
     (12, Deed::Mend),
-    (8, Deed::Param(ParamBindingKind::Const)),
-    (12, Deed::Param(ParamBindingKind::Live)),
+    (8, Deed::Param { live: false }),
+    (12, Deed::Param { live: true }),
     (4, Deed::Graph),
     (4, Deed::Resize),
     (2, Deed::Minimise),
@@ -156,7 +153,7 @@ impl Soak {
                     self.viewer.place.write(&name, shipped(&name));
                 }
             }
-            Deed::Param(kind) => self.set_param(who, kind),
+            Deed::Param { live } => self.set_param(who, live),
             Deed::Graph => {
                 let graph = self.viewer.place.at(self.dice.of::<&str>(&GRAPHS));
                 if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
@@ -228,12 +225,10 @@ impl Soak {
     }
 
     /// Sets a parameter of the plan, if it has any, to a random value, or sometimes to its default.
-    fn set_param(&mut self, who: RendererId, kind: ParamBindingKind) {
+    fn set_param(&mut self, who: RendererId, live: bool) {
         let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
-        let is_const = |binding| binding == ParamBinding::Const;
-        let wanted = kind == ParamBindingKind::Const;
         let params = viewport.renderer.controls().iter().map(|control| &control.param);
-        let params = params.filter(|param| is_const(param.binding) == wanted);
+        let params = params.filter(|param| (param.binding != ParamBinding::Const) == live);
         let params: Vec<_> = params.cloned().collect();
         if params.is_empty() {
             return;

@@ -14,7 +14,7 @@ pub(super) fn open_files() -> usize {
 }
 
 /// Returns the names of the threads, sorted, without those of Mesa's shader cache on disk, which come and go.
-pub(super) fn threads() -> Vec<String> {
+fn threads() -> Vec<String> {
     let tasks = fs::read_dir("/proc/self/task").expect("there is a /proc");
     // A thread that has ended meanwhile has no name.
     let name = |task: std::io::Result<fs::DirEntry>| fs::read_to_string(task.ok()?.path().join("comm")).ok();

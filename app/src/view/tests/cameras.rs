@@ -2,12 +2,12 @@
 
 use super::script::{Script, arranged};
 use crate::draw::pick;
-use crate::draw::splat_set::{Masked, SplatSet};
+use crate::draw::splat_set::Masked;
 use crate::view::cameras::write;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use crate::view::opening::CameraRole;
-use crate::view::viewer::{Marks, Viewer};
+use crate::view::viewer::Viewer;
 use splatgraph_assets::{Camera, Projection, synth};
 use splatgraph_null::Config;
 use std::path::Path;
@@ -77,26 +77,6 @@ fn orthographic(folder: &Path) {
     let text = std::fs::read_to_string(&path).expect("the graph is read");
     let parameter = "params: {\n    \"projection\": Const(Choice(default: \"orthographic\", of: [\"pinhole\", \"orthographic\"])),";
     std::fs::write(&path, text.replace("params: {", parameter)).expect("the graph is written");
-}
-
-#[test]
-fn hiding_splats_does_not_change_the_scale_of_an_orthographic_view() {
-    visit(orthographic, |script| {
-        let viewer = script.viewer();
-        let camera = viewer.picture_camera();
-        assert_eq!(camera.projection, Projection::Orthographic);
-        let scene = viewer.loaded(RendererId::A);
-        let middle = scene.robust_bounds().center()[0] as f32;
-        let left = |index: &u32| scene.positions()[*index as usize][0] < middle;
-        let hidden: SplatSet = (0..scene.count()).filter(left).collect();
-        let marks = Marks { hidden: hidden.into(), ..Marks::default() };
-        viewer.set_marks(RendererId::A, marks);
-        script.until("the rest", |script| script.viewer().scene().count() < 100);
-        let viewer = script.viewer();
-        let moved = viewer.scene().robust_bounds().center()[0] - f64::from(middle);
-        assert!(moved > 0.1, "the middle of what is left is elsewhere, by {moved}");
-        assert_eq!(viewer.picture_camera(), camera);
-    });
 }
 
 #[test]
