@@ -169,14 +169,9 @@ impl Shell {
         &self.canvas
     }
 
-    /// Returns the window's renderer, to change how long it waits for a frame.
+    /// Returns the window's renderer, to change its device or how long it waits for a frame.
     pub fn window_mut(&mut self) -> &mut Renderer {
         &mut self.canvas
-    }
-
-    /// Returns the device of the window; `None` between [`Shell::release`] and [`Shell::give`].
-    pub fn canvas_mut(&mut self) -> Option<&mut Backend> {
-        self.canvas.device_mut()
     }
 
     /// Returns the failure of the window's graph, if it has no plan: nothing can be shown then.

@@ -196,7 +196,13 @@ impl App<'_> {
 
 impl ApplicationHandler<()> for App<'_> {
     fn resumed(&mut self, target: &ActiveEventLoop) {
-        own(|| self.start(target));
+        own(|| {
+            if let Some(options) = self.options.take()
+                && let Err(error) = self.open(target, options)
+            {
+                self.end(target, Err(error));
+            }
+        });
     }
 
     fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
@@ -216,19 +222,18 @@ impl ApplicationHandler<()> for App<'_> {
     }
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
-        own(|| self.close());
+        own(|| {
+            if let Some(running) = self.running.take() {
+                let messages = running.close();
+                if let Ok(outcome) = &mut self.outcome {
+                    outcome.extend(messages);
+                }
+            }
+        });
     }
 }
 
 impl App<'_> {
-    fn start(&mut self, target: &ActiveEventLoop) {
-        if let Some(options) = self.options.take()
-            && let Err(error) = self.open(target, options)
-        {
-            self.end(target, Err(error));
-        }
-    }
-
     fn take(&mut self, target: &ActiveEventLoop, event: WindowEvent) {
         let Some(running) = &mut self.running else { return };
         // egui must get every event, because the panels depend on it.
@@ -236,7 +241,7 @@ impl App<'_> {
         match event {
             WindowEvent::CloseRequested => self.end(target, Ok(())),
             WindowEvent::Resized(size) => {
-                if let Some(canvas) = running.shell.canvas_mut() {
+                if let Some(canvas) = running.shell.window_mut().device_mut() {
                     canvas.resize_window(size.width, size.height);
                 }
                 (running.asked, running.redraw) = (true, true);
@@ -263,15 +268,6 @@ impl App<'_> {
                 None => ControlFlow::Wait,
             }),
             Err(error) => self.end(target, Err(error)),
-        }
-    }
-
-    fn close(&mut self) {
-        if let Some(running) = self.running.take() {
-            let messages = running.close();
-            if let Ok(outcome) = &mut self.outcome {
-                outcome.extend(messages);
-            }
         }
     }
 }

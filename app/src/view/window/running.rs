@@ -296,7 +296,7 @@ impl Running {
                 self.save_a = true;
             }
             Command::Vsync(vsync) => {
-                if let Some(canvas) = self.shell.canvas_mut() {
+                if let Some(canvas) = self.shell.window_mut().device_mut() {
                     canvas.set_vsync(vsync);
                 }
             }
