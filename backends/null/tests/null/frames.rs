@@ -89,8 +89,12 @@ fn a_third_frame_waits_for_the_first_and_results_are_taken_in_any_order() {
 }
 
 #[test]
-fn a_frame_without_some_of_the_live_parameters_is_refused() {
+fn a_frame_without_a_plan_or_with_uniform_blocks_that_do_not_fit_it_is_refused() {
     let (mut null, journal) = device();
+    assert!(error_of(null.submit(&inputs())).to_string().contains("before a plan was loaded"));
+    load(&mut null, plan());
+    let missing = error_of(null.submit(&FrameInputs::default())).to_string();
+    assert!(missing.contains("no contents for uniform block `frame.camera`"), "{missing}");
     let mut lively = plan();
     lively.resources[CAMERA.index()].source = Source::Live;
     lively.params = ["first", "second"]
@@ -115,6 +119,8 @@ fn a_frame_without_some_of_the_live_parameters_is_refused() {
         let error = error_of(null.submit(&with(&live[..short]))).to_string();
         assert!(error.contains(&format!("expected at least 8 bytes, found {short}")), "{error}");
     }
+    let long = error_of(null.submit(&with(&[0; 257]))).to_string();
+    assert!(long.contains("uniform block `camera`: expected at most 256 bytes, found 257"), "{long}");
     frame(&mut null, &with(&live[..8]));
     frame(&mut null, &with(&live));
     finish(null, &journal);
@@ -154,6 +160,9 @@ fn reading_back_adds_the_copies_and_what_makes_them_visible_to_the_host() {
 fn bindings_of_a_host_buffer_are_written_where_it_moves_or_changes_its_length_and_not_otherwise() {
     let (mut null, journal) = device();
     load(&mut null, with_host_buffer());
+    let missing = error_of(null.submit(&inputs())).to_string();
+    assert!(missing.contains("no contents for host buffer `frame.words`"), "{missing}");
+    assert!(null.memory().iter().all(|(name, _)| name != "splats"), "it has no memory before its contents");
     let give = |bytes: &Arc<Vec<u8>>| {
         let buffers = [("frame.words".to_string(), BufferContents::Bytes(bytes.clone()))].into();
         FrameInputs { buffers, ..inputs() }

@@ -112,26 +112,6 @@ fn each_frame_in_flight_reads_its_own_uniforms() {
 }
 
 #[test]
-fn inputs_that_do_not_fit_are_refused_and_the_next_frame_runs() {
-    let mut vulkan = open_with(uniforms());
-    let error = error_of(vulkan.submit(&FrameInputs::default()));
-    assert!(error.contains("no contents for uniform block `frame.camera`"), "{error}");
-    let mut long = uniform_inputs(1, 2);
-    long.live = vec![0; 17];
-    assert!(error_of(vulkan.submit(&long)).contains("found 17"));
-    assert_eq!(output(&frame(&mut vulkan, &uniform_inputs(3, 4))), [3, 4]);
-    finish(vulkan);
-}
-
-#[test]
-fn a_frame_without_a_plan_is_an_error() {
-    let mut vulkan = open();
-    assert!(error_of(vulkan.submit(&FrameInputs::default())).contains("before a plan was loaded"));
-    assert!(error_of(vulkan.wait(FrameId(0))).contains("never submitted"));
-    finish(vulkan);
-}
-
-#[test]
 fn the_handover_brings_an_image_that_frames_keep_to_where_the_frame_before_would_have_left_it() {
     // The prologue sets the image to 100, and each frame adds 1. Frames find it in the layout that the export left.
     let mut build = Build::new();

@@ -1,7 +1,7 @@
 //! Host buffers, whose contents come with every frame.
 
 use crate::build::*;
-use splatgraph_api::{BackendError, BufferContents, Device, FrameId, FrameInputs, Inspect, Picture};
+use splatgraph_api::{BackendError, BufferContents, Device, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
@@ -45,10 +45,6 @@ fn given(words: &[u32]) -> FrameInputs {
 
 fn shown_with(vulkan: &mut Vulkan, inputs: &FrameInputs) -> Vec<u32> {
     output(&frame(vulkan, inputs))
-}
-
-fn given_bytes(vulkan: &Vulkan) -> Option<u64> {
-    vulkan.memory().iter().find(|(name, _)| name == NAME).map(|(_, bytes)| *bytes)
 }
 
 #[test]
@@ -103,54 +99,6 @@ fn equal_words_in_another_allocation_are_other_words() {
         // The slot releases the words when it gets the next ones, so their address may be reused.
         assert_eq!(shown_with(&mut vulkan, &given(&[index])), [index, 1]);
     }
-    finish(vulkan);
-}
-
-#[test]
-fn memory_for_words_grows_in_powers_of_two_and_is_not_there_before_they_come() {
-    let mut vulkan = open_with(words_and_length(1));
-    assert_eq!(given_bytes(&vulkan), None);
-    let mut listed = Vec::new();
-    for length in [1025, 1026, 2048, 1, 2049] {
-        // Draws one frame in each slot.
-        for _ in 0..2 {
-            assert_eq!(shown_with(&mut vulkan, &given(&vec![7; length])), [7, length as u32]);
-        }
-        listed.push(given_bytes(&vulkan).expect("both slots have some"));
-    }
-    assert_eq!(listed, [16384, 16384, 16384, 16384, 32768]);
-    finish(vulkan);
-}
-
-#[test]
-fn a_frame_without_the_buffer_or_with_too_little_of_it_is_refused_and_the_next_runs() {
-    let mut vulkan = open_with(words_and_length(2));
-    let refused = |vulkan: &mut Vulkan, inputs: &FrameInputs, expected: &str| {
-        let error = vulkan.submit(inputs).expect_err("this should have been refused");
-        assert!(matches!(error, BackendError::Invalid(_)), "{error:?}");
-        assert!(error.to_string().contains(expected), "{error}");
-    };
-    refused(&mut vulkan, &with_output(), "no contents for host buffer `frame.words`");
-    refused(
-        &mut vulkan,
-        &given(&[1]),
-        "host buffer `frame.words`: expected 8 bytes or more in elements of 4, found 4 bytes",
-    );
-    refused(&mut vulkan, &giving(BufferContents::Bytes(Arc::default())), "found 0 bytes");
-    refused(
-        &mut vulkan,
-        &giving(BufferContents::Bytes(Arc::new(vec![0; 10]))),
-        "in elements of 4, found 10 bytes",
-    );
-    let unknown = Picture { id: 77, format: Format::R32Uint, width: 4, height: 4 };
-    refused(
-        &mut vulkan,
-        &giving(BufferContents::Picture(unknown)),
-        "host buffer `frame.words` was given the picture 77",
-    );
-    assert_eq!(shown_with(&mut vulkan, &given(&[3, 4])), [3, 4, 2]);
-    refused(&mut vulkan, &given(&[1]), "found 4 bytes");
-    assert_eq!(shown_with(&mut vulkan, &given(&[5, 6, 7])), [5, 6, 3]);
     finish(vulkan);
 }
 

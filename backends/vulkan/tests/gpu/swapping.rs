@@ -242,36 +242,6 @@ fn a_plan_is_kept_until_its_frames_in_flight_are_done() {
 }
 
 #[test]
-fn many_swaps_do_not_grow_the_memory() {
-    let bytes = |vulkan: &Vulkan| vulkan.memory().iter().map(|(_, bytes)| bytes).sum::<u64>();
-    let plans = [growing("even", 1), growing("odd", 1)];
-    let mut vulkan = open();
-    let mut frames = Vec::new();
-    let mut most = Vec::new();
-    for swap in 0..50 {
-        load(&mut vulkan, plans[swap % 2].clone());
-        frames.push(submit(&mut vulkan));
-        most.push(bytes(&vulkan));
-        if swap == 9 {
-            // Plans that are replaced before their first frame leave nothing behind.
-            load(&mut vulkan, plans[0].clone());
-            let before = bytes(&vulkan);
-            for plan in plans.iter().rev().cycle().take(20) {
-                load(&mut vulkan, plan.clone());
-            }
-            assert_eq!(bytes(&vulkan), before);
-        }
-    }
-    // From the third plan on, at most two former plans have frames in flight.
-    assert!(most[2..].iter().all(|&bytes| bytes <= most[2]), "{most:?}");
-    for (index, frame) in frames.into_iter().enumerate() {
-        assert_eq!(grown(&mut vulkan, frame).1, index as u32 + 1);
-    }
-    assert_eq!(bytes(&vulkan), most[0]);
-    finish(vulkan);
-}
-
-#[test]
 fn a_load_that_fails_leaves_the_former_plan_its_frames_and_its_histories() {
     let mut vulkan = open_with(growing("count", 1));
     let pending = [submit(&mut vulkan), submit(&mut vulkan)];
