@@ -52,7 +52,7 @@ fn place(plan: &Plan) -> Option<Barriers> {
     let walk = |state: &mut SyncState, ids: &[PassId]| -> Vec<Step> {
         state.start_frame();
         let mut steps = Vec::with_capacity(ids.len());
-        ids.iter().for_each(|id| state.place(*id, &mut steps, &inputs));
+        ids.iter().for_each(|id| state.place(*id, &mut steps));
         steps
     };
 
@@ -73,23 +73,23 @@ fn place(plan: &Plan) -> Option<Barriers> {
         }
         (frame, rounds) = (again, rounds + 1);
     }
-    let handover = handover(&start, &frame, &inputs)?;
+    let handover = handover(&start, &frame)?;
     let mut before = vec![Vec::new(); plan.passes.len()];
     prologue.into_iter().chain(frame).for_each(|step| before[step.pass.index()] = step.barriers);
     Some(Barriers { before, handover })
 }
 
 /// Computes the call between the prologue and the first frame; `None` if no call suffices.
-fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Barrier>> {
+fn handover(start: &SyncState, frame: &[Step]) -> Option<Vec<Barrier>> {
     let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
-    for change in inputs.plan.layout_changes.iter().filter(|change| change.handover) {
-        let needs = start.change_needs(change, inputs, true);
+    for change in start.inputs.plan.layout_changes.iter().filter(|change| change.handover) {
+        let needs = start.change_needs(change, true);
         let masks = needs::least_source(&needs);
         call.images.push((change.transition(), masks, needs, change.before));
     }
     // Every round adds what the previous one missed.
     loop {
-        let missing = call.missing(start, frame, inputs);
+        let missing = call.missing(start, frame);
         if missing.is_empty() {
             break;
         }
@@ -97,10 +97,11 @@ fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Ba
             return None;
         }
     }
-    call.reduce(start, frame, inputs);
+    call.reduce(start, frame);
     Some(call.barriers())
 }
 
+#[derive(Clone)]
 struct Handover {
     memory: Masks,
     /// The requirements that `memory`, the barrier on all memory, meets.
@@ -138,13 +139,13 @@ impl Handover {
     }
 
     /// Lists the requirements of the first frame that this handover does not meet yet.
-    fn missing(&self, start: &SyncState, frame: &[Step], inputs: &Inputs) -> Vec<Requirement> {
+    fn missing(&self, start: &SyncState, frame: &[Step]) -> Vec<Requirement> {
         let mut state = start.clone();
         // The handover is recorded right before the first pass.
         let first = frame.first().map_or(PassId(0), |step| step.pass);
         state.call(&self.barriers(), first);
         state.start_frame();
-        frame.iter().flat_map(|step| state.replay(step.pass, &step.barriers, inputs)).collect()
+        frame.iter().flat_map(|step| state.replay(step.pass, &step.barriers)).collect()
     }
 
     /// Adds the mask bits that `need` requires to the call. Returns false if they were already there.
@@ -169,20 +170,19 @@ impl Handover {
     }
 
     /// Clears every mask bit that the first frame does not need.
-    fn reduce(&mut self, start: &SyncState, frame: &[Step], inputs: &Inputs) {
+    fn reduce(&mut self, start: &SyncState, frame: &[Step]) {
         let reduced = needs::least(self.memory, |masks| {
-            let less = Handover { memory: *masks, needs: self.needs.clone(), images: self.images.clone() };
-            less.missing(start, frame, inputs).is_empty()
+            let less = Handover { memory: *masks, ..self.clone() };
+            less.missing(start, frame).is_empty()
         });
         self.memory = reduced;
         for i in 0..self.images.len() {
             // The source of a layout change is already minimal.
             let masks = self.images[i].1;
             let reduced = needs::least(masks.target(), |target| {
-                let mut images = self.images.clone();
-                images[i].1 = masks.source().with(*target);
-                let less = Handover { memory: self.memory, needs: self.needs.clone(), images };
-                less.missing(start, frame, inputs).is_empty()
+                let mut less = self.clone();
+                less.images[i].1 = masks.source().with(*target);
+                less.missing(start, frame).is_empty()
             });
             self.images[i].1 = masks.source().with(reduced);
         }

@@ -30,8 +30,9 @@ impl Inputs<'_> {
     }
 }
 
-#[derive(Clone, Debug)]
-pub(super) struct SyncState {
+#[derive(Clone)]
+pub(super) struct SyncState<'a> {
+    pub inputs: &'a Inputs<'a>,
     scopes: Scopes,
     now: Time,
     frame_start: Time,
@@ -128,9 +129,10 @@ struct Change {
     target: Masks,
 }
 
-impl SyncState {
-    pub fn new(inputs: &Inputs) -> SyncState {
+impl<'a> SyncState<'a> {
+    pub fn new(inputs: &'a Inputs<'a>) -> SyncState<'a> {
         SyncState {
+            inputs,
             scopes: Scopes::new(),
             now: 0,
             frame_start: 0,
@@ -147,20 +149,19 @@ impl SyncState {
 
     /// Advances the walk by a pass, and appends its step. Barriers that the pass needs extend the last call if that
     /// can meet them; otherwise, they come with the step.
-    pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>, inputs: &Inputs) {
+    pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>) {
         self.now += 2;
-        let changes: Vec<Change> =
-            inputs.changes(id).iter().map(|change| self.change(change, inputs)).collect();
-        let mut needs = self.needs(id, &self.scopes, inputs);
+        let changes: Vec<Change> = self.inputs.changes(id).iter().map(|change| self.change(change)).collect();
+        let mut needs = self.needs(id, &self.scopes);
         let ahead = std::mem::take(&mut self.ahead);
         for next in ahead.iter().filter(|(at, _)| *at == steps.len()).map(|(_, next)| *next) {
-            needs.extend(self.needs_of_next_frame(next, inputs));
+            needs.extend(self.needs_of_next_frame(next));
         }
         self.ahead = ahead;
 
         let mut barriers = Vec::new();
         if changes.is_empty() && self.can_join_last_call(&needs) {
-            self.join_last_call(id, steps, inputs);
+            self.join_last_call(id, steps);
         } else if !changes.is_empty() || !needs.is_empty() {
             let call = Call::new(self, steps.len(), needs, &changes);
             self.apply(&call.barriers(), id);
@@ -168,10 +169,10 @@ impl SyncState {
             self.call = Some(call);
         }
         // A pass that may be omitted must not carry the barriers of others.
-        if matches!(inputs.plan.pass(id).work, Work::ClearHistory { .. }) {
+        if matches!(self.inputs.plan.pass(id).work, Work::ClearHistory { .. }) {
             self.call = None;
         }
-        self.record(id, inputs);
+        self.record(id);
         steps.push(Step { barriers, pass: id });
     }
 
@@ -183,9 +184,9 @@ impl SyncState {
     /// Extends the last call to meet the requirements of this pass.
     ///
     /// Also records the requirements that the call already meets, so that later changes keep meeting them.
-    fn join_last_call(&mut self, id: PassId, steps: &mut [Step], inputs: &Inputs) {
+    fn join_last_call(&mut self, id: PassId, steps: &mut [Step]) {
         let Some(mut call) = self.call.take() else { return };
-        let mut needs = self.needs(id, &call.before, inputs);
+        let mut needs = self.needs(id, &call.before);
         needs.retain(|need| need.reason.time <= call.covers());
         if call.meet(needs) {
             self.scopes = call.before.clone();
@@ -201,8 +202,8 @@ impl SyncState {
     }
 
     /// Lists the requirements of a pass at the start of the next frame, as seen from the current state.
-    fn needs_of_next_frame(&self, id: PassId, inputs: &Inputs) -> Vec<Requirement> {
-        let mut needs = self.needs(id, &self.scopes, inputs);
+    fn needs_of_next_frame(&self, id: PassId) -> Vec<Requirement> {
+        let mut needs = self.needs(id, &self.scopes);
         needs.iter_mut().for_each(|need| need.reason.previous_frame = true);
         needs
     }
@@ -210,15 +211,15 @@ impl SyncState {
     /// Replays a pass with its barriers, and returns the requirements that they do not meet.
     ///
     /// A requirement of a layout change has the source stages of the change as its target.
-    pub fn replay(&mut self, id: PassId, barriers: &[Barrier], inputs: &Inputs) -> Vec<Requirement> {
+    pub fn replay(&mut self, id: PassId, barriers: &[Barrier]) -> Vec<Requirement> {
         self.now += 2;
         let mut missing = Vec::new();
-        for change in inputs.changes(id) {
+        for change in self.inputs.changes(id) {
             let Some(barrier) = barriers.iter().find(|b| b.image.is_some_and(|t| t.image == change.image))
             else {
                 continue;
             };
-            let mut needs = self.change_needs(change, inputs, false);
+            let mut needs = self.change_needs(change, false);
             needs.retain(|need| !need.source_is_met_by(&barrier.masks));
             // The change waits for its source stages, and so for everything before them.
             if let Some(stage) = barrier.masks.source_stages.iter().next() {
@@ -229,9 +230,9 @@ impl SyncState {
         let met = |need: &Requirement| {
             barriers.iter().any(|b| (b.image.is_none() || need.access.is_empty()) && need.is_met_by(&b.masks))
         };
-        missing.extend(self.needs(id, &self.scopes, inputs).into_iter().filter(|need| !met(need)));
+        missing.extend(self.needs(id, &self.scopes).into_iter().filter(|need| !met(need)));
         self.apply(barriers, id);
-        self.record(id, inputs);
+        self.record(id);
         missing
     }
 
@@ -241,14 +242,14 @@ impl SyncState {
         self.apply(barriers, pass);
     }
 
-    fn change(&self, change: &LayoutChange, inputs: &Inputs) -> Change {
+    fn change(&self, change: &LayoutChange) -> Change {
         let LayoutChange { image, old, before, .. } = *change;
         let mut target = Masks::default();
-        for touch in inputs.plan.pass(before).uses.iter().filter(|touch| touch.resource == image) {
+        for touch in self.inputs.plan.pass(before).uses.iter().filter(|touch| touch.resource == image) {
             target.target_stages |= touch.stages;
             target.target_accesses |= touch.accesses;
         }
-        let mut needs = self.change_needs(change, inputs, true);
+        let mut needs = self.change_needs(change, true);
         let hazard = needs.first().map_or(Hazard::LayoutChange, |need| {
             match (target.target_accesses.reads() && old != Layout::Undefined, need.reason.hazard) {
                 // The change itself is a write; the hazard follows from the pass's access.
@@ -264,15 +265,15 @@ impl SyncState {
     /// Lists the requirements of a layout change, with empty targets. The change counts as a write.
     ///
     /// If `named`, the source must name an earlier write, even if a chain would suffice.
-    pub fn change_needs(&self, change: &LayoutChange, inputs: &Inputs, named: bool) -> Vec<Requirement> {
+    pub fn change_needs(&self, change: &LayoutChange, named: bool) -> Vec<Requirement> {
         let LayoutChange { image, before, .. } = *change;
         let to = (Stages::empty(), Accesses::empty());
         let mut needs = Vec::new();
-        let dependencies = inputs.plan.dependencies_of(before).iter();
+        let dependencies = self.inputs.plan.dependencies_of(before).iter();
         for dependency in dependencies.filter(|d| d.changes_layout && d.resource == image) {
             let Some(time) = self.time(dependency) else { continue };
             if !dependency.masks.source_accesses.writes() {
-                self.order(dependency, time, to.0, &self.scopes, inputs, &mut needs);
+                self.order(dependency, time, to.0, &self.scopes, &mut needs);
                 continue;
             }
             let known = needs.len();
@@ -304,16 +305,18 @@ impl SyncState {
     }
 
     /// Lists the requirements of a pass that `scopes` does not meet, except those of its layout changes.
-    fn needs(&self, id: PassId, scopes: &Scopes, inputs: &Inputs) -> Vec<Requirement> {
+    fn needs(&self, id: PassId, scopes: &Scopes) -> Vec<Requirement> {
         let mut needs = Vec::new();
-        for dependency in inputs.plan.dependencies_of(id) {
-            if dependency.hazard == Hazard::LayoutChange || inputs.changes_layout(id, dependency.resource) {
+        for dependency in self.inputs.plan.dependencies_of(id) {
+            if dependency.hazard == Hazard::LayoutChange
+                || self.inputs.changes_layout(id, dependency.resource)
+            {
                 continue;
             }
             let Some(time) = self.time(dependency) else { continue };
             for to in dependency.masks.target_stages.iter() {
                 if dependency.hazard == Hazard::WriteAfterRead {
-                    self.order(dependency, time, to, scopes, inputs, &mut needs);
+                    self.order(dependency, time, to, scopes, &mut needs);
                     continue;
                 }
                 for access in dependency.masks.target_accesses.iter() {
@@ -323,9 +326,9 @@ impl SyncState {
                 }
             }
         }
-        for touch in &inputs.plan.pass(id).uses {
+        for touch in &self.inputs.plan.pass(id).uses {
             let Some(changed) = self.changed[touch.resource.index()] else { continue };
-            if inputs.changes_layout(id, touch.resource) {
+            if self.inputs.changes_layout(id, touch.resource) {
                 continue;
             }
             let both =
@@ -388,10 +391,9 @@ impl SyncState {
         time: Time,
         to: Stages,
         scopes: &Scopes,
-        inputs: &Inputs,
         needs: &mut Vec<Requirement>,
     ) {
-        let dispatch = matches!(inputs.plan.pass(dependency.first).work, Work::Dispatch { .. });
+        let dispatch = matches!(self.inputs.plan.pass(dependency.first).work, Work::Dispatch { .. });
         let reason = self.reason(dependency, Hazard::WriteAfterRead, time);
         for from in dependency.masks.source_stages.iter() {
             let origin = Origin::new(from, dispatch);
@@ -428,9 +430,9 @@ impl SyncState {
         }
     }
 
-    fn record(&mut self, id: PassId, inputs: &Inputs) {
+    fn record(&mut self, id: PassId) {
         self.ran[id.index()] = self.now;
-        for touch in &inputs.plan.pass(id).uses {
+        for touch in &self.inputs.plan.pass(id).uses {
             let changed = &mut self.changed[touch.resource.index()];
             if touch.accesses.writes() {
                 *changed = None;
