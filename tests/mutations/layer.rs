@@ -11,7 +11,7 @@ use splatgraph_framework::ir::{
 };
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::sync::Barriers;
-use splatgraph_vulkan::sync::model::{Actor, Missing, Replay, Violation, ViolationKind, When, replay};
+use splatgraph_vulkan::sync::model::{Actor, Missing, Replay, Violation, ViolationKind, What, When, replay};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -110,16 +110,16 @@ impl Layer<'_> {
 
     fn sees(&self, mutant: &Barriers, violation: &Violation) -> Result<(), Blind> {
         let Violation { kind, first, second, resource, through, missing, .. } = *violation;
-        match (kind, first, second) {
-            (ViolationKind::Unwritten, ..) => return Err(Blind::Contents),
-            (ViolationKind::Layout, _, Actor::Pass { pass, .. }) if self.attaches(pass, resource) => {
+        match (kind, second.what) {
+            (ViolationKind::Unwritten, _) => return Err(Blind::Contents),
+            (ViolationKind::Layout, What::Pass(pass)) if self.attaches(pass, resource) => {
                 return Err(Blind::Attachments);
             }
-            (ViolationKind::Layout, ..) => return Ok(()),
+            (ViolationKind::Layout, _) => return Ok(()),
             _ => {}
         }
         let Some(first) = first else { return Err(Blind::Contents) };
-        if frame(second).saturating_sub(frame(first)) >= FRAMES_IN_FLIGHT as u32 {
+        if second.when.frame().saturating_sub(first.when.frame()) >= FRAMES_IN_FLIGHT as u32 {
             return Err(Blind::Fences);
         }
         let is_image = |id| matches!(self.plan.resource(id).shape, Shape::Image { .. });
@@ -127,7 +127,7 @@ impl Layer<'_> {
             return Err(Blind::BesideImages);
         }
         let sides = [(first, through.unwrap_or(resource)), (second, resource)];
-        let [before, after] = sides.map(|(actor, resource)| self.views(actor, resource));
+        let [before, after] = sides.map(|(actor, resource)| self.views(actor.what, resource));
         if before.iter().any(|a| after.iter().any(|b| a.conflicts(*b, missing))) {
             let settled = kind == ViolationKind::ReadAfterWrite && missing != Missing::Order;
             let settled = settled && self.seen_between(mutant, first, second, resource, &after);
@@ -136,12 +136,12 @@ impl Layer<'_> {
         let any = |test: &dyn Fn(PassId, ResourceId) -> bool| {
             sides
                 .iter()
-                .any(|(actor, resource)| matches!(actor, Actor::Pass { pass, .. } if test(*pass, *resource)))
+                .any(|(actor, resource)| matches!(actor.what, What::Pass(pass) if test(pass, *resource)))
         };
         Err(if any(&|pass, resource| self.attaches(pass, resource)) {
             Blind::Attachments
-        } else if matches!(first, Actor::Host { .. })
-            || matches!(second, Actor::Host { .. })
+        } else if first.what == What::Host
+            || second.what == What::Host
             || any(&|pass, _| self.plan.pass(pass).work == Work::Host)
         {
             Blind::Host
@@ -165,7 +165,7 @@ impl Layer<'_> {
         after: &[View],
     ) -> bool {
         let step = |actor| match actor {
-            Actor::Pass { when: When::Frame(frame), pass } => {
+            Actor { when: When::Frame(frame), what: What::Pass(pass) } => {
                 Some((frame, self.plan.frame.iter().position(|id| *id == pass)?))
             }
             _ => None,
@@ -182,8 +182,7 @@ impl Layer<'_> {
         };
         frame == same
             && (first + 1..second).any(|reader| {
-                let pass = self.plan.frame[reader];
-                let views = self.views(Actor::Pass { when: When::Frame(frame), pass }, resource);
+                let views = self.views(What::Pass(self.plan.frame[reader]), resource);
                 views.iter().any(|view| !view.writes && waits(reader, view.stage))
             })
     }
@@ -199,14 +198,14 @@ impl Layer<'_> {
     }
 
     /// Returns the accesses of an actor to a resource, as the layer sees them.
-    fn views(&self, actor: Actor, resource: ResourceId) -> Vec<View> {
+    fn views(&self, actor: What, resource: ResourceId) -> Vec<View> {
         let view = |stage, access: Accesses| View { stage, access, writes: access.writes() };
         let pass = match actor {
-            Actor::Host { .. } => return Vec::new(),
-            Actor::Transition { .. } => {
+            What::Host => return Vec::new(),
+            What::Transition { .. } => {
                 return vec![View { stage: Stages::empty(), access: Accesses::empty(), writes: true }];
             }
-            Actor::Pass { pass, .. } => self.plan.pass(pass),
+            What::Pass(pass) => self.plan.pass(pass),
         };
         let mut views = Vec::new();
         let mut shader = |stage: Stages, shader: ShaderId| {
@@ -250,16 +249,6 @@ impl Layer<'_> {
             }
         }
         views
-    }
-}
-
-/// Returns the frame with which an actor is submitted; 0 for the prologue.
-fn frame(actor: Actor) -> u32 {
-    match actor {
-        Actor::Pass { when: When::Frame(frame), .. }
-        | Actor::Transition { when: When::Frame(frame), .. }
-        | Actor::Host { frame } => frame,
-        Actor::Pass { .. } | Actor::Transition { .. } => 0,
     }
 }
 

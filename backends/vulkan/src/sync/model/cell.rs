@@ -173,7 +173,7 @@ impl Contents {
 
     /// Returns true if the bytes were last written through `resource`; with `fresh`, in that part of the run.
     pub fn hold(&self, resource: ResourceId, fresh: Option<When>) -> bool {
-        let now = fresh.is_none_or(|when| self.by.is_some_and(|by| by.when() == when));
+        let now = fresh.is_none_or(|when| self.by.is_some_and(|by| by.when == when));
         self.state == State::Written(resource) && now
     }
 }
@@ -268,7 +268,7 @@ impl Cell {
             }
         }
         for write in &self.writes {
-            let of_prologue = matches!(when, When::Frame(_)) && write.actor.when() == When::Prologue;
+            let of_prologue = matches!(when, When::Frame(_)) && write.actor.when == When::Prologue;
             let must_be_named = rules.changes_name_writes
                 && !write.stage.is_empty()
                 && !of_prologue

@@ -10,7 +10,7 @@ use super::calls::Calls;
 use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
 use super::rules::{Replay, Rules};
 use super::stages::Pairs;
-use super::violation::{Actor, Findings, Missing, Violation, ViolationKind, When};
+use super::violation::{Actor, Findings, Missing, Violation, ViolationKind, What, When};
 use crate::sync::barrier::{Barrier, Barriers};
 use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
 use splatgraph_framework::oracle::trace::{Access, Clash, Trace};
@@ -243,7 +243,7 @@ impl<'a> MemoryState<'a> {
     fn prepare(&mut self, frame: u32) {
         self.time += 1;
         let in_flight = self.replay.in_flight.max(1);
-        let finished = |actor: Actor| actor.when().frame().saturating_add(in_flight) <= frame;
+        let finished = |actor: Actor| actor.when.frame().saturating_add(in_flight) <= frame;
         let (copy, trace, time) = (self.copy(When::Frame(frame)), self.trace, self.time);
         for (index, place) in trace.resources.iter().enumerate().filter(|(_, place)| place.per_frame()) {
             for number in place.cells(copy) {
@@ -252,7 +252,7 @@ impl<'a> MemoryState<'a> {
                 if !place.host_writes {
                     continue;
                 }
-                let host = Actor::Host { frame };
+                let host = Actor { when: When::Frame(frame), what: What::Host };
                 let resource = ResourceId(index as u32);
                 let running = cell.reads.iter().filter(|read| !finished(read.actor));
                 let overtaken: Vec<Conflict> = running
@@ -309,20 +309,23 @@ impl<'a> MemoryState<'a> {
         }
         self.time += 1;
         let scopes: Vec<Scope> = barriers.iter().map(Scope::new).collect();
+        let change = |image| Actor { when, what: What::Transition { image, before } };
 
         for (index, scope) in scopes.iter().enumerate() {
             let Some(image) = scope.image else { continue };
-            let actor = Actor::Transition { when, image: image.image, before };
+            let actor = change(image.image);
             self.check_layout(image.image, image.old, actor, true);
             if scope.transition().is_some() {
                 self.check_transition(scope, image, actor);
-                self.check_siblings(&scopes[..index], image, actor);
+                for other in scopes[..index].iter().filter_map(Scope::transition) {
+                    self.check_siblings(change(other.image), other, actor, image);
+                }
             }
         }
         self.calls.add(barriers);
         for scope in &scopes {
             if let Some(image) = scope.transition() {
-                self.transition(scope, image, Actor::Transition { when, image: image.image, before });
+                self.transition(scope, image, change(image.image));
             }
         }
     }
@@ -331,24 +334,19 @@ impl<'a> MemoryState<'a> {
         for number in self.trace.resource(image.image).cells(0) {
             let mut conflicts = Vec::new();
             let rules = self.rules;
-            self.cell(number).check_transition(scope, rules, actor.when(), |conflict| {
+            self.cell(number).check_transition(scope, rules, actor.when, |conflict| {
                 conflicts.push(conflict);
             });
             self.conflict(conflicts, actor, image.image, number);
         }
     }
 
-    /// Reports layout changes of one call that share memory: within a call, nothing orders them.
-    fn check_siblings(&mut self, others: &[Scope], image: Transition, actor: Actor) {
-        let own = self.trace.resource(image.image).cells(0);
-        for other in others.iter().filter_map(Scope::transition) {
-            let cells = self.trace.resource(other.image).cells(0);
-            let Actor::Transition { when, before, .. } = actor else { continue };
-            let first = Actor::Transition { when, before, image: other.image };
-            for number in own.start.max(cells.start)..own.end.min(cells.end) {
-                let conflict = (ViolationKind::WriteAfterWrite, first, other.image, Missing::Order);
-                self.conflict([conflict], actor, image.image, number);
-            }
+    /// Reports two layout changes of one call that share memory: within a call, nothing orders them.
+    fn check_siblings(&mut self, first: Actor, other: Transition, actor: Actor, image: Transition) {
+        let [own, cells] = [image, other].map(|change| self.trace.resource(change.image).cells(0));
+        for number in own.start.max(cells.start)..own.end.min(cells.end) {
+            let conflict = (ViolationKind::WriteAfterWrite, first, other.image, Missing::Order);
+            self.conflict([conflict], actor, image.image, number);
         }
     }
 
@@ -404,7 +402,7 @@ impl<'a> MemoryState<'a> {
     fn pass(&mut self, pass: PassId, when: When) {
         self.time += 1;
         let actions = self.trace.actions(pass);
-        let actor = Actor::Pass { when, pass };
+        let actor = Actor { when, what: What::Pass(pass) };
         let copy = self.copy(when);
         for (image, layout) in &actions.layouts {
             self.check_layout(*image, *layout, actor, false);
@@ -445,7 +443,7 @@ impl<'a> MemoryState<'a> {
 
     fn check(&mut self, access: &Access, actor: Actor, copy: u32) {
         let Access { resource, stage, access: bit, needs_contents, .. } = *access;
-        let fresh = self.trace.resource(resource).fresh.then_some(actor.when());
+        let fresh = self.trace.resource(resource).fresh.then_some(actor.when);
         let rules = self.rules;
         for number in access.cells(copy) {
             let mut conflicts = Vec::new();

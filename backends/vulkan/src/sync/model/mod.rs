@@ -43,7 +43,7 @@ mod violation;
 
 use memory_state::MemoryState;
 pub use rules::{Replay, Rules};
-pub use violation::{Actor, Missing, Violation, ViolationKind, When};
+pub use violation::{Actor, Missing, Violation, ViolationKind, What, When};
 
 /// Replays a plan and returns its violations. The ids in the plan must be valid, as in every solved plan.
 ///

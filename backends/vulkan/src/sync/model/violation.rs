@@ -75,7 +75,7 @@ pub enum When {
 
 impl When {
     /// Returns the number of the frame with which this part is submitted.
-    pub(super) fn frame(self) -> u32 {
+    pub fn frame(self) -> u32 {
         match self {
             When::Prologue | When::Handover => 0,
             When::Frame(n) => n,
@@ -83,63 +83,44 @@ impl When {
     }
 }
 
-/// The source of an access: a pass, a layout change or the host.
+/// The source of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Actor {
+pub struct Actor {
+    /// The part of the run that it belongs to; for the host, the frame that it prepares.
+    pub when: When,
+    /// What accesses the resource.
+    pub what: What,
+}
+
+/// A pass, a layout change or the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum What {
     /// A pass of the plan.
-    Pass {
-        /// Part of the run that the pass belongs to.
-        when: When,
-        /// The pass that accesses the resource.
-        pass: PassId,
-    },
+    Pass(PassId),
     /// The layout change of an image, in the barriers before a pass or in the handover.
     Transition {
-        /// Part of the run that the barrier belongs to.
-        when: When,
         /// The image whose layout changes.
         image: ResourceId,
         /// Pass that follows the barrier; `None` in the handover.
         before: Option<PassId>,
     },
     /// The host, writing a uniform block for a frame.
-    Host {
-        /// Number of the frame that the block is for, from 0.
-        frame: u32,
-    },
+    Host,
 }
 
 impl Actor {
-    pub(super) fn when(self) -> When {
-        match self {
-            Actor::Pass { when, .. } | Actor::Transition { when, .. } => when,
-            Actor::Host { frame } => When::Frame(frame),
-        }
-    }
-
-    fn recurs_as(self, other: Actor) -> bool {
-        match (self, other) {
-            (Actor::Pass { pass, .. }, Actor::Pass { pass: other, .. }) => pass == other,
-            (
-                Actor::Transition { image, before, .. },
-                Actor::Transition { image: other_image, before: other_before, .. },
-            ) => (image, before) == (other_image, other_before),
-            (Actor::Host { .. }, Actor::Host { .. }) => true,
-            _ => false,
-        }
-    }
-
     fn describe(self, plan: &Plan) -> String {
-        match self {
-            Actor::Pass { when, pass } => format!("`{}` ({when})", plan.pass(pass).name),
-            Actor::Transition { when, image, before: Some(pass) } => {
+        let when = self.when;
+        match self.what {
+            What::Pass(pass) => format!("`{}` ({when})", plan.pass(pass).name),
+            What::Transition { image, before: Some(pass) } => {
                 let (image, pass) = (&plan.resource(image).name, &plan.pass(pass).name);
                 format!("the layout change of `{image}` before `{pass}` ({when})")
             }
-            Actor::Transition { when, image, before: None } => {
+            What::Transition { image, before: None } => {
                 format!("the layout change of `{}` ({when})", plan.resource(image).name)
             }
-            Actor::Host { frame } => format!("the host, preparing frame {frame},"),
+            What::Host => format!("the host, preparing {when},"),
         }
     }
 }
@@ -157,14 +138,8 @@ impl fmt::Display for When {
 impl Violation {
     /// Returns true if both are the same violation, ignoring the frame and the bytes.
     fn recurs_as(&self, other: &Violation) -> bool {
-        let same_first = match (self.first, other.first) {
-            (Some(first), Some(other)) => first.recurs_as(other),
-            (None, None) => true,
-            _ => false,
-        };
-        same_first
-            && self.second.recurs_as(other.second)
-            && (self.kind, self.resource) == (other.kind, other.resource)
+        let recurring = |v: &Violation| (v.kind, v.resource, v.first.map(|a| a.what), v.second.what);
+        recurring(self) == recurring(other)
     }
 
     /// Formats the violation as a sentence. `plan` is the replayed plan.

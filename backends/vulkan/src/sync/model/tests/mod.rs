@@ -87,11 +87,11 @@ const NOTHING: [&str; 0] = [];
 
 /// Formats violations as `kind: first pass, second pass: resource: missing guarantee`.
 fn tell(plan: &Plan, violations: &[Violation]) -> Vec<String> {
-    let name = |actor: Actor| match actor {
-        Actor::Pass { pass, .. } => plan.pass(pass).name.clone(),
-        Actor::Transition { before: Some(pass), .. } => format!("change before {}", plan.pass(pass).name),
-        Actor::Transition { before: None, .. } => "change in handover".into(),
-        Actor::Host { .. } => "host".into(),
+    let name = |actor: Actor| match actor.what {
+        What::Pass(pass) => plan.pass(pass).name.clone(),
+        What::Transition { before: Some(pass), .. } => format!("change before {}", plan.pass(pass).name),
+        What::Transition { before: None, .. } => "change in handover".into(),
+        What::Host => "host".into(),
     };
     let short = |o: &Violation| {
         let first = o.first.map_or("none".into(), name);
