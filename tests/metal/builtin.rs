@@ -6,7 +6,7 @@ use super::clang;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-const SOURCE: &str = include_str!("../../backends/metal/src/builtin.metal");
+const SOURCE: &str = include_str!("../../backends/metal/src/apple/builtin.metal");
 
 const BACKEND: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/metal/src");
 

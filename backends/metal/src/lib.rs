@@ -13,11 +13,7 @@
 //! - [`times`]: the timestamps of a frame;
 //! - [`error`]: conversion of Metal's failures to errors.
 //!
-//! The other half, only for Apple's systems, creates the objects and follows this data. `objc` has the calls that the
-//! crate `metal` lacks.
-//!
-//! That half has never been run: it is compiled and linted for Apple silicon on other systems. `docs/metal-mac.md`
-//! lists the first things to check on a Mac.
+//! The other half, `apple`, creates the objects and follows this data. It is compiled only for Apple's systems.
 
 #![deny(missing_docs)]
 
@@ -31,30 +27,7 @@ pub mod times;
 pub mod walk;
 
 #[cfg(target_vendor = "apple")]
-mod backend;
-#[cfg(target_vendor = "apple")]
-mod capture;
-#[cfg(target_vendor = "apple")]
-mod descriptors;
-#[cfg(target_vendor = "apple")]
-mod device;
-#[cfg(target_vendor = "apple")]
-mod encoder;
-#[cfg(target_vendor = "apple")]
-mod gpu;
-#[cfg(target_vendor = "apple")]
-mod memory;
-#[cfg(target_vendor = "apple")]
-mod objc;
-#[cfg(target_vendor = "apple")]
-mod pipelines;
-#[cfg(target_vendor = "apple")]
-mod queue;
-#[cfg(target_vendor = "apple")]
-mod surface;
-#[cfg(target_vendor = "apple")]
-mod swapchain;
-
+mod apple;
 #[cfg(test)]
 #[path = "../../runtime/src/testing.rs"]
 mod handmade;
@@ -62,9 +35,7 @@ mod handmade;
 mod testing;
 
 #[cfg(target_vendor = "apple")]
-pub use capture::capture_next_frame;
-#[cfg(target_vendor = "apple")]
-pub use gpu::MetalGpu;
+pub use apple::{MetalGpu, capture_next_frame};
 
 /// An open Apple GPU and the plan that it executes.
 #[cfg(target_vendor = "apple")]

@@ -1,7 +1,7 @@
 //! Lists the machine's GPUs, with their limits and the facts that graphs can use.
 
+use crate::apple::objc;
 use crate::features::{self, ReportedLimits};
-use crate::objc;
 use metal::{Device, MTLGPUFamily};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 

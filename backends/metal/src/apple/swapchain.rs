@@ -3,11 +3,11 @@
 //! A triangle that covers the drawable samples the output, which is scaled if the sizes differ. The draw has its own
 //! command buffer, so the frame does not wait for the window.
 
-use crate::capture;
+use crate::apple::capture;
+use crate::apple::gpu::MetalGpu;
+use crate::apple::objc;
 use crate::error::no_object;
-use crate::gpu::MetalGpu;
 use crate::lower;
-use crate::objc;
 use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;

@@ -3,9 +3,9 @@
 //! Metal has no descriptor sets: each argument is set in the encoder before its command. The tables are therefore
 //! host-side lists of the arguments to set.
 
-use crate::gpu::MetalGpu;
+use crate::apple::gpu::MetalGpu;
+use crate::apple::pipelines::Pipelines;
 use crate::lower::{ArgumentSlot, Stage};
-use crate::pipelines::Pipelines;
 use metal::{Buffer, Texture};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Binding, Msl, PassId};

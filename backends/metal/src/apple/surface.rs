@@ -1,6 +1,6 @@
 //! Attaches a layer to a window. The layer provides the drawables that the window shows.
 
-use crate::objc;
+use crate::apple::objc;
 use metal::{MTLPixelFormat, MetalLayer};
 use raw_window_handle::{HandleError, RawWindowHandle};
 use splatgraph_api::BackendError;

@@ -5,14 +5,14 @@
 //!
 //! Every call has its own autorelease pool, so that Metal's temporary objects are freed before the thread ends.
 
-use crate::capture;
-use crate::descriptors::ArgumentTables;
+use crate::apple::capture;
+use crate::apple::descriptors::ArgumentTables;
+use crate::apple::gpu::{MetalGpu, Submission};
+use crate::apple::objc;
+use crate::apple::pipelines::Pipelines;
+use crate::apple::queue::{self, Timestamps};
 use crate::error::no_object;
-use crate::gpu::{MetalGpu, Submission};
 use crate::lower::{self, CLEAR_THREADS};
-use crate::objc;
-use crate::pipelines::Pipelines;
-use crate::queue::{self, Timestamps};
 use crate::times;
 use crate::walk::{Move, Walk};
 use metal::*;

@@ -1,10 +1,10 @@
 //! Creates the pipelines, fences and encoders of a plan, once per plan.
 
+use crate::apple::gpu::{self, MetalGpu};
+use crate::apple::memory::format;
+use crate::apple::objc;
 use crate::features::LANES;
-use crate::gpu::{self, MetalGpu};
 use crate::lower::{self, Lowered};
-use crate::memory::format;
-use crate::objc;
 use crate::sync::Division;
 use crate::walk::Walked;
 use metal::*;

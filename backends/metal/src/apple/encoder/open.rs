@@ -1,7 +1,7 @@
 //! Opens and closes Metal's encoders, with their fences, timestamp samples and targets.
 
 use super::state::{Encoder, Open};
-use crate::gpu::MetalGpu;
+use crate::apple::gpu::MetalGpu;
 use crate::sync::{EncoderKind, FenceUse, RenderStages};
 use metal::*;
 use splatgraph_framework::ir::{DepthAccess, Load, Target};

@@ -4,13 +4,13 @@
 //! the GPU uses it. Resources are untracked, so Metal orders nothing by itself. Frames of several executors are ordered
 //! here: by the submissions that may not have completed, and the submissions that all later ones wait for.
 
-use crate::device::Physical;
+use crate::apple::device::Physical;
+use crate::apple::objc;
+use crate::apple::surface::{FORMAT, Surface};
 use crate::error::{no_object, of_command_buffer};
 use crate::features::{self, LANES};
 use crate::lower;
-use crate::objc;
 use crate::progress::{Progress, progress};
-use crate::surface::{FORMAT, Surface};
 use metal::*;
 use splatgraph_api::{BackendError, Options};
 use splatgraph_runtime::{Common, Window, lock};

@@ -1,15 +1,15 @@
 //! Implements the runtime's [`Gpu`](splatgraph_runtime::Gpu) trait with Metal.
 
-use crate::descriptors::ArgumentTables;
-use crate::device;
-use crate::encoder::Encoder;
+use crate::apple::descriptors::ArgumentTables;
+use crate::apple::device;
+use crate::apple::encoder::Encoder;
+use crate::apple::gpu::MetalGpu;
+use crate::apple::memory::{self, Memory};
+use crate::apple::objc;
+use crate::apple::pipelines::Pipelines;
+use crate::apple::queue::{self, Timestamps};
+use crate::apple::swapchain::Swapchain;
 use crate::features;
-use crate::gpu::MetalGpu;
-use crate::memory::{self, Memory};
-use crate::objc;
-use crate::pipelines::Pipelines;
-use crate::queue::{self, Timestamps};
-use crate::swapchain::Swapchain;
 use metal::{Buffer, Texture, TextureDescriptor};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Validation};
 use splatgraph_framework::ir::Format;

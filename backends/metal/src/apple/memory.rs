@@ -3,10 +3,10 @@
 //! Device memory is a placement heap. Its objects, several if the plan lets them alias, are at the heap's start.
 //! Host-visible memory is a single buffer, which is also the object. All resources are untracked.
 
+use crate::apple::gpu::{MetalGpu, private};
+use crate::apple::objc;
 use crate::error::no_object;
-use crate::gpu::{MetalGpu, private};
 use crate::lower;
-use crate::objc;
 use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;

@@ -3,7 +3,7 @@
 //! The capture begins with the first commands recorded after the request, and ends when the window's next frame is
 //! submitted. Metal writes documents only for programs started with `METAL_CAPTURE_ENABLED=1` (or by Xcode).
 
-use crate::objc;
+use crate::apple::objc;
 use metal::{CaptureDescriptor, CaptureManager, DeviceRef, MTLCaptureDestination};
 use splatgraph_runtime::lock;
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
 //! Submits commands, waits for submissions, and reads timestamps.
 
-use crate::gpu::{MetalGpu, Submission};
-use crate::objc;
+use crate::apple::gpu::{MetalGpu, Submission};
+use crate::apple::objc;
 use crate::progress::Progress;
 use crate::times::{FrameTimes, MAX_SAMPLES};
 use metal::{CounterSampleBuffer, CounterSampleBufferDescriptor, MTLStorageMode};

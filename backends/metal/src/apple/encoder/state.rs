@@ -1,10 +1,10 @@
 //! Defines the state of a recording: a command buffer, the open encoder, and the next command's pipeline and arguments.
 
-use crate::descriptors::{Argument, Table};
-use crate::gpu::{MetalGpu, Submission};
+use crate::apple::descriptors::{Argument, Table};
+use crate::apple::gpu::{MetalGpu, Submission};
+use crate::apple::pipelines::{Order, Pipeline};
+use crate::apple::queue::Timestamps;
 use crate::lower::Stage;
-use crate::pipelines::{Order, Pipeline};
-use crate::queue::Timestamps;
 use crate::sync::{EncoderKind, FenceUse};
 use crate::walk::{Move, Walk};
 use metal::*;
@@ -42,7 +42,7 @@ pub struct Encoder {
     /// Event that is signalled, then waited for, to order earlier commands of the buffer before later ones; and its last
     /// value.
     pub(super) order_event: (Event, u64),
-    /// Event and value that the commands wait for before they start; see [`submit`](crate::queue::submit).
+    /// Event and value that the commands wait for before they start; see [`submit`](crate::apple::queue::submit).
     pub(super) others: (SharedEvent, u64),
     /// True if all commands wait for all earlier submissions, not only for published ones.
     pub(super) after_all: bool,
