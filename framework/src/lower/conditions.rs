@@ -25,7 +25,7 @@ impl Lowering<'_> {
         let Some(condition) = when else { return Ok(true) };
         let at = &place.field("when");
         let (holds, decided) = level.names.traced(|| level.names.truth(condition, at));
-        self.shape.extend(&decided);
+        self.lowered.shape.extend(&decided);
         level.names.note_decided(&decided);
         if holds? {
             return Ok(true);
@@ -65,7 +65,8 @@ impl Lowering<'_> {
         };
         for user in &users {
             for id in self.look_up(level, user, why.at).ok().flatten().unwrap_or_default() {
-                self.unwritten.push(RemovedUse { resource: id, pass: name.clone(), when: why.at.span() });
+                let (pass, when) = (name.clone(), why.at.span());
+                self.lowered.unwritten.push(RemovedUse { resource: id, pass, when });
             }
         }
         let chooses = shaders.iter().filter(|shader| is_choice(&shader.text));
@@ -80,7 +81,7 @@ impl Lowering<'_> {
             _ => None,
         };
         let exposed = exposed.into_iter().flatten().filter_map(|name| level.names.params.get(name)).flatten();
-        self.removed.push(RemovedPass {
+        self.lowered.removed.push(RemovedPass {
             condition: condition.clone(),
             when: why.at.span(),
             reason: why.reason.clone(),
@@ -92,7 +93,7 @@ impl Lowering<'_> {
         });
         let origin = self.files.origin(place.span());
         let why = format!("its condition is false: {condition}");
-        self.plan.culled.push(Culled { pass: name, why, origin });
+        self.lowered.plan.culled.push(Culled { pass: name, why, origin });
     }
 }
 

@@ -146,10 +146,10 @@ impl Lowering<'_> {
                 handle.map(|handle| self.port(port_name, port, handle, &inner, &port_at, &at)).transpose()?;
             inner.handles.insert(port_name.clone(), handle);
         }
-        inner.include = Some(self.included.len());
+        inner.include = Some(self.lowered.includes.len());
         let chosen = level.names.take_notes().decided;
         inner.around = level.around.iter().copied().chain(decided).chain(chosen).collect();
-        self.included.push(include);
+        self.lowered.includes.push(include);
         self.declare(&mut inner);
         if self.errors.len() > before {
             return Ok(());
@@ -163,7 +163,7 @@ impl Lowering<'_> {
         }
         inner.names.take_notes();
         self.stats(&inner);
-        self.results.extend(inner.names.take_notes().all());
+        self.lowered.results.extend(inner.names.take_notes().all());
         self.give(level, name, &inner);
         Ok(())
     }
@@ -191,7 +191,7 @@ impl Lowering<'_> {
         }
         if inner.graph.output.is_some() {
             let (output, params) = inner.names.traced(|| self.output(inner));
-            let output = output.map(|(id, _)| Handle::Plain(vec![id]));
+            let output = output.map(|id| Handle::Plain(vec![id]));
             decided.insert(PICTURE.into(), params);
             let hidden = given.insert(PICTURE.into(), output.clone());
             if hidden.is_some_and(|hidden| hidden != output) {

@@ -9,7 +9,7 @@ use crate::plan::Plan;
 use crate::source::Diagnostic;
 
 /// A lowered graph: only dispatches, draws and fills, in the order of the file.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Lowered {
     /// The plan so far: names, parameters, resources and results. It has no passes and no shaders yet.
     pub plan: Plan,

@@ -7,14 +7,11 @@ use std::rc::Rc;
 use super::declared::{Exposed, Known};
 use super::defines::{Constants, capital, defines, option_define};
 use super::document::Opened;
-use super::lowered::{
-    Declaration, LoweredInclude, LoweredPass, RemovedPass, RemovedUse, SkippedUse, Unswapped,
-};
+use super::lowered::{Lowered, SkippedUse};
 use super::require::Choices;
 use super::scope::Names;
 use crate::expr::name_unknown_in;
-use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
-use crate::plan::Plan;
+use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span};
 use crate::schema::{Expression, Graph, Number};
 use crate::source::{Diagnostic, Place, SourceMap};
 
@@ -29,11 +26,10 @@ pub(super) struct Lowering<'a> {
     pub request: &'a Request<'a>,
     pub files: &'a mut SourceMap,
     pub errors: Vec<Diagnostic>,
-    pub plan: Plan,
-    pub declarations: Vec<Declaration>,
+    /// The result so far.
+    pub lowered: Lowered,
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
-    pub passes: Vec<LoweredPass>,
     /// Number of steps so far. The walk ends once it exceeds [`MAX_STEPS`].
     steps: usize,
     pub choices: Choices<'a>,
@@ -42,20 +38,10 @@ pub(super) struct Lowering<'a> {
     pub pass_names: BTreeMap<String, Option<Span>>,
     pub include_names: BTreeMap<String, Span>,
     pub histories: Vec<History>,
-    pub unwritten: Vec<RemovedUse>,
-    pub removed: Vec<RemovedPass>,
-    pub skipped: Vec<SkippedUse>,
-    /// Parameters that decide which passes exist; see [`Lowered::shape`](super::Lowered::shape).
-    pub shape: ParamSet,
-    /// Parameters that the results depend on; see [`Lowered::results`](super::Lowered::results).
-    pub results: ParamSet,
-    /// Statistics, each with the place of its declaration and its include: an index into [`Self::included`].
-    pub stats: Vec<(Stat, Span, Option<usize>)>,
+    /// The include of each statistic, as an index into [`Lowered::includes`].
+    pub stat_includes: Vec<Option<usize>>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
-    pub included: Vec<LoweredInclude>,
-    pub unswapped: Vec<Unswapped>,
-    pub idle: Vec<Diagnostic>,
 }
 
 /// One graph file in the walk: the root, or an include.
@@ -76,7 +62,7 @@ pub(super) struct Level {
     pub prefix: String,
     /// Suffix for the names of passes: the indices of repeats.
     pub suffix: String,
-    /// Index into [`Lowering::included`]; `None` for the root.
+    /// Index into [`Lowered::includes`]; `None` for the root.
     pub include: Option<usize>,
     /// Parameters that the includes and repeats around the current pass depend on.
     pub around: ParamSet,
@@ -168,33 +154,28 @@ fn needs(lets: &IndexMap<String, Number>, from: &str, on: &str) -> bool {
 }
 
 impl<'a> Lowering<'a> {
-    pub fn new(request: &'a Request<'a>, files: &'a mut SourceMap) -> Self {
+    pub fn new(
+        request: &'a Request<'a>,
+        files: &'a mut SourceMap,
+        (choices, known): (Choices<'a>, Known),
+        lowered: Lowered,
+    ) -> Self {
         Lowering {
             request,
             files,
             errors: Vec::new(),
-            plan: Plan::default(),
-            declarations: Vec::new(),
+            lowered,
             resource_names: BTreeMap::new(),
             ping_pongs: Vec::new(),
-            passes: Vec::new(),
             steps: 0,
-            choices: Choices::new(request),
-            known: Default::default(),
+            choices,
+            known,
             // Reserved for the frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             include_names: BTreeMap::new(),
             histories: Vec::new(),
-            unwritten: Vec::new(),
-            removed: Vec::new(),
-            skipped: Vec::new(),
-            shape: ParamSet::new(),
-            results: ParamSet::new(),
-            stats: Vec::new(),
+            stat_includes: Vec::new(),
             includes: Vec::new(),
-            included: Vec::new(),
-            unswapped: Vec::new(),
-            idle: Vec::new(),
         }
     }
 
@@ -220,7 +201,7 @@ impl<'a> Lowering<'a> {
                             Number::Literal(_) => None,
                         };
                         let (name, span, decided) = (name.clone(), place.key(), read.clone());
-                        self.skipped.push(SkippedUse { params, name, span, decided, reason });
+                        self.lowered.skipped.push(SkippedUse { params, name, span, decided, reason });
                     }
                     if names.is_constant(number) {
                         names.constants.insert(name.clone());

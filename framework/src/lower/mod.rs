@@ -73,12 +73,28 @@ pub fn lower_candidate(
     candidate: Option<usize>,
     files: &mut SourceMap,
 ) -> Result<Lowered, Vec<Diagnostic>> {
-    let mut walk = Lowering::new(request, files);
-    walk.choices.candidate = candidate;
-    let Root { chosen, parameters, resolved } =
-        Root::open(request, walk.files, &mut walk.choices, &mut walk.known, None)?;
-    let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
-    let (names, params) = (resolved.names, resolved.params.clone());
+    let (mut choices, mut known) = (Choices::new(request), Known::default());
+    choices.candidate = candidate;
+    let Root { chosen, parameters, resolved } = Root::open(request, files, &mut choices, &mut known, None)?;
+    let Resolved { params, names, skipped, live_bytes, live: live_params, .. } = resolved;
+    let root = &chosen.opened;
+    let lowered = Lowered {
+        live_glsl: params::live_glsl(&params),
+        plan: Plan {
+            name: request.graph.into(),
+            summary: folded(&root.summary),
+            based_on: root.based_on.clone(),
+            fallbacks: chosen.fallbacks.clone(),
+            facts: request.facts.named(),
+            params: params.clone(),
+            ..Plan::default()
+        },
+        live_params,
+        skipped,
+        output_span: root.root.field("output").span(),
+        ..Lowered::default()
+    };
+    let mut walk = Lowering::new(request, files, (choices, known), lowered);
     let scope = Scope { names, params, exposed: parameters.exposed.clone() };
     let mut level = walk.level(root, scope, String::new());
     if let Some(port) = root.graph.ports.keys().next() {
@@ -99,46 +115,18 @@ pub fn lower_candidate(
     walk.walk(&mut level, &root.graph.passes, &passes);
     level.names.take_notes();
     let output = walk.output(&level);
-    let outputs = walk.outputs(&level);
+    walk.lowered.plan.outputs = walk.outputs(&level);
     walk.stats(&level);
-    walk.results.extend(level.names.take_notes().all());
-    let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
-    let live_span = root.root.field("params").key();
-    let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
-    let live = walk.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
+    walk.lowered.results.extend(level.names.take_notes().all());
+    let live_shape = Shape::Buffer { stride: live_bytes.next_multiple_of(16).max(16), count: 1 };
+    walk.lowered.live =
+        walk.add(LIVE_BLOCK.into(), live_shape, Source::Live, root.root.field("params").key());
     walk.end_histories();
-    let stats = std::mem::take(&mut walk.stats).into_iter();
-    let (stats, stat_spans) = stats.map(|(stat, span, _)| (stat, span)).unzip();
     match output {
-        Some((output, output_span)) if walk.errors.is_empty() => Ok(Lowered {
-            live_glsl: params::live_glsl(&resolved.params),
-            plan: Plan {
-                name: walk.request.graph.into(),
-                summary: folded(&root.summary),
-                based_on: root.based_on.clone(),
-                fallbacks: fallbacks.clone(),
-                facts: walk.request.facts.named(),
-                params: resolved.params,
-                output,
-                outputs,
-                stats,
-                ..walk.plan
-            },
-            declarations: walk.declarations,
-            live_params: resolved.live,
-            shape: walk.shape,
-            results: walk.results,
-            passes: walk.passes,
-            removed: walk.removed,
-            skipped: [resolved.skipped, walk.skipped].concat(),
-            unwritten: walk.unwritten,
-            includes: walk.included,
-            unswapped: walk.unswapped,
-            idle: walk.idle,
-            output_span,
-            stat_spans,
-            live,
-        }),
+        Some(output) if walk.errors.is_empty() => {
+            walk.lowered.plan.output = output;
+            Ok(walk.lowered)
+        }
         _ => Err(Diagnostic::distinct(walk.errors)),
     }
 }

@@ -39,7 +39,7 @@ impl Lowering<'_> {
                 PassDecl::Fill { .. } | PassDecl::Repeat { .. } | PassDecl::Swap(_) => 0,
             };
             if !self.count(1 + entries, &at.index(i))
-                || self.passes.len() > MAX_PASSES
+                || self.lowered.passes.len() > MAX_PASSES
                 || self.errors.len() >= MAX_ERRORS
             {
                 return;
@@ -166,7 +166,7 @@ impl Lowering<'_> {
                     .map_err(|_| value_place.error("this does not fit in 32 bits", format!("is {value}")))?;
                 let at = place.field("buffer");
                 let Some(id) = self.look_up_one(level, buffer, &at)? else { return Ok(()) };
-                let target = &self.plan.resources[id.index()];
+                let target = self.lowered.plan.resource(id);
                 let last = self.histories.iter().any(|history| history.previous_frame == id);
                 if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient || last
                 {
@@ -200,7 +200,7 @@ impl Lowering<'_> {
     fn note_idle(&mut self, level: &Level, pass: &str, size: &Number, at: &Place) {
         if level.names.is_constant(size) && level.names.evaluate(size, at) == Ok(Value::Int(0)) {
             let warning = at.error(format!("no shader of `{pass}` ever runs"), "is 0");
-            self.idle.push(warning.with_help("to leave a pass out, give it `when: false`"));
+            self.lowered.idle.push(warning.with_help("to leave a pass out, give it `when: false`"));
         }
     }
 
@@ -230,7 +230,7 @@ impl Lowering<'_> {
     }
 
     fn is_integer(&self, image: ResourceId) -> bool {
-        matches!(self.plan.resources[image.index()].shape, Shape::Image { format: Format::R32Uint, .. })
+        matches!(self.lowered.plan.resource(image).shape, Shape::Image { format: Format::R32Uint, .. })
     }
 
     /// Checks that a target's blend mode exists for the image's format: no device blends integers.
@@ -285,7 +285,7 @@ impl Lowering<'_> {
         let Some(id) = self.look_up_one(level, buffer, &at.index(0))? else { return Ok(None) };
         let offset_place = at.index(1);
         let offset = level.names.natural(offset, &offset_place)?;
-        let resource = &self.plan.resources[id.index()];
+        let resource = self.lowered.plan.resource(id);
         if !matches!(resource.shape, Shape::Buffer { .. }) {
             return Err(at
                 .index(0)
@@ -361,7 +361,7 @@ impl Lowering<'_> {
             uses: Vec::new(),
             origin: self.files.origin(span),
         };
-        self.passes.push(LoweredPass {
+        self.lowered.passes.push(LoweredPass {
             pass,
             file: level.file,
             span,
@@ -376,7 +376,7 @@ impl Lowering<'_> {
             read,
             constants: level.constants.clone(),
         });
-        if self.passes.len() > MAX_PASSES {
+        if self.lowered.passes.len() > MAX_PASSES {
             return Err(Diagnostic::new(
                 format!("this graph has over {MAX_PASSES} passes"),
                 span,
@@ -397,7 +397,7 @@ impl Lowering<'_> {
         let count_place = place.field("count");
         let count = level.names.deciding(|| level.names.natural(count, &count_place))?;
         let decided = level.names.take_notes().decided;
-        self.shape.extend(&decided);
+        self.lowered.shape.extend(&decided);
         if count > MAX_PASSES as u64 {
             return Err(
                 count_place.error(format!("this repeats over {MAX_PASSES} times"), format!("is {count}"))
@@ -412,7 +412,7 @@ impl Lowering<'_> {
         let swaps: Vec<usize> = self.ping_pongs.iter().map(|pair| pair.swaps).collect();
         let mut starts = Vec::new();
         for i in 0..count {
-            starts.push(self.passes.len());
+            starts.push(self.lowered.passes.len());
             if !self.count(1, place) {
                 break;
             }
@@ -427,7 +427,7 @@ impl Lowering<'_> {
         level.names.values.remove(var);
         level.suffix = suffix;
         level.around = around;
-        starts.push(self.passes.len());
+        starts.push(self.lowered.passes.len());
         if let [first, second, third, ..] = starts[..] {
             self.note_unswapped(&swaps, [first..second, second..third]);
         }
@@ -436,12 +436,12 @@ impl Lowering<'_> {
 
     /// Records the pairs of which a repeat uses both halves without a swap. `swaps` is from before the repeat.
     fn note_unswapped(&mut self, swaps: &[usize], passes: [Range<usize>; 2]) {
-        let binds = self.passes[passes[0].start..passes[1].end].iter().flat_map(|pass| &pass.bind);
+        let binds = self.lowered.passes[passes[0].start..passes[1].end].iter().flat_map(|pass| &pass.bind);
         let bound: HashSet<ResourceId> = binds.flat_map(|bind| &bind.resources).copied().collect();
         for (pair, before) in self.ping_pongs.iter().zip(swaps) {
             if pair.swaps == *before && pair.halves.iter().all(|half| bound.contains(half)) {
                 let (front, back) = (pair.halves[pair.front], pair.halves[1 - pair.front]);
-                self.unswapped.push(Unswapped { front, back, passes: passes.clone() });
+                self.lowered.unswapped.push(Unswapped { front, back, passes: passes.clone() });
             }
         }
     }

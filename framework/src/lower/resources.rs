@@ -24,14 +24,14 @@ impl Lowering<'_> {
         }
         for (name, import) in &graph.imports {
             let place = root.field("imports").field(name);
-            let first = self.plan.resources.len();
+            let first = self.lowered.plan.resources.len();
             let handle = self.import(level, name, import, &place);
             self.note(level, first);
             self.enter(level, name, handle, &place);
         }
         for (name, declaration) in &graph.resources {
             let place = root.field("resources").field(name);
-            let first = self.plan.resources.len();
+            let first = self.lowered.plan.resources.len();
             let handle = self.resource(level, name, declaration, &place);
             self.note(level, first);
             self.enter(level, name, handle, &place);
@@ -41,7 +41,9 @@ impl Lowering<'_> {
     /// Records the parameters of a declaration with the resources that it added, from `first` on.
     fn note(&mut self, level: &Level, first: usize) {
         let params = level.names.take_notes().all();
-        self.declarations[first..].iter_mut().for_each(|declaration| declaration.params = params.clone());
+        for declaration in &mut self.lowered.declarations[first..] {
+            declaration.params = params.clone();
+        }
     }
 
     fn enter(&mut self, level: &mut Level, name: &str, handle: Result<Handle, Diagnostic>, place: &Place) {
@@ -194,8 +196,8 @@ impl Lowering<'_> {
                 Handle::Plain(ids) => ids[0],
                 Handle::PingPong(index) => self.ping_pongs[index].in_front(),
             };
-            self.plan.resources[real.index()].history = Some(name);
-            self.declarations[previous_frame.index()].previous_frame_of = Some(real);
+            self.lowered.plan.resources[real.index()].history = Some(name);
+            self.lowered.declarations[previous_frame.index()].previous_frame_of = Some(real);
         }
     }
 
@@ -224,7 +226,7 @@ impl Lowering<'_> {
     }
 
     pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceId {
-        let id = ResourceId(self.plan.resources.len() as u32);
+        let id = ResourceId(self.lowered.plan.resources.len() as u32);
         // This also reports a resource with the name of the live block, which is added last.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
@@ -233,8 +235,10 @@ impl Lowering<'_> {
             );
         }
         let (usage, origin) = (Usage::empty(), self.files.origin(span));
-        self.plan.resources.push(Resource { name, shape, usage, source, block: None, history: None, origin });
-        self.declarations.push(Declaration { span, previous_frame_of: None, params: ParamSet::new() });
+        let resource = Resource { name, shape, usage, source, block: None, history: None, origin };
+        self.lowered.plan.resources.push(resource);
+        let declaration = Declaration { span, previous_frame_of: None, params: ParamSet::new() };
+        self.lowered.declarations.push(declaration);
         id
     }
 
@@ -326,7 +330,7 @@ impl Lowering<'_> {
             let own = names().filter(|name| name.starts_with(&prefix)).map(|name| format!("`{name}`"));
             own.collect::<Vec<_>>().join(", ")
         };
-        let here = self.included.iter().filter(|known| known.parent == level.include);
+        let here = self.lowered.includes.iter().filter(|known| known.parent == level.include);
         let includes: Vec<&str> = here.filter_map(|known| known.name.strip_prefix(&level.prefix)).collect();
         let near = if includes.contains(&include) { Some(include) } else { nearest(include, includes) };
         match near {
@@ -375,7 +379,7 @@ impl Lowering<'_> {
             Port::Image { format } => return self.image_port(name, format, given, inner, port_at, at),
         };
         if let Handle::Plain(ids) = &given
-            && let Shape::Image { .. } = self.plan.resources[ids[0].index()].shape
+            && let Shape::Image { .. } = self.lowered.plan.resource(ids[0]).shape
         {
             return Err(at.error(format!("the port `{name}` takes a buffer"), "this is an image"));
         }
@@ -394,7 +398,7 @@ impl Lowering<'_> {
             Handle::Plain(ids) => ids[0],
         };
         let wanted = inner.names.positive(stride, &port_at.field("stride"))?;
-        match self.plan.resources[first.index()].shape {
+        match self.lowered.plan.resource(first).shape {
             Shape::Buffer { stride, .. } if stride != wanted => Err(at.error(
                 format!("the port `{name}` takes elements of {wanted} bytes"),
                 format!("has elements of {stride}"),
@@ -414,7 +418,7 @@ impl Lowering<'_> {
     ) -> Result<Handle, Diagnostic> {
         let is_buffer = || at.error(format!("the port `{name}` takes an image"), "this is a buffer");
         let Handle::Plain(ids) = &given else { return Err(is_buffer()) };
-        let Shape::Image { format: found, .. } = self.plan.resources[ids[0].index()].shape else {
+        let Shape::Image { format: found, .. } = self.lowered.plan.resource(ids[0]).shape else {
             return Err(is_buffer());
         };
         let wanted = format.as_ref().map(|f| self.format(inner, f, &port_at.field("format"))).transpose()?;

@@ -11,7 +11,7 @@ pub fn no_output(name: &str) -> String {
 }
 
 impl<'a> Lowering<'a> {
-    pub(super) fn output(&mut self, level: &Level) -> Option<(ResourceId, Span)> {
+    pub(super) fn output(&mut self, level: &Level) -> Option<ResourceId> {
         let root = level.root.clone();
         let Some(name) = &level.graph.output else {
             self.errors.push(Diagnostic::new(
@@ -21,8 +21,7 @@ impl<'a> Lowering<'a> {
             ));
             return None;
         };
-        let at = root.field("output");
-        Some((self.output_image(level, name, &at)?, at.span()))
+        self.output_image(level, name, &root.field("output"))
     }
 
     /// Reports requested outputs (facts such as `outputs.depth`) that the graph does not have.
@@ -61,7 +60,7 @@ impl<'a> Lowering<'a> {
     /// Finds the image of an output; `None` after an error.
     fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceId> {
         match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
-            Ok(Some(id)) => match self.plan.resources[id.index()].shape {
+            Ok(Some(id)) => match self.lowered.plan.resource(id).shape {
                 Shape::Image { format: Format::Depth32Float, .. } => {
                     let message = format!("`{}` holds depth-test values, not a picture", name.text);
                     self.errors.push(at.error(message, "cannot be an output"));
@@ -101,17 +100,20 @@ impl<'a> Lowering<'a> {
             let word = format!("the word of `{name}` does not fit");
             let found = self.words(level, (buffer, offset), (4, &word), &at).and_then(|found| {
                 self.of_this_frame(found.map(|(id, _)| id), &at.index(0))?;
-                match self.stats.iter().find(|(stat, ..)| stat.name == *name) {
+                match self.lowered.plan.stats.iter().position(|stat| stat.name == *name) {
                     None => Ok(found),
-                    Some((_, first, include)) => {
-                        Err(self.two_statistics(name, (*first, *include), (at.key(), level.include)))
+                    Some(first) => {
+                        let first = (self.lowered.stat_spans[first], self.stat_includes[first]);
+                        Err(self.two_statistics(name, first, (at.key(), level.include)))
                     }
                 }
             });
             match found {
                 Ok(Some((buffer, offset))) => {
                     let stat = Stat { name: name.clone(), buffer, offset };
-                    self.stats.push((stat, at.key(), level.include));
+                    self.lowered.plan.stats.push(stat);
+                    self.lowered.stat_spans.push(at.key());
+                    self.stat_includes.push(level.include);
                 }
                 Ok(None) => {}
                 Err(diagnostic) => self.errors.push(diagnostic),
@@ -129,7 +131,7 @@ impl<'a> Lowering<'a> {
     ) -> Diagnostic {
         let around = |include: Option<usize>| {
             let mut all: Vec<usize> =
-                std::iter::successors(include, |index| self.included[*index].parent).collect();
+                std::iter::successors(include, |index| self.lowered.includes[*index].parent).collect();
             all.reverse();
             all
         };
@@ -137,7 +139,7 @@ impl<'a> Lowering<'a> {
         let place = |own: &[usize], other: &[usize], declared: Span, which: &str| match own
             .iter()
             .find(|index| !other.contains(index))
-            .map(|index| &self.included[*index])
+            .map(|index| &self.lowered.includes[*index])
         {
             Some(include) => (include.span, format!("`{}` has the {which}", include.name)),
             None => (declared, format!("the {which}")),
