@@ -64,7 +64,7 @@ function fillHeader() {
     s(
       "svg",
       { width: 20, height: 20, viewBox: "2 2 20 20" },
-      s("g", {}, s("path", { class: "icon", d: ICONS[kind] ?? "", style: "stroke:currentColor" })),
+      s("g", {}, s("path", { class: "icon", d: ICONS[kind], style: "stroke:currentColor" })),
     ),
     kind,
   ]);

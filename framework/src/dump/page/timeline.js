@@ -252,7 +252,7 @@ class Timeline {
     }
     group.append(
       s("rect", { class: "box", x: column.x, y: boxes, width: COLUMN, height: 22, rx: 4, fill: colour }),
-      s("path", { class: "icon", d: ICONS[pass.kind] ?? "", transform: `translate(${column.x} ${boxes - 1})` }),
+      s("path", { class: "icon", d: ICONS[pass.kind], transform: `translate(${column.x} ${boxes - 1})` }),
     );
     return group;
   }

@@ -199,3 +199,15 @@ fn the_documentation_has_the_fields_of_the_schema() {
         }
     }
 }
+
+#[test]
+fn the_page_has_an_icon_for_every_kind_of_pass_of_the_schema() {
+    let schema = schema();
+    let kinds = schema["$defs"]["pass"]["properties"]["kind"]["enum"].as_array().expect("a list");
+    let kinds: BTreeSet<&str> = kinds.iter().filter_map(Value::as_str).collect();
+    let script = include_str!("../page/timeline.js");
+    let (_, icons) = script.split_once("\nconst ICONS = {\n").expect("the icons are there");
+    let (icons, _) = icons.split_once("\n};").expect("they end");
+    let icons = icons.lines().filter_map(|line| Some(line.trim().split_once(": \"")?.0)).collect();
+    assert_eq!(kinds, icons, "`ICONS` in framework/src/dump/page/timeline.js");
+}
