@@ -3,8 +3,8 @@
 //! The program contains the APIs that its operating system supports; `--backend` chooses among them.
 
 use splatgraph_api::{
-    BackendError, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap, Picture,
-    Progress, Running, SceneData, Windowed,
+    BackendError, Compiled, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap,
+    Picture, Progress, Running, SceneData, Windowed,
 };
 use splatgraph_framework::dump::{self, Dump};
 use splatgraph_framework::plan::Plan;
@@ -282,6 +282,15 @@ impl splatgraph_api::Loader for Loader {
 
     fn sharing_results(self) -> Self {
         wrapped!(self, Loader => Loader, loader => loader.sharing_results())
+    }
+
+    fn compile(self, plan: Arc<Plan>) -> Result<Compiled, BackendError> {
+        match self {
+            Loader::Vulkan(loader) => loader.compile(plan),
+            #[cfg(target_vendor = "apple")]
+            Loader::Metal(loader) => loader.compile(plan),
+            Loader::Null(loader) => loader.compile(plan),
+        }
     }
 
     fn prepare(

@@ -332,6 +332,24 @@ pub enum Progress<'a> {
     },
 }
 
+/// Pipelines that [`Loader::compile`] created.
+pub struct Compiled {
+    _pipelines: Box<dyn Send>,
+}
+
+impl Compiled {
+    /// Keeps a backend's pipelines.
+    pub fn new(pipelines: impl Send + 'static) -> Compiled {
+        Compiled { _pipelines: Box::new(pipelines) }
+    }
+}
+
+impl fmt::Debug for Compiled {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Compiled").finish_non_exhaustive()
+    }
+}
+
 /// Prepares a plan on any thread while frames of another plan are drawn.
 pub trait Loader: Send + 'static {
     /// A plan and all objects created for it.
@@ -347,6 +365,13 @@ pub trait Loader: Send + 'static {
     /// is equal. The passes are then omitted, so do not use this to measure or inspect them.
     #[must_use]
     fn sharing_results(self) -> Self;
+
+    /// Creates a plan's pipelines only. While the result is kept, preparing this plan, or others with equal pipelines,
+    /// takes less time.
+    ///
+    /// # Errors
+    /// As [`Loader::prepare`], for pipelines.
+    fn compile(self, plan: Arc<Plan>) -> Result<Compiled, BackendError>;
 
     /// Creates the plan's pipelines and resources, and uploads its scene attributes that are not on the device yet.
     ///

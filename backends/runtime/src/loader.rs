@@ -4,10 +4,11 @@
 //! uploads. Only binding the plan to the histories that it continues ([`crate::history`]) is left to the drawing
 //! thread.
 
+use crate::check;
 use crate::compiled::CompiledPlan;
 use crate::gpu::Gpu;
 use crate::shared::Shared;
-use splatgraph_api::{BackendError, Progress, SceneData};
+use splatgraph_api::{BackendError, Compiled, Progress, SceneData};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 use std::sync::Arc;
@@ -46,6 +47,13 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
 
     fn sharing_results(self) -> Self {
         Loader { share_results: true, ..self }
+    }
+
+    fn compile(self, plan: Arc<Plan>) -> Result<Compiled, BackendError> {
+        self.shared.check_lost()?;
+        check::check(&plan, &self.shared.gpu.common().limits)?;
+        let pipelines = self.shared.compilers.create(&self.shared.gpu, &plan, &self.cancel, &mut |_| {});
+        pipelines.map(Compiled::new).map_err(|error| self.shared.losing(error, || None))
     }
 
     fn prepare(
