@@ -41,15 +41,7 @@ pub(super) struct Around {
 #[derive(Debug)]
 pub(super) struct Given {
     pub setting: Setting,
-    graph: Rc<Graph>,
-    name: String,
-}
-
-impl Given {
-    pub fn kind(&self) -> &ParamKind {
-        let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = &self.graph.params[&self.name];
-        kind
-    }
+    pub kind: ParamKind,
 }
 
 /// The names that the expressions of a parameter depend on.
@@ -72,7 +64,7 @@ impl Declared {
     /// Collects the names that the parameter's expressions and `setting` depend on, through the includes around it.
     /// `setting` is a preset's value that overrides the default.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
-        let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
+        let kind = self.declaration().kind();
         let mut open: Vec<(usize, String)> = Vec::new();
         let mut add = |level: usize, number: &Number, kind: &ParamKind| {
             open.extend(names_in(number, kind).into_iter().map(|name| (level, name)));
@@ -102,7 +94,7 @@ impl Declared {
             match self.around[at].set.get(&name) {
                 Some(given) => {
                     if reach.set.insert((at, name)) {
-                        let names = names_in(&given.setting.number, given.kind());
+                        let names = names_in(&given.setting.number, &given.kind);
                         open.extend(names.into_iter().map(|name| (at + 1, name)));
                     }
                 }
@@ -339,13 +331,11 @@ impl Collect<'_, '_> {
             Some(Setting { number: set.get(name)?.clone(), place: place.field("set").field(name) })
         };
         let mut around = Around::default();
-        for Declared { name, graph, place, .. } in inner.all.iter().filter(|inner| !is_exposed(&inner.name)) {
-            match given(name) {
-                Some(setting) => {
-                    let (graph, name_of) = (graph.clone(), name.clone());
-                    around.set.insert(name.clone(), Given { setting, graph, name: name_of });
-                }
-                None => drop(around.hidden.insert(name.clone(), place.key())),
+        for hidden in inner.all.iter().filter(|inner| !is_exposed(&inner.name)) {
+            let (name, kind) = (hidden.name.clone(), hidden.declaration().kind().clone());
+            match given(&name) {
+                Some(setting) => drop(around.set.insert(name, Given { setting, kind })),
+                None => drop(around.hidden.insert(name, hidden.place.key())),
             }
         }
         let around = Rc::new(around);

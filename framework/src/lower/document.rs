@@ -61,7 +61,12 @@ pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diag
 /// Reads a file and follows presets and choices to the possible graphs, in order of preference. Reads all of them, so
 /// that mistakes are found on every device.
 pub(super) fn follow(files: &mut SourceMap, file: FileId) -> Result<Vec<Opened>, Vec<Diagnostic>> {
-    Follow { files, chain: Vec::new(), found: 0 }.file(file)
+    let mut all = Follow { files, chain: Vec::new(), found: 0 }.file(file)?;
+    if all.len() > 1 {
+        let others = Rc::new(all.clone());
+        all.iter_mut().for_each(|opened| opened.others = others.clone());
+    }
+    Ok(all)
 }
 
 struct Follow<'a> {

@@ -228,7 +228,7 @@ fn around<'a>(
         for (_, name) in set.iter().filter(|(at, _)| *at == level) {
             let given = &around.set[name];
             let Setting { number, place: at } = &given.setting;
-            let domain = any(given.kind());
+            let domain = any(&given.kind);
             let (value, read) = outside.traced(|| self::given(number, &domain, outside, at));
             let explain = |error: Diagnostic| {
                 let needs = format!("`{}` is exposed, and needs this value", declared.name);
@@ -255,8 +255,7 @@ fn any(kind: &ParamKind) -> Domain {
 /// Returns the name of the statistic that a parameter grows with; the declaring graph must have it.
 fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
     let declaration = declared.declaration();
-    let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
-    let ParamKind::Int { grows: Some(name), .. } = kind else { return Ok(None) };
+    let ParamKind::Int { grows: Some(name), .. } = declaration.kind() else { return Ok(None) };
     let at = declared.place.index(0).field("grows");
     if matches!(declaration, ParamDecl::Live(_)) {
         return Err(
@@ -277,8 +276,7 @@ fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
 }
 
 pub(super) fn texts(declaration: &ParamDecl) -> (&str, &str) {
-    let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
-    match kind {
+    match declaration.kind() {
         ParamKind::Bool { label, help, .. }
         | ParamKind::Int { label, help, .. }
         | ParamKind::Float { label, help, .. }

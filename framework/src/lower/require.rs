@@ -59,11 +59,8 @@ impl<'a> Choices<'a> {
     /// Returns every graph of the request's choice, whether its requirements hold or not; at least one.
     pub fn candidates(&mut self, files: &mut SourceMap) -> Result<Vec<Chosen>, Vec<Diagnostic>> {
         let file = document::find(files, self.request.graph)?;
-        let all = document::follow(files, file)?;
-        let others = if all.len() > 1 { Rc::new(all.clone()) } else { Rc::default() };
         let mut found = Vec::new();
-        for mut opened in all {
-            opened.others = others.clone();
+        for opened in document::follow(files, file)? {
             let Needs { unmet, errors, .. } = self.needs(&opened, files, 0)?;
             found.push(Chosen { opened: Rc::new(opened), fallbacks: Vec::new(), unmet, errors });
         }
@@ -92,15 +89,12 @@ impl<'a> Choices<'a> {
         files: &mut SourceMap,
         depth: usize,
     ) -> Result<Chosen, Vec<Diagnostic>> {
-        let all = document::follow(files, file)?;
-        let others = if all.len() > 1 { Rc::new(all.clone()) } else { Rc::default() };
-        let mut all = all.into_iter().peekable();
+        let mut all = document::follow(files, file)?.into_iter().peekable();
         let asked = self.request.graph;
         let name = |opened: &Opened| opened.candidate.clone().unwrap_or_else(|| asked.to_string());
         let mut fallbacks = Vec::new();
         loop {
-            let mut opened = all.next().expect("a choice has a graph, and each turn but the last leaves one");
-            opened.others = others.clone();
+            let opened = all.next().expect("a choice has a graph, and each turn but the last leaves one");
             let Needs { unmet, errors, preference } = self.needs(&opened, files, depth)?;
             match all.peek() {
                 Some(next) if !unmet.is_empty() => {

@@ -173,6 +173,14 @@ pub enum ParamDecl {
     Live(ParamKind),
 }
 
+impl ParamDecl {
+    /// Returns the type, range and texts.
+    pub fn kind(&self) -> &ParamKind {
+        let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self;
+        kind
+    }
+}
+
 /// The type, range and texts of a parameter.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Type")]
