@@ -409,20 +409,4 @@ proptest! {
             prop_assert!(outline.is_ok(), "{text}: {outline:?}");
         }
     }
-
-    #[test]
-    fn no_damage_to_a_graph_makes_the_outline_or_the_drawing_panic(
-        at in 0..GRAPH.len(),
-        length in 0usize..20,
-        byte: u8,
-    ) {
-        let mut bytes = GRAPH.as_bytes().to_vec();
-        let end = (at + length).min(bytes.len());
-        bytes.splice(at..end, [byte]);
-        let text = String::from_utf8_lossy(&bytes).into_owned();
-        let (files, file) = one_file("a.ron", &text);
-        if let Err(error) = Outline::parse(file, &text) {
-            render(&files, &[error], true);
-        }
-    }
 }

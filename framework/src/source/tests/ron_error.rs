@@ -1,25 +1,15 @@
 //! The golden files of `framework/tests/golden/in/syntax.ron` show the message and the place of every mistake.
 
-use proptest::prelude::*;
-
 use super::*;
 use crate::ir::FileId;
 use crate::schema::Document;
 
-/// Returns the error of a graph; `None` if it has none.
-fn error_of(file: FileId, text: &str) -> Option<Diagnostic> {
-    let outline = match Outline::parse(file, text) {
-        Ok(outline) => outline,
-        Err(error) => return Some(error),
-    };
-    let read = |text: &str| Document::parse(text).map(drop);
-    read(text).err().map(|error| ron_error(&outline, text, &error, &read))
-}
-
 /// Checks the message, the text that it points at, and the label under it. Returns the diagnostic.
 #[track_caller]
 fn fails(text: &str, message: &str, at: &str, label: &str) -> Diagnostic {
-    let error = error_of(FileId(0), text).expect(text);
+    let outline = Outline::parse(FileId(0), text).expect(text);
+    let read = |text: &str| Document::parse(text).map(drop);
+    let error = ron_error(&outline, text, &read(text).expect_err(text), &read);
     let span = error.primary.span;
     let found = (error.message.as_str(), &text[span.start..span.end], error.primary.text.as_str());
     assert_eq!(found, (message, at, label), "{text}");
@@ -72,29 +62,6 @@ fn a_position_beyond_the_text_is_no_trouble() {
                 let span = ron_error(&outline, text, &error, &|_| Ok(())).primary.span;
                 assert!(text.get(span.start..span.end).is_some());
             }
-        }
-    }
-}
-
-const GRAPH: &str = r#"Graph(version: 1, summary: "é", params: {"a": Const(Int(default: 1, range: (1, 2)))},
-  passes: [Dispatch(name: "a", shader: "b", size: Groups(1), run: Once, bind: {"K": "k"}), Swap("keys")])"#;
-
-proptest! {
-    #[test]
-    fn no_damage_to_a_graph_makes_the_translation_panic(
-        at in 0..GRAPH.len(),
-        length in 0usize..12,
-        with in "[(){}\\[\\]:,\"a1 ]{0,2}",
-    ) {
-        let mut bytes = GRAPH.as_bytes().to_vec();
-        let end = (at + length).min(bytes.len());
-        bytes.splice(at..end, with.bytes());
-        let text = String::from_utf8_lossy(&bytes).into_owned();
-        let (files, file) = one_file("a.ron", &text);
-        if let Some(diagnostic) = error_of(file, &text) {
-            let span = diagnostic.primary.span;
-            prop_assert!(text.get(span.start..span.end).is_some(), "{diagnostic:?}");
-            render(&files, &[diagnostic], false);
         }
     }
 }

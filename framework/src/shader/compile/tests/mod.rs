@@ -2,7 +2,6 @@ mod reached;
 
 use super::*;
 use crate::ir::ShaderStage;
-use crate::numbers::Random;
 use crate::source::{Kind, Library, render};
 use std::time::Duration;
 
@@ -368,70 +367,6 @@ fn a_program_that_does_not_serve_is_an_error() {
 fn a_constant_beyond_the_int_of_an_if_can_be_used_elsewhere() {
     let text = format!("{HEAD}void main() {{ o[0] = P; }}");
     Bench::new(&[("shaders/a.comp", &text)]).compile("a.comp", &[("P", "3000000000u")]).unwrap();
-}
-
-#[test]
-fn broken_shaders_never_panic_and_always_say_something() {
-    let shader = format!(
-        "{HEAD}#include \"inc.glsl\"
-layout(set = 0, binding = 1, std140) uniform U {{ mat4 view; vec3 v[2]; }};
-layout(push_constant) uniform Push {{ uint shift; }} push;
-shared uint table[N * 2];
-#if N > 3
-uint digit(uint key) {{ return (key >> push.shift) & 0xffu; }}
-#endif
-void main() {{
-    for (int i = 0; i < N; ++i) {{ table[i] = digit(o[i]); }}
-    barrier();
-    o[gl_GlobalInvocationID.x] = table[0] + uint(dot(v[0], (view * vec4(1.0e-3)).xyz) * half_of(2.0));
-    atomicAdd(o[1], 1u);
-}}\n"
-    );
-    let inc = "float half_of(float x) { return x * 0.5; }\n";
-    let bench = Bench::new(&[("shaders/a.comp", &shader), ("shaders/inc.glsl", inc)]);
-    let mut bench = bench.in_worker(Limits::default());
-    bench.compile("a.comp", &[("N", "8")]).unwrap();
-    let mut random = Random(1);
-    let mut next = |below: usize| random.below(below);
-    let pieces = [
-        "(",
-        ")",
-        "{",
-        "}",
-        ";",
-        "#",
-        "\"",
-        "/*",
-        "\\\n",
-        "#include \"inc.glsl\"\n",
-        "0",
-        "\0",
-        "\u{e9}",
-        "void",
-        "[]",
-    ];
-    for _ in 0..200 {
-        let mut bytes = shader.as_bytes().to_vec();
-        for _ in 0..1 + next(3) {
-            let at = next(bytes.len());
-            match next(4) {
-                0 => bytes.truncate(at),
-                1 => bytes[at] = next(256) as u8,
-                2 => drop(bytes.drain(at..(at + next(20)).min(bytes.len()))),
-                _ => drop(bytes.splice(at..at, pieces[next(pieces.len())].bytes())),
-            }
-            if bytes.is_empty() {
-                break;
-            }
-        }
-        let text = String::from_utf8_lossy(&bytes).into_owned();
-        let broken = Bench::new(&[("shaders/a.comp", &text), ("shaders/inc.glsl", inc)]);
-        bench.files = broken.files;
-        if let Err(diagnostics) = bench.diagnostics("a.comp", &[("N", "8")], &[]) {
-            assert!(!diagnostics.is_empty() && diagnostics.len() <= log::MAX_DIAGNOSTICS);
-            render(&bench.files, &diagnostics, false);
-        }
-    }
 }
 
 #[test]
