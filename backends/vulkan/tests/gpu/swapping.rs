@@ -1,9 +1,10 @@
 //! Swapping plans: frames in flight of the previous plan, and histories that carry over.
 
 use crate::build::*;
-use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Progress};
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Loader, Progress};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
+use std::sync::Arc;
 
 /// Returns a plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image.
 ///
@@ -23,9 +24,7 @@ pub fn growing_with(
     let shader = build.shader(
         "grow.comp",
         &format!(
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) buffer Count {{ uint count; }};
+            "layout(set = 0, binding = 0) buffer Count {{ uint count; }};
 layout(set = 0, binding = 1, r32ui) uniform uimage2D trail;
 void main() {{
     ivec2 at = ivec2(gl_WorkGroupID.x, 0);
@@ -83,9 +82,10 @@ fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight
 }
 
 #[test]
-fn a_plan_takes_over_equal_pipelines_of_the_plan_before_and_keeps_them_when_that_is_gone() {
+fn a_plan_takes_over_equal_pipelines_of_the_plan_before_or_compiled_ahead_and_keeps_them_when_these_are_gone()
+{
     let mut vulkan = open();
-    let mut created = |plan| {
+    let created = |vulkan: &mut Vulkan, plan| {
         let mut names = Vec::new();
         vulkan
             .load(plan, &Scene::default(), &mut |progress| {
@@ -94,14 +94,18 @@ fn a_plan_takes_over_equal_pipelines_of_the_plan_before_and_keeps_them_when_that
                 }
             })
             .expect("the plan loads");
-        (names, grow(&mut vulkan))
+        (names, grow(vulkan))
     };
-    assert_eq!(created(growing("first", 1)), (vec!["grow.comp".to_owned()], 1));
+    assert_eq!(created(&mut vulkan, growing("first", 1)), (vec!["grow.comp".to_owned()], 1));
     // Nothing holds the first plan any more when the third is loaded.
-    assert_eq!(created(growing("second", 1)), (vec![], 2));
-    assert_eq!(created(growing("third", 1)), (vec![], 3));
-    assert_eq!(created(growing("fast", 10)), (vec!["grow.comp".to_owned()], 13));
-    assert_eq!(created(growing("again", 1)), (vec!["grow.comp".to_owned()], 14));
+    assert_eq!(created(&mut vulkan, growing("second", 1)), (vec![], 2));
+    assert_eq!(created(&mut vulkan, growing("third", 1)), (vec![], 3));
+    assert_eq!(created(&mut vulkan, growing("fast", 10)), (vec!["grow.comp".to_owned()], 13));
+    assert_eq!(created(&mut vulkan, growing("again", 1)), (vec!["grow.comp".to_owned()], 14));
+    let ahead = vulkan.loader().compile(Arc::new(growing("ahead", 100))).expect("the pipelines");
+    assert_eq!(created(&mut vulkan, growing("later", 100)), (vec![], 114));
+    drop(ahead);
+    assert_eq!(created(&mut vulkan, growing("the same", 100)), (vec![], 214));
     finish(vulkan);
 }
 
@@ -161,9 +165,7 @@ fn a_history_that_goes_on_is_not_zeroed_and_the_rest_of_the_prologue_runs() {
 
 #[test]
 fn barriers_before_a_start_that_is_left_out_still_stand_for_the_passes_behind_it() {
-    let copy = "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Source { uint source; };
+    let copy = "layout(set = 0, binding = 0) readonly buffer Source { uint source; };
 layout(set = 0, binding = 1) writeonly buffer Target { uint target; };
 void main() { target = source; }";
     let mut constants = [ResourceId(0); 2];
