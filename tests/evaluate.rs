@@ -80,6 +80,32 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
 }
 
 #[test]
+fn a_photograph_that_is_missing_damaged_or_of_another_shape_costs_no_other_view() {
+    let place = photographed();
+    let image = |view: u32| format!("views/images/view-000{view}.png");
+    std::fs::remove_file(place.at(image(2))).expect("it is there");
+    let whole = place.bytes(&image(3));
+    place.write(&image(3), &whole[..whole.len() / 2]);
+    place.done("render scene.ply --size 54x54 -o square.png");
+    std::fs::copy(place.at("square.png"), place.at(image(4))).expect("a copy");
+    // A photograph that was reduced and cut to whole pixels is the same view.
+    place.done("render scene.ply --size 32x17 -o small.png");
+    std::fs::copy(place.at("small.png"), place.at(image(5))).expect("a copy");
+    let errors = place.fails("evaluate scene.ply -c views --all --backend reference --json=scores.json", 1);
+    for why in [
+        "view-0002.png: expected the photograph",
+        "view-0003.png: unexpected end of file",
+        "view-0004.png: expected a photograph of 96 x 54 pixels, or of that shape, found 54 x 54",
+    ] {
+        assert!(errors.contains(why), "{why}: {errors}");
+    }
+    let found = place.json("scores.json");
+    let missing = ["view-0002.png", "view-0003.png", "view-0004.png"];
+    assert_eq!(found["missing"], serde_json::json!(missing));
+    assert_eq!((found["views"].as_array().map(Vec::len), &found["mean"]["psnr_db"]), (Some(6), &Value::Null));
+}
+
+#[test]
 fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     let place = photographed();
     let render = "render scene.ply --backend reference -o";

@@ -1,7 +1,7 @@
 //! `--shard` and `merge`: several processes together write the files that one process writes.
 
 use crate::place::Place;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
 
@@ -49,8 +49,9 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     assert!(told.contains("shard 0/2: 2 of 3 views: 2 done, 0 already there, 0 failed"), "{told}");
     let told = run(&place, "merge out", &[], 1);
     assert!(told.contains("2 of 3 views are present\n") && told.contains("missing: two\n"), "{told}");
-    // As if a process had been killed: one of its pictures is missing.
-    fs::remove_file(place.at("out/three.png")).expect("it is there");
+    // As if a process had been killed, or the disk was full: one of its pictures is cut.
+    let picture = place.bytes("out/three.png");
+    place.write("out/three.png", &picture[..picture.len() - 1]);
     let told = run(&place, line, &["out", "--shard", "0/1"], 0);
     assert!(told.contains("3 of 3 views: 2 done, 1 already there"), "{told}");
     // An output besides the picture is missing.
@@ -73,6 +74,14 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
         let told = run(&place, line, more, code);
         assert!(told.contains(why), "{more:?}: {told}");
     }
+    // The same parameters, spelled in another way.
+    let set = |more: &str, done: &str| {
+        let line =
+            format!("render scene.ply -c cameras.json -p splat --size 32x24 -o set --shard 0/1 {more}");
+        assert!(run(&place, &line, &[], 0).contains(done), "{more}");
+    };
+    set("--set cutoff=3.0 --set digit_bits=4", "3 done");
+    set("--set digit_bits=4 --set cutoff=3", "3 already there");
     let told = run(&place, &line.replace("d.npy", "e.npy"), &["out", "--shard", "0/1"], 1);
     assert!(told.contains("differ in the names of files: name another folder"), "{told}");
     let told = run(&place, "merge nowhere", &[], 1);
@@ -81,6 +90,25 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     fs::copy(place.at("out/one.png"), place.at("full/one.png")).expect("a copy");
     let told = run(&place, line, &["full", "--shard", "0/1"], 1);
     assert!(told.contains("expected an empty folder") && told.contains("full/one.png"), "{told}");
+}
+
+#[test]
+fn shards_of_different_folders_are_joined_with_their_files_outside_the_output() {
+    let place = Place::new();
+    place.cameras(&CAMERAS);
+    for (folder, shard) in [("a", "0/2"), ("b", "1/2")] {
+        fs::create_dir(place.at(folder)).expect("a folder");
+        fs::copy(place.at("scene.ply"), place.at(format!("{folder}/{folder}.ply"))).expect("a copy");
+        let line = format!(
+            "render {folder}.ply -c ../cameras.json --size 32x24 --output depth=d.npy -o out --shard {shard}"
+        );
+        let output = place.program(&line).current_dir(place.at(folder)).output().expect("it runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    assert_eq!(run(&place, "merge a/out b/out", &[], 0), "3 of 3 views are present\n");
+    fs::remove_file(place.at("b/d-two.npy")).expect("it is there");
+    let told = run(&place, "merge a/out b/out", &[], 1);
+    assert!(told.contains("2 of 3 views are present\nmissing: two\n"), "{told}");
 }
 
 #[test]
@@ -113,6 +141,7 @@ fn a_view_that_fails_costs_no_other() {
 fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     let place = Place::new();
     place.cameras(&CAMERAS);
+    fs::copy(place.at("scene.ply"), place.at("same.ply")).expect("a copy");
     let short = "--size 32x24 --rounds 1 --frames 1";
     for (line, file) in [
         (format!("trade scene.ply -c cameras.json {short} --only defaults"), "ledger.json"),
@@ -120,7 +149,8 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     ] {
         run(&place, &line, &["-o", "one"], 0);
         for shard in ["1/2", "0/2"] {
-            // Each shard writes to a separate folder, as on machines without a shared disk.
+            // Each shard writes to a separate folder, as on machines without a shared disk, and reads its own scene.
+            let line = if shard == "0/2" { line.replace("scene.ply", "./same.ply") } else { line.clone() };
             run(&place, &line, &["-o", &format!("of-{}", &shard[..1]), "--shard", shard], 0);
         }
         let told = run(&place, "merge of-1", &["-o", "part"], 1);
@@ -146,4 +176,22 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     let many = place.bytes("scores/scores.json");
     assert!(many == one.stdout, "{}", String::from_utf8_lossy(&many));
     assert!(place.at("scores/renders/view-0004.png").exists());
+    // Changed photographs and damaged parts are scored again. A view that fails costs no other.
+    fs::copy(place.at("views/images/view-0001.png"), place.at("views/images/view-0004.png")).expect("a copy");
+    fs::copy(place.at("scene.ply"), place.at("copy.ply")).expect("a copy");
+    place.write("scores/parts/view-0003.json", "{");
+    fs::remove_file(place.at("views/images/view-0007.png")).expect("it is there");
+    fs::remove_file(place.at("scores/parts/view-0007.json")).expect("it is there");
+    let told = run(&place, "merge scores", &[], 1);
+    assert!(told.contains("7 of 9 views are present\nmissing: view-0003\nmissing: view-0007\n"), "{told}");
+    let line = "evaluate copy.ply -c ./views/ --all -o scores --shard 0/1";
+    let told = run(&place, line, &[], 1);
+    let why = "9 of 9 views: 2 done, 6 already there, 1 failed\nview-0007: expected the photograph ";
+    assert!(told.contains(why), "{told}");
+    run(&place, "merge scores", &[], 1);
+    let part = place.json("scores/scores.json");
+    assert_eq!((&part["missing"], &part["mean"]["ssim"]), (&json!(["view-0007.png"]), &Value::Null));
+    assert!(part["views"][4]["psnr_db"].as_f64() < Some(40.0), "{part:#}");
+    let told = run(&place, &line.replace("--all", "--all --downscale 2"), &[], 1);
+    assert!(told.contains("differ in kind of score"), "{told}");
 }

@@ -13,13 +13,16 @@ use crate::io::image::Image;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, one_line, say};
+use crate::io::own_file;
 use crate::io::progress::Progress;
 use crate::studies::evaluation::{Evaluation, Score, score};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Dataset, Scene, TEST_EVERY};
 use splatgraph_reference::Rules;
+use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -34,6 +37,9 @@ pub const EXAMPLES: &str = "Examples:
 /// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own (Blender,
 /// nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. PSNR and SSIM are computed as
 /// in `compare`. Their means over the views are comparable with published tables.
+///
+/// A view whose photograph is missing, damaged or of another shape does not stop the others. The JSON lists it in `missing`, there
+/// are no means, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -82,14 +88,45 @@ pub struct Args {
 #[derive(Debug)]
 struct View {
     name: String,
-    photograph: PathBuf,
-    /// At the size of the picture to draw.
+    photograph: std::io::Result<PathBuf>,
+    /// As in the dataset.
     camera: Camera,
+}
+
+impl View {
+    fn photograph(&self) -> Result<&Path> {
+        self.photograph.as_deref().map_err(|error| anyhow!("{error}"))
+    }
+
+    /// Returns the camera of the picture to draw: at `1/downscale` of the photograph's size.
+    ///
+    /// # Errors
+    /// The photograph cannot be read, or has another shape than the camera, up to one pixel or one percent.
+    fn drawn(&self, downscale: u32) -> Result<Camera> {
+        let path = self.photograph()?;
+        let (width, height) = Image::photograph_size(path)?;
+        let (own_width, own_height) = (f64::from(self.camera.width), f64::from(self.camera.height));
+        let expected = own_height * width as f64 / own_width;
+        let off = (expected - height as f64).abs();
+        // A pixel of the width, too, where the height is larger.
+        if off > f64::max(1.0, own_height / own_width) && off > 0.01 * expected {
+            bail!(
+                "{}: expected a photograph of {own_width} x {own_height} pixels, or of that shape, found {width} x {height}",
+                path.display()
+            );
+        }
+        let [width, height] =
+            [width, height].map(|side| (side as f64 / f64::from(downscale)).round().max(1.0) as u32);
+        let camera = self.camera.stretched(width, height);
+        cameras::check_size(&camera)?;
+        Ok(camera)
+    }
 }
 
 #[derive(Debug)]
 pub(super) struct Work {
     guard: OutputGuard,
+    downscale: u32,
     views: Vec<View>,
     stems: Vec<String>,
 }
@@ -97,7 +134,7 @@ pub(super) struct Work {
 /// Subfolders of `--output`.
 const FOLDERS: [&str; 3] = ["renders", "photographs", "differences"];
 
-/// Reads the cameras, finds the photographs and their sizes, and checks the files of the command line.
+/// Reads the cameras, finds the photographs, and checks the files of the command line.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     if let Renderer::Reference = args.backend {
         refuse_graph_options(&args.pipeline, &args.set, &args.device)?;
@@ -124,15 +161,14 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         true => (&smaller, 1),
         false => (folder, args.downscale),
     };
-    let mut views = Vec::with_capacity(chosen.len());
-    for view in chosen {
-        let photograph = Dataset::photograph_in(folder, view)?;
-        let (width, height) = Image::photograph_size(&photograph)?;
-        let [width, height] =
-            [width, height].map(|side| (side as f64 / f64::from(downscale)).round().max(1.0) as u32);
-        let camera = view.camera.stretched(width, height);
-        cameras::check_size(&camera)?;
-        views.push(View { name: view.photograph.clone(), photograph, camera });
+    let view = |view: &splatgraph_assets::View| View {
+        name: view.photograph.clone(),
+        photograph: Dataset::photograph_in(folder, view),
+        camera: view.camera.clone(),
+    };
+    let views: Vec<View> = chosen.into_iter().map(view).collect();
+    if views.iter().all(|view| view.photograph.is_err()) {
+        views[0].photograph()?;
     }
     let names: Vec<String> = views.iter().map(|view| view.camera.img_name.clone()).collect();
     let stems = names::unique(&names, MAX_NAME_BYTES - ".png".len());
@@ -141,8 +177,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         guard.scene("the scene", &args.scene)?;
         guard.input("the cameras", &args.cameras)?;
         guard.input("the graph", Path::new(&args.pipeline))?;
-        for view in &views {
-            guard.input("a photograph", &view.photograph)?;
+        for path in views.iter().flat_map(|view| &view.photograph) {
+            guard.input("a photograph", path)?;
         }
         args.json.iter().try_for_each(|path| guard.output("--json", path))?;
         if let Some(output) = &args.output {
@@ -158,7 +194,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         Ok(())
     };
     claim()?;
-    Ok(Work { guard, views, stems })
+    Ok(Work { guard, downscale, views, stems })
 }
 
 fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
@@ -187,7 +223,7 @@ impl Drawer {
         };
         let (device, scene) = options::open_and_load(open, load)?;
         let mut session = Session::new(device, scene, &args.pipeline, &args.set);
-        if let Some(View { camera, .. }) = work.views.first() {
+        if let Some(camera) = work.views.iter().find_map(|view| view.drawn(work.downscale).ok()) {
             session.prepare((camera.width, camera.height), &mut |_| {})?;
         }
         claim_graph_files(&mut work.guard, &session.files())?;
@@ -215,12 +251,13 @@ impl Drawer {
     }
 
     /// Draws a view, and scores it against its photograph. Writes the pictures to the folder of `--output`, if any.
-    fn score(&mut self, args: &Args, view: &View, stem: &str) -> Result<Score> {
-        let (width, height) = (view.camera.width as usize, view.camera.height as usize);
-        let photograph = Image::load_photograph(&view.photograph, args.background)?;
+    fn score(&mut self, args: &Args, (view, downscale): (&View, u32), stem: &str) -> Result<Score> {
+        let camera = view.drawn(downscale)?;
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let photograph = Image::load_photograph(view.photograph()?, args.background)?;
         let same = (photograph.width, photograph.height) == (width, height);
         let photograph = if same { photograph } else { photograph.averaged(width, height) };
-        let drawn = self.draw(&view.camera, args.background)?;
+        let drawn = self.draw(&camera, args.background)?;
         let found = score(&view.name, &drawn, &photograph);
         let found = found.with_context(|| format!("{} cannot be scored", one_line(&view.name)))?;
         if let Some(output) = &args.output {
@@ -248,6 +285,7 @@ fn request(args: &Args) -> Json {
 
 fn as_json(mut request: Json, found: &Evaluation) -> String {
     request["views"] = json!(found.views);
+    request["missing"] = json!(found.missing);
     request["mean"] = json!(found.mean);
     format!("{request:#}")
 }
@@ -257,18 +295,25 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut work = prepare(args)?;
     args.output.iter().try_for_each(|folder| Manifest::refuse(folder))?;
     let mut drawer = Drawer::open(args, &mut work, None)?;
-    let Work { views, stems, .. } = work;
+    let Work { views, stems, downscale, .. } = work;
     let mut progress = Progress::new("scoring");
-    let mut scores = Vec::with_capacity(views.len());
+    let (mut scores, mut missing) = (Vec::with_capacity(views.len()), Vec::new());
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
         progress.set(index as u64, views.len() as u64, &view.name);
-        scores.push(drawer.score(args, view, stem)?);
+        match drawer.score(args, (view, downscale), stem) {
+            Ok(score) => scores.push(score),
+            Err(error) => {
+                let text = format!("{}: {}", one_line(&view.name), job::reason(&error).trim());
+                progress.suspend(|| say(text));
+                missing.push(view.name.clone());
+            }
+        }
     }
     if let Drawer::Device(session) = &mut drawer {
         progress.suspend(|| session.settings_without_effect().iter().for_each(say));
     }
     drop(progress);
-    let found = Evaluation::new(scores);
+    let found = Evaluation::new(scores, missing);
     if !args.json.as_deref().is_some_and(is_standard_output) {
         options::print(found.table().trim_end())?;
     }
@@ -281,10 +326,26 @@ pub fn run(args: &Args) -> Result<Outcome> {
             TEST_EVERY + 1
         ));
     }
-    Ok(match drawer {
+    let outcome = match drawer {
         Drawer::Device(session) => validated(args.device.validate, &session.into_device().close()),
         Drawer::Reference(_) => Outcome::Done,
-    })
+    };
+    Ok(if found.missing.is_empty() { outcome } else { Outcome::Failed })
+}
+
+/// Result file of one view of a shared evaluation.
+#[derive(Serialize, Deserialize)]
+pub struct Part {
+    #[serde(flatten)]
+    score: Score,
+    /// Hash of the photograph's file. Another photograph is scored again.
+    photograph: String,
+}
+
+fn hash_of(photograph: &Path) -> std::io::Result<String> {
+    let mut hash = DefaultHasher::new();
+    hash.write(&own_file::read(photograph)?);
+    Ok(format!("{:016x}", hash.finish()))
 }
 
 pub struct Views {
@@ -325,7 +386,13 @@ impl job::Work for Views {
                 job::origin_of(session, &cameras, (&self.args.pipeline, &self.args.set))?
             }
         };
-        origin.insert("request".into(), request(&self.args));
+        let Args { backend, downscale, background, .. } = &self.args;
+        let kind =
+            json!({ "backend": backend.to_string(), "downscale": downscale, "background": background });
+        origin.insert("kind of score".into(), kind);
+        let names: Vec<_> = self.work.views.iter().map(|view| &view.name).collect();
+        origin.insert(PHOTOGRAPHS.into(), json!(names));
+        origin.insert(job::REQUEST.into(), request(&self.args));
         self.drawer = Some(drawer);
         Ok(origin)
     }
@@ -336,10 +403,20 @@ impl job::Work for Views {
         for (index, &view) in views.iter().enumerate() {
             let (stem, view) = (&self.work.stems[view], &self.work.views[view]);
             progress.set(index as u64, views.len() as u64, &view.name);
-            let found = drawer.score(&self.args, view, stem)?;
-            job::write_part(&self.folder, stem, &found)?;
+            let photograph = hash_of(view.photograph()?)?;
+            let score = drawer.score(&self.args, (view, self.work.downscale), stem)?;
+            job::write_part(&self.folder, stem, &Part { score, photograph })?;
         }
         Ok(())
+    }
+
+    fn is_current(&self, view: usize) -> bool {
+        let scored = || -> Result<bool> {
+            let part = own_file::read(&self.folder.join(job::part(&self.work.stems[view])))?;
+            let part: Part = serde_json::from_slice(&part)?;
+            Ok(part.photograph == hash_of(self.work.views[view].photograph()?)?)
+        };
+        scored().unwrap_or(false)
     }
 
     fn close(&mut self) -> Vec<String> {
@@ -356,13 +433,18 @@ pub const COMMAND: &str = "evaluate";
 /// File name of the scores in the folder of a shared run.
 const SCORES: &str = "scores.json";
 
-/// Prints the scores that several processes computed, and writes them as JSON.
+/// Entry of the origin with the names of the views' photographs.
+const PHOTOGRAPHS: &str = "photographs";
+
+/// Prints the scores that several processes computed, and writes them as JSON. `missing` has the views without scores.
 ///
 /// # Errors
 /// The origin has no request, or the file cannot be written.
-pub fn merge(origin: &job::Origin, scores: Vec<Score>, output: &Path) -> Result<()> {
-    let found = Evaluation::new(scores);
-    let request = origin.get("request").cloned().context("the origin of an evaluation")?;
+pub fn merge(origin: &job::Origin, parts: Vec<Part>, missing: &[usize], output: &Path) -> Result<()> {
+    let name = |view: &usize| origin.get(PHOTOGRAPHS)?.get(view)?.as_str().map(str::to_owned);
+    let missing = missing.iter().filter_map(name).collect();
+    let found = Evaluation::new(parts.into_iter().map(|part| part.score).collect(), missing);
+    let request = origin.get(job::REQUEST).cloned().context("the origin of an evaluation")?;
     output::write_bytes(&output.join(SCORES), (as_json(request, &found) + "\n").as_bytes())?;
     options::print(found.table().trim_end())
 }

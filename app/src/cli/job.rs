@@ -5,18 +5,25 @@
 //! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with all its
 //! files is not done again.
 //!
-//! `job.json` in the folder names the views and all inputs that determine their results. A job with another description
-//! is rejected. `merge` reads the description, joins the results, and names the missing ones.
+//! `job.json` in the folder names the views and all inputs that determine their results, independent of how a command
+//! line spells them. A job with another description is rejected. `merge` reads the description, joins the results, and
+//! names the missing ones.
 
 use super::outcome::{Outcome, Usage};
 use crate::draw::session::Session;
+use crate::draw::stats;
 use crate::io::output::{self, Claim, one_line, say};
 use crate::io::{own_file, program};
 use anyhow::{Context, Result, bail};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
+use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::source::Content;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
 use std::fs;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -57,8 +64,12 @@ pub struct ShardArgs {
     pub shard: Option<Shard>,
 }
 
-/// Inputs that determine the results of views, by the name that messages show.
+/// Inputs that determine the results of views, by the name that messages show; and [`REQUEST`].
 pub type Origin = Map<String, Json>;
+
+/// Entry of an [`Origin`] with the words of the command line that merged documents repeat, such as the scene's path. It
+/// is not compared: equal files have different paths on different machines.
+pub const REQUEST: &str = "request";
 
 pub struct Outputs {
     pub command: &'static str,
@@ -94,6 +105,11 @@ pub trait Work: Send {
     /// # Errors
     /// A view failed. Close and reopen the work before the next call.
     fn draw(&mut self, views: &[usize]) -> Result<()>;
+
+    /// Returns true if a view's files are those of its present inputs, as far as the [`Origin`] does not cover them.
+    fn is_current(&self, _view: usize) -> bool {
+        true
+    }
 
     /// Closes the device, and returns its validation messages.
     fn close(&mut self) -> Vec<String>;
@@ -141,7 +157,13 @@ impl Manifest {
             ),
         }
         let (own, found) = (serde_json::from_str::<Manifest>(&text)?, Manifest::read(folder)?);
-        let changes = own.changes(&found);
+        let mut changes = own.changes(&found);
+        if changes.is_empty() && own.files != found.files {
+            changes.push("the places of files".into());
+        }
+        if changes.is_empty() {
+            return Ok(());
+        }
         bail!(
             "{}: expected results of this request, found some that differ in {}: name another folder, or remove this one",
             path.display(),
@@ -160,18 +182,27 @@ impl Manifest {
         }
     }
 
-    /// Names the inputs that differ from another description's.
+    /// Names the inputs that differ from another description's. Of files outside the folder, only the names are
+    /// compared: each folder has its own.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
         }
         let names =
             self.origin.keys().chain(other.origin.keys().filter(|key| !self.origin.contains_key(*key)));
-        let differs = names.filter(|name| self.origin.get(*name) != other.origin.get(*name));
+        let differs =
+            names.filter(|name| *name != REQUEST && self.origin.get(*name) != other.origin.get(*name));
         let mut changes: Vec<String> = differs.cloned().collect();
+        let inside = |file: &PathBuf| match file.is_absolute() {
+            true => file.file_name().map(Into::into),
+            false => Some(file.clone()),
+        };
+        let names = |manifest: &Manifest| -> Vec<Option<PathBuf>> {
+            manifest.files.iter().flatten().map(inside).collect()
+        };
         if self.views != other.views {
             changes.push("the list of views".into());
-        } else if self.files != other.files {
+        } else if names(self) != names(other) {
             changes.push("the names of files".into());
         }
         changes
@@ -250,7 +281,7 @@ impl Job {
     }
 
     fn has(&self, view: usize) -> bool {
-        is_present(&self.outputs.folder, &self.outputs.files[view])
+        is_present(&self.outputs.folder, &self.outputs.files[view]) && self.work.is_current(view)
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
@@ -298,12 +329,28 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
-/// True if all files of a view exist, and none is empty; `folder` is that of the job.
+/// True if all files of a view exist and are whole, as far as their ends tell; `folder` is that of the job.
 pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
-    files.iter().all(|file| fs::metadata(folder.join(file)).is_ok_and(|found| found.len() > 0))
+    files.iter().all(|file| is_whole(&folder.join(file)).unwrap_or(false))
 }
 
-fn reason(error: &anyhow::Error) -> String {
+/// Files are written whole; but a full disk or a copy that was interrupted can cut them later.
+fn is_whole(path: &Path) -> Result<bool> {
+    /// The last chunk of a PNG file, with its checksum.
+    const PNG_END: &[u8] = b"IEND\xae\x42\x60\x82";
+    Ok(match path.extension().and_then(OsStr::to_str) {
+        Some("json") => serde_json::from_slice::<IgnoredAny>(&own_file::read(path)?).is_ok(),
+        Some("png") => {
+            let (mut file, mut end) = (fs::File::open(path)?, [0; PNG_END.len()]);
+            file.seek(SeekFrom::End(-(end.len() as i64)))?;
+            file.read_exact(&mut end)?;
+            end == PNG_END
+        }
+        _ => fs::metadata(path)?.len() > 0,
+    })
+}
+
+pub fn reason(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !text.contains(&cause) {
@@ -330,12 +377,20 @@ pub fn origin_of(
     cameras: &Json,
     (pipeline, set): (&str, &[(String, String)]),
 ) -> Result<Origin> {
-    let mut files = String::new();
-    for file in session.files() {
-        if let Content::Bytes { hash, .. } = file.content {
-            files += &format!("{hash:016x}");
-        }
-    }
+    let hash = |file: Wanted| match file.content {
+        Content::Bytes { hash, .. } => Some(format!("{hash:016x}")),
+        _ => None,
+    };
+    // Sorted by hash: the order of the paths depends on the folders.
+    let files: BTreeSet<String> = session.files().into_iter().filter_map(hash).collect();
+    // The contents identify a graph's file, not the folders in its path.
+    let pipeline = Path::new(pipeline).file_name().map_or(pipeline.into(), OsStr::to_string_lossy);
+    let params = session.plan().map(|plan| plan.params.as_slice()).unwrap_or_default();
+    let value = |(name, text): &(String, String)| {
+        let param = params.iter().find(|param| param.name == *name);
+        (name.clone(), param.map_or_else(|| json!(text), |param| stats::json(&param.value)))
+    };
+    let set: BTreeMap<String, Json> = set.iter().map(value).collect();
     let mut origin = origin(session.scene().identity(), cameras)?;
     origin.insert("graph".into(), json!({ "pipeline": pipeline, "set": set, "files": files }));
     Ok(origin)

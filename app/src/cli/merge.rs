@@ -1,6 +1,6 @@
 //! Runs `splatgraph merge`: joins the results of a command that several processes shared.
 
-use super::job::{Manifest, Origin, is_present};
+use super::job::{Manifest, is_present};
 use super::outcome::{Outcome, Usage};
 use super::{evaluate, render, sweep, trade};
 use crate::io::output::{one_line, say};
@@ -15,7 +15,8 @@ use std::path::PathBuf;
 /// equal the files of a single process, except for times, which each process measured. For `render`, the views with all their
 /// files are counted.
 ///
-/// Processes that do not share a disk have a folder each: name all of them. The exit code is 1 if views are missing.
+/// Processes that do not share a disk have a folder each: name all of them. If views are missing, the files contain the others,
+/// scores.json lists the missing ones and has no means, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph render scene.ply -c garden/ -o out/ --shard 0/2   # on one machine
@@ -31,13 +32,11 @@ pub struct Args {
     output: Option<PathBuf>,
 }
 
-/// Reads the descriptions of all folders, checks that they agree, and returns the first.
-pub(super) fn prepare(args: &Args) -> Result<Manifest> {
-    let mut manifests =
-        args.folders.iter().map(|folder| Manifest::read(folder)).collect::<Result<Vec<_>>>()?;
-    let first = manifests.remove(0);
-    for (manifest, folder) in manifests.iter().zip(&args.folders[1..]) {
-        let changes = first.changes(manifest);
+/// Reads the descriptions of all folders, and checks that they agree with the first.
+pub(super) fn prepare(args: &Args) -> Result<Vec<Manifest>> {
+    let manifests = args.folders.iter().map(|folder| Manifest::read(folder)).collect::<Result<Vec<_>>>()?;
+    for (manifest, folder) in manifests.iter().zip(&args.folders).skip(1) {
+        let changes = manifests[0].changes(manifest);
         if !changes.is_empty() {
             bail!(
                 "{}: expected results of the same request as {}, found some that differ in {}",
@@ -47,38 +46,46 @@ pub(super) fn prepare(args: &Args) -> Result<Manifest> {
             );
         }
     }
-    Ok(first)
+    Ok(manifests)
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let first = prepare(args)?;
+    let manifests = prepare(args)?;
+    let first = &manifests[0];
     let (mut found, mut missing) = (Vec::new(), Vec::new());
-    for (view, files) in first.views.iter().zip(&first.files) {
-        match (files.first(), args.folders.iter().find(|folder| is_present(folder, files))) {
-            (Some(result), Some(folder)) => found.push(folder.join(result)),
-            _ => missing.push(view.as_str()),
+    for (view, name) in first.views.iter().enumerate() {
+        // Files outside a folder are where its own description says.
+        let result = |(folder, own): (&PathBuf, &Manifest)| {
+            let files = own.files.get(view).filter(|files| is_present(folder, files))?;
+            Some(folder.join(files.first()?))
+        };
+        match args.folders.iter().zip(&manifests).find_map(result) {
+            Some(result) => found.push(result),
+            None => missing.push((view, name)),
         }
     }
     say(format!("{} of {} views are present", found.len(), first.views.len()));
-    for view in &missing {
-        say(format!("missing: {}", one_line(view)));
+    for (_, name) in &missing {
+        say(format!("missing: {}", one_line(name)));
     }
     if !found.is_empty() {
-        join(&first.command, &first.origin, &found, args)?;
+        let missing: Vec<usize> = missing.iter().map(|(view, _)| *view).collect();
+        join(first, &found, &missing, args)?;
     }
     Ok(if missing.is_empty() { Outcome::Done } else { Outcome::Failed })
 }
 
-fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Result<()> {
+fn join(manifest: &Manifest, found: &[PathBuf], missing: &[usize], args: &Args) -> Result<()> {
     let output = args.output.as_ref().unwrap_or(&args.folders[0]);
-    match command {
+    let origin = &manifest.origin;
+    match manifest.command.as_str() {
         render::COMMAND if args.output.is_some() => {
             Err(Usage("expected no --output for pictures, which stay where they are".into()).into())
         }
         render::COMMAND => Ok(()),
         trade::COMMAND => trade::merge(origin, parts(found)?, found, output),
         sweep::COMMAND => sweep::merge(origin, parts(found)?, &args.folders, output),
-        evaluate::COMMAND => evaluate::merge(origin, parts(found)?, output),
+        evaluate::COMMAND => evaluate::merge(origin, parts(found)?, missing, output),
         other => bail!("expected results of render, trade, sweep or evaluate, found those of `{other}`"),
     }
 }
@@ -86,8 +93,12 @@ fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Resul
 fn parts<T: DeserializeOwned>(found: &[PathBuf]) -> Result<Vec<T>> {
     let read = |path: &PathBuf| -> Result<T> {
         let bytes = own_file::read(path).with_context(|| path.display().to_string())?;
-        serde_json::from_slice(&bytes)
-            .with_context(|| format!("{}: expected results of a view", path.display()))
+        serde_json::from_slice(&bytes).with_context(|| {
+            format!(
+                "{}: expected results of a view: remove the file, and run its shard again",
+                path.display()
+            )
+        })
     };
     found.iter().map(read).collect()
 }

@@ -23,7 +23,7 @@ pub struct Score {
     pub flip: f64,
 }
 
-/// Means of the scores over all views. A mean is `None` if a view lacks the score, or without views.
+/// Means of the scores over all views. A mean is `None` if a view lacks the score or is missing, or without views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Mean {
     /// Mean of the views' decibels (as in papers), not the PSNR of the mean error.
@@ -39,6 +39,9 @@ pub struct Mean {
 pub struct Evaluation {
     /// The scores of each view, in the order of the photographs' names.
     pub views: Vec<Score>,
+    /// Names of the views that have no scores.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<String>,
     /// The means over the views.
     pub mean: Mean,
 }
@@ -60,10 +63,11 @@ pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, M
 }
 
 impl Evaluation {
-    /// Computes the means of the scores.
-    pub fn new(views: Vec<Score>) -> Evaluation {
+    /// Computes the means of the scores. A mean over only part of the views would look like that over all of them.
+    pub fn new(views: Vec<Score>, missing: Vec<String>) -> Evaluation {
+        let is_whole = !views.is_empty() && missing.is_empty();
         let mean = |of: &dyn Fn(&Score) -> Option<f64>| {
-            let sum = views.iter().map(of).sum::<Option<f64>>().filter(|_| !views.is_empty());
+            let sum = views.iter().map(of).sum::<Option<f64>>().filter(|_| is_whole);
             sum.map(|sum| sum / views.len() as f64)
         };
         let mean = Mean {
@@ -71,7 +75,7 @@ impl Evaluation {
             ssim: mean(&|score| score.ssim),
             flip: mean(&|score| Some(score.flip)),
         };
-        Evaluation { views, mean }
+        Evaluation { views, missing, mean }
     }
 
     /// Formats the scores as a table with a row per view and the mean below.
@@ -87,8 +91,11 @@ impl Evaluation {
             row(&score.view, score.psnr_db.or(Some(f64::INFINITY)), score.ssim, Some(score.flip), size)
         }));
         let Mean { psnr_db, ssim, flip } = self.mean;
-        let views =
-            if self.views.len() == 1 { "1 view".into() } else { format!("{} views", self.views.len()) };
+        let views = match (self.views.len(), self.missing.len()) {
+            (1, 0) => "1 view".into(),
+            (views, 0) => format!("{views} views"),
+            (views, missing) => format!("{views} of {} views", views + missing),
+        };
         rows.push(row("mean", psnr_db, ssim, flip, views));
         text::table(&rows)
     }
@@ -108,7 +115,7 @@ mod tests {
             score("a.jpg", &grey(0.5), &grey(0.6)).unwrap(),
             score("b.jpg", &grey(0.5), &grey(0.51)).unwrap(),
         ];
-        let all = Evaluation::new(scores.to_vec());
+        let all = Evaluation::new(scores.to_vec(), Vec::new());
         assert!((all.mean.psnr_db.unwrap() - 30.0).abs() < 1e-4, "{all:?}");
         let text = all.table();
         assert!(
@@ -116,8 +123,11 @@ mod tests {
             "{text}"
         );
         let equal = score("c.jpg", &grey(0.5), &grey(0.5)).unwrap();
-        let all = Evaluation::new(vec![scores[0].clone(), equal]);
+        let all = Evaluation::new(vec![scores[0].clone(), equal], Vec::new());
         assert_eq!((all.mean.psnr_db, all.views[1].flip), (None, 0.0));
         assert!(all.table().contains("c.jpg      inf  1.0000  0.0000"), "{}", all.table());
+        let part = Evaluation::new(scores.to_vec(), vec!["d.jpg".into()]);
+        assert_eq!(part.mean, Mean { psnr_db: None, ssim: None, flip: None });
+        assert!(part.table().contains("mean         -       -       -  2 of 3 views"), "{}", part.table());
     }
 }

@@ -114,7 +114,7 @@ fn price(
         bytes_per_splat: bytes.len() as f64 / f64::from(scene.count().max(1)),
         load_ms,
         least_psnr_db: least,
-        scores: Evaluation::new(scores),
+        scores: Evaluation::new(scores, Vec::new()),
     };
     Ok(Price { format: name, found: Found::Measured(measured) })
 }
