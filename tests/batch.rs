@@ -51,6 +51,9 @@ fn a_batch_has_the_files_and_the_messages_of_one_picture_after_the_other() {
         let names: Vec<&str> = (0..VIEWS).filter_map(|view| stats[view]["camera"].as_str()).collect();
         assert_eq!(names.len(), VIEWS);
         assert!(names.is_sorted(), "{names:?}");
+        let files: Vec<&str> =
+            (0..VIEWS).filter_map(|view| stats[view]["files"]["picture"].as_str()).collect();
+        assert_eq!(files, expected);
     }
     for view in 0..VIEWS {
         let name = format!("view{view:02}.png");
@@ -61,6 +64,21 @@ fn a_batch_has_the_files_and_the_messages_of_one_picture_after_the_other() {
             assert!(picture == place.bytes("alone.png"), "{name}");
         }
     }
+}
+
+#[test]
+fn a_camera_that_fails_costs_no_statistics_of_those_before_it() {
+    let place = scene();
+    let mut views = place.json("views.json");
+    // Larger than the largest image of the tests' devices.
+    for side in ["width", "height"] {
+        views[2][side] = 32_768.into();
+    }
+    place.write("views.json", views.to_string());
+    place.fails("render scene.ply -c views.json --output alpha=a.npy --json=stats.json", 1);
+    let stats = place.json("stats.json");
+    assert_eq!(stats.as_array().map(Vec::len), Some(2));
+    assert_eq!(stats[1]["files"], json!({ "alpha": "a-view01.npy" }));
 }
 
 #[test]

@@ -52,6 +52,9 @@ pub struct CameraStats {
     pub frames: usize,
     /// Device memory by allocation.
     pub buffers: Vec<BufferSize>,
+    /// Files of the camera, by output; `picture` is the picture. Empty if none was written.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
     /// Number of splats of the scene; `None` if the graph draws no scene.
     #[serde(skip)]
     pub(crate) loaded: Option<u64>,
@@ -131,6 +134,7 @@ impl CameraStats {
             busy: None,
             frames: frames.len(),
             buffers: memory.into_iter().map(|(name, bytes)| BufferSize { name, bytes }).collect(),
+            files: BTreeMap::new(),
             loaded: draws_scene.then_some(loaded),
             stats,
             inspected: Vec::new(),

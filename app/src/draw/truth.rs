@@ -9,6 +9,7 @@ use crate::io::progress::Progress;
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Picture, PictureMemoryError, RULES, RuleError, Rules, check_memory, render};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -36,6 +37,9 @@ pub struct TruthStats {
     pub covered: f64,
     /// Host time to draw the picture, in milliseconds.
     pub cpu_ms: f64,
+    /// Files of the camera, by output; `picture` is the picture. Empty if none was written.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
 }
 
 impl fmt::Display for TruthStats {
@@ -92,6 +96,7 @@ impl Truth {
             most_contributors: picture.contributors.iter().copied().max().unwrap_or(0),
             covered: picture.transmittance.iter().filter(|t| **t < 1.0).count() as f64 / pixels,
             cpu_ms: begun.elapsed().as_secs_f64() * 1000.0,
+            files: BTreeMap::new(),
         };
         Ok(Truth { picture, stats })
     }

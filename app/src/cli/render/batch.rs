@@ -3,8 +3,9 @@
 //! Frames of the next cameras are in flight while pictures are read back, and [`Pictures`] encodes and writes them on
 //! other threads.
 
-use super::destination::{Destination, per_camera};
+use super::destination::{Destination, PICTURE, per_camera};
 use super::kept::Kept;
+use crate::cli::options::text_of;
 use crate::cli::stdout::Stdout;
 use crate::draw::outputs::{self, Output};
 use crate::draw::pictures::{self, Pictures};
@@ -120,7 +121,7 @@ impl Batch {
     /// The picture or an output is missing, or an earlier picture cannot be written.
     pub fn save(
         &mut self,
-        stats: CameraStats,
+        mut stats: CameraStats,
         output: Option<Pixels>,
         outputs: &[Output],
         stem: String,
@@ -130,6 +131,9 @@ impl Batch {
             bail!("the device returned no picture");
         }
         let (files, cameras) = &self.files;
+        let named = files.iter().map(|(name, file)| (name.as_str(), per_camera(file, &stem, *cameras)));
+        let picture = self.destination.as_ref().map(|destination| (PICTURE, destination.path(&stem)));
+        stats.files = named.chain(picture).map(|(name, file)| (name.into(), text_of(&file))).collect();
         let output_of = |name: &str| outputs.iter().find(|output| output.name == name).cloned();
         let others: Vec<(PathBuf, Output)> = files
             .iter()

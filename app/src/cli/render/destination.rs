@@ -52,6 +52,9 @@ Characters that a file name cannot have become `_`, and cameras with equal names
 NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) The built-in
 graphs have these outputs, defined in docs/splatting.md; quads (`splat`) have only the first three:";
 
+/// Name of the picture among the files of a camera's statistics.
+pub const PICTURE: &str = "picture";
+
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
     /// The only picture; `-` is standard output.

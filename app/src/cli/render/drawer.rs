@@ -2,7 +2,7 @@
 
 use super::args::{Args, Renderer, Work};
 use super::batch::Batch;
-use super::destination::{Destination, per_camera};
+use super::destination::{Destination, PICTURE, per_camera};
 use super::frames::{self, Drawn};
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
@@ -244,17 +244,21 @@ fn draw_exactly(
 ) -> Result<TruthStats> {
     let _span = info_span!("draw exactly").entered();
     let rules = truth::rules(Rules::of_view(scene, camera), &args.rule)?;
-    let truth = Truth::draw(scene, camera, args.background, &rules)?;
+    let mut truth = Truth::draw(scene, camera, args.background, &rules)?;
     for (name, file) in args.named() {
         let output =
             truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;
-        output.save(&per_camera(file, stem, cameras))?;
+        let path = per_camera(file, stem, cameras);
+        output.save(&path)?;
+        truth.stats.files.insert(name.into(), options::text_of(&path));
     }
     let name = match Destination::of(args.picture()?, args.format)? {
         Some(destination) => {
             let path = destination.path(stem);
             truth.image().save_as(destination.format(), &path)?;
-            path.display().to_string()
+            let name = options::text_of(&path);
+            truth.stats.files.insert(PICTURE.into(), name.clone());
+            name
         }
         None => one_line(&camera.img_name).into_owned(),
     };

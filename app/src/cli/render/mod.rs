@@ -28,10 +28,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Manifest::refuse(folder)?;
     }
     let mut drawer = Drawer::open(args, &work, None)?;
-    drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>())?;
-    let (stats, messages) = drawer.close()?;
-    if let Some(path) = &args.json {
-        options::write_json(path, &stats)?;
+    let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
+    let closed = drawer.close();
+    // A camera that fails does not cost the statistics of those before it.
+    if let (Some(path), Ok((stats, _))) = (&args.json, &closed)
+        && (drawn.is_ok() || stats.as_array().is_some_and(|stats| !stats.is_empty()))
+    {
+        options::write_json(path, stats)?;
     }
+    drawn?;
+    let (_, messages) = closed?;
     Ok(super::outcome::validated(args.device.validate, &messages))
 }
