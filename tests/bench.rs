@@ -32,7 +32,10 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
         assert!(text.contains(words), "{words}: {text}");
     }
     let report = place.json("bench.json");
-    assert_eq!((&report["version"], &report["effort"]["rounds"]), (&1.into(), &2.into()));
+    assert_eq!(
+        (&report["version"], &report["complete"], &report["effort"]["rounds"]),
+        (&1.into(), &true.into(), &2.into())
+    );
     assert!(report["device"].as_str().is_some_and(|name| name.contains("llvmpipe")), "{}", report["device"]);
     // On a CPU, a copy does not bound passes, and pass times are not meaningful.
     assert_eq!((&report["is_cpu"], &report["copy"]), (&true.into(), &serde_json::Value::Null));
@@ -105,7 +108,7 @@ fn a_graph_that_draws_no_scene_is_measured_too() {
           output: "image",
         )"#,
     );
-    let (json, errors) = place.said(&format!("{SHORT} scene.ply --pipelines fill.ron --sizes 64x2 --json"));
+    let (json, errors) = place.said(&format!("{SHORT} scene.ply --pipelines fill.ron --size 64x2 --json"));
     let report: Value = serde_json::from_str(&json).expect("JSON alone on standard output");
     let found = &rows(&report)[0]["found"]["Ok"];
     assert_eq!(part(&found["mean"]["passes"], "fill")["bytes"], 64 * 2 * 4);

@@ -32,6 +32,8 @@ use std::path::{Path, PathBuf};
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 ///
+/// A graph that cannot be drawn is a row with the reason. The exit code is 1 only if nothing could be measured.
+///
 /// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32 bits.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("rounds", |arg| arg.help("Number of rounds")))]
@@ -58,7 +60,7 @@ pub struct Args {
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
     /// Sizes of the pictures [default: the cameras']
-    #[arg(long, value_name = "WIDTHxHEIGHT,...", value_delimiter = ',', value_parser = options::size)]
+    #[arg(long, visible_alias = "size", value_name = "WIDTHxHEIGHT,...", value_delimiter = ',', value_parser = options::size)]
     sizes: Vec<(u32, u32)>,
     /// Numbers of splats: the scene is enlarged by copies inside its splats (see `synth --enlarge`), or cut [default: unchanged]
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
@@ -111,11 +113,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Measures frames and writes the results. Returns false if no graph could be drawn.
 fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &mut Work) -> Result<bool> {
-    let mut report = Report { origin, scenes: Vec::new(), rows: Vec::new() };
+    let mut report = Report { origin, complete: false, scenes: Vec::new(), rows: Vec::new() };
     for (index, given) in work.cameras.iter().enumerate() {
         let path = args.scenes.get(index).map(PathBuf::as_path);
         measure_scene(args, device, &mut work.guard, (path, given.clone()), &mut report)?;
     }
+    report.complete = true;
     let plots = report.scenes.iter().zip(&work.stems).flat_map(|(scene, stem)| {
         let plots = plot::plots(&report, &scene.scene, &args.splats, &args.sizes());
         plot::names(stem, &args.splats, &args.sizes()).into_iter().zip(plots)

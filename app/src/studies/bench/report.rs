@@ -85,6 +85,8 @@ pub struct Report {
     /// Program, device and settings of the run.
     #[serde(flatten)]
     pub origin: Origin,
+    /// False while sizes, numbers of splats or scenes are left to measure: the run was interrupted.
+    pub complete: bool,
     /// Scenes of the run, with their cameras.
     pub scenes: Vec<SceneOrigin>,
     /// The candidates, grouped by scene, number of splats and size.
@@ -200,7 +202,7 @@ pub(super) mod testing {
             pipeline: pipeline.into(),
             found,
         };
-        Report { origin, scenes: Vec::new(), rows: rows.into_iter().map(row).collect() }
+        Report { origin, complete: true, scenes: Vec::new(), rows: rows.into_iter().map(row).collect() }
     }
 }
 
