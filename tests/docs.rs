@@ -207,6 +207,124 @@ fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line()
     assert_eq!(splatgraph(&["dump", "--no-such-option"]).status.code(), Some(2));
 }
 
+/// The tables of a section of docs/output-files.md.
+#[derive(Default)]
+struct Fields {
+    /// All names in backticks.
+    names: BTreeSet<String>,
+    /// Names of the first column, which are true if a document must have them.
+    rows: BTreeMap<String, bool>,
+    /// Fields with names that the table does not list.
+    opaque: BTreeSet<String>,
+}
+
+fn fields(section: &str) -> Fields {
+    let mut found = Fields::default();
+    fn paths(cell: &str) -> impl Iterator<Item = Vec<String>> {
+        let names = |path: &str| {
+            path.split(['.', '[', ']', ' ']).filter(|name| !name.is_empty()).map(str::to_owned).collect()
+        };
+        cell.split('`').skip(1).step_by(2).map(names)
+    }
+    for row in section.lines().filter(|line| line.starts_with("| ")) {
+        let (first, contents) = row[2..].split_once(" | ").expect("two columns");
+        let is_opaque = ["map", "as of", "cameras, as of"].iter().any(|start| contents.starts_with(start));
+        let is_needed = !contents.contains("absent") && !contents.contains("empty");
+        found.names.extend(paths(row).flatten());
+        for path in paths(first) {
+            found.opaque.extend(path.last().filter(|_| is_opaque).cloned());
+            for name in path {
+                *found.rows.entry(name).or_default() |= is_needed;
+            }
+        }
+    }
+    found
+}
+
+fn keys_of(value: &serde_json::Value, opaque: &BTreeSet<String>, keys: &mut BTreeSet<String>) {
+    for (key, value) in value.as_object().into_iter().flatten() {
+        keys.insert(key.clone());
+        if !opaque.contains(key) {
+            keys_of(value, opaque, keys);
+        }
+    }
+    value.as_array().into_iter().flatten().for_each(|element| keys_of(element, opaque, keys));
+}
+
+#[test]
+fn the_fields_of_output_files_are_those_that_the_program_writes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |line: &str| {
+        let line = line.replace("QUICK", "SMALL --rounds 1 --frames 1");
+        let line = line.replace("SMALL", "s.ply -c c.json#0 --size 32x24");
+        let program = env!("CARGO_BIN_EXE_splatgraph");
+        let run = Command::new(program).args(line.split(' ')).current_dir(folder.path()).output();
+        let run = run.expect("the program starts");
+        assert!(run.status.success(), "{line}: {}", String::from_utf8_lossy(&run.stderr));
+    };
+    run("synth demo --count 300 -o s.ply --cameras c.json");
+    run("synth --photograph s.ply --dataset ds --views 9 --size 32x24");
+    let page = read(Path::new("docs/output-files.md"));
+    // By the first word of the heading.
+    let sections = page.split("\n## ").filter_map(|part| part.split_once([' ', ',', '\n']));
+    let sections: BTreeMap<&str, Fields> = sections.map(|(name, text)| (name, fields(text))).collect();
+    let shared = &sections["Shared"];
+    let mut all = BTreeMap::<&str, BTreeSet<String>>::new();
+    for (section, line, files) in [
+        (
+            "render",
+            "render SMALL -p splat --repeat 4 --inspect keys@scatter -o a.png --json=r.json",
+            "r.json",
+        ),
+        ("render", "render SMALL --backend reference -o b.png --json=x.json", "x.json"),
+        ("evaluate", "evaluate s.ply -c ds --json=e.json", "e.json"),
+        ("convert", "convert SMALL --price --json=p.json", "p.json"),
+        ("advise", "advise QUICK --psnr 20 --json=v.json", "v.json"),
+        ("popping", "popping s.ply -p splat --frames 2 --json=q.json -o .", "q.json popping.csv"),
+        ("trade", "trade QUICK --only defaults -o t", "t/ledger.json t/ledger.csv"),
+        ("sweep", "sweep QUICK --steps 2 -o w", "w/sweep.json w/sweep.csv"),
+        ("bench", "bench QUICK --json=f.json -o f", "f.json f/bench.csv"),
+        (
+            "bench",
+            "bench --suite sort --pairs 99 --rounds 1 --frames 1 --json=s.json -o s",
+            "s.json s/bench.csv",
+        ),
+        ("compare", "compare a.png b.png --json=m.json", "m.json"),
+        ("info", "info s.ply --json=i.json", "i.json"),
+        ("devices", "devices --json=d.json", "d.json"),
+        ("devices", "check splat --json=h.json", "h.json"),
+        ("devices", "params splat --json=n.json", "n.json"),
+        ("film.json", "video s.ply -c c.json --seconds 0.1 --size 32x24 -o film", "film/film.json"),
+        ("film.json", "render SMALL -o job/ --shard 0/1", "job/job.json"),
+    ] {
+        run(line);
+        let own = &sections[section];
+        let is_opaque = |name: &&String| own.opaque.contains(*name) || !own.rows.contains_key(*name);
+        let opaque = shared.opaque.union(&own.opaque).filter(is_opaque).cloned().collect();
+        let is_listed = |name: &str| own.names.contains(name) || shared.names.contains(name);
+        let column = |name: &str| match name.strip_suffix("_spread_ms").or(name.strip_suffix("_ms")) {
+            Some(phase) if !is_listed(name) => name.replacen(phase, "PHASE", 1),
+            _ => name.to_owned(),
+        };
+        let keys = all.entry(section).or_default();
+        for file in files.split(' ') {
+            let text = fs::read_to_string(folder.path().join(file)).expect(file);
+            match serde_json::from_str(&text) {
+                Ok(json) => keys_of(&json, &opaque, keys),
+                Err(_) => keys.extend(text.lines().next().expect(file).split(',').map(column)),
+            }
+        }
+        let unknown: Vec<_> = keys.iter().filter(|key| !is_listed(key)).collect();
+        assert!(unknown.is_empty(), "docs/output-files.md, {section}: {line} also writes {unknown:?}");
+    }
+    all.insert("Shared", all.values().flatten().cloned().collect());
+    for (section, keys) in &all {
+        let rows = sections[section].rows.iter();
+        let unwritten: Vec<_> = rows.filter(|(name, needed)| **needed && !keys.contains(*name)).collect();
+        assert!(unwritten.is_empty(), "docs/output-files.md, {section}: nothing writes {unwritten:?}");
+    }
+}
+
 /// Collects a page's listings: code blocks below a line that ends with a link to a file and a colon. Returns the link
 /// and the text of each.
 fn listings(text: &str) -> Vec<(String, String)> {

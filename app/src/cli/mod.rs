@@ -81,12 +81,18 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph params                                 # what --set can change
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg";
 
+const EXIT_CODES: &str = "Exit codes:
+  0        success
+  1        a failure, a check that did not pass, or a result that lacks views
+  2        an invalid command line; nothing was written
+  128 + N  ended by signal N";
+
 fn examples() -> String {
     let view = match cfg!(feature = "window") {
         true => "  splatgraph view                                   # a window on the demo scene\n",
         false => "",
     };
-    format!("Examples:\n{view}{EXAMPLES}")
+    format!("Examples:\n{view}{EXAMPLES}\n\n{EXIT_CODES}")
 }
 
 /// Draw 3D Gaussian Splatting scenes with renderers that are text files, and measure the cost of every choice
