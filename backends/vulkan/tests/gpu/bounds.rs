@@ -6,8 +6,7 @@ use splatgraph_framework::ir::*;
 
 /// Accesses a buffer of four words near and far beyond its end, and an image of 2 x 2 pixels outside its bounds. Each
 /// invocation uses another offset.
-const STRAY: &str = "#version 460
-layout(local_size_x = 64) in;
+const STRAY: &str = "layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) buffer Words { uint words[]; };
 layout(set = 0, binding = 1, r32ui) uniform uimage2D image;
 layout(set = 0, binding = 2) buffer Seen { uint seen[]; };

@@ -211,11 +211,14 @@ impl Build {
         self.resource(name, Shape::Image { format, width, height }, usage, Source::Transient)
     }
 
-    /// Compiles GLSL; the name's extension is the stage.
+    /// Compiles GLSL, without its version; the name's extension is the stage. A group of a compute shader has one
+    /// invocation unless the text says otherwise.
     pub fn shader(&mut self, name: &str, glsl: &str) -> ShaderId {
         let mut files = SourceMap::new(Library::default());
-        let file = files.add(name, glsl);
         let stage = ShaderStage::of_file(name).expect("a shader's extension");
+        let one = stage == ShaderStage::Compute && !glsl.contains("local_size_x");
+        let one = if one { "layout(local_size_x = 1) in;\n" } else { "" };
+        let file = files.add(name, format!("#version 460\n{one}{glsl}"));
         let request = ShaderRequest { file, stage, defines: &[], unfit: &[], generated: &[] };
         let compiled = Glslang::new().compile(&mut files, &request);
         let compiled = compiled.unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)));
@@ -410,18 +413,14 @@ pub fn show(mut build: Build, words: ResourceId) -> Plan {
     build.export(image)
 }
 
-const SHOW: &str = "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Words { uint words[]; };
+const SHOW: &str = "layout(set = 0, binding = 0) readonly buffer Words { uint words[]; };
 layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D row;
 void main() { imageStore(row, ivec2(gl_WorkGroupID.x, 0), uvec4(words[gl_WorkGroupID.x])); }";
 
 /// Returns a shader that adds each word's index and a constant to it.
 pub fn add(constant: u32) -> String {
     format!(
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) buffer Words {{ uint words[]; }};
+        "layout(set = 0, binding = 0) buffer Words {{ uint words[]; }};
 void main() {{ words[gl_WorkGroupID.x] += gl_WorkGroupID.x + {constant}u; }}"
     )
 }
@@ -429,9 +428,7 @@ void main() {{ words[gl_WorkGroupID.x] += gl_WorkGroupID.x + {constant}u; }}"
 /// Returns a shader that sets the first pixel of `image`, a storage image of 32-bit words, to `value`.
 pub fn image_shader(value: &str) -> String {
     format!(
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0, r32ui) uniform uimage2D image;
+        "layout(set = 0, binding = 0, r32ui) uniform uimage2D image;
 void main() {{ imageStore(image, ivec2(0), {value}); }}"
     )
 }

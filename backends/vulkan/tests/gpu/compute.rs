@@ -47,9 +47,7 @@ fn a_dispatch_takes_its_size_from_words_that_an_earlier_pass_wrote() {
     build.fill(Run::Frame, "fill", words_, 1);
     let write = build.shader(
         "args.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) writeonly buffer Args { uint args[]; };
+        "layout(set = 0, binding = 0) writeonly buffer Args { uint args[]; };
 void main() { args[4] = 3; args[5] = 1; args[6] = 1; }",
     );
     build.dispatch(Run::Frame, "args", write, 1, &[(args, 0, WRITE)]);
@@ -68,9 +66,7 @@ fn equal_shaders_with_different_push_constants_are_different_dispatches() {
     let words_ = build.words("words", 2);
     let shader = build.shader(
         "push.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(push_constant) uniform Push { uint index; uint value; };
+        "layout(push_constant) uniform Push { uint index; uint value; };
 layout(set = 0, binding = 3) writeonly buffer Words { uint words[]; };
 void main() { words[index] = value; }",
     );
@@ -100,8 +96,7 @@ fn subgroups_are_full_and_of_the_size_that_graphs_are_told() {
     let words_ = build.words("words", 2);
     let shader = build.shader(
         "size.comp",
-        "#version 460
-#extension GL_KHR_shader_subgroup_arithmetic : require
+        "#extension GL_KHR_shader_subgroup_arithmetic : require
 layout(local_size_x = 128) in;
 layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
 void main() {

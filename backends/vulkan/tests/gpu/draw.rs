@@ -10,8 +10,7 @@ const SIZE: u32 = 4;
 
 /// A triangle over the upper left half. Its hypotenuse passes through no pixel centre. Each instance has its own
 /// colour.
-const TRIANGLE: &str = "#version 460
-layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
+const TRIANGLE: &str = "layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
 layout(location = 0) flat out vec4 color;
 void main() {
     const vec2 corners[3] = vec2[](vec2(-1, -1), vec2(0.75, -1), vec2(-1, 0.75));
@@ -19,8 +18,7 @@ void main() {
     color = colors[gl_InstanceIndex];
 }";
 
-const COLOR: &str = "#version 460
-layout(location = 0) flat in vec4 color;
+const COLOR: &str = "layout(location = 0) flat in vec4 color;
 layout(location = 0) out vec4 result;
 void main() { result = color; }";
 
@@ -45,9 +43,7 @@ fn drawn(blend: Blend, clear: [f32; 4], indirect: bool) -> FrameResult {
     let args = build.words("args", 5);
     let write = build.shader(
         "args.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) writeonly buffer Args { uint args[]; };
+        "layout(set = 0, binding = 0) writeonly buffer Args { uint args[]; };
 void main() { args[1] = 3; args[2] = 2; args[3] = 0; args[4] = 0; }",
     );
     build.dispatch(Run::Frame, "args", write, 1, &[(args, 0, WRITE)]);
@@ -114,8 +110,7 @@ fn a_kept_target_goes_on_from_the_draw_before_and_targets_may_blend_differently(
     let colors = build.scene("colors", 0, 16, 1);
     let over = build.image("over", Format::Rgba32Float, SIZE, SIZE, Usage::COLOR_TARGET);
     let last = build.image("last", Format::Rgba8Unorm, SIZE, SIZE, Usage::COLOR_TARGET);
-    let two = "#version 460
-layout(location = 0) flat in vec4 color;
+    let two = "layout(location = 0) flat in vec4 color;
 layout(location = 0) out vec4 first;
 layout(location = 1) out vec4 second;
 void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
@@ -144,8 +139,7 @@ void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
 }
 
 /// The same triangle; its depth is the colour's alpha.
-const AT_ALPHA: &str = "#version 460
-layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
+const AT_ALPHA: &str = "layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
 layout(location = 0) flat out vec4 color;
 void main() {
     const vec2 corners[3] = vec2[](vec2(-1, -1), vec2(0.75, -1), vec2(-1, 0.75));

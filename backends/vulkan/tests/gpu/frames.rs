@@ -75,9 +75,7 @@ fn uniforms() -> Plan {
     let live = build.uniform(Source::Live, 16);
     let shader = build.shader(
         "uniforms.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
+        "layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
 layout(set = 0, binding = 1, std140) uniform Camera { uint camera; };
 layout(set = 0, binding = 31, std140) uniform Live { uint first; uint second; };
 void main() { words[0] = camera; words[1] = second; }",
@@ -169,9 +167,7 @@ fn devices_in_several_threads_do_not_disturb_one_another() {
 }
 
 /// A slow pass with many short invocations, because lavapipe limits the iterations of a loop.
-const SLOW: &str = "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) buffer Words { uint words[]; };
+const SLOW: &str = "layout(set = 0, binding = 0) buffer Words { uint words[]; };
 void main() {
     uint x = words[0] + gl_WorkGroupID.x;
     for (uint i = 0; i < 60000; i++) {

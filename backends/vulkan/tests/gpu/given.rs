@@ -17,9 +17,7 @@ fn words_and_length(count: u64) -> Plan {
     let shader = build.shader(
         "show.comp",
         &format!(
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Words {{ uint words[]; }};
+            "layout(set = 0, binding = 0) readonly buffer Words {{ uint words[]; }};
 layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D row;
 void main() {{
     uint i = gl_WorkGroupID.x;
@@ -122,17 +120,14 @@ fn arguments_of_dispatches_and_draws_may_come_with_the_frame() {
     build.fill(Run::Frame, "clear", count, 0);
     let shader = build.shader(
         "count.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) buffer Count { uint count; };
+        "layout(set = 0, binding = 0) buffer Count { uint count; };
 void main() { atomicAdd(count, 1); }",
     );
     build.dispatch_indirect("count", shader, (args, 0), &[(count, 0, BOTH)]);
     // Instance i covers pixel i. The draw also binds the buffer of its arguments.
     let vertex = build.shader(
         "pixel.vert",
-        "#version 460
-layout(set = 0, binding = 0) readonly buffer Args { uint args[]; };
+        "layout(set = 0, binding = 0) readonly buffer Args { uint args[]; };
 void main() {
     float left = float(gl_InstanceIndex) / 2.0 - 1.0, right = left + 0.5;
     if (args[3] == 0) right = left;
@@ -143,8 +138,7 @@ void main() {
     );
     let fragment = build.shader(
         "white.frag",
-        "#version 460
-layout(location = 0) out vec4 color;
+        "layout(location = 0) out vec4 color;
 void main() { color = vec4(1); }",
     );
     let targets = [Target { image: target, load: Load::Clear(0.0, 0.0, 0.0, 0.0), blend: Blend::Replace }];

@@ -14,9 +14,7 @@ fn numbers(count: u64, constant: u32) -> Plan {
     let shader = build.shader(
         "sum.comp",
         &format!(
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Source {{ uint source[]; }};
+            "layout(set = 0, binding = 0) readonly buffer Source {{ uint source[]; }};
 layout(set = 0, binding = 1) writeonly buffer Target {{ uint target[]; }};
 void main() {{ uint i = gl_WorkGroupID.x; target[i] = source[i] + {constant}; }}"
         ),
@@ -63,8 +61,7 @@ fn a_large_attribute_arrives_whole_and_tells_its_progress() {
     build.fill(Run::Frame, "clear", fold, 0);
     let shader = build.shader(
         "fold.comp",
-        "#version 460
-layout(local_size_x = 64) in;
+        "layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
 layout(set = 0, binding = 1) buffer Fold { uint fold; };
 void main() {

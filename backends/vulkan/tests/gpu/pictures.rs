@@ -13,9 +13,7 @@ fn plain(width: u32) -> Plan {
     let image = build.image("row", Format::R32Uint, width, 1, Usage::STORAGE);
     let shader = build.shader(
         "plain.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Value { uint value; };
+        "layout(set = 0, binding = 0) readonly buffer Value { uint value; };
 layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D row;
 void main() { imageStore(row, ivec2(gl_WorkGroupID.x, 0), uvec4(value)); }",
     );
@@ -31,9 +29,7 @@ fn compare() -> Plan {
     let image = build.image("row", Format::R32Uint, 6, 1, Usage::STORAGE);
     let shader = build.shader(
         "compare.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Left { uint left[]; };
+        "layout(set = 0, binding = 0) readonly buffer Left { uint left[]; };
 layout(set = 0, binding = 1) readonly buffer Right { uint right[]; };
 layout(set = 0, binding = 2, r32ui) writeonly uniform uimage2D row;
 void main() {
@@ -197,9 +193,7 @@ fn an_executor_may_be_given_its_own_last_picture() {
     let image = build.image("row", Format::R32Uint, 2, 1, Usage::STORAGE);
     let shader = build.shader(
         "next.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Last { uint last[]; };
+        "layout(set = 0, binding = 0) readonly buffer Last { uint last[]; };
 layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D row;
 void main() {
     uint i = gl_WorkGroupID.x;
@@ -286,9 +280,7 @@ fn a_picture_larger_than_a_storage_binding_is_read_by_its_rows() {
     let image = build.image("large", Format::Rgba32Float, SIDE, SIDE, Usage::STORAGE);
     let shader = build.shader(
         "corner.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0, rgba32f) writeonly uniform image2D image;
+        "layout(set = 0, binding = 0, rgba32f) writeonly uniform image2D image;
 void main() { imageStore(image, ivec2(7, 2899), vec4(0.25, 0.5, 0.75, 1.0)); }",
     );
     build.dispatch(Run::Frame, "corner", shader, 1, &[(image, 0, WRITE)]);
@@ -300,9 +292,7 @@ void main() { imageStore(image, ivec2(7, 2899), vec4(0.25, 0.5, 0.75, 1.0)); }",
     let found = build.words("found", 5);
     let shader = build.shader(
         "read.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Rows { uint rows[]; };
+        "layout(set = 0, binding = 0) readonly buffer Rows { uint rows[]; };
 layout(set = 0, binding = 1) buffer Found { uint found[]; };
 void main() {
     for (uint i = 0; i < 4; i++) found[i] = rows[4 * (3 * 2900 + 7) + i];

@@ -44,9 +44,7 @@ fn gradients(format: Format) -> Plan {
     let shader = build.shader(
         "gradients.comp",
         &format!(
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0, {}) writeonly uniform image2D picture;
+            "layout(set = 0, binding = 0, {}) writeonly uniform image2D picture;
 layout(set = 0, binding = 31, std140) uniform Live {{ uint blue; }};
 void main() {{
     ivec2 at = ivec2(gl_WorkGroupID.x % {width}, gl_WorkGroupID.x / {width});

@@ -4,21 +4,15 @@ use crate::build::*;
 use splatgraph_api::{Device, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 
-const COPY: &str = "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
+const COPY: &str = "layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
 layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = source[i] + 1; }";
 
-const TO_IMAGE: &str = "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
+const TO_IMAGE: &str = "layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
 layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D target;
 void main() { uint i = gl_WorkGroupID.x; imageStore(target, ivec2(i, 0), uvec4(source[i] + 10)); }";
 
-const FROM_IMAGE: &str = "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0, r32ui) readonly uniform uimage2D source;
+const FROM_IMAGE: &str = "layout(set = 0, binding = 0, r32ui) readonly uniform uimage2D source;
 layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 0)).x; }";
 

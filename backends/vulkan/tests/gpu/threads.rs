@@ -125,9 +125,7 @@ fn plans_that_are_made_ready_at_the_same_time_upload_what_they_share_once() {
         let last = build.words("last", 1);
         let shader = build.shader(
             "last.comp",
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Numbers { uint numbers[]; };
+            "layout(set = 0, binding = 0) readonly buffer Numbers { uint numbers[]; };
 layout(set = 0, binding = 1) writeonly buffer Last { uint last; };
 void main() { last = numbers[numbers.length() - 1]; }",
         );

@@ -40,9 +40,7 @@ fn uniform() -> Case {
     build.writes("first", words);
     let shader = build.shader(
         "uniform.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) uniform Source { uvec4 source; };
+        "layout(set = 0, binding = 0) uniform Source { uvec4 source; };
 layout(set = 0, binding = 1) writeonly buffer Sink { uvec4 sink; };
 void main() { sink = source; }",
     );

@@ -6,21 +6,17 @@ const COPIED: Side = (Stages::COPY, Accesses::TRANSFER_READ);
 const DRAWN: Side = (Stages::COLOR_OUTPUT, Accesses::COLOR_WRITE);
 const BLENDS: Side = (Stages::COLOR_OUTPUT, Accesses::COLOR_READ.union(Accesses::COLOR_WRITE));
 
-const VERTEX: &str = "#version 460
-layout(set = 0, binding = 0) readonly buffer Corners { uint corners[]; };
+const VERTEX: &str = "layout(set = 0, binding = 0) readonly buffer Corners { uint corners[]; };
 void main() { gl_Position = vec4(float(corners[gl_VertexIndex]), 0, 0, 1); }";
 
-const FRAGMENT: &str = "#version 460
-layout(location = 0) out vec4 color;
+const FRAGMENT: &str = "layout(location = 0) out vec4 color;
 void main() { color = vec4(0.5); }";
 
 impl Build {
     fn writes_image(&mut self, name: &str, image: ResourceId) {
         let shader = self.shader(
             "writes_image.comp",
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;
+            "layout(set = 0, binding = 0, rgba8) writeonly uniform image2D image;
 void main() { imageStore(image, ivec2(0), vec4(1)); }",
         );
         self.dispatch(Run::Frame, name, shader, 1, &[(image, 0, WRITE)]);
@@ -30,9 +26,7 @@ void main() { imageStore(image, ivec2(0), vec4(1)); }",
         let sink = self.words(&format!("sink of {name}"), 4);
         let shader = self.shader(
             "reads_image.comp",
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0, rgba8) readonly uniform image2D image;
+            "layout(set = 0, binding = 0, rgba8) readonly uniform image2D image;
 layout(set = 0, binding = 1) writeonly buffer Sink { vec4 sink; };
 void main() { sink = imageLoad(image, ivec2(0)); }",
         );
@@ -165,9 +159,7 @@ fn the_order_that_an_images_barrier_gives_holds_for_buffers_too() {
     build.reads("first", words);
     let shader = build.shader(
         "second.comp",
-        "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
+        "layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
 layout(set = 0, binding = 1, rgba8) writeonly uniform image2D image;
 void main() { words[0] = 1; imageStore(image, ivec2(0), vec4(1)); }",
     );

@@ -140,9 +140,7 @@ impl Build {
         let sink = self.words(&format!("sink of {name}"), 4);
         let shader = self.shader(
             "reads.comp",
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
+            "layout(set = 0, binding = 0) readonly buffer Source { uint source[]; };
 layout(set = 0, binding = 1) writeonly buffer Sink { uint sink[]; };
 void main() { uint i = gl_WorkGroupID.x; sink[i] = source[i]; }",
         );
@@ -152,9 +150,7 @@ void main() { uint i = gl_WorkGroupID.x; sink[i] = source[i]; }",
     fn writes(&mut self, name: &str, buffer: ResourceId) {
         let shader = self.shader(
             "writes.comp",
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
+            "layout(set = 0, binding = 0) writeonly buffer Words { uint words[]; };
 void main() { words[gl_WorkGroupID.x] = gl_WorkGroupID.x; }",
         );
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, WRITE)]);
@@ -169,9 +165,7 @@ void main() { words[gl_WorkGroupID.x] = gl_WorkGroupID.x; }",
     fn counts(&mut self, name: &str, buffer: ResourceId) {
         let shader = self.shader(
             "counts.comp",
-            "#version 460
-layout(local_size_x = 1) in;
-layout(set = 0, binding = 0) buffer Count { uint count; };
+            "layout(set = 0, binding = 0) buffer Count { uint count; };
 void main() { atomicAdd(count, 1); }",
         );
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, BOTH)]);
