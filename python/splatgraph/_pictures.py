@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 from . import _native
@@ -33,8 +32,7 @@ def compare(a: Any, b: Any) -> Comparison:
     """
     found = _native.compare(a, b)
     worst = found["worst"]
-    psnr = math.inf if found["psnr_db"] is None else found["psnr_db"]
-    return Comparison(psnr, found["ssim"], worst["difference"], (worst["x"], worst["y"]), found["identical"])
+    return Comparison(float(found["psnr_db"]), found["ssim"], worst["difference"], (worst["x"], worst["y"]), found["identical"])
 
 
 def png(picture: Any) -> bytes:

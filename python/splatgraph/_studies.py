@@ -73,7 +73,7 @@ class Ledger:
     lines: tuple[Line, ...]
     #: Names of settings that cannot be drawn, with the reason.
     failed: dict[str, str]
-    #: Every setting in every view: dicts as in the command line's ledger.json.
+    #: Every setting in every view: dicts as in the command line's ledger.json. An infinite PSNR is "inf", as JSON has no infinity.
     rows: tuple[dict[str, Any], ...]
     #: The device and its driver.
     device: str
@@ -200,8 +200,8 @@ def trade(
             **{
                 **line,
                 "share": _share(line["share"]),
-                "psnr_db": _db(line["psnr_db"]),
-                "covered_psnr_db": _db(line["covered_psnr_db"]),
+                "psnr_db": float(line["psnr_db"]),
+                "covered_psnr_db": float(line["covered_psnr_db"]),
                 "phases": tuple(map(tuple, line["phases"])),
             }
         )
@@ -287,14 +287,9 @@ def _share(found: dict[str, Any] | None) -> Share | None:
     return None if found is None else Share(found["median"], None if found["range"] is None else tuple(found["range"]))
 
 
-def _db(value: float | None) -> float:
-    # JSON has no infinity.
-    return math.inf if value is None else value
-
-
 def _tried(found: dict[str, Any]) -> Tried:
     setting = found["setting"]
-    psnr = tuple(map(_db, found["psnr_db"]))
+    psnr = tuple(map(float, found["psnr_db"]))
     return Tried(setting["name"], setting["pipeline"], dict(setting["set"]), psnr, found["gpu_ms"], _share(found["share"]))
 
 

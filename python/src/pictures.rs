@@ -10,7 +10,7 @@ use splatgraph_reference::metrics;
 /// Measures the difference between two pictures [height, width, 3], display-encoded: floats with 0 for black and 1 for
 /// white, uint8 or uint16.
 ///
-/// Returns: A dict: psnr_db (dB, None for an error of 0), ssim (1 for equal pictures, None below 11 x 11 pixels), worst
+/// Returns: A dict: psnr_db (dB, "inf" for an error of 0), ssim (1 for equal pictures, None below 11 x 11 pixels), worst
 /// (difference, x, y) and identical.
 ///
 /// Raises:

@@ -303,7 +303,7 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
 }
 
 fn decibels(c: &Comparison) -> String {
-    c.psnr_db.map_or("inf".into(), |db| format!("{db:.2}"))
+    format!("{:.2}", c.psnr())
 }
 
 fn similarity(c: &Comparison) -> String {
@@ -351,7 +351,7 @@ fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
     text::table(&rows) + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
-/// Makes the JSON report. An infinite PSNR becomes `null`.
+/// Makes the JSON report. An infinite PSNR is the text `inf`.
 fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value {
     let entry = |pair: &Pair, found: &Found| {
         let mut entry =

@@ -4,7 +4,7 @@ use crate::io::image::Image;
 use crate::io::output::one_line;
 use crate::io::report::text;
 use serde::{Deserialize, Serialize};
-use splatgraph_reference::metrics::{self, MetricError, flip};
+use splatgraph_reference::metrics::{self, MetricError, decibels, flip};
 
 /// The scores of a view's picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,6 +16,7 @@ pub struct Score {
     /// Height of both pictures, in pixels.
     pub height: usize,
     /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal. See [`metrics::Comparison`].
+    #[serde(with = "decibels")]
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
@@ -26,7 +27,8 @@ pub struct Score {
 /// Means of the scores over all views. A mean is `None` if a view lacks the score or is missing, or without views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Mean {
-    /// Mean of the views' decibels (as in papers), not the PSNR of the mean error.
+    /// Mean of the views' decibels (as in papers), not the PSNR of the mean error. Infinite if a view's pictures are equal.
+    #[serde(serialize_with = "decibels::serialize_measured")]
     pub psnr_db: Option<f64>,
     /// See [`Score::ssim`].
     pub ssim: Option<f64>,
@@ -62,6 +64,13 @@ pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, M
     })
 }
 
+impl Score {
+    /// Returns PSNR in decibels, infinite if the pictures are equal.
+    fn psnr(&self) -> f64 {
+        self.psnr_db.unwrap_or(f64::INFINITY)
+    }
+}
+
 impl Evaluation {
     /// Computes the means of the scores. A mean over only part of the views would look like that over all of them.
     pub fn new(views: Vec<Score>, missing: Vec<String>) -> Evaluation {
@@ -71,7 +80,7 @@ impl Evaluation {
             sum.map(|sum| sum / views.len() as f64)
         };
         let mean = Mean {
-            psnr_db: mean(&|score| score.psnr_db),
+            psnr_db: mean(&|score| Some(score.psnr())),
             ssim: mean(&|score| score.ssim),
             flip: mean(&|score| Some(score.flip)),
         };
@@ -88,7 +97,7 @@ impl Evaluation {
         let mut rows = vec![["view", "PSNR dB", "SSIM", "FLIP", "size"].map(String::from).to_vec()];
         rows.extend(self.views.iter().map(|score| {
             let size = format!("{} x {}", score.width, score.height);
-            row(&score.view, score.psnr_db.or(Some(f64::INFINITY)), score.ssim, Some(score.flip), size)
+            row(&score.view, Some(score.psnr()), score.ssim, Some(score.flip), size)
         }));
         let Mean { psnr_db, ssim, flip } = self.mean;
         let views = match (self.views.len(), self.missing.len()) {
@@ -124,8 +133,11 @@ mod tests {
         );
         let equal = score("c.jpg", &grey(0.5), &grey(0.5)).unwrap();
         let all = Evaluation::new(vec![scores[0].clone(), equal], Vec::new());
-        assert_eq!((all.mean.psnr_db, all.views[1].flip), (None, 0.0));
-        assert!(all.table().contains("c.jpg      inf  1.0000  0.0000"), "{}", all.table());
+        assert_eq!((all.mean.psnr_db, all.views[1].flip), (Some(f64::INFINITY), 0.0));
+        let text = all.table();
+        assert!(text.contains("c.jpg      inf  1.0000  0.0000") && text.contains("mean       inf"), "{text}");
+        let json = serde_json::to_value(&all).unwrap();
+        assert_eq!((&json["views"][1]["psnr_db"], &json["mean"]["psnr_db"]), (&"inf".into(), &"inf".into()));
         let part = Evaluation::new(scores.to_vec(), vec!["d.jpg".into()]);
         assert_eq!(part.mean, Mean { psnr_db: None, ssim: None, flip: None });
         assert!(part.table().contains("mean         -       -       -  2 of 3 views"), "{}", part.table());

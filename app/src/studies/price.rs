@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use splatgraph_assets::{Camera, QUIET, Scene, SceneFormat, SpzVersion};
 use splatgraph_reference::Rules;
+use splatgraph_reference::metrics::decibels;
 use std::time::Instant;
 
 /// Number of loads of a file; the fastest counts.
@@ -45,6 +46,7 @@ pub struct Measured {
     /// Milliseconds to read the file from memory: the minimum of several loads.
     pub load_ms: f64,
     /// Lowest PSNR over the views, in decibels; `None` if all pictures are equal.
+    #[serde(serialize_with = "decibels::serialize")]
     pub least_psnr_db: Option<f64>,
     /// Scores of the views against the original scene's pictures, and their means.
     pub scores: Evaluation,

@@ -10,6 +10,7 @@ use crate::studies::measurement::settings::{DEFAULTS, EXACT};
 use crate::studies::study::Setting;
 use crate::studies::trade::measure::Row;
 use serde::Serialize;
+use splatgraph_reference::metrics::decibels;
 
 /// Limits within which a setting must stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -26,6 +27,7 @@ pub struct Tried {
     /// Setting that was measured.
     pub setting: Setting,
     /// PSNR of each view in decibels, infinite for equal pictures.
+    #[serde(serialize_with = "decibels::serialize_views")]
     pub psnr_db: Vec<f64>,
     /// Mean GPU time of a frame over the views, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,

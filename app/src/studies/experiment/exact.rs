@@ -40,7 +40,7 @@ pub(super) fn draw(
     Ok(capture::take(session, camera)?)
 }
 
-/// Formats decibels; `None`, equal pictures, gives `equal`.
+/// Formats decibels; `None`, equal pictures, gives `inf`.
 pub(super) fn decibels(psnr_db: Option<f64>) -> String {
-    psnr_db.map_or_else(|| "equal".into(), |db| format!("{db:.1}"))
+    format!("{:.1}", psnr_db.unwrap_or(f64::INFINITY))
 }

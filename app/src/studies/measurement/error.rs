@@ -2,7 +2,7 @@
 
 use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
-use splatgraph_reference::metrics::{self, MetricError, flip, squared_error};
+use splatgraph_reference::metrics::{self, MetricError, decibels, flip, squared_error};
 
 const STEP: f32 = 1.0 / 255.0;
 
@@ -10,6 +10,7 @@ const STEP: f32 = 1.0 / 255.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Error {
     /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal.
+    #[serde(with = "decibels")]
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
@@ -20,6 +21,7 @@ pub struct Error {
     /// Share of pixels in which a channel differs by more than 1/255.
     pub off: f64,
     /// PSNR of the covered pixels; `None` if they are equal, or if no pixel is covered.
+    #[serde(with = "decibels")]
     pub covered_psnr_db: Option<f64>,
     /// Share of covered pixels in which a channel differs by more than 1/255.
     pub covered_off: f64,
@@ -88,5 +90,9 @@ mod tests {
         assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");
         let same = measure(&truth, &truth, &covered).unwrap();
         assert_eq!((same.psnr_db, same.flip, same.off, same.ssim), (None, 0.0, 0.0, Some(1.0)));
+        // JSON distinguishes an infinite PSNR from one that was not measured.
+        let json = serde_json::to_value(&same).unwrap();
+        assert_eq!((&json["psnr_db"], &json["covered_psnr_db"]), (&"inf".into(), &"inf".into()));
+        assert_eq!(serde_json::from_value::<Error>(json).unwrap(), same);
     }
 }

@@ -210,7 +210,7 @@ impl SweepResult {
                 let mut row = vec![
                     choice.name().to_owned(),
                     grouped(mean.count.into()),
-                    if mean.psnr_db.is_finite() { format!("{:.1}", mean.psnr_db) } else { "equal".into() },
+                    format!("{:.1}", mean.psnr_db),
                     ms(mean.gpu_ms),
                 ];
                 row.extend(self.phases().into_iter().map(|name| ms(phase(name))));
@@ -220,7 +220,7 @@ impl SweepResult {
         rows
     }
 
-    /// Writes every step of every view as CSV (RFC 4180); missing values are empty.
+    /// Writes every step of every view as CSV (RFC 4180); missing values are empty, and an infinite PSNR is `inf`.
     pub fn csv(&self) -> String {
         let phases: BTreeSet<&String> =
             self.steps.iter().flat_map(|s| s.time.iter().flat_map(|t| t.phases.keys())).collect();
@@ -242,7 +242,7 @@ impl SweepResult {
                 step.count.to_string(),
                 whole(step.visible),
                 whole(step.drawn),
-                some(*psnr_db),
+                psnr_db.unwrap_or(f64::INFINITY).to_string(),
                 some(*ssim),
                 flip.to_string(),
                 worst.to_string(),

@@ -10,8 +10,8 @@ use crate::studies::measurement::view::Measured;
 use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use splatgraph_assets::file;
-use splatgraph_reference::metrics::squared_error;
+use splatgraph_assets::{Camera, file};
+use splatgraph_reference::metrics::{decibels, squared_error};
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{BufRead as _, BufReader, ErrorKind};
@@ -243,8 +243,10 @@ impl Ledger {
     /// Returns the camera at which a setting has its lowest PSNR, and that PSNR. `None` if the setting was not drawn.
     pub fn farthest(&self, setting: &str) -> Option<(&str, Option<f64>)> {
         let rows = self.rows.iter().filter(|row| row.setting == setting);
+    #[serde(serialize_with = "decibels::serialize_number")]
         let drawn =
             rows.filter_map(|row| Some((row.camera.as_str(), row.found.as_ref().ok()?.error.psnr_db)));
+    #[serde(serialize_with = "decibels::serialize_number")]
         // Of equal rows, the first: `Album::keep` stores its pictures.
         drawn.reduce(|a, b| if squared_error(b.1) > squared_error(a.1) { b } else { a })
     }

@@ -18,7 +18,7 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     let top = finite.fold(0.0, f64::max) + ABOVE;
     let point = |line: &Line| {
         let equal = line.psnr_db.is_infinite();
-        let name = if equal { format!("{} (equal)", line.setting) } else { line.setting.clone() };
+        let name = if equal { format!("{} (inf)", line.setting) } else { line.setting.clone() };
         Some(Point { x: 100.0 * line.share?.median, y: line.psnr_db.min(top), name })
     };
     let points =
@@ -69,7 +69,9 @@ fn about(column: &str) -> &'static str {
             "share of the exact settings' time in the same rounds: median of the rounds, mean of the views, ± half of its range with 99 % \
              confidence. For `exact`, the distance from 100 % is the noise, which every other range contains"
         }
-        "PSNR dB" => "decibels of the mean squared error of all views, over all pixels",
+        "PSNR dB" => {
+            "decibels of the mean squared error of all views, over all pixels; `inf` for equal pictures"
+        }
         "covered" => "PSNR over the pixels that a splat covers",
         "SSIM" => "structural similarity, the lowest of the views; 1 is equal",
         "FLIP" => "NVIDIA's FLIP, mean; 0 is equal",
@@ -168,7 +170,7 @@ mod tests {
         let ledger = ledger(Vec::new());
         let plot = plot(&ledger, &lines).unwrap();
         let names = |at: usize| plot.series[at].points.iter().map(|p| p.name.as_str()).collect::<Vec<_>>();
-        assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (equal)"]));
+        assert_eq!((names(0), names(1)), (vec!["bad"], vec!["fast", "exact (inf)"]));
         assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
         assert_eq!(plot.bars[1], Bar { x: (24.0, 26.0), y: 40.0 });
         let ledger = Ledger { command: "splatgraph trade scene.ply".into(), ..ledger };

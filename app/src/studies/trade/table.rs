@@ -25,14 +25,13 @@ pub(super) const COLUMNS: [&str; 13] = [
 
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
-    let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
     [
         line.setting.clone(),
         optional(line.gpu_ms, 3),
         optional(line.spread_ms, 3),
         share(line),
-        db(line.psnr_db),
-        db(line.covered_psnr_db),
+        format!("{:.1}", line.psnr_db),
+        format!("{:.1}", line.covered_psnr_db),
         optional(line.ssim, 5),
         format!("{:.4}", line.flip),
         format!("{:.4}", line.worst),
@@ -126,7 +125,7 @@ pub fn table(lines: &[Line]) -> String {
     text::table(&std::iter::once(header).chain(lines.iter().map(row)).collect::<Vec<_>>())
 }
 
-/// Writes lines as CSV (RFC 4180), with all digits; missing values are empty.
+/// Writes lines as CSV (RFC 4180), with all digits; missing values are empty, and an infinite PSNR is `inf`.
 pub fn csv(lines: &[Line]) -> String {
     let mut text = String::from(
         "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto",
@@ -186,7 +185,7 @@ mod tests {
         ];
         let text = table(&lines);
         let row = |name: &str| text.lines().find(|line| line[2..].starts_with(name)).expect("a row");
-        assert!(row("exact").starts_with('*') && row("exact").contains("equal"), "{text}");
+        assert!(row("exact").starts_with('*') && row("exact").contains(" inf "), "{text}");
         assert!(row("exact").contains("100.0 ± 1.0 %"), "{text}");
         assert!(row("fast").starts_with('?') && row("fast").ends_with("too noisy to tell"), "{text}");
         assert!(row("bad").starts_with(' ') && row("bad").ends_with("1.0"), "{text}");

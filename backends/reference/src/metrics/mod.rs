@@ -4,6 +4,7 @@
 //! **worst pixel** reveals a single missing splat. [`flip`] measures the perceived difference between alternating
 //! pictures. All sums are in f64.
 
+pub mod decibels;
 pub mod flip;
 
 use rayon::prelude::*;
@@ -68,6 +69,7 @@ const SIGMA: f64 = 1.5;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     /// Peak signal-to-noise ratio in decibels, `10 log10(1 / MSE)` of values clamped to 0..1; `None` if the MSE is 0.
+    #[serde(serialize_with = "decibels::serialize")]
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures. See [`ssim`]. `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
