@@ -2,6 +2,7 @@
 
 use crate::place::Place;
 use serde_json::Value;
+use std::fs;
 
 const SHORT: &str = "trade scene.ply -c cameras.json --rounds 1 --frames 1";
 
@@ -64,7 +65,7 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
     let short = format!("{SHORT} --only");
     let table = place.done(&format!("{short} defaults --truth true"));
     let line = table.lines().find(|line| line.contains("defaults")).expect("a line");
-    assert!(line.contains("equal"), "the defaults drew the truth: {table}");
+    assert!(line.contains(" inf "), "the defaults drew the truth: {table}");
     place.refuses(
         &short,
         &[
@@ -80,55 +81,94 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
     place.refuses(&short, &[("defaults -o out", 2, "out/pictures")]);
 }
 
-/// Returns the PSNR of a setting's row in dB; `None` if its picture equals the truth.
-fn psnr(place: &Place, setting: &str) -> Option<f64> {
-    let ledger = ledger(place);
+/// Returns a setting's measurements in the view of a camera.
+fn found(place: &Place, folder: &str, setting: &str, camera: &str) -> Value {
+    let ledger = place.json(&format!("{folder}/ledger.json"));
     let rows = ledger["rows"].as_array().expect("rows");
-    let row = rows.iter().find(|row| row["setting"] == setting).expect("a row");
-    row["found"]["Ok"]["error"]["psnr_db"].as_f64()
+    let row = rows.iter().find(|row| row["setting"] == setting && row["camera"] == camera).expect("a row");
+    row["found"]["Ok"].clone()
 }
 
 #[test]
-fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
+fn a_ledger_of_other_inputs_is_refused_and_rows_of_the_same_inputs_are_kept() {
     let place = Place::new();
     place.cameras(&["one"]);
     place.done(TRUTH);
-    let trade = |more: &str| place.said(&format!("{SHORT} --only {more}")).1;
-    let against = "defaults --truth true";
-    trade(against);
-    assert_eq!(psnr(&place, "defaults"), None, "the defaults drew the truth");
-    assert!(trade(against).contains("2 rows of an earlier run are kept"));
+    let short = format!("{SHORT} --only");
+    let trade = |more: &str| place.said(&format!("{short} {more}"));
+    trade("defaults --truth true");
+    let same = found(&place, "ledger", "defaults", "one");
+    assert_eq!(same["error"]["psnr_db"], "inf", "the defaults drew the truth");
+    // The same files under other names, and numbers that another program has written.
+    fs::copy(place.at("scene.ply"), place.at("other.ply")).expect("a copy");
+    let text = place.text("ledger/ledger.json");
+    place.write("ledger/ledger.json", text.replace(".0,\n", ",\n").replace(".0\n", "\n"));
+    let other = SHORT.replace("scene.ply", "./other.ply");
+    let told = place.said(&format!("{other} --only defaults --truth ./true/")).1;
+    assert!(told.contains("2 rows of an earlier run are kept"), "{told}");
 
-    // Replaces the truth with other pictures under the same names.
+    let before = place.bytes("ledger/ledger.json");
     place.done(&format!("{TRUTH} --background 1,1,1"));
-    let errors = trade(against);
-    assert!(
-        errors.contains("rows of an earlier run are measured again: measured with another truth")
-            && !errors.contains("are kept"),
-        "{errors}"
+    let name_another = |what: &str| format!("measured with another {what}: name another folder");
+    place.refuses(
+        &short,
+        &[
+            ("defaults --truth true", 1, &name_another("truth")),
+            ("defaults", 1, &name_another("truth")),
+            (
+                "defaults --truth true --no-robustness",
+                1,
+                &name_another("truth and another set of device options"),
+            ),
+        ],
     );
-    let resumed = psnr(&place, "defaults").expect("not equal");
-    trade(&format!("{against} -o fresh"));
-    place.write("ledger/ledger.json", place.bytes("fresh/ledger.json"));
-    assert!(resumed < 30.0 && psnr(&place, "defaults") == Some(resumed), "{resumed}");
+    assert!(place.bytes("ledger/ledger.json") == before);
 
     // A preset in the folder overrides the built-in one. Editing it invalidates only its own row.
     let preset = |bits: u32| {
         let text = format!("Preset(graph: \"splat\", summary: \"Keys\", set: {{ \"key_bits\": {bits} }})");
         place.write("pipelines/key16.ron", text);
     };
+    let psnr = || found(&place, "new", "preset key16", "one")["error"]["psnr_db"].as_f64().expect("dB");
     preset(16);
-    trade("'preset key16'");
-    assert!(trade("'preset key16'").contains("2 rows of an earlier run are kept"));
-    let before = psnr(&place, "preset key16");
+    trade("'preset key16' -o new");
+    let before = psnr();
     preset(8);
-    let errors = trade("'preset key16'");
+    let told = trade("'preset key16' -o new").1;
     assert!(
-        errors.contains("measured with another graph")
-            && errors.contains("1 rows of an earlier run are kept"),
-        "{errors}"
+        told.contains("1 rows of an earlier run are measured again: their settings' plans have changed")
+            && told.contains("1 rows of an earlier run are kept"),
+        "{told}"
     );
-    assert!(psnr(&place, "preset key16") < before);
+    assert!(psnr() < before);
+    // The table has the rows of both runs, as the file does.
+    let table = trade("defaults -o new").0;
+    assert!(table.contains("defaults") && table.contains("preset key16"), "{table}");
+    assert_eq!(place.text("new/ledger.csv").lines().count(), 4);
+}
+
+#[test]
+fn a_view_without_splats_has_no_wrong_pair_and_an_infinite_psnr() {
+    let place = Place::new();
+    place.cameras(&["one", "away"]);
+    let mut cameras = place.json("cameras.json");
+    let away = &mut cameras[1];
+    for axis in 0..3 {
+        let [right, forward] = [0, 2].map(|at| -away["rotation"][axis][at].as_f64().expect("a number"));
+        let position = away["position"][axis].as_f64().expect("a number");
+        (away["rotation"][axis][0], away["rotation"][axis][2]) = (right.into(), forward.into());
+        away["position"][axis] = (position + 1000.0 * forward).into();
+    }
+    place.write("cameras.json", cameras.to_string());
+    let table = place.done(&format!("{SHORT} --only exact"));
+    let found = found(&place, "ledger", "exact", "away");
+    assert_eq!((&found["inversions"], &found["error"]["psnr_db"]), (&0.into(), &"inf".into()), "{table}");
+    let csv = place.text("ledger/ledger.csv");
+    let cell = |line: usize, name: &str| {
+        let at = csv.lines().next().and_then(|head| head.split(',').position(|cell| cell == name));
+        csv.lines().nth(line).and_then(|line| line.split(',').nth(at?)).map(str::to_owned)
+    };
+    assert_eq!(cell(1, "inversions").as_deref(), Some("0"), "{csv}");
 }
 
 #[test]
@@ -144,7 +184,7 @@ fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no
     assert!(table.contains("`preset stale_order` is not judged"), "{table}");
     assert!(!table.contains("digit8"), "{table}");
     // One round is not enough to judge time.
-    assert!(table.contains("too noisy to tell whether") && table.contains("at least 8 rounds"), "{table}");
+    assert!(table.contains("too noisy to tell whether") && table.contains("at least 8 frames"), "{table}");
     let csv = place.text("ledger/ledger.csv");
     assert!(
         csv.lines().any(|line| line.starts_with("\"preset stale_order\"") && line.contains("not judged")),

@@ -173,14 +173,15 @@ def trade(
         truths: true pictures, one for each camera, display-encoded, as for `compare`; by default, the exact renderer's.
         rounds: maximum number of rounds of frames; below 8, all differences in time count as noise.
         frames: frames per round; by default 1 to 3, from the frame time.
-        file: path of a ledger.json, which grows with each row and from which an interrupted study resumes. Rows that were measured with
-            another scene, other cameras, another graph or another device are replaced; a file that is not a ledger is refused.
+        file: path of a ledger.json, which grows with each row and from which an interrupted study resumes. The result has all of its
+            rows. A file that is not a ledger is refused, and so is one whose rows were measured with another scene, graph, device, program
+            or effort, or with other cameras.
         progress: called with (task, done, of, step), for example `print`.
         backend: "vulkan" or "metal".
         device: a part of the device's name, or its index in `splatgraph devices`.
 
     Raises:
-        ValueError: `only` matches no setting, `file` is not a ledger, or an argument has a wrong shape or range.
+        ValueError: `only` matches no setting, `file` is not a ledger of these inputs, or an argument has a wrong shape or range.
         GraphError: the graph has errors.
         DeviceError: no suitable device was found, or the device failed.
     """

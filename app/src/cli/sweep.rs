@@ -191,7 +191,8 @@ impl Work for Views {
         let cameras = serde_json::to_value(&request.cameras)?;
         let mut origin = job::origin_of(study.session(), &cameras, (pipeline, set))?;
         let empty = study.empty(&subject, &request.wanted);
-        origin.insert("sweep".into(), serde_json::to_value(empty)?);
+        origin.insert("device".into(), json!(empty.device));
+        origin.insert(job::REQUEST.into(), serde_json::to_value(empty)?);
         origin.insert("steps".into(), json!([steps, format!("{:?}", request.wanted.frames)]));
         self.open = Some((device, request, study));
         Ok(origin)
@@ -223,7 +224,7 @@ pub const COMMAND: &str = "sweep";
 /// Writes the report of the views that several processes measured. Each picture is in one of `folders`.
 pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Path) -> Result<()> {
     let empty: SweepResult =
-        serde_json::from_value(origin.get("sweep").cloned().context("the origin of a sweep")?)?;
+        serde_json::from_value(origin.get(job::REQUEST).cloned().context("the origin of a sweep")?)?;
     let first = parts.first().and_then(|part| part.steps.first()).map(|step| step.camera.clone());
     let shown_steps = parts.first().map(|part| part.steps.clone()).unwrap_or_default();
     let closer = parts.iter().flat_map(|part| part.closer.clone()).collect();

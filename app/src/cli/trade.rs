@@ -13,7 +13,7 @@ use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, say, shell_word};
 use crate::studies::study::{Setting, StudyError, Subject};
-use crate::studies::trade::ledger::Ledger;
+use crate::studies::trade::ledger::{Book, Ledger};
 use crate::studies::trade::measure::Row;
 use crate::studies::trade::page::{page, plot};
 use crate::studies::trade::pictures::{self, Album};
@@ -42,8 +42,9 @@ use std::sync::Arc;
 /// at least the difference of the exact settings from themselves. A `?` marks settings that may be on the front, but are too
 /// noisy to tell. A graph that draws from the previous frame is not judged, because still views hide its error.
 ///
-/// An interrupted run resumes. A row is measured again if anything that its numbers depend on has changed: the program, the
-/// scene, the cameras, the pictures of --truth, the plans, the device.
+/// An interrupted run resumes. A folder whose rows depend on other inputs is refused: on another program, scene, graph, device or
+/// option of the device, on other cameras or pictures of --truth, or on other --rounds or --frames. Rows of a setting whose plan has
+/// changed are measured again.
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
@@ -209,15 +210,19 @@ impl Work for Views {
         let subject = request.subject(&self.args, &device);
         let study = Study::new(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
         let origin = serde_json::to_value(study.origin())?;
+        let mut origin = origin.as_object().cloned().unwrap_or_default();
+        // Other machines may have other paths to the same files.
+        let names = ["scene", "truth"].into_iter().filter_map(|name| origin.remove_entry(name)).collect();
+        origin.insert(job::REQUEST.into(), serde_json::Value::Object(names));
         self.open = Some((device, request, study));
-        Ok(origin.as_object().cloned().unwrap_or_default())
+        Ok(origin)
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
         let (device, request, study) = self.open.as_mut().context("no device")?;
         let subject = request.subject(&self.args, device);
         for &view in views {
-            let mut book = study.book(None, &mut ());
+            let mut book = study.book(None, &mut ())?;
             let stem = &self.stems[view];
             let album = album_of(&self.args.output.join(job::part(stem)));
             let console = &mut Console::default();
@@ -242,15 +247,20 @@ fn album_of(part: &Path) -> Album {
 
 /// Writes the ledger of the views that several processes measured. `found` lists the views' result files.
 pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
-    let origin = serde_json::from_value(origin.clone().into()).context("the origin of a ledger")?;
+    let mut origin = origin.clone();
+    if let Some(serde_json::Value::Object(names)) = origin.remove(job::REQUEST) {
+        origin.extend(names);
+    }
+    let origin = serde_json::from_value(origin.into()).context("the origin of a ledger")?;
     let of_camera: HashMap<String, &PathBuf> = parts
         .iter()
         .zip(found)
         .filter_map(|(rows, path)| Some((rows.first()?.camera.clone(), path)))
         .collect();
-    let ledger = Ledger { command: String::new(), origin, rows: parts.into_iter().flatten().collect() };
-    ledger.save(&output.join(LEDGER))?;
-    let album = Album::beside(&output.join(LEDGER));
+    let path = output.join(LEDGER);
+    let (mut book, _) = Book::open(Some(path.clone()), origin, &[])?;
+    book.add(parts.into_iter().flatten().collect())?;
+    let (ledger, album) = (book.ledger, Album::beside(&path));
     let settings: BTreeSet<&str> = ledger.rows.iter().map(|row| row.setting.as_str()).collect();
     for setting in settings {
         if let Some((camera, _)) = ledger.farthest(setting)

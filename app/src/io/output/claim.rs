@@ -1,10 +1,10 @@
 //! Claims a folder for one request, by a file in it that describes the request.
 
-use super::file::write_new_bytes;
+use super::file::{folder_of, write_new_bytes};
 use crate::io::own_file;
 use anyhow::{Context, Result};
-use std::fs;
-use std::io::ErrorKind;
+use std::fs::{self, File, TryLockError};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 /// Contents of a folder that a request claims.
@@ -37,5 +37,21 @@ pub fn claim(file: &Path, description: &[u8], stray: impl FnOnce() -> Option<Pat
     match write_new_bytes(file, description) {
         Err(error) if error.is_taken() => read(),
         written => Ok(written.map(|()| Claim::Written)?),
+    }
+}
+
+/// Locks the folder of `file` until the result is dropped, and creates the folder. `None` if it has no locks, as on some
+/// network disks.
+///
+/// # Errors
+/// Another process holds the lock ([`ErrorKind::WouldBlock`]), or the folder cannot be created.
+pub fn lock(file: &Path) -> io::Result<Option<File>> {
+    let folder = folder_of(file);
+    fs::create_dir_all(folder)?;
+    let Ok(folder) = File::open(folder) else { return Ok(None) };
+    match folder.try_lock() {
+        Ok(()) => Ok(Some(folder)),
+        Err(TryLockError::WouldBlock) => Err(ErrorKind::WouldBlock.into()),
+        Err(TryLockError::Error(_)) => Ok(None),
     }
 }

@@ -14,7 +14,7 @@ pub mod names;
 pub mod signals;
 pub mod terminal;
 
-pub use claim::{Claim, claim};
+pub use claim::{Claim, claim, lock};
 pub use file::{OutputError, is_standard_output, write, write_bytes, write_new, write_new_bytes};
 pub use guard::OutputGuard;
 pub use log::Log;

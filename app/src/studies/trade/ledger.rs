@@ -13,7 +13,7 @@ use serde_json::Value as Json;
 use splatgraph_assets::{Camera, file};
 use splatgraph_reference::metrics::{decibels, squared_error};
 use std::collections::BTreeSet;
-use std::fs;
+use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
@@ -24,22 +24,22 @@ pub struct Origin {
     pub version: String,
     /// Hash of the executable, which contains the exact renderer and the metrics.
     pub program: String,
-    /// The scene's file.
+    /// Name of the scene, for headings: the same scene may have another path.
     pub scene: String,
     /// Number of splats in the scene.
     pub splats: u32,
     /// Hash of the scene's contents.
     pub content: String,
-    /// Cameras, as in cameras.json, with the size of their pictures.
-    pub cameras: Json,
-    /// Name or path of the graph.
+    /// Cameras, with the size of their pictures.
+    pub cameras: Vec<Camera>,
+    /// Name of the graph, or of its file.
     pub pipeline: String,
-    /// Names and values of the parameters that are the same in every setting.
+    /// Names and values of the parameters that are the same in every setting, in the graph's order.
     #[serde(default)]
     pub set: Vec<(String, String)>,
     /// Hash of the plans of the exact settings, to which all shares of time refer.
     pub exact: String,
-    /// `reference` for the exact renderer's pictures, or the folder of the true pictures.
+    /// `reference` for the exact renderer's pictures, or the name of the folder of the true pictures, for headings.
     pub truth: String,
     /// Hash of the pixels in the folder's pictures; empty for `reference`.
     pub truth_content: String,
@@ -62,29 +62,28 @@ impl Origin {
         format!("{name}, {}", self.pipeline)
     }
 
-    /// Lists the inputs that differ from another origin's, in words for the user.
+    /// Lists the inputs that differ from another origin's, in words for the user. Names for headings are not compared.
     pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
         let differs = [
             ("program", self.version != other.version || self.program != other.program),
-            (
-                "scene",
-                (&self.scene, self.splats, &self.content) != (&other.scene, other.splats, &other.content),
-            ),
-            ("cameras", self.cameras != other.cameras),
+            ("scene", (self.splats, &self.content) != (other.splats, &other.content)),
+            ("set of cameras", self.cameras != other.cameras),
             (
                 "graph",
                 (&self.pipeline, &self.set, &self.exact) != (&other.pipeline, &other.set, &other.exact),
             ),
-            ("truth", (&self.truth, &self.truth_content) != (&other.truth, &other.truth_content)),
-            ("device", (&self.device, &self.opened) != (&other.device, &other.opened)),
-            ("frames", (self.rounds, self.frames) != (other.rounds, other.frames)),
+            ("truth", self.truth_content != other.truth_content),
+            ("device", self.device != other.device),
+            ("set of device options", self.opened != other.opened),
+            ("number of rounds", self.rounds != other.rounds),
+            ("number of frames", self.frames != other.frames),
         ];
         differs.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect()
     }
 
     /// Returns the number of views, one per camera.
     pub fn views(&self) -> usize {
-        self.cameras.as_array().map_or(0, Vec::len)
+        self.cameras.len()
     }
 }
 
@@ -105,6 +104,8 @@ pub struct Book {
     /// Ledger with the rows so far.
     pub ledger: Ledger,
     path: Option<PathBuf>,
+    /// Holds the lock of the file's folder.
+    _lock: Option<File>,
 }
 
 /// Checks that a file of an earlier run is a ledger, of any version of the program, so that [`Book::add`] may replace it.
@@ -140,38 +141,45 @@ pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
 }
 
 impl Book {
-    /// Opens the ledger in a file, with the rows of plans that have not changed; empty if the file has another origin.
+    /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
     /// `plans` are the settings, each with the hash of its plans. Also returns why rows of the file are dropped. The
     /// file stays unchanged until the first row is added. Without a path, nothing is saved.
+    ///
+    /// # Errors
+    /// The file has rows of another origin, or another process measures in the folder: rows would be lost.
     pub fn open(
         path: Option<PathBuf>,
         origin: Origin,
         plans: &[(&str, Option<u64>)],
-    ) -> (Book, Option<String>) {
-        let bytes = path.as_ref().and_then(|path| own_file::read(path).ok());
-        let found: Option<Ledger> = bytes.as_ref().and_then(|bytes| serde_json::from_slice(bytes).ok());
-        let mut lost = bytes.is_some().then(|| "it was written by another version of the program".to_owned());
-        let mut rows = Vec::new();
-        if let Some(found) = found {
-            let changes = found.origin.changes(&origin);
-            let of_another =
-                |names: Vec<&str>| format!("measured with another {}", names.join(" and another "));
-            lost = (!changes.is_empty()).then(|| of_another(changes));
-            if lost.is_none() {
-                // Rows of settings that this run does not want are kept for later runs.
-                let stale =
-                    |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan != *plan);
-                let all = found.rows.len();
-                rows = found.rows;
-                rows.retain(|row| !stale(row));
-                lost = (rows.len() < all).then(|| of_another(vec!["graph"]));
-            }
-        }
-        let lost = lost.zip(path.as_ref()).map(|(why, path)| {
-            format!("{}: rows of an earlier run are measured again: {why}", path.display())
+    ) -> Result<(Book, Option<String>), StudyError> {
+        let lock = path.as_deref().map_or(Ok(None), |path| {
+            output::lock(path).map_err(|error| match error.kind() {
+                ErrorKind::WouldBlock => StudyError::Input(format!(
+                    "{}: expected a folder that no other process measures into, found one in use: wait, or name another folder",
+                    path.display()
+                )),
+                _ => StudyError::Input(format!("{}: {error}", path.display())),
+            })
+        })?;
+        let bytes =
+            path.as_ref().and_then(|path| own_file::read(path).ok()).filter(|bytes| !bytes.is_empty());
+        let mut rows = bytes.map_or(Ok(Vec::new()), |bytes| rows_of(&bytes, &origin)).map_err(|found| {
+            let path = path.as_deref().unwrap_or(Path::new("")).display();
+            StudyError::Input(format!(
+                "{path}: expected a ledger of the same inputs, found one {found}: name another folder, or delete this ledger"
+            ))
+        })?;
+        // Rows of settings that this run does not want are kept.
+        let stale =
+            |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan != plan.map(hex));
+        let all = rows.len();
+        rows.retain(|row| !stale(row));
+        let lost = path.as_ref().filter(|_| rows.len() < all).map(|path| {
+            let (path, count) = (path.display(), all - rows.len());
+            format!("{path}: {count} rows of an earlier run are measured again: their settings' plans have changed")
         });
-        (Book { ledger: Ledger { command: String::new(), origin, rows }, path }, lost)
+        Ok((Book { ledger: Ledger { command: String::new(), origin, rows }, path, _lock: lock }, lost))
     }
 
     /// Returns true if the setting has been measured in this view.
@@ -189,19 +197,38 @@ impl Book {
         self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
-    /// Adds a row, sorted by camera even if several processes measured them in another order, and writes the file.
+    /// Adds rows, in place of those of the same settings and cameras, and writes the file.
+    ///
+    /// They are sorted by camera, even if several processes measured them in another order.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn add(&mut self, row: Row) -> Result<(), output::OutputError> {
+    pub fn add(&mut self, new: Vec<Row>) -> Result<(), output::OutputError> {
         let Ledger { origin, rows, .. } = &mut self.ledger;
-        let cameras = origin.cameras.as_array().map_or(&[][..], Vec::as_slice);
-        let index = |row: &Row| cameras.iter().position(|camera| camera["img_name"] == row.camera.as_str());
-        let own = index(&row);
-        let at = rows.partition_point(|other| index(other) <= own);
-        rows.insert(at, row);
+        let index = |row: &Row| origin.cameras.iter().position(|camera| camera.img_name == row.camera);
+        for row in new {
+            rows.retain(|other| (&other.setting, &other.camera) != (&row.setting, &row.camera));
+            let own = index(&row);
+            let at = rows.partition_point(|other| index(other) <= own);
+            rows.insert(at, row);
+        }
         self.path.as_ref().map_or(Ok(()), |path| self.ledger.save(path))
     }
+}
+
+/// Reads the rows of a ledger. The error describes a ledger of another origin.
+fn rows_of(bytes: &[u8], origin: &Origin) -> Result<Vec<Row>, String> {
+    let found: Ledger =
+        serde_json::from_slice(bytes).map_err(|_| "of another version of the program".to_owned())?;
+    match found.origin.changes(origin) {
+        changes if changes.is_empty() || found.rows.is_empty() => Ok(found.rows),
+        changes => Err(format!("measured with another {}", changes.join(" and another "))),
+    }
+}
+
+/// Formats the hash of a plan. JSON readers round numbers of 64 bits.
+pub fn hex(plan: u64) -> String {
+    format!("{plan:016x}")
 }
 
 /// The measurements of a setting, summarised over the views.
@@ -216,8 +243,10 @@ pub struct Line {
     /// Mean share of the exact settings' time over the views, with its range.
     pub share: Option<Share>,
     /// PSNR of the mean squared error over all views, in decibels; infinite for equal pictures.
+    #[serde(serialize_with = "decibels::serialize_number")]
     pub psnr_db: f64,
     /// PSNR of the covered pixels over all views, in decibels; infinite for equal pictures.
+    #[serde(serialize_with = "decibels::serialize_number")]
     pub covered_psnr_db: f64,
     /// Lowest SSIM over the views.
     pub ssim: Option<f64>,
@@ -243,10 +272,8 @@ impl Ledger {
     /// Returns the camera at which a setting has its lowest PSNR, and that PSNR. `None` if the setting was not drawn.
     pub fn farthest(&self, setting: &str) -> Option<(&str, Option<f64>)> {
         let rows = self.rows.iter().filter(|row| row.setting == setting);
-    #[serde(serialize_with = "decibels::serialize_number")]
         let drawn =
             rows.filter_map(|row| Some((row.camera.as_str(), row.found.as_ref().ok()?.error.psnr_db)));
-    #[serde(serialize_with = "decibels::serialize_number")]
         // Of equal rows, the first: `Album::keep` stores its pictures.
         drawn.reduce(|a, b| if squared_error(b.1) > squared_error(a.1) { b } else { a })
     }
@@ -260,7 +287,8 @@ impl Ledger {
         output::write_bytes(path, format!("{text}\n").as_bytes())
     }
 
-    /// Summarises the rows of each setting, in the order of the rows. Also lists failed settings with their messages.
+    /// Summarises the rows of each setting, in the order of the rows. Also lists the settings that failed, and those
+    /// that are not measured in every view yet, with the reason.
     pub fn lines(&self) -> (Vec<Line>, Vec<(String, String)>) {
         let mut names: Vec<&str> = Vec::new();
         for row in &self.rows {
@@ -269,10 +297,15 @@ impl Ledger {
             }
         }
         let (mut lines, mut failed) = (Vec::new(), Vec::new());
+        let of = |name: &str| self.rows.iter().filter(|row| row.setting == name).collect::<Vec<_>>();
+        let views = of(EXACT).len();
         for name in names {
-            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.setting == name).collect();
+            let rows = of(name);
             match rows.iter().map(|row| row.found.as_ref()).collect::<Result<Vec<_>, _>>() {
-                Ok(views) => lines.push(line(name, &views)),
+                Ok(found) if found.len() < views => {
+                    failed.push((name.into(), format!("measured in only {} of {views} views", found.len())));
+                }
+                Ok(found) => lines.push(line(name, &found)),
                 Err(text) => failed.push((name.to_string(), text.clone())),
             }
         }
@@ -345,6 +378,10 @@ pub(super) mod testing {
     use super::*;
     use crate::studies::measurement::error::Error;
 
+    fn camera() -> Camera {
+        Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (32, 24))
+    }
+
     pub fn origin() -> Origin {
         Origin {
             version: "1".into(),
@@ -352,7 +389,7 @@ pub(super) mod testing {
             scene: "a.ply".into(),
             splats: 3,
             content: "0".into(),
-            cameras: Json::Array(vec![Json::Null]),
+            cameras: vec![camera()],
             pipeline: "splat".into(),
             set: Vec::new(),
             exact: "0".into(),
@@ -399,7 +436,7 @@ pub(super) mod testing {
     }
 
     pub fn row(setting: &str, camera: &str, found: Result<Measured, String>) -> Row {
-        Row { setting: setting.into(), plan: Some(1), camera: camera.into(), found }
+        Row { setting: setting.into(), plan: Some(hex(1)), camera: camera.into(), found }
     }
 
     pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, mark: Mark) -> Line {
@@ -445,9 +482,11 @@ mod tests {
             row("bad", "a", Ok(measured(3.0, Some(30.0)))),
             row("bad", "b", Ok(measured(3.0, Some(30.0)))),
             row("broken", "a", Err("error: no".into())),
+            row("rest", "b", Ok(measured(1.0, Some(90.0)))),
         ];
         let (lines, failed) = ledger(rows).lines();
-        assert_eq!(failed, [("broken".to_string(), "error: no".to_string())]);
+        let told = [("broken", "error: no"), ("rest", "measured in only 1 of 2 views")];
+        assert_eq!(failed, told.map(|(name, why)| (name.to_string(), why.to_string())));
         let found: Vec<Mark> = lines.iter().map(|line| line.mark).collect();
         assert_eq!(found, [Mark::Best, Mark::Best, Mark::Beaten]);
         assert!(lines[0].psnr_db.is_infinite());
@@ -480,42 +519,64 @@ mod tests {
     }
 
     #[test]
-    fn a_ledger_goes_on_where_it_stopped_unless_anything_that_its_numbers_depend_on_has_changed() {
+    fn a_ledger_goes_on_where_it_stopped_and_rows_of_other_inputs_are_not_lost() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ledger.json");
         let plans = [("exact", Some(1)), ("broken", Some(1))];
-        let (mut book, lost) = Book::open(Some(path.clone()), origin(), &plans);
+        let open = |origin: Origin| Book::open(Some(path.clone()), origin, &plans);
+        let (mut book, lost) = open(origin()).unwrap();
         assert_eq!(lost, None);
-        book.add(row("exact", "a", Ok(measured(4.0, Some(61.25))))).unwrap();
-        book.add(row("broken", "a", Err("no".into()))).unwrap();
-        let (again, lost) = Book::open(Some(path.clone()), origin(), &plans);
-        assert_eq!((&again.ledger, lost), (&book.ledger, None));
+        book.add(vec![
+            row("exact", "a", Ok(measured(4.0, Some(61.25)))),
+            row("broken", "a", Err("no".into())),
+        ])
+        .unwrap();
+        let error = open(origin()).err().expect("the folder is in use").to_string();
+        assert!(error.contains("no other process measures into"), "{error}");
+        let measured = std::mem::take(&mut book.ledger.rows);
+        drop(book);
+        // Another program may have written the numbers in another way: 32 for 32.0.
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.replace(".0,", ",").replace(".0\n", "\n")).unwrap();
+        let same = Origin { scene: "./a.ply".into(), truth: "elsewhere".into(), ..origin() };
+        let (again, lost) = open(same).unwrap();
+        assert_eq!((&again.ledger.rows, lost), (&measured, None));
         assert!(again.has("exact", "a") && !again.has("exact", "b"));
         assert_eq!((again.exact_ms("a"), again.exact_ms("b")), (Some(4.0), None));
+        drop(again);
         let text = String::from("2");
+        let before = fs::read(&path).unwrap();
+        let refused = |origin: Origin, what: &str| {
+            let error = open(origin).err().expect("it is refused").to_string();
+            let why = format!("another {what}: name another folder, or delete this ledger");
+            assert!(error.contains("ledger.json: expected") && error.ends_with(&why), "{error}");
+        };
         for (other, what) in [
             (Origin { splats: 4, ..origin() }, "scene"),
             (Origin { content: text.clone(), ..origin() }, "scene"),
             (Origin { truth_content: text.clone(), ..origin() }, "truth"),
             (Origin { program: text.clone(), ..origin() }, "program"),
             (Origin { exact: text.clone(), ..origin() }, "graph"),
-            (Origin { opened: text.clone(), ..origin() }, "device"),
-            (Origin { cameras: Json::Null, ..origin() }, "cameras"),
-            (Origin { rounds: 2, ..origin() }, "frames"),
+            (Origin { device: text.clone(), ..origin() }, "device"),
+            (Origin { opened: text.clone(), ..origin() }, "set of device options"),
+            (Origin { cameras: Vec::new(), ..origin() }, "set of cameras"),
+            (Origin { rounds: 2, splats: 4, ..origin() }, "scene and another number of rounds"),
+            (Origin { frames: Some(2), ..origin() }, "number of frames"),
         ] {
-            let (found, lost) = Book::open(Some(path.clone()), other, &plans);
-            let lost = lost.unwrap_or_default();
-            assert!(found.ledger.rows.is_empty() && lost.ends_with(&format!("another {what}")), "{lost}");
+            refused(other, what);
         }
+        assert_eq!(fs::read(&path).unwrap(), before);
         // Only the file of one preset was edited.
-        let (found, lost) =
-            Book::open(Some(path.clone()), origin(), &[("exact", Some(1)), ("broken", Some(2))]);
+        let plans = [("exact", Some(1)), ("broken", Some(2))];
+        let (found, lost) = Book::open(Some(path.clone()), origin(), &plans).unwrap();
         assert!(found.has("exact", "a") && !found.has("broken", "a"));
-        assert!(lost.unwrap_or_default().ends_with("measured with another graph"));
+        let lost = lost.unwrap_or_default();
+        assert!(lost.contains("1 rows of an earlier run are measured again: their settings'"), "{lost}");
+        drop(found);
         fs::write(&path, r#"{"origin": {}, "rows": []}"#).unwrap();
         assert!(check_replaceable(&path).is_ok());
-        let (_, lost) = Book::open(Some(path), origin(), &plans);
-        assert!(lost.unwrap_or_default().ends_with("another version of the program"));
+        let error = open(origin()).err().expect("it is refused").to_string();
+        assert!(error.contains("found one of another version of the program"), "{error}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Measures a setting in a view: a row of the ledger.
 
+use super::ledger::hex;
 use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
@@ -16,8 +17,8 @@ use std::thread::Scope;
 pub struct Row {
     /// The setting's name.
     pub setting: String,
-    /// Hash of the setting's plans; `None` if one cannot be built.
-    pub plan: Option<u64>,
+    /// Hash of the setting's plans, as [`hex`] formats it; `None` if one cannot be built.
+    pub plan: Option<String>,
     /// The camera's name.
     pub camera: String,
     /// The measurements, or the reason that the setting cannot be drawn.
@@ -53,7 +54,7 @@ impl Pending<'_> {
             Ok((found, Drawn { picture, .. })) => (Ok(found), Some(picture)),
             Err(text) => (Err(text), None),
         };
-        (Row { setting, plan, camera, found }, picture)
+        (Row { setting, plan: plan.map(hex), camera, found }, picture)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
-use super::ledger::{Book, Ledger, Origin, check_replaceable};
+use super::ledger::{Book, Ledger, Origin, check_replaceable, hex};
 use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
@@ -17,8 +17,9 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::lower::Control;
 use splatgraph_reference::PictureMemoryError;
 use std::collections::VecDeque;
+use std::ffi::OsStr;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread::{self, Scope};
 
 /// The parameters of a ledger.
@@ -44,17 +45,17 @@ pub struct Wanted {
 /// Maximum number of views with their true pictures in memory at once.
 const VIEWS_AT_ONCE: usize = 8;
 
-/// Measures the wanted settings, and returns the ledger with their rows.
+/// Measures the wanted settings, and returns the ledger with their rows and those of earlier runs.
 ///
 /// # Errors
-/// [`Wanted::file`] is not a ledger; or the errors of [`Study::new`] and [`Study::measure`].
+/// [`Wanted::file`] is not a ledger; or the errors of [`Study::new`], [`Study::book`] and [`Study::measure`].
 pub fn study(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Ledger, StudyError> {
     wanted.file.as_deref().map_or(Ok(()), check_replaceable)?;
     let mut study = Study::new(subject, wanted, listener)?;
-    let mut book = study.book(wanted.file.clone(), listener);
+    let mut book = study.book(wanted.file.clone(), listener)?;
     let album = wanted.file.as_deref().map_or_else(Album::default, Album::beside);
     study.measure(subject, wanted, 0..subject.cameras.len(), (&mut book, &album), listener)?;
-    Ok(study.wanted_of(book.ledger))
+    Ok(book.ledger)
 }
 
 /// The settings to measure, and the sessions that draw them.
@@ -77,12 +78,13 @@ impl Study {
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
         let camera = subject.first()?;
         let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
-        let settings = chosen(wanted, &mut session, camera)?;
+        let controls = session.controls((camera.width, camera.height))?;
+        let settings = chosen(wanted, &controls)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
         let is_wanted = |setting: &Setting| setting.name == settings::EXACT || only(wanted, &setting.name);
         let settings = to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
-        let origin = origin(subject, wanted, settings[0].1)?;
+        let origin = origin(subject, wanted, &controls, settings[0].1)?;
         Ok(Study { exact, session, settings, origin })
     }
 
@@ -92,16 +94,19 @@ impl Study {
     }
 
     /// Opens a ledger, with the rows of an earlier run that has the same origin.
-    pub fn book(&self, file: Option<PathBuf>, listener: &mut dyn Listener) -> Book {
+    ///
+    /// # Errors
+    /// The file has rows of another origin.
+    pub fn book(&self, file: Option<PathBuf>, listener: &mut dyn Listener) -> Result<Book, StudyError> {
         let plans: Vec<_> =
             self.settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
         let name = file.as_deref().map(|file| file.display().to_string()).unwrap_or_default();
-        let (book, lost) = Book::open(file, self.origin.clone(), &plans);
+        let (book, lost) = Book::open(file, self.origin.clone(), &plans)?;
         lost.iter().for_each(|line| listener.say(line));
         if !book.ledger.rows.is_empty() {
             listener.say(&format!("{name}: {} rows of an earlier run are kept", book.ledger.rows.len()));
         }
-        book
+        Ok(book)
     }
 
     /// Adds the missing rows and pictures of some views, which are given as indices of the subject's cameras.
@@ -145,12 +150,6 @@ impl Study {
         }
         Ok(())
     }
-
-    /// Removes the rows of settings that are not wanted.
-    pub fn wanted_of(&self, mut ledger: Ledger) -> Ledger {
-        ledger.rows.retain(|row| self.settings.iter().any(|(setting, _)| setting.name == row.setting));
-        ledger
-    }
 }
 
 /// A ledger's rows, and the pending rows in the order of measurement.
@@ -170,7 +169,7 @@ impl Rows<'_, '_> {
             if let Some(picture) = picture {
                 self.album.keep(&self.book.ledger, &row, &picture, &view.picture)?;
             }
-            self.book.add(row)?;
+            self.book.add(vec![row])?;
         }
         Ok(())
     }
@@ -212,9 +211,8 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
 }
 
 /// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`].
-fn chosen(wanted: &Wanted, session: &mut Session, camera: &Camera) -> Result<Vec<Setting>, StudyError> {
-    let controls = session.controls((camera.width, camera.height))?;
-    let all = settings::measured(&wanted.pipeline, &wanted.set, &controls);
+fn chosen(wanted: &Wanted, controls: &[Control]) -> Result<Vec<Setting>, StudyError> {
+    let all = settings::measured(&wanted.pipeline, &wanted.set, controls);
     for name in &wanted.only {
         if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
             let is_named = |control: &&Control| control.param.name == name.split(' ').next().unwrap_or(name);
@@ -229,23 +227,32 @@ fn chosen(wanted: &Wanted, session: &mut Session, camera: &Camera) -> Result<Vec
 }
 
 /// Collects the inputs on which the rows depend. `exact` is the hash of the exact settings' plans.
-fn origin(subject: &Subject, wanted: &Wanted, exact: Option<u64>) -> Result<Origin, StudyError> {
+fn origin(
+    subject: &Subject,
+    wanted: &Wanted,
+    controls: &[Control],
+    exact: Option<u64>,
+) -> Result<Origin, StudyError> {
     let info = subject.device.info();
+    let is_set = |control: &&Control| wanted.set.iter().any(|(name, _)| *name == control.param.name);
+    let pair = |control: &Control| (control.param.name.clone(), control.param.value.to_string());
     let (truth, truth_content) = match &wanted.truths {
         Some((name, pictures)) => (name.clone(), content(pictures)),
         None => ("reference".to_owned(), String::new()),
     };
-    let own = |error: &dyn std::fmt::Display| StudyError::Input(format!("the ledger's origin: {error}"));
     Ok(Origin {
         version: env!("CARGO_PKG_VERSION").into(),
-        program: program::hash().map_err(|error| own(&error))?,
+        program: program::hash()
+            .map_err(|error| StudyError::Input(format!("the ledger's origin: {error}")))?,
         scene: subject.name.clone(),
         splats: subject.scene.count(),
         content: format!("{:016x}", subject.scene.identity()),
-        cameras: serde_json::to_value(&subject.cameras).map_err(|error| own(&error))?,
-        pipeline: wanted.pipeline.clone(),
-        set: wanted.set.clone(),
-        exact: exact.map_or_else(String::new, |plan| format!("{plan:016x}")),
+        cameras: subject.cameras.clone(),
+        // Without the folders: the plans identify a graph.
+        pipeline: name_of(&wanted.pipeline),
+        // The parsed values: the user may write them in any order, and 0.010 for 0.01.
+        set: controls.iter().filter(is_set).map(pair).collect(),
+        exact: exact.map_or_else(String::new, hex),
         truth,
         truth_content,
         device: subject.device_name(),
@@ -253,6 +260,10 @@ fn origin(subject: &Subject, wanted: &Wanted, exact: Option<u64>) -> Result<Orig
         rounds: wanted.frames.rounds,
         frames: wanted.frames.frames,
     })
+}
+
+fn name_of(pipeline: &str) -> String {
+    Path::new(pipeline).file_name().map_or(pipeline.into(), OsStr::to_string_lossy).into_owned()
 }
 
 fn content(pictures: &[Image]) -> String {
