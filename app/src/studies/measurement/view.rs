@@ -159,7 +159,8 @@ fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>
 
 fn compare(capture: Capture, view: &View) -> Result<Drawn, String> {
     let Capture { image, order, counts } = capture;
-    let order = order.filter(|_| !view.order.is_empty());
+    // A view without visible splats has no wrong pair; otherwise, an empty order is that of a view without one.
+    let order = order.filter(|order| order.is_empty() || !view.order.is_empty());
     let (error, inversions) = rayon::join(
         || error::measure(&image, &view.picture, &view.covered).map_err(|error| error.to_string()),
         || order.and_then(|order| capture::wrong_pairs(&view.order, &order)),
