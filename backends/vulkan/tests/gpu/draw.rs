@@ -3,41 +3,45 @@
 //! All colours are small sums of powers of two, so the expected pixels are exact in 32-bit floats.
 
 use crate::build::*;
-use splatgraph_api::FrameResult;
-use splatgraph_framework::ir::*;
+use splatgraph_api::{Device, FrameInputs, FrameResult, Inspect};
+use splatgraph_framework::{ir::*, plan::Plan};
 
 const SIZE: u32 = 4;
 
 /// A triangle over the upper left half. Its hypotenuse passes through no pixel centre. Each instance has its own
-/// colour.
+/// colour, whose alpha is also its depth.
 const TRIANGLE: &str = "layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
 layout(location = 0) flat out vec4 color;
 void main() {
     const vec2 corners[3] = vec2[](vec2(-1, -1), vec2(0.75, -1), vec2(-1, 0.75));
-    gl_Position = vec4(corners[gl_VertexIndex], 0, 1);
     color = colors[gl_InstanceIndex];
+    gl_Position = vec4(corners[gl_VertexIndex], color.a, 1);
 }";
 
 const COLOR: &str = "layout(location = 0) flat in vec4 color;
 layout(location = 0) out vec4 result;
 void main() { result = color; }";
 
-/// Draws two overlapping triangles and returns the pixel inside, after checking the triangle's position.
-fn two_triangles(blend: Blend, clear: [f32; 4], indirect: bool) -> [f32; 4] {
-    let result = drawn(blend, clear, indirect);
-    let pixels = floats(&result.output.expect("the output was asked for").bytes);
-    let pixels: Vec<[f32; 4]> = pixels.chunks_exact(4).map(|p| p.try_into().unwrap()).collect();
-    for y in 0..SIZE as usize {
-        for x in 0..SIZE as usize {
-            let inside = x + y < 3;
-            let expected = if inside { pixels[0] } else { clear };
-            assert_eq!(pixels[y * SIZE as usize + x], expected, "pixel {x}, {y} (y counts down)");
-        }
+/// Draws two frames with planes of these colours; the second starts from the first frame's contents.
+fn drawn(plan: Plan, planes: &[&[[f32; 4]]], inspect: Vec<Inspect>) -> FrameResult {
+    let mut scene = Scene { identity: 1, ..Scene::default() };
+    for (plane, colors) in (0..).zip(planes) {
+        let mut bytes: Vec<u8> = colors.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
+        // The scene's planes must not be empty.
+        bytes.resize(bytes.len().max(16), 0);
+        scene = scene.and("colors", plane, bytes);
     }
-    pixels[0]
+    let mut vulkan = open();
+    vulkan.load(plan, &scene, &mut |_| {}).expect("the plan loads");
+    let inputs = FrameInputs { inspect, ..with_output() };
+    frame(&mut vulkan, &inputs);
+    let result = frame(&mut vulkan, &inputs);
+    finish(vulkan);
+    result
 }
 
-fn drawn(blend: Blend, clear: [f32; 4], indirect: bool) -> FrameResult {
+/// Draws two overlapping triangles and returns the pixel inside, after checking the triangle's position.
+fn two_triangles(blend: Blend, clear: [f32; 4], indirect: bool) -> [f32; 4] {
     let mut build = Build::new();
     let colors = build.scene("colors", 0, 16, 2);
     let args = build.words("args", 5);
@@ -57,15 +61,17 @@ void main() { args[1] = 3; args[2] = 2; args[3] = 0; args[4] = 0; }",
         DrawCall::Direct { vertices: 3, instances: 2 }
     };
     build.draw("triangles", shaders, call, &[target], &[(colors, 0, READ)]);
-    let plan = build.export(image);
-
-    let bytes: Vec<u8> = FIRST.iter().chain(&SECOND).flat_map(|c| c.to_le_bytes()).collect();
-    let scene = Scene::new(1, "colors", 0, bytes);
-    let mut vulkan = open();
-    splatgraph_api::Device::load(&mut vulkan, plan, &scene, &mut |_| {}).expect("the plan loads");
-    let result = frame(&mut vulkan, &with_output());
-    finish(vulkan);
-    result
+    let result = drawn(build.export(image), &[&[FIRST, SECOND]], Vec::new());
+    let pixels = floats(&result.output.expect("the output was asked for").bytes);
+    let pixels: Vec<[f32; 4]> = pixels.chunks_exact(4).map(|p| p.try_into().unwrap()).collect();
+    for y in 0..SIZE as usize {
+        for x in 0..SIZE as usize {
+            let inside = x + y < 3;
+            let expected = if inside { pixels[0] } else { clear };
+            assert_eq!(pixels[y * SIZE as usize + x], expected, "pixel {x}, {y} (y counts down)");
+        }
+    }
+    pixels[0]
 }
 
 /// Premultiplied colours of the two triangles.
@@ -123,29 +129,12 @@ void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
         let call = DrawCall::Direct { vertices: 3, instances: 1 };
         build.draw(&format!("draw[{index}]"), shaders, call, &targets, &[(colors, 0, READ)]);
     }
-    let inspect = splatgraph_api::Inspect { resource: last, after: PassId(1) };
-    let plan = build.export(over);
-    let bytes: Vec<u8> = FIRST.iter().flat_map(|c| c.to_le_bytes()).collect();
-    let mut vulkan = open();
-    let scene = Scene::new(1, "colors", 0, bytes);
-    splatgraph_api::Device::load(&mut vulkan, plan, &scene, &mut |_| {}).expect("the plan loads");
-    let mut inputs = with_output();
-    inputs.inspect.push(inspect);
-    let result = frame(&mut vulkan, &inputs);
+    let inspect = vec![Inspect { resource: last, after: PassId(1) }];
+    let result = drawn(build.export(over), &[&[FIRST]], inspect);
     assert_eq!(floats(&result.output.unwrap().bytes)[..4], [0.75, 0.375, 0.0, 0.75]);
     assert_eq!(result.inspected[0][..4], [255, 0, 51, 255]);
     assert_eq!(result.inspected[0][60..], [0, 0, 0, 0]);
-    finish(vulkan);
 }
-
-/// The same triangle; its depth is the colour's alpha.
-const AT_ALPHA: &str = "layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
-layout(location = 0) flat out vec4 color;
-void main() {
-    const vec2 corners[3] = vec2[](vec2(-1, -1), vec2(0.75, -1), vec2(-1, 0.75));
-    color = colors[gl_InstanceIndex];
-    gl_Position = vec4(corners[gl_VertexIndex], color.a, 1);
-}";
 
 /// Draws triangles of these colours, with depths in alpha. The first `written` write their depths; a second draw tests
 /// the others against these depths, and writes none.
@@ -157,7 +146,7 @@ fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
     let image = build.image("color", Format::Rgba32Float, SIZE, SIZE, Usage::COLOR_TARGET);
     let depth =
         build.image("depth", Format::Depth32Float, SIZE, SIZE, Usage::DEPTH_TARGET | Usage::COPY_SOURCE);
-    let shaders = [build.shader("triangle.vert", AT_ALPHA), build.shader("color.frag", COLOR)];
+    let shaders = [build.shader("triangle.vert", TRIANGLE), build.shader("color.frag", COLOR)];
     let planes: Vec<ResourceId> = (0..2)
         .map(|part| build.scene("colors", part, 16, parts[part as usize].len().max(1) as u64))
         .collect();
@@ -168,23 +157,8 @@ fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
         build.draw(&format!("draw[{part}]"), shaders, call, &[target], &[(planes[part], 0, READ)]);
         build.depth(depth, access);
     }
-    let inspect = splatgraph_api::Inspect { resource: depth, after: PassId(1) };
-    let plan = build.export(image);
-    let bytes = |part: &[[f32; 4]]| {
-        let mut bytes: Vec<u8> = part.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
-        // The scene's planes must not be empty.
-        bytes.resize(bytes.len().max(16), 0);
-        bytes
-    };
-    let scene = Scene::new(1, "colors", 0, bytes(parts[0])).and("colors", 1, bytes(parts[1]));
-    let mut vulkan = open();
-    splatgraph_api::Device::load(&mut vulkan, plan, &scene, &mut |_| {}).expect("the plan loads");
-    let mut inputs = with_output();
-    inputs.inspect.push(inspect);
-    // Draws two frames: the second starts from the first frame's contents.
-    frame(&mut vulkan, &inputs);
-    let result = frame(&mut vulkan, &inputs);
-    finish(vulkan);
+    let inspect = vec![Inspect { resource: depth, after: PassId(1) }];
+    let result = drawn(build.export(image), &parts, inspect);
     let pixels = floats(&result.output.expect("the output was asked for").bytes);
     let depths = floats(&result.inspected[0]);
     ([pixels[0], pixels[1], pixels[2], pixels[3]], [depths[0], depths[15]])

@@ -23,6 +23,22 @@ fn scene(values: &[u32]) -> Scene {
     Scene::new(1, "numbers", 0, values.iter().flat_map(|v| v.to_le_bytes()).collect())
 }
 
+/// Runs `work` in threads, each with an executor of its own and its index.
+fn in_threads(vulkan: &Vulkan, count: u32, work: impl Fn(u32, &mut Vulkan) + Sync) {
+    let executors: Vec<Vulkan> = thread::scope(|scope| {
+        let start = |index| {
+            let (mut own, work) = (new_context(vulkan), &work);
+            scope.spawn(move || {
+                work(index, &mut own);
+                own
+            })
+        };
+        let threads: Vec<_> = (0..count).map(start).collect();
+        threads.into_iter().map(|thread| thread.join().expect("it ends well")).collect()
+    });
+    executors.into_iter().for_each(finish);
+}
+
 #[test]
 fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_drawn_meanwhile() {
     let mut vulkan = open_with(growing("slow", 1));
@@ -115,7 +131,7 @@ fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
 
 #[test]
 fn plans_that_are_made_ready_at_the_same_time_upload_what_they_share_once() {
-    const THREADS: usize = 4;
+    const THREADS: u32 = 4;
     let values: Vec<u32> = (0..1 << 20).collect();
     let data = scene(&values);
     // The last word of a large plane.
@@ -133,26 +149,15 @@ void main() { last = numbers[numbers.length() - 1]; }",
         show(build, last)
     };
     let vulkan = open();
-    let meeting = Meeting::new(THREADS);
-    let executors: Vec<Vulkan> = thread::scope(|scope| {
-        let threads: Vec<_> = (0..THREADS)
-            .map(|_| {
-                let (plan, mut own) = (plan.clone(), new_context(&vulkan));
-                let (data, meeting) = (&data, &meeting);
-                scope.spawn(move || {
-                    meeting.wait();
-                    own.load(plan, data, &mut |_| {}).expect("the plan loads");
-                    for _ in 0..3 {
-                        assert_eq!(shown(&mut own), [(1 << 20) - 1]);
-                    }
-                    own
-                })
-            })
-            .collect();
-        threads.into_iter().map(|thread| thread.join().expect("it ends well")).collect()
+    let meeting = Meeting::new(THREADS as usize);
+    in_threads(&vulkan, THREADS, |_, own| {
+        meeting.wait();
+        own.load(plan.clone(), &data, &mut |_| {}).expect("the plan loads");
+        for _ in 0..3 {
+            assert_eq!(shown(own), [(1 << 20) - 1]);
+        }
     });
     assert_eq!(data.asked(), 1);
-    drop(executors);
     finish(vulkan);
 }
 
@@ -191,31 +196,22 @@ fn an_upload_that_fails_does_not_block_others() {
 #[test]
 fn executors_draw_in_threads_of_their_own_while_plans_are_made_ready_in_others() {
     let vulkan = open();
-    let threads: Vec<_> = (0..2)
-        .map(|index| {
-            let mut own = new_context(&vulkan);
-            thread::spawn(move || {
-                let mut value = 0;
-                load(&mut own, growing("count", 1));
-                for round in 0..4 {
-                    let step = 10 * index + round;
-                    let loader = own.loader();
-                    let maker = thread::spawn(move || prepare(loader, growing("count", step)));
-                    let before = if round == 0 { 1 } else { 10 * index + round - 1 };
-                    let frames: Vec<_> = (0..5).map(|_| submit(&mut own)).collect();
-                    for frame in frames {
-                        value += before;
-                        assert_eq!(grown(&mut own, frame).1, value);
-                    }
-                    own.swap(maker.join().expect("it ends well")).expect("it becomes the current plan");
-                }
-                own
-            })
-        })
-        .collect();
-    for thread in threads {
-        assert_eq!(thread.join().expect("it ends well").close(), Vec::<String>::new());
-    }
+    in_threads(&vulkan, 2, |index, own| {
+        let mut value = 0;
+        load(own, growing("count", 1));
+        for round in 0..4 {
+            let step = 10 * index + round;
+            let loader = own.loader();
+            let maker = thread::spawn(move || prepare(loader, growing("count", step)));
+            let before = if round == 0 { 1 } else { 10 * index + round - 1 };
+            let frames: Vec<_> = (0..5).map(|_| submit(own)).collect();
+            for frame in frames {
+                value += before;
+                assert_eq!(grown(own, frame).1, value);
+            }
+            own.swap(maker.join().expect("it ends well")).expect("it becomes the current plan");
+        }
+    });
     finish(vulkan);
 }
 
@@ -224,25 +220,14 @@ fn executors_in_several_threads_take_turns_on_the_queue() {
     // Tiny frames, so that the threads meet at the queue: the validation layer reports concurrent use.
     let vulkan = open();
     let meeting = Meeting::new(4);
-    let executors: Vec<Vulkan> = thread::scope(|scope| {
-        let threads: Vec<_> = (0..4)
-            .map(|_| {
-                let mut own = new_context(&vulkan);
-                load(&mut own, growing("count", 1));
-                let meeting = &meeting;
-                scope.spawn(move || {
-                    meeting.wait();
-                    for _ in 0..300 {
-                        own.submit(&FrameInputs::default()).expect("the frame is submitted");
-                    }
-                    assert_eq!(grow(&mut own), 301);
-                    own
-                })
-            })
-            .collect();
-        threads.into_iter().map(|thread| thread.join().expect("it ends well")).collect()
+    in_threads(&vulkan, 4, |_, own| {
+        load(own, growing("count", 1));
+        meeting.wait();
+        for _ in 0..300 {
+            own.submit(&FrameInputs::default()).expect("the frame is submitted");
+        }
+        assert_eq!(grow(own), 301);
     });
-    drop(executors);
     finish(vulkan);
 }
 
