@@ -39,18 +39,7 @@ fn film(wave: fn(f64) -> f64) -> Zonal {
 /// Encodes linear light for the display: compresses bright light, clamps it to white, then applies gamma.
 pub(super) fn display(linear: DVec3) -> DVec3 {
     let exposed = linear.max(DVec3::ZERO);
-    (exposed / (exposed + 0.75) * 1.15).min(DVec3::ONE).map_each(|c| c.powf(1.0 / 2.2))
-}
-
-/// A vector that can apply a function to each component.
-trait MapEach {
-    fn map_each(self, f: impl Fn(f64) -> f64) -> Self;
-}
-
-impl MapEach for DVec3 {
-    fn map_each(self, f: impl Fn(f64) -> f64) -> Self {
-        Self::new(f(self.x), f(self.y), f(self.z))
-    }
+    (exposed / (exposed + 0.75) * 1.15).min(DVec3::ONE).map(|c| c.powf(1.0 / 2.2))
 }
 
 pub(super) fn blend(from: DVec3, to: DVec3, t: f64) -> DVec3 {
@@ -140,8 +129,8 @@ impl Material {
     pub(super) fn film(mut self, normal: DVec3, phase: f64, strength: f64) -> Self {
         let turn = |offset: f64| std::f64::consts::TAU * (phase + offset);
         let phases = DVec3::new(turn(0.0), turn(0.36), turn(0.64));
-        self.add(&FILM_COS, normal, strength * phases.map_each(f64::cos));
-        self.add(&FILM_SIN, normal, -strength * phases.map_each(f64::sin));
+        self.add(&FILM_COS, normal, strength * phases.map(f64::cos));
+        self.add(&FILM_SIN, normal, -strength * phases.map(f64::sin));
         self
     }
 
