@@ -136,7 +136,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::splat;
+    use crate::testing::{says, splat};
 
     fn floats(scene: &Scene, name: &str, plane: u32) -> Vec<f32> {
         let stride = scene.attribute(name).unwrap().stride as usize;
@@ -185,15 +185,13 @@ mod tests {
             scene.write_attribute(name, plane, offset, &mut vec![0; bytes]).unwrap_err()
         };
         let error = |name: &str, plane, bytes| piece(name, plane, 0, bytes);
-        assert!(piece("scene.scale", 0, 4, 12).contains("no piece of 12 at 4"));
-        assert!(piece("scene.scale", 0, 36, 24).contains("no piece of 24 at 36"));
-        assert!(piece("scene.scale", 0, u64::MAX - 3, 12).contains("has 48 bytes"));
-        assert!(error("scene.positions", 0, 48).contains("did you mean scene.position?"));
-        assert!(error("scene.scale", 1, 48).contains("no plane 1"));
-        assert!(error("scene.sh", 12, 64).contains("the last is 11"));
-        assert!(
-            error("scene.scale", 0, 47).contains("has 48 bytes (4 elements of 12), and no piece of 47 at 0")
-        );
+        says(piece("scene.scale", 0, 4, 12), "no piece of 12 at 4");
+        says(piece("scene.scale", 0, 36, 24), "no piece of 24 at 36");
+        says(piece("scene.scale", 0, u64::MAX - 3, 12), "has 48 bytes");
+        says(error("scene.positions", 0, 48), "did you mean scene.position?");
+        says(error("scene.scale", 1, 48), "no plane 1");
+        says(error("scene.sh", 12, 64), "the last is 11");
+        says(error("scene.scale", 0, 47), "has 48 bytes (4 elements of 12), and no piece of 47 at 0");
     }
 
     #[test]

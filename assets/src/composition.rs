@@ -139,7 +139,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::splat;
+    use crate::testing::{says, splat};
 
     fn said(text: &str) -> String {
         parse(text, Path::new("/world")).unwrap_err().to_string()
@@ -174,15 +174,10 @@ mod tests {
     #[test]
     fn mistakes_are_told_with_their_place() {
         assert!(said("Scenes([\n  Scene(fil: \"a.ply\"),\n])").starts_with("line 2, column "));
-        assert!(
-            said("Scenes([Scene(file: \"a.ply\", scale: 0)])").contains("scene 0, a.ply: expected a scale")
-        );
-        assert!(
-            said("Scenes([Scene(file: \"a\", rotate: (axis: (0, 0, 0), degrees: 9))])")
-                .contains("expected an axis")
-        );
-        assert!(said("Scenes([Scene(file: \"a\", translate: (1, 1e30, 0))])").contains("within 1e18"));
-        assert!(said("Scenes([])").contains("expected at least one scene"));
+        says(said("Scenes([Scene(file: \"a.ply\", scale: 0)])"), "scene 0, a.ply: expected a scale");
+        says(said("Scenes([Scene(file: \"a\", rotate: (axis: (0, 0, 0), degrees: 9))])"), "expected an axis");
+        says(said("Scenes([Scene(file: \"a\", translate: (1, 1e30, 0))])"), "within 1e18");
+        says(said("Scenes([])"), "expected at least one scene");
     }
 
     #[test]

@@ -90,6 +90,7 @@ fn name(kind: FileType) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::says;
 
     #[test]
     fn a_file_is_read_up_to_its_limit() {
@@ -99,14 +100,9 @@ mod tests {
         assert_eq!(read_text(&path, 4).unwrap(), "four");
         let said = read(&path, 3).unwrap_err();
         assert_eq!(said.kind(), ErrorKind::FileTooLarge);
-        assert!(said.to_string().contains("at most 3 bytes, found 4"), "{said}");
+        says(said, "at most 3 bytes, found 4");
         std::fs::write(&path, b"ab\xFF").unwrap();
-        assert!(
-            read_text(&path, 9)
-                .unwrap_err()
-                .to_string()
-                .contains("UTF-8 text, found another byte at offset 2")
-        );
+        says(read_text(&path, 9).unwrap_err(), "UTF-8 text, found another byte at offset 2");
     }
 
     #[test]

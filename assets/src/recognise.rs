@@ -88,6 +88,7 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::says;
 
     fn said(name: &str, bytes: &[u8]) -> String {
         format(Some(Path::new(name)), bytes, bytes.len() as u64).unwrap_err().to_string()
@@ -95,9 +96,9 @@ mod tests {
 
     #[test]
     fn well_known_files_are_named() {
-        assert!(said("a.ply", b"\x89PNG\r\n\x1A\n").contains("a PNG image"));
-        assert!(said("a.ply", b"\x1F\x8B\x08").contains("a gzip file"));
-        assert!(said("a.ply", b"version https://git-lfs.github.com/spec/v1").contains("git lfs pull"));
+        says(said("a.ply", b"\x89PNG\r\n\x1A\n"), "a PNG image");
+        says(said("a.ply", b"\x1F\x8B\x08"), "a gzip file");
+        says(said("a.ply", b"version https://git-lfs.github.com/spec/v1"), "git lfs pull");
     }
 
     #[test]

@@ -30,6 +30,12 @@ pub(crate) fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
     bytes
 }
 
+#[track_caller]
+pub(crate) fn says(message: impl std::fmt::Display, expected: &str) {
+    let message = message.to_string();
+    assert!(message.contains(expected), "{message}; expected {expected}");
+}
+
 pub(crate) fn golden() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("golden")
 }

@@ -4,7 +4,7 @@
 mod glb_file;
 
 use crate::scene::{Scene, SortKey};
-use crate::testing::{splat, written};
+use crate::testing::{says, splat, written};
 use crate::{QUIET, SceneFormat};
 use base64::Engine as _;
 use glam::{DQuat, DVec3};
@@ -163,20 +163,26 @@ fn what_is_not_drawn_is_refused_by_name() {
         })
         .unwrap_err()
     };
-    assert!(splatting("colorSpace", "lin_rec709_display").contains("colour space lin_rec709_display"));
-    assert!(splatting("kernel", "disk").contains("expected ellipse, found disk"));
-    assert!(splatting("sortingMethod", "zDepth").contains("expected cameraDistance, found zDepth"));
+    says(splatting("colorSpace", "lin_rec709_display"), "colour space lin_rec709_display");
+    says(splatting("kernel", "disk"), "expected ellipse, found disk");
+    says(splatting("sortingMethod", "zDepth"), "expected cameraDistance, found zDepth");
     let said = |change: fn(&mut Value)| changed(change).unwrap_err();
-    let found = said(|document| document["nodes"][0]["scale"] = json!([1.0, 2.0, 1.0]));
-    assert!(found.contains("nodes[0]`: expected a rotation, a uniform scale"), "{found}");
-    let found = said(|document| document["buffers"][0]["uri"] = json!("https://example.org/a.bin"));
-    assert!(found.contains("only files are read"), "{found}");
-    let found = said(|document| document["buffers"][0]["uri"] = json!("../a.bin"));
-    assert!(found.contains("in the folder of the document"), "{found}");
-    let found = said(|document| document["accessors"][0]["count"] = json!(2_147_483_648u32));
-    assert!(found.contains("POSITION`: expected 1 to as many elements"), "{found}");
-    let found = said(|document| document["nodes"][0]["children"] = json!([0]));
-    assert!(found.contains("a node with two parents"), "{found}");
-    let found = said(|document| document["meshes"][0]["primitives"][0]["extensions"] = json!({}));
-    assert!(found.contains("a glTF model without Gaussian splats"), "{found}");
+    says(
+        said(|document| document["nodes"][0]["scale"] = json!([1.0, 2.0, 1.0])),
+        "nodes[0]`: expected a rotation, a uniform scale",
+    );
+    says(
+        said(|document| document["buffers"][0]["uri"] = json!("https://example.org/a.bin")),
+        "only files are read",
+    );
+    says(said(|document| document["buffers"][0]["uri"] = json!("../a.bin")), "in the folder of the document");
+    says(
+        said(|document| document["accessors"][0]["count"] = json!(2_147_483_648u32)),
+        "POSITION`: expected 1 to as many elements",
+    );
+    says(said(|document| document["nodes"][0]["children"] = json!([0])), "a node with two parents");
+    says(
+        said(|document| document["meshes"][0]["primitives"][0]["extensions"] = json!({})),
+        "a glTF model without Gaussian splats",
+    );
 }

@@ -1,7 +1,7 @@
 use super::*;
 use crate::input::Source;
 use crate::similarity::Similarity;
-use crate::testing::splat;
+use crate::testing::{says, splat};
 use crate::{Content, Scene};
 use glam::{DQuat, DVec3};
 
@@ -42,7 +42,7 @@ fn changed(from: &str, to: &str) -> String {
         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
         "bufferViews":[{"buffer":0,"byteLength":36}],
         "buffers":[{"byteLength":36,"uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}"#;
-    assert!(text.contains(from), "{from}");
+    says(text, from);
     text.replace(from, to)
 }
 
@@ -121,8 +121,7 @@ fn scene_files_place_meshes_and_a_mesh_alone_is_no_scene() {
     std::fs::write(at("all.ron"), text).unwrap();
     let scene = Scene::load(at("all.ron"), crate::QUIET).expect("a scene");
     assert_eq!((scene.count(), scene.mesh().expect("a mesh").positions[0]), (3, [0.0, 0.0, 5.0]));
-    let alone = Scene::load(at("stone.glb"), crate::QUIET).unwrap_err().to_string();
-    assert!(alone.contains("expected splats, found a mesh"), "{alone}");
+    says(Scene::load(at("stone.glb"), crate::QUIET).unwrap_err(), "expected splats, found a mesh");
     assert!(matches!(Scene::load_any(at("stone.glb"), None, crate::QUIET), Ok(Content::Mesh(_))));
 }
 

@@ -292,6 +292,7 @@ fn property(words: &[&str], line: u32) -> Result<Property, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::says;
 
     fn error(text: &str) -> String {
         Header::parse(text.as_bytes()).unwrap_err().to_string()
@@ -330,8 +331,8 @@ mod tests {
 
     #[test]
     fn a_header_that_never_ends_is_told_from_one_that_was_cut() {
-        assert!(error("ply\nformat ascii 1.0\n").contains("ends inside it, after line 2"));
+        says(error("ply\nformat ascii 1.0\n"), "ends inside it, after line 2");
         let long = format!("ply\nformat ascii 1.0\n{}", "comment a\n".repeat(HEADER_LIMIT / 10 + 1));
-        assert!(error(&long).contains("too long"));
+        says(error(&long), "too long");
     }
 }

@@ -52,7 +52,7 @@ pub(super) fn comments(notes: FileNotes) -> String {
 mod tests {
     use super::*;
     use crate::scene::{Scene, SortKey};
-    use crate::testing::{splat, written};
+    use crate::testing::{says, splat, written};
     use crate::{QUIET, SceneFormat};
 
     fn notes(comments: &[&str]) -> Result<FileNotes, SceneError> {
@@ -70,16 +70,14 @@ mod tests {
         assert_eq!(filter(&["SplatRenderMode: mip", "antialiased 1"]), Filter::Compensated);
         assert_eq!(filter(&["antialiased 1", "SplatRenderMode: default"]), Filter::Dilated);
         assert_eq!(notes(&["vertical axis: z", "vertical axis: q"]).unwrap().up, Some([0.0, 0.0, -1.0]));
-        let said = notes(&["SplatRenderMode: 2dgs"]).unwrap_err().to_string();
-        assert!(said.contains("2D Gaussians (2DGS)"), "{said}");
+        says(notes(&["SplatRenderMode: 2dgs"]).unwrap_err(), "2D Gaussians (2DGS)");
     }
 
     #[test]
     fn a_file_without_the_third_scale_is_named_as_2d() {
         let bytes = written(&Scene::generate(3, 0, splat), SceneFormat::Ply);
         let text = String::from_utf8_lossy(&bytes).replace("scale_2", "other_2");
-        let said = Scene::parse(text.as_bytes(), QUIET).unwrap_err().to_string();
-        assert!(said.contains("2D Gaussians (2DGS)"), "{said}");
+        says(Scene::parse(text.as_bytes(), QUIET).unwrap_err(), "2D Gaussians (2DGS)");
     }
 
     #[test]

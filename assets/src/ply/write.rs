@@ -135,6 +135,7 @@ fn encode(splat: &Splat, degree: u32, out: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::says;
 
     #[test]
     fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
@@ -142,8 +143,8 @@ mod tests {
         assert_eq!(size.elements[0].bytes, 248_000);
         assert_eq!(size.sum(), size.file_bytes);
         let text = size.to_string();
-        assert!(text.contains("f_rest_0..44"), "{text}");
-        assert!(text.contains("45 x 4"), "{text}");
+        says(&text, "f_rest_0..44");
+        says(&text, "45 x 4");
         assert!(text.lines().any(|l| l.contains(" nx ") && l.ends_with("skipped")), "{text}");
     }
 }

@@ -7,7 +7,7 @@ use crate::QUIET;
 use crate::activation::SH_C0;
 use crate::input::{Input, Source};
 use crate::scene::Scene;
-use crate::testing::parse as read;
+use crate::testing::{parse as read, says};
 use half::f16;
 use rad_file::{Array, array, chunk, file};
 
@@ -180,10 +180,12 @@ fn the_leaves_of_a_tree_are_read_and_opacities_above_1_are_counted() {
         ["2 nodes of a tree of levels of detail above its leaves", "1 opacities above 1, read as 1"];
     assert_eq!(scene.notes().left_out(), expected);
     assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64);
-    assert!(scene.size_breakdown().format.contains("2 chunks, leaves of a tree"));
+    says(&scene.size_breakdown().format, "2 chunks, leaves of a tree");
     let nodes = tree(&[1.0], &[0.0], &[0.5]);
-    let said = read(&file(1, &[chunk(0, 1, &nodes, true)], &[], None)).unwrap_err().to_string();
-    assert!(said.contains("none of the 1 splats can be drawn: 1 nodes above the leaves"), "{said}");
+    says(
+        read(&file(1, &[chunk(0, 1, &nodes, true)], &[], None)).unwrap_err(),
+        "none of the 1 splats can be drawn: 1 nodes above the leaves",
+    );
 }
 
 #[test]
@@ -204,8 +206,7 @@ fn harmonics_can_be_a_palette_in_the_first_chunk() {
     // A single chunk does not declare the number of entries.
     let scene = read(&chunks[0]).unwrap();
     assert_eq!((scene.count(), scene.stored_degree()), (2, 1));
-    let said = read(&chunks[1]).unwrap_err().to_string();
-    assert!(said.contains("chunks[0].sh_label`: expected the palette in the first chunk"), "{said}");
+    says(read(&chunks[1]).unwrap_err(), "chunks[0].sh_label`: expected the palette in the first chunk");
     // A label beyond the palette drops its splat.
     let far = arrays(2, vec![palette(), labelled(&[4.0, 0.0], "u16")]);
     let scene = read(&file(2, &[chunk(0, 2, &far, true)], &[], Some(4))).unwrap();
@@ -233,11 +234,12 @@ fn chunks_can_be_files_beside_the_document() {
     assert_eq!((header.count, header.stored_degree), (37, 0));
     assert_eq!(Scene::load(folder.path().join(names[1]), QUIET).unwrap().count(), 7);
     std::fs::write(&path, file(37, &chunks, &["scene-0.radc", "../scene-1.radc"], None)).unwrap();
-    let said = Scene::load(&path, QUIET).unwrap_err().to_string();
-    assert!(said.contains("expected a file in the folder of the JSON, found another place"), "{said}");
+    says(
+        Scene::load(&path, QUIET).unwrap_err(),
+        "expected a file in the folder of the JSON, found another place",
+    );
     std::fs::write(&path, file(37, &chunks, &["scene-0.radc", "none.radc"], None)).unwrap();
-    let said = Scene::load(&path, QUIET).unwrap_err().to_string();
-    assert!(said.contains("`none.radc`: expected a readable file beside the .rad"), "{said}");
+    says(Scene::load(&path, QUIET).unwrap_err(), "`none.radc`: expected a readable file beside the .rad");
 }
 
 #[test]
@@ -285,8 +287,7 @@ fn a_bomb_and_a_scene_larger_than_the_memory_are_refused_before_they_are_unpacke
     let mut all = arrays(1, vec![]);
     all[1] = alpha;
     let bytes = file(1_000_000, &[chunk(0, 1_000_000, &all, true)], &[], None);
-    let said = read(&bytes).unwrap_err().to_string();
-    assert!(said.contains("properties[0].bytes`: expected at least 12000000 unpacked bytes"), "{said}");
+    says(read(&bytes).unwrap_err(), "properties[0].bytes`: expected at least 12000000 unpacked bytes");
     let bytes = one(5000, vec![]);
     let source = Source::Bytes(&bytes);
     let with = |memory| super::parse(&Input { source: &source, memory: Some(memory), progress: QUIET }, None);

@@ -4,6 +4,7 @@ use super::{header, parse as read};
 use crate::error::SceneError;
 use crate::input::{Input, SceneHeader, Source};
 use crate::scene::Scene;
+use crate::testing::says;
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::{Value, json};
 use std::io::{Cursor, Write};
@@ -113,8 +114,7 @@ fn equal_splats_are_read_although_they_take_almost_no_bytes() {
 fn damage_names_the_file_and_the_field() {
     let (meta, mut files) = two();
     files[2].1 = b"\x89PNG\r\n\x1A\n".to_vec();
-    let said = parse(&archive(&meta, &files)).unwrap_err().to_string();
-    assert!(said.contains("`s.webp`: expected a WebP texture, found PNG"), "{said}");
+    says(parse(&archive(&meta, &files)).unwrap_err(), "`s.webp`: expected a WebP texture, found PNG");
     let with = |pointer: &str, value: Value| {
         let (mut meta, files) = two();
         *meta.pointer_mut(pointer).unwrap() = value;
@@ -138,8 +138,7 @@ fn damage_names_the_file_and_the_field() {
     }
     let (meta, mut files) = two();
     files[2].1 = b"RIFF".to_vec();
-    let said = parse(&archive(&meta, &files)).unwrap_err().to_string();
-    assert!(said.contains("`s.webp`: expected a WebP texture"), "{said}");
+    says(parse(&archive(&meta, &files)).unwrap_err(), "`s.webp`: expected a WebP texture");
 }
 
 #[test]
@@ -151,7 +150,7 @@ fn a_label_beyond_the_palette_drops_the_splat_and_an_archive_of_something_else_i
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     zip.start_file("readme", SimpleFileOptions::default()).unwrap();
     let other = zip.finish().unwrap().into_inner();
-    assert!(parse(&other).unwrap_err().to_string().contains("a ZIP archive without a meta.json"));
+    says(parse(&other).unwrap_err(), "a ZIP archive without a meta.json");
 }
 
 #[test]
@@ -162,10 +161,9 @@ fn a_texture_of_one_colour_and_huge_size_is_refused_before_it_is_unpacked() {
     files[0].1 = webp(2048, 2048, &vec![0; 2048 * 2048 * 4]);
     let bytes = archive(&meta, &files);
     assert!(bytes.len() < 20_000);
-    let said = parse(&bytes).unwrap_err().to_string();
-    assert!(
-        said.contains("`l.webp`: expected 1 texels and at most 4 rows more, found 2048 x 2048"),
-        "{said}"
+    says(
+        parse(&bytes).unwrap_err(),
+        "`l.webp`: expected 1 texels and at most 4 rows more, found 2048 x 2048",
     );
 }
 
@@ -214,15 +212,12 @@ fn version_1_has_values_between_the_ends_of_ranges() {
         *meta.pointer_mut(pointer).unwrap() = value;
         parse(&archive(&meta, &files)).unwrap_err().to_string()
     };
-    assert!(with("/means/shape", json!([])).contains("`meta.json: count`: expected at least one splat"));
-    assert!(
-        with("/means/shape/0", json!(5_000_000_000u64))
-            .contains("`meta.json: means.shape`: expected at most")
-    );
+    says(with("/means/shape", json!([])), "`meta.json: count`: expected at least one splat");
+    says(with("/means/shape/0", json!(5_000_000_000u64)), "`meta.json: means.shape`: expected at most");
     assert!(with("/sh0/mins", json!([1, 2, 3])).starts_with("line 1: meta.json: "));
-    assert!(
-        with("/shN/files/0", json!("l.webp"))
-            .contains("`l.webp`: expected 192, 512 or 960 x at most 1024 texels, found 4 x 4")
+    says(
+        with("/shN/files/0", json!("l.webp")),
+        "`l.webp`: expected 192, 512 or 960 x at most 1024 texels, found 4 x 4",
     );
 }
 
@@ -261,12 +256,10 @@ fn a_folder_has_the_splats_of_the_archive_and_only_its_own_files() {
     ] {
         meta["quats"]["files"][0] = json!(name);
         folder(place.path(), &(meta.clone(), files.clone()));
-        let error = Scene::load(place.path(), crate::QUIET).unwrap_err().to_string();
-        assert!(error.contains(said), "{error}");
+        says(Scene::load(place.path(), crate::QUIET).unwrap_err(), said);
     }
     // A document without a folder has no textures.
-    let error = parse(two().0.to_string().as_bytes()).unwrap_err().to_string();
-    assert!(error.contains("expected a file in the folder of the JSON"), "{error}");
+    says(parse(two().0.to_string().as_bytes()).unwrap_err(), "expected a file in the folder of the JSON");
 }
 
 /// Writes a streamed scene with two leaves: each has a splat at level 0, and the first has one at level 1.
@@ -296,10 +289,9 @@ fn a_level_of_a_streamed_scene_has_its_runs_and_the_environment() {
     assert_eq!(finest.size_breakdown().sum(), finest.size_breakdown().file_bytes);
     let level = load(Some(1)).unwrap();
     assert_eq!((level.count(), level.splat(0)), (1, coarse.splat(1)));
-    assert!(
-        load(Some(2)).unwrap_err().to_string().contains(
-            "`lod-meta.json: lodLevels`: expected level 0, the finest, to 1, the coarsest, found 2"
-        )
+    says(
+        load(Some(2)).unwrap_err(),
+        "`lod-meta.json: lodLevels`: expected level 0, the finest, to 1, the coarsest, found 2",
     );
     let put =
         |document: &Value| std::fs::write(place.path().join("lod-meta.json"), document.to_string()).unwrap();
@@ -357,24 +349,20 @@ fn damage_of_a_streamed_scene_names_the_field_or_the_file() {
         std::fs::write(place.path().join("lod-meta.json"), document.to_string()).unwrap();
         Scene::load(place.path(), crate::QUIET).unwrap_err().to_string()
     };
-    assert!(with("/version", json!(2)).contains("`lod-meta.json: version`: expected 1, found 2"));
-    assert!(with("/lodLevels", json!(0)).contains("`lod-meta.json: lodLevels`: expected level 0"));
-    assert!(with("/tree/children/0/lods/0/file", json!(2)).contains("expected a number below 2, found 2"));
-    assert!(
-        with("/tree/children/0/lods/0/count", json!(2)).contains(
-            "`lod-meta.json: tree.lods.offset`: expected runs that do not overlap in 0_0/meta.json"
-        )
+    says(with("/version", json!(2)), "`lod-meta.json: version`: expected 1, found 2");
+    says(with("/lodLevels", json!(0)), "`lod-meta.json: lodLevels`: expected level 0");
+    says(with("/tree/children/0/lods/0/file", json!(2)), "expected a number below 2, found 2");
+    says(
+        with("/tree/children/0/lods/0/count", json!(2)),
+        "`lod-meta.json: tree.lods.offset`: expected runs that do not overlap in 0_0/meta.json",
     );
-    assert!(
-        with("/tree/children/1/lods/0/count", json!(4_000_000_000u32)).contains(
-            "`lod-meta.json: tree.lods`: expected runs within the 2 splats of 0_0/meta.json, found one that ends at 4000000001"
-        )
+    says(
+        with("/tree/children/1/lods/0/count", json!(4_000_000_000u32)),
+        "`lod-meta.json: tree.lods`: expected runs within the 2 splats of 0_0/meta.json, found one that ends at 4000000001",
     );
-    assert!(with("/tree/children", json!([])).contains("`lod-meta.json: tree`: expected a leaf with splats"));
-    assert!(
-        with("/filenames/0", json!("../a")).contains("`../a`: expected a file in the folder of the JSON")
-    );
-    assert!(with("/filenames/0", json!("none")).contains("`none`: expected a readable file, found"));
+    says(with("/tree/children", json!([])), "`lod-meta.json: tree`: expected a leaf with splats");
+    says(with("/filenames/0", json!("../a")), "`../a`: expected a file in the folder of the JSON");
+    says(with("/filenames/0", json!("none")), "`none`: expected a readable file, found");
     assert!(
         with("/tree", json!(7)).starts_with(&format!(
             "{}: line 1: lod-meta.json: ",

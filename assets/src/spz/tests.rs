@@ -7,7 +7,7 @@ use super::layout::*;
 use super::*;
 use crate::error::SceneError;
 use crate::scene::{FileNotes, Filter, Scene};
-use crate::testing::{captures, parse};
+use crate::testing::{captures, parse, says};
 use flate2::{Compression, write::GzEncoder};
 use std::io::Write as _;
 
@@ -93,8 +93,8 @@ fn a_fifth_band_is_cut_off_and_the_flag_of_the_filter_is_kept() {
     );
     near(&scene.splat(0).sh[45..48], &[46, 47, 48].map(|k| (k - 3) as f32 / 128.0));
     let report = crate::report::Report::new(&scene, &[]).to_string();
-    assert!(report.contains("degree 4 in the file, cut to 3"), "{report}");
-    assert!(report.contains("low_pass compensated"), "{report}");
+    says(&report, "degree 4 in the file, cut to 3");
+    says(report, "low_pass compensated");
 }
 
 #[test]
@@ -110,10 +110,11 @@ fn an_extension_names_the_axes_and_others_are_skipped() {
     // 0 means unspecified; 16 is right, front, up.
     assert_eq!(position(&system(0)).unwrap(), [1.0, 2.0, -3.0]);
     assert_eq!(position(&system(16)).unwrap(), [1.0, -3.0, -2.0]);
-    let said = position(&system(17)).unwrap_err().to_string();
-    assert!(said.contains("byte 36, `extensions`: expected a coordinate system of 0 to 16"), "{said}");
-    let said = position(&system(6)[..9]).unwrap_err().to_string();
-    assert!(said.contains("expected a complete record, found 9 bytes"), "{said}");
+    says(
+        position(&system(17)).unwrap_err(),
+        "byte 36, `extensions`: expected a coordinate system of 0 to 16",
+    );
+    says(position(&system(6)[..9]).unwrap_err(), "expected a complete record, found 9 bytes");
 }
 
 #[test]
@@ -132,11 +133,7 @@ fn damage_names_the_byte_and_the_field() {
     let mut damaged = whole.clone();
     let at = whole.len() - 6;
     damaged[at] ^= 1;
-    assert!(
-        said(&damaged).contains("expected an intact compressed stream, found damage"),
-        "{}",
-        said(&damaged)
-    );
+    says(said(&damaged), "expected an intact compressed stream, found damage");
 }
 
 #[test]
@@ -172,8 +169,7 @@ fn a_scene_beyond_2048_units_is_written_with_coarser_steps() {
     let back = parse(&bytes).unwrap();
     assert_eq!((back.splat(1).position, back.splat(0).position), ([5000.0, -1.25, 0.5], [0.0, -1.25, 0.5]));
     let far = scene.with_offset([1e8, 0.0, 0.0]);
-    let said = write(&far, SpzVersion::V4, &mut Vec::new()).unwrap_err().to_string();
-    assert!(said.contains("expected coordinates up to 8388607"), "{said}");
+    says(write(&far, SpzVersion::V4, &mut Vec::new()).unwrap_err(), "expected coordinates up to 8388607");
 }
 
 fn streams(degree: u8, records: &[u8]) -> Vec<u8> {
@@ -225,11 +221,8 @@ fn damage_of_version_4_names_the_byte_and_the_field() {
     assert!(with(16, 31).starts_with("byte 16, `tocByteOffset`: expected 32 to "));
     assert_eq!(with(40, 8), "byte 40, `positions`: expected 9 unpacked bytes for 1 splats, found 8");
     assert!(with(33, 1).starts_with("byte 32, `positions`: expected at most "));
-    assert!(
-        with(32 + 5 * 16, 0)
-            .contains("byte 112, `positions`: expected an intact compressed stream, found damage")
-    );
-    assert!(said(&[streams(0, &[]), vec![0]].concat()).contains("found 1 bytes"));
+    says(with(32 + 5 * 16, 0), "byte 112, `positions`: expected an intact compressed stream, found damage");
+    says(said(&[streams(0, &[]), vec![0]].concat()), "found 1 bytes");
     let mut promise = streams(0, &[]);
     promise[8..12].fill(0x7F);
     assert!(said(&promise).starts_with("byte 8, `numPoints`: expected at most "));

@@ -4,7 +4,7 @@ use crate::QUIET;
 use crate::error::SceneError;
 use crate::input::{Input, Source};
 use crate::scene::{Scene, SortKey};
-use crate::testing::parse as read;
+use crate::testing::{parse as read, says};
 use std::path::PathBuf;
 
 fn file(end: &str) -> Vec<u8> {
@@ -77,7 +77,7 @@ fn axes_of_the_world_point_up_along_y_or_z() {
     );
     assert_eq!(place("upAxis = \"Y\"").position, y.position);
     assert_eq!(place("upAxis = \"Z\"\n metersPerUnit = 0.01").position, [-1.0, -3.0, -2.0]);
-    assert!(said(&layer("upAxis = \"X\"", "")).contains("`upAxis`: expected Y or Z, found X"));
+    says(said(&layer("upAxis = \"X\"", "")), "`upAxis`: expected Y or Z, found X");
     assert_eq!(read(layer("", "").as_bytes()).unwrap().notes().key_of, SortKey::Depth);
 }
 
@@ -113,61 +113,62 @@ fn harmonics_turn_with_the_prim() {
 #[test]
 fn what_is_not_drawn_is_refused_by_name() {
     let with = |attributes: &str| said(&layer("", attributes));
-    let found = with("uniform token projectionModeHint = \"tangential\"");
-    assert!(
-        found.contains("/World/S.projectionModeHint`: expected perspective, found tangential"),
-        "{found}"
+    says(
+        with("uniform token projectionModeHint = \"tangential\""),
+        "/World/S.projectionModeHint`: expected perspective, found tangential",
     );
-    let found = with("uniform token sortingModeHint = \"rayHitDistance\"");
-    assert!(found.contains("expected zDepth or cameraDistance, found rayHitDistance"), "{found}");
-    let found = with("float3 xformOp:scale = (1, 2, 1)\n uniform token[] xformOpOrder = [\"xformOp:scale\"]");
-    assert!(found.contains("/World/S`: expected a rotation, a uniform scale"), "{found}");
-    let found = with("uniform token[] xformOpOrder = [\"xformOp:scale\"]");
-    assert!(found.contains("/World/S.xformOp:scale`: expected numbers, which xformOpOrder names"), "{found}");
-    let found =
-        with("double3 xformOp:wobble = (1, 2, 1)\n uniform token[] xformOpOrder = [\"xformOp:wobble\"]");
-    assert!(found.contains("expected a transform of a known kind, found 3 numbers"), "{found}");
-    assert!(
-        with("token visibility = \"invisible\"")
-            .contains("a USD scene that hides its Gaussian splats (1 prims)")
+    says(
+        with("uniform token sortingModeHint = \"rayHitDistance\""),
+        "expected zDepth or cameraDistance, found rayHitDistance",
     );
-    assert!(with("uniform token purpose = \"guide\"").contains("hides its Gaussian splats"));
+    says(
+        with("float3 xformOp:scale = (1, 2, 1)\n uniform token[] xformOpOrder = [\"xformOp:scale\"]"),
+        "/World/S`: expected a rotation, a uniform scale",
+    );
+    says(
+        with("uniform token[] xformOpOrder = [\"xformOp:scale\"]"),
+        "/World/S.xformOp:scale`: expected numbers, which xformOpOrder names",
+    );
+    says(
+        with("double3 xformOp:wobble = (1, 2, 1)\n uniform token[] xformOpOrder = [\"xformOp:wobble\"]"),
+        "expected a transform of a known kind, found 3 numbers",
+    );
+    says(with("token visibility = \"invisible\""), "a USD scene that hides its Gaussian splats (1 prims)");
+    says(with("uniform token purpose = \"guide\""), "hides its Gaussian splats");
     let changed = |old: &str, new: &str| said(&layer("", "").replace(old, new));
-    let found = changed("Degree = 0", "Degree = 2");
-    assert!(found.contains("expected 18 elements for 2 splats of degree 2, found 2"), "{found}");
-    let found = changed("[0.5, 1]", "[0.5]");
-    assert!(found.contains("/World/S.opacities`: expected 2 elements, found 1"), "{found}");
-    let found = changed("float3[] scales", "float3[] sizes");
-    assert!(found.contains("expected the attribute scales or scalesh, found none"), "{found}");
-    let found = changed("opacities = [0.5, 1]", "opacities.timeSamples = { 0: [0.5, 1] }");
-    assert!(
-        found.contains("/World/S.opacities`: expected a default value, found only time samples"),
-        "{found}"
+    says(changed("Degree = 0", "Degree = 2"), "expected 18 elements for 2 splats of degree 2, found 2");
+    says(changed("[0.5, 1]", "[0.5]"), "/World/S.opacities`: expected 2 elements, found 1");
+    says(
+        changed("float3[] scales", "float3[] sizes"),
+        "expected the attribute scales or scalesh, found none",
     );
-    let found = changed("apiSchemas =", "prepend references = @a.usda@</A> (offset = 1)\n kinds =");
-    assert!(found.contains("found references (join them first, e.g. by `usdcat --flatten`)"), "{found}");
-    assert!(changed("ParticleField3DGaussianSplat", "Mesh").contains("a USD scene without Gaussian splats"));
-    assert!(changed("def Xform", "class Xform").contains("hides its Gaussian splats"));
+    says(
+        changed("opacities = [0.5, 1]", "opacities.timeSamples = { 0: [0.5, 1] }"),
+        "/World/S.opacities`: expected a default value, found only time samples",
+    );
+    says(
+        changed("apiSchemas =", "prepend references = @a.usda@</A> (offset = 1)\n kinds ="),
+        "found references (join them first, e.g. by `usdcat --flatten`)",
+    );
+    says(changed("ParticleField3DGaussianSplat", "Mesh"), "a USD scene without Gaussian splats");
+    says(changed("def Xform", "class Xform"), "hides its Gaussian splats");
 }
 
 #[test]
 fn damage_names_the_line_or_the_byte() {
     let text = layer("", "");
-    let found = said(&text.replace("(4, 5, 6)", "(4, 5)"));
-    assert!(found.contains("line 6: expected ,, found )"), "{found}");
-    let found = said(&text.replace("(4, 5, 6)", "(4, five, 6)"));
-    assert!(found.contains("line 6: expected a number, found five"), "{found}");
+    says(said(&text.replace("(4, 5, 6)", "(4, 5)")), "line 6: expected ,, found )");
+    says(said(&text.replace("(4, 5, 6)", "(4, five, 6)")), "line 6: expected a number, found five");
     let binary = file("usdc");
     let with = |at: usize, bytes: &[u8]| {
         let mut changed = binary.clone();
         changed[at..at + bytes.len()].copy_from_slice(bytes);
         read(&changed).unwrap_err().to_string()
     };
-    assert!(with(9, &[14]).contains("byte 8, `version`: expected 0.7 to 0.13, found 0.14"));
-    assert!(with(16, &[255; 8]).contains("byte 16, `tocOffset`: expected 88 to 4307"));
+    says(with(9, &[14]), "byte 8, `version`: expected 0.7 to 0.13, found 0.14");
+    says(with(16, &[255; 8]), "byte 16, `tocOffset`: expected 88 to 4307");
     let contents = u64::from_le_bytes(binary[16..24].try_into().unwrap()) as usize;
-    let found = with(contents + 8, b"TOKENZ");
-    assert!(found.contains("`sections`: expected the section TOKENS, found none"), "{found}");
+    says(with(contents + 8, b"TOKENZ"), "`sections`: expected the section TOKENS, found none");
     for end in ["usda", "usdc", "usdz"] {
         let bytes = file(end);
         // The text ends with blanks, which can be cut off without damage.
@@ -188,12 +189,7 @@ fn a_scene_larger_than_the_memory_is_refused_and_a_load_can_be_cancelled() {
     let text = file("usda");
     let source = Source::Bytes(&text);
     let found = super::parse(&Input { source: &source, memory: Some(10_000), progress: QUIET }).unwrap_err();
-    assert!(
-        found
-            .to_string()
-            .contains("expected a text layer that fits in memory, found one that needs 18.8 KiB"),
-        "{found}"
-    );
+    says(found, "expected a text layer that fits in memory, found one that needs 18.8 KiB");
     let cancelled = Scene::parse(&bytes, &|done, _| match done {
         0 => ControlFlow::Continue(()),
         _ => ControlFlow::Break(()),
