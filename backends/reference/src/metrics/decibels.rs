@@ -21,7 +21,6 @@ impl Serialize for Decibels {
 ///
 /// # Errors
 /// Those of the serializer.
-#[expect(clippy::ref_option, reason = "serde passes a reference to the field")]
 pub fn serialize<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
     Decibels(psnr_db.unwrap_or(f64::INFINITY)).serialize(serializer)
 }
@@ -50,7 +49,6 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<
 ///
 /// # Errors
 /// Those of the serializer.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference to the field")]
 pub fn serialize_number<S: Serializer>(psnr_db: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     Decibels(*psnr_db).serialize(serializer)
 }
@@ -59,7 +57,6 @@ pub fn serialize_number<S: Serializer>(psnr_db: &f64, serializer: S) -> Result<S
 ///
 /// # Errors
 /// Those of the serializer.
-#[expect(clippy::ref_option, reason = "serde passes a reference to the field")]
 pub fn serialize_measured<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
     psnr_db.map(Decibels).serialize(serializer)
 }
