@@ -3,15 +3,20 @@
 //! The texts are in `tests/plans/*.snap`; widths with equal plans share one. After an intended change of plans:
 //!
 //! ```sh
-//! INSTA_UPDATE=always cargo test -p splatgraph --test end_to_end plans
+//! INSTA_UPDATE=always cargo test -p splatgraph --test end_to_end plans::every_built_in
 //! git diff tests/plans
 //! ```
 
 use crate::common;
 use splatgraph::draw::backend;
+use splatgraph::draw::builtin;
 use splatgraph::draw::facts;
 use splatgraph::draw::planner::Planner;
-use splatgraph_framework::dump;
+use splatgraph_framework::ir::{OUTPUTS, Request, Value};
+use splatgraph_framework::shader::Glslang;
+use splatgraph_framework::source::render;
+use splatgraph_framework::{build, dump};
+use std::collections::BTreeSet;
 
 #[test]
 fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups() {
@@ -40,4 +45,43 @@ fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups
         let shown = shown.collect::<Vec<_>>().join("\n");
         settings.bind(|| insta::assert_snapshot!(graph.replace('/', "_"), shown));
     }
+}
+
+#[test]
+fn every_shipped_file_is_read_by_a_build() {
+    let all = common::graphs().into_iter().flat_map(|graph| [4, 32].map(|lanes| (graph, lanes, &[][..])));
+    let set: [(&str, &[(&str, &str)]); 7] = [
+        ("splat", &[("sorter", "serial"), ("covariance", "factored"), ("sh_storage", "q8")]),
+        ("splat", &[("position_storage", "fixed16"), ("key_map", "equalised")]),
+        ("splat", &[("storage", "b64")]),
+        ("tiled", &[("show", "lists")]),
+        ("tiled", &[("sorter", "sweep")]),
+        ("tiled", &[("sorted", "splats")]),
+        ("filters/edges", &[]),
+    ];
+    let set = set.into_iter().map(|(graph, set)| (graph, facts::USUAL_SUBGROUP_SIZE, set));
+    let (catalog, mut compiler) = (common::catalog(), Glslang::new());
+    let mut read: BTreeSet<String> = BTreeSet::new();
+    for (graph, lanes, set) in all.chain(set) {
+        let mut facts = common::facts_of(&facts::portable_device(lanes));
+        // Graphs without this output build without it.
+        let has_normals = graph == "tiled";
+        facts.host.insert(format!("{OUTPUTS}normal"), Value::Bool(has_normals));
+        let (mut files, set) = (builtin::source_map(), common::settings(set));
+        let request = Request {
+            graph,
+            set: &set,
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
+        if let Err(errors) = build(&request, &mut files, &mut compiler) {
+            panic!("{graph}, {set:?}: {}", render(&files, &errors, false));
+        }
+        read.extend(files.opened().map(|(_, path, _)| path.to_owned()));
+    }
+    let missed: Vec<&str> =
+        builtin::FILES.iter().map(|(path, _)| *path).filter(|path| !read.contains(*path)).collect();
+    assert!(missed.is_empty(), "no build reads {missed:?}");
 }
