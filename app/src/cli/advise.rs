@@ -37,7 +37,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("backend", options::that_draws))]
 #[command(mut_arg("pipeline", options::that_is_changed))]
-#[command(mut_arg("set", |arg| arg.help("Fix a parameter of the graph in every setting; may be repeated")))]
+#[command(mut_arg("set", options::that_is_fixed))]
 #[command(mut_arg("cameras", |arg| arg.help(CAMERAS).long_help(None)))]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # a report on the scene
@@ -50,10 +50,10 @@ pub struct Args {
     #[command(flatten)]
     drawing: Drawing,
     /// Lowest allowed PSNR of any view against the exact renderer, in decibels
-    #[arg(long, value_name = "DB", value_parser = positive)]
+    #[arg(long, value_name = "DB", value_parser = options::positive::<f64>)]
     psnr: Option<f64>,
     /// Largest allowed GPU time of a frame, mean over the views, in milliseconds
-    #[arg(long, value_name = "MS", value_parser = positive)]
+    #[arg(long, value_name = "MS", value_parser = options::positive::<f64>)]
     ms: Option<f64>,
     /// Number of pairs of overlapping splats per view that a depth key may leave in the wrong order
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -70,11 +70,6 @@ pub struct Args {
 }
 
 const CAMERAS: &str = "Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: four around the first camera beside the scene, or around the scene]";
-
-fn positive(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
-    number.ok_or_else(|| "expected a number above 0".into())
-}
 
 const AROUND: u32 = 4;
 

@@ -3,7 +3,7 @@
 use super::cameras;
 use super::console::Console;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
-use super::outcome::{Outcome, Usage, claim_graph_files};
+use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{Planner, without_effect};
@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Suite::Frames => measure_frames(args, &device, origin, &mut work)?,
         Suite::Sort => measure_sorts(args, &device, origin)?,
     };
-    let outcome = super::outcome::validated(args.device.validate, &device.close());
+    let outcome = outcome::validated(args.device.validate, &device.close());
     Ok(if measured { outcome } else { Outcome::Failed })
 }
 
@@ -295,9 +295,9 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
         }
         Suite::Frames => Ok(()),
         Suite::Sort => {
-            if let Some((option, _)) = of_frames.iter().find(|(_, given)| *given) {
-                return Err(Usage(format!("{option} is for --suite frames: the sort alone draws nothing")));
-            }
+            outcome::refuse(&of_frames, |option| {
+                format!("{option} is for --suite frames: the sort alone draws nothing")
+            })?;
             match args.set.iter().find(|(name, _)| sort::OWN_PARAMETERS.contains(&name.as_str())) {
                 Some((name, _)) => Err(Usage(format!(
                     "--set {name}: --suite sort sets it itself (--pairs lists the numbers of pairs)"

@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
     /// Factor by which the differences are amplified in --diff
-    #[arg(long, default_value_t = 10.0, value_parser = positive, requires = "diff")]
+    #[arg(long, default_value_t = 10.0, value_parser = options::positive::<f32>, requires = "diff")]
     gain: f32,
     /// Exit with code 1 if a picture's PSNR is below this
     #[arg(long, value_name = "DB", allow_hyphen_values = true, value_parser = least_psnr)]
@@ -59,13 +59,6 @@ pub struct Args {
 fn least_psnr(text: &str) -> Result<f64, String> {
     let db = text.parse().ok().filter(|db: &f64| !db.is_nan());
     db.ok_or_else(|| "expected a number of decibels, for instance 70".into())
-}
-
-fn positive(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
-        _ => Err("expected a number above 0".into()),
-    }
 }
 
 struct Found {

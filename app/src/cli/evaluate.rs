@@ -7,7 +7,8 @@ use super::outcome::{Outcome, Usage, claim_graph_files, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
-use crate::draw::session::{FrameOptions, Session, image_of};
+use crate::draw::outputs;
+use crate::draw::session::Session;
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::io::load::LoadOptions;
@@ -239,13 +240,7 @@ impl Drawer {
             }
             Drawer::Device(session) => {
                 let camera = camera.relative_to(session.scene().offset());
-                session.prepare((camera.width, camera.height), &mut |_| {})?;
-                let frame = session.submit(
-                    &camera,
-                    &FrameOptions { background, read_output: true, ..FrameOptions::default() },
-                )?;
-                let pixels = session.wait(frame)?.output.context("the device returned no picture")?;
-                Ok(image_of(&pixels)?)
+                Ok(outputs::draw(session, &camera, background)?.colour)
             }
         }
     }
@@ -314,9 +309,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drop(progress);
     let found = Evaluation::new(scores, missing);
-    if !args.json.as_deref().is_some_and(is_standard_output) {
-        options::print(found.table().trim_end())?;
-    }
+    options::print_beside(args.json.as_deref(), &found.table())?;
     if let Some(path) = &args.json {
         options::write_text(Some(path), &(as_json(request(args), &found) + "\n"))?;
     }

@@ -9,7 +9,7 @@
 //! line spells them. A job with another description is rejected. `merge` reads the description, joins the results, and
 //! names the missing ones.
 
-use super::outcome::{Outcome, Usage};
+use super::outcome::{self, Outcome, Usage};
 use crate::draw::session::Session;
 use crate::draw::stats;
 use crate::io::output::{self, Claim, one_line, say};
@@ -325,7 +325,7 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     for (view, why) in &failed {
         say(format!("{}: {}", one_line(&job.views()[*view]), why.trim()));
     }
-    let outcome = super::outcome::validated(validate, &job.close());
+    let outcome = outcome::validated(validate, &job.close());
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
@@ -405,12 +405,9 @@ pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
 
 /// Rejects options that do not apply to a share of the views. Each entry is an option, and true if it is given.
 pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
-    match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) => {
-            Err(Usage(format!("expected no {option} with --shard, which processes only part of the views")))
-        }
-        None => Ok(()),
-    }
+    outcome::refuse(given, |option| {
+        format!("expected no {option} with --shard, which processes only part of the views")
+    })
 }
 
 #[cfg(test)]

@@ -26,6 +26,7 @@ use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -50,6 +51,11 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
         }
         _ => Err("expected NAME=VALUE, for instance digit_bits=4".into()),
     }
+}
+
+pub fn positive<T: FromStr + Copy + Into<f64>>(text: &str) -> Result<T, String> {
+    let is_positive = |number: &T| (*number).into().is_finite() && (*number).into() > 0.0;
+    text.parse().ok().filter(is_positive).ok_or_else(|| "expected a number above 0".into())
 }
 
 pub fn size(text: &str) -> Result<(u32, u32), String> {
@@ -233,6 +239,11 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
     given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
 }
 
+/// Lists the cameras' names as unique file names of at most `room` bytes, before the scene is loaded.
+pub fn stems(scene: Option<&Path>, given: Option<&[Camera]>, room: usize) -> Vec<String> {
+    names::unique(&camera_names(scene, given), room)
+}
+
 /// Returns the name of the scene at `path`, or of the demo scene.
 pub fn scene_name(path: Option<&Path>) -> String {
     path.map_or_else(|| demo::NAME.to_owned(), |path| path.display().to_string())
@@ -248,7 +259,7 @@ pub fn scene_and_cameras(
     room: usize,
     size: Option<(u32, u32)>,
 ) -> Result<(Scene, Vec<Camera>)> {
-    let stems = names::unique(&camera_names(path, given.as_deref()), room);
+    let stems = stems(path, given.as_deref(), room);
     let (scene, _, own) = scene_or_demo(&NEVER, path, load)?;
     let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), &stems, size);
     Ok((scene, cameras))
@@ -393,6 +404,11 @@ pub fn that_draws(backend: clap::Arg) -> clap::Arg {
 /// Describes `--pipeline` of the commands that measure the settings of one graph.
 pub fn that_is_changed(pipeline: clap::Arg) -> clap::Arg {
     pipeline.help("The graph whose parameters are changed: the name of a built-in one, or a path; presets are measured unchanged")
+}
+
+/// Describes `--set` of the same commands.
+pub fn that_is_fixed(set: clap::Arg) -> clap::Arg {
+    set.help("Fix a parameter of the graph in every setting; may be repeated")
 }
 
 /// Options of a plan: graph, parameters, cameras and picture size.

@@ -23,12 +23,17 @@ impl From<output::guard::Conflict> for Usage {
     }
 }
 
-/// Refuses the first of some options that is given, because each needs the option `required`, which is not.
+/// Refuses the first of some options that is given. Each entry is an option, and true if it is given.
+pub fn refuse(options: &[(&str, bool)], why: impl FnOnce(&str) -> String) -> Result<(), Usage> {
+    let given = options.iter().find(|(_, is_given)| *is_given);
+    given.map_or(Ok(()), |(option, _)| Err(Usage(why(option))))
+}
+
+/// Refuses options that each need the option `required`, which is not given.
 ///
 /// clap checks this by itself, except where `required` conflicts with another argument that is present.
 pub fn refuse_without(required: &str, options: &[(&str, bool)]) -> Result<(), Usage> {
-    let given = options.iter().find(|(_, is_given)| *is_given);
-    given.map_or(Ok(()), |(option, _)| Err(Usage(format!("expected {required} with {option}, found none"))))
+    refuse(options, |option| format!("expected {required} with {option}, found none"))
 }
 
 pub fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {

@@ -9,7 +9,7 @@ use crate::draw::fit;
 use crate::draw::projection;
 use crate::io::image::Image;
 use crate::io::load::LoadOptions;
-use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, say};
 use crate::studies::study::{Setting, Subject};
 use crate::studies::sweep::approach::Closer;
@@ -109,10 +109,6 @@ impl Request {
 /// Maximum length of a camera's file name, in bytes, without what is added to it.
 const ROOM: usize = MAX_NAME_BYTES - 40;
 
-fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
-    names::unique(&options::camera_names(args.scene.as_deref(), given), ROOM)
-}
-
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
     let given = args.drawing.cameras(args.scene.as_deref())?;
@@ -171,7 +167,7 @@ impl Views {
     /// Checks the arguments and reads the cameras. The scene is loaded later.
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
-        let stems = stems(&args, given.as_deref());
+        let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
         let guard = guard(&args)?;
         Ok(Views { args, guard, given, stems, open: None })
     }

@@ -1,6 +1,6 @@
 //! Runs `splatgraph synth`: generates scenes.
 
-use super::outcome::{Outcome, Usage, refuse_without};
+use super::outcome::{self, Outcome, Usage, refuse_without};
 use super::stdout::Stdout;
 use super::{look_at, options};
 use crate::draw::orbit::Orbit;
@@ -80,10 +80,9 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
             ("--seed", args.seed != 0),
             ("--cameras", args.cameras.is_some()),
         ];
-        if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-            let name = synth::MESH.0;
-            return Err(Usage(format!("expected {option} with a scene of splats, found the mesh `{name}`")));
-        }
+        outcome::refuse(&given, |option| {
+            format!("expected {option} with a scene of splats, found the mesh `{}`", synth::MESH.0)
+        })?;
     }
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.enlarge {

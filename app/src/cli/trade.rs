@@ -1,16 +1,15 @@
 //! Runs `splatgraph trade`: writes a ledger of what each setting saves and costs.
 
-use super::cameras;
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
-use super::options::{self, BackendArgs, DEFAULT_PIPELINE, DeviceArgs, EffortArgs};
+use super::options::{self, BackendArgs, DeviceArgs, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::draw::projection;
 use crate::io::image::{Format, Image};
 use crate::io::load::LoadOptions;
-use crate::io::output::names::{self, MAX_NAME_BYTES};
+use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, say, shell_word};
 use crate::studies::study::{Setting, StudyError, Subject};
 use crate::studies::trade::ledger::{Book, Ledger};
@@ -49,6 +48,8 @@ use std::sync::Arc;
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("backend", options::that_draws))]
+#[command(mut_arg("pipeline", options::that_is_changed))]
+#[command(mut_arg("set", options::that_is_fixed))]
 #[command(after_help = "Examples:
   splatgraph trade                                        # the demo scene; ledger/ledger.html shows the result
   splatgraph trade scene.ply -c cameras.json -o biker/    # an interrupted run goes on
@@ -58,18 +59,8 @@ use std::sync::Arc;
 pub struct Args {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
-    /// The graph whose parameters are changed: the name of a built-in one, or a path
-    #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
-    pipeline: String,
-    /// Fix a parameter of the graph in every setting; may be repeated
-    #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
-    set: Vec<(String, String)>,
-    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
-    #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
-    cameras: Option<String>,
-    /// Size of the pictures [default: the cameras']
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
-    size: Option<(u32, u32)>,
+    #[command(flatten)]
+    drawing: Drawing,
     /// Folder of pictures that count as exact, one for each camera, named after its img_name [default: the exact renderer's
     /// pictures]
     #[arg(long, value_name = "DIR")]
@@ -109,20 +100,20 @@ impl Request {
         given: Option<Vec<Camera>>,
         file: Option<PathBuf>,
     ) -> Result<Request> {
-        let stems = stems(args, given.as_deref());
+        let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
         if let Some(path) = &args.scene {
-            fit::check_header(path, &args.load, device.info(), &args.pipeline, &args.set)?;
+            fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
         }
         let scene = args.scene.as_deref();
-        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, ROOM, args.size)?;
-        let cameras = projection::convert_all(cameras, &args.pipeline, &args.set, &scene)?;
+        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, ROOM, args.drawing.size)?;
+        let cameras = projection::convert_all(cameras, &args.drawing.pipeline, &args.drawing.set, &scene)?;
         let truths = |folder: &PathBuf| -> Result<_> {
             Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))
         };
         let DeviceArgs { validate, no_robustness, .. } = &*args.device;
         let wanted = Wanted {
-            pipeline: args.pipeline.clone(),
-            set: args.set.clone(),
+            pipeline: args.drawing.pipeline.clone(),
+            set: args.drawing.set.clone(),
             only: args.only.clone(),
             frames: args.effort.frames(),
             truths: args.truth.as_ref().map(truths).transpose()?,
@@ -130,7 +121,7 @@ impl Request {
             file,
         };
         let request = Request { scene: scene.into(), cameras, wanted };
-        let setting = Setting::of_graph(&args.pipeline, &args.set);
+        let setting = Setting::of_graph(&args.drawing.pipeline, &args.drawing.set);
         claim_graph_files(guard, &request.subject(args, device).check(&[setting])?)?;
         Ok(request)
     }
@@ -144,13 +135,9 @@ impl Request {
 /// Maximum length of a camera's file name, in bytes, without the extension.
 const ROOM: usize = MAX_NAME_BYTES - 5;
 
-fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
-    names::unique(&options::camera_names(args.scene.as_deref(), given), ROOM)
-}
-
 pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
-    let given = cameras::load_sized(args.cameras.as_deref(), args.scene.as_deref(), args.size)?;
+    let given = args.drawing.cameras(args.scene.as_deref())?;
     let mut guard = guard(args)?;
     let device = args.device.open()?;
     let request = Request::load(args, &device, &mut guard, given, Some(args.output.join(LEDGER)))?;
@@ -192,8 +179,8 @@ pub struct Views {
 impl Views {
     /// Checks the arguments and reads the cameras. The scene is loaded later.
     pub fn new(args: Args) -> Result<Views> {
-        let given = cameras::load_sized(args.cameras.as_deref(), args.scene.as_deref(), args.size)?;
-        let stems = stems(&args, given.as_deref());
+        let given = args.drawing.cameras(args.scene.as_deref())?;
+        let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
         let guard = guard(&args)?;
         Ok(Views { args, guard, given, stems, open: None })
     }
@@ -285,8 +272,8 @@ fn usage(error: StudyError) -> anyhow::Error {
 
 /// Returns an error if a file of the ledger would overwrite an input, or pictures would go into the `--truth` folder.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
-    let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
-    guard.input("the graph", Path::new(&args.pipeline))?;
+    let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
+    guard.input("the graph", Path::new(&args.drawing.pipeline))?;
     for name in [LEDGER, CSV, PAGE] {
         guard.output("--output", &args.output.join(name))?;
     }

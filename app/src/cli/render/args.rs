@@ -6,7 +6,7 @@ use crate::cli::help;
 use crate::cli::job::ShardArgs;
 use crate::cli::look_at::LookAtArgs;
 use crate::cli::options::{self, DeviceArgs, Drawing, MemoryArgs};
-use crate::cli::outcome::Usage;
+use crate::cli::outcome::{self, Usage};
 use crate::cli::scenes::ScenesArgs;
 use crate::cli::stdout::Stdout;
 use crate::draw::backend::Api;
@@ -286,12 +286,11 @@ pub fn refuse_graph_options(
 }
 
 fn refuse_for_reference(given: &[(&str, bool)]) -> Result<(), Usage> {
-    match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) => Err(Usage(format!(
+    outcome::refuse(given, |option| {
+        format!(
             "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule of `render`"
-        ))),
-        None => Ok(()),
-    }
+        )
+    })
 }
 
 impl Args {
