@@ -12,8 +12,6 @@ pub enum Failure {
     Backend(BackendError),
     /// The build panicked, which is a bug in this program.
     Panicked(String),
-    /// The build took long and was cancelled in favour of a newer request.
-    Cancelled,
     /// The device was lost repeatedly with this graph, which is not built again before something changes. The field is
     /// the text of the loss.
     Held(String),
@@ -28,7 +26,6 @@ impl Failure {
             Failure::Panicked(message) => {
                 format!("error: internal error while building the plan: {message}")
             }
-            Failure::Cancelled => "error: the build was cancelled".to_owned(),
             Failure::Held(loss) => format!(
                 "error: {loss}\nThe device was lost repeatedly. This graph is not drawn until its files, its parameters or the \
                  scene change."
@@ -42,7 +39,7 @@ impl Failure {
             Failure::Backend(error) => {
                 matches!(error, BackendError::OutOfMemory { .. }) || error.recovery() == Recovery::Retry
             }
-            Failure::Graph(_) | Failure::Panicked(_) | Failure::Cancelled | Failure::Held(_) => false,
+            Failure::Graph(_) | Failure::Panicked(_) | Failure::Held(_) => false,
         }
     }
 }

@@ -33,7 +33,8 @@ pub(super) struct Job {
 }
 
 pub(super) struct Built {
-    pub outcome: Result<(Plan, Vec<Control>, Ready), Failure>,
+    /// The new plan; or the failure, `None` if the build took long and was cancelled in favour of a newer request.
+    pub outcome: Result<(Plan, Vec<Control>, Ready), Option<Failure>>,
     pub wanted: Vec<Wanted>,
     pub capacities: Capacities,
     pub inputs: PlanInputs,
@@ -81,7 +82,7 @@ fn build(planner: &mut Planner, cancel: &Cancel, job: Job) -> Built {
         Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
     // After cancellation, any error is irrelevant.
-    let outcome = outcome.map_err(|failure| if cancel.is_requested() { Failure::Cancelled } else { failure });
+    let outcome = outcome.map_err(|failure| (!cancel.is_requested()).then_some(failure));
     let prepare_ms = milliseconds(begun);
     Built { outcome, wanted, capacities, inputs, causes, asked, plan_ms, prepare_ms }
 }

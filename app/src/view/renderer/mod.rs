@@ -483,7 +483,7 @@ impl Renderer {
         self.watcher.watch(&built.wanted);
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
-            Err(Failure::Cancelled) => {
+            Err(None) => {
                 // Build again, for the causes of the cancelled build and the newer request.
                 let newer = std::mem::take(&mut self.build).requested;
                 let attempt = newer.as_ref().map(|newer| newer.attempt);
@@ -494,7 +494,7 @@ impl Renderer {
                 }
                 return;
             }
-            Err(failure) => return self.refuse(&built.causes, failure),
+            Err(Some(failure)) => return self.refuse(&built.causes, failure),
         };
         let Some(device) = &mut self.device.device else { return };
         if let Err(error) = device.swap(ready) {

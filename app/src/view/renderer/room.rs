@@ -74,7 +74,7 @@ impl Renderer {
         let ended = match &failure {
             Failure::Backend(error) => ends_device(error),
             Failure::Panicked(_) => true,
-            Failure::Graph(_) | Failure::Cancelled | Failure::Held(_) => false,
+            Failure::Graph(_) | Failure::Held(_) => false,
         };
         let grew = self.capacities != self.drawn_with;
         if ended || !grew {
