@@ -8,19 +8,12 @@
 use super::cameras::Views;
 use super::events::RendererId;
 use super::paint::Mode;
-use super::renderer::Renderer;
+use super::renderer::Choice;
 use super::viewer::{Marks, Viewer};
 use crate::draw::splat_set::SplatSet;
-use indexmap::IndexMap;
 use std::path::{Path, PathBuf};
 
 const STEPS: usize = 200;
-
-#[derive(Clone, Debug, PartialEq)]
-struct Side {
-    graph: String,
-    set: IndexMap<String, String>,
-}
 
 /// Settings of a viewer that can be undone.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,8 +23,8 @@ pub struct Settings {
     other: Option<PathBuf>,
     /// Selected and hidden splats of A's and of B's scene.
     marks: [Marks; 2],
-    a: Side,
-    b: Option<Side>,
+    a: Choice,
+    b: Option<Choice>,
     compare: Mode,
     background: [f32; 3],
     scale: f32,
@@ -41,8 +34,6 @@ pub struct Settings {
 impl Settings {
     /// Returns the settings of a viewer. A scene that is being loaded counts as loaded.
     pub fn of(viewer: &Viewer) -> Settings {
-        let side =
-            |renderer: &Renderer| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
         let own = viewer.has_two_scenes().then(|| viewer.scene_path_of(RendererId::B));
         let other = viewer.loading(RendererId::B).or(own);
         let marks = |id| match viewer.loading(id) {
@@ -56,8 +47,8 @@ impl Settings {
             ],
             scene: viewer.loading(RendererId::A).unwrap_or(viewer.scene_path()).to_owned(),
             other: other.map(Path::to_owned),
-            a: side(&viewer.a.renderer),
-            b: viewer.b.as_ref().map(|b| side(&b.renderer)),
+            a: viewer.a.renderer.choice().clone(),
+            b: viewer.b.as_ref().map(|b| b.renderer.choice().clone()),
             compare: viewer.compare,
             background: viewer.background,
             scale: viewer.scale,
@@ -79,7 +70,7 @@ impl Settings {
             now = Settings::of(viewer);
         }
         if now.scene != self.scene {
-            viewer.open_scene(&self.scene);
+            viewer.open_scene_in(RendererId::A, &self.scene);
         }
         match &self.other {
             other if *other == now.other => {}
@@ -259,7 +250,7 @@ mod tests {
             other: None,
             marks: [Marks::default(), Marks::default()],
             scene: "scene.ply".into(),
-            a: Side { graph: graph.to_owned(), set },
+            a: Choice { graph: graph.to_owned(), set },
             b: None,
             compare: Mode::A,
             background: [0.0; 3],

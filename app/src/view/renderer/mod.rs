@@ -43,7 +43,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 pub use failure::Failure;
-pub use state::{PlanInputs, RETRY, Wake};
+pub use state::{Choice, PlanInputs, RETRY, Wake};
 
 /// Default of [`Renderer::patience`]. A longer wait would let a slow frame block the user interface; with no wait, the
 /// end of a short frame would only be noticed at the next poll.
@@ -92,8 +92,7 @@ pub struct Renderer {
     info: DeviceInfo,
     /// Number of devices released so far; identifies the current device.
     epoch: u64,
-    graph: String,
-    set: IndexMap<String, String>,
+    choice: Choice,
     /// Settings that the graph rejects since its files changed. Each build tries them again.
     rejected: IndexMap<String, String>,
     /// Minimum values of the parameters that grow with overflows.
@@ -159,8 +158,7 @@ impl Renderer {
             info: device.info().clone(),
             device: DeviceState::new(Some(device)),
             epoch: 0,
-            graph: graph.to_owned(),
-            set: set.iter().cloned().collect(),
+            choice: Choice { graph: graph.to_owned(), set: set.iter().cloned().collect() },
             rejected: IndexMap::new(),
             capacities: Capacities::default(),
             drawn_with: Capacities::default(),
@@ -216,9 +214,14 @@ impl Renderer {
         if texts.is_empty() { None } else { Some(texts.join("\n")) }
     }
 
+    /// Returns the requested graph and the changed parameters.
+    pub fn choice(&self) -> &Choice {
+        &self.choice
+    }
+
     /// Returns the requested graph: a built-in name or a path.
     pub fn graph(&self) -> &str {
-        &self.graph
+        &self.choice.graph
     }
 
     /// Returns the current plan; `None` until a build has succeeded on the current device.
@@ -243,7 +246,7 @@ impl Renderer {
 
     /// Returns the changed parameters with their values as text, in the order of the first change.
     pub fn set(&self) -> &IndexMap<String, String> {
-        &self.set
+        &self.choice.set
     }
 
     /// Returns the failure of the newest build; `None` if it succeeded.
@@ -316,8 +319,7 @@ impl Renderer {
 
     /// Selects another graph, and replaces all changed parameters with `set`. Those that the graph rejects are dropped.
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
-        self.graph = graph.to_owned();
-        self.set = set;
+        self.choice = Choice { graph: graph.to_owned(), set };
         self.rejected.clear();
         self.strict = false;
         self.capacities = Capacities::default();
@@ -333,10 +335,10 @@ impl Renderer {
         let value = value.filter(|value| value != unset);
         match &value {
             Some(value) => {
-                self.set.insert(name.to_owned(), value.to_string());
+                self.choice.set.insert(name.to_owned(), value.to_string());
             }
             None => {
-                self.set.shift_remove(name);
+                self.choice.set.shift_remove(name);
             }
         }
         param.value = value.unwrap_or_else(|| unset.clone());
@@ -350,7 +352,7 @@ impl Renderer {
     /// Removes the settings of all parameters.
     pub fn reset_params(&mut self) {
         self.rejected.clear();
-        let names: Vec<String> = self.set.keys().cloned().collect();
+        let names: Vec<String> = self.choice.set.keys().cloned().collect();
         for name in names {
             self.set_param(&name, None);
         }
@@ -367,7 +369,7 @@ impl Renderer {
         let wanted: Vec<(String, Option<Value>)> = self.controls.iter().filter_map(of).collect();
         for (name, value) in wanted {
             let text = value.as_ref().map(ToString::to_string);
-            if self.set.get(&name) != text.as_ref() {
+            if self.choice.set.get(&name) != text.as_ref() {
                 self.set_param(&name, value);
             }
         }
@@ -417,8 +419,8 @@ impl Renderer {
         {
             self.asked = Some(inputs.clone());
             let replaced = self.builder.submit(Job {
-                graph: self.graph.clone(),
-                set: self.set.clone().into_iter().chain(self.rejected.clone()).collect(),
+                graph: self.choice.graph.clone(),
+                set: self.choice.set.clone().into_iter().chain(self.rejected.clone()).collect(),
                 capacities: self.capacities.clone(),
                 strict: self.strict,
                 inputs: inputs.clone(),
@@ -537,7 +539,8 @@ impl Renderer {
             control(name).is_some_and(|control| parse_value(text, &control.param.domain).is_ok())
         };
         let restored: IndexMap<_, _> = self.rejected.extract_if(.., fits).collect();
-        let dropped: IndexMap<_, _> = self.set.extract_if(.., |name, text| !fits(name, text)).collect();
+        let dropped: IndexMap<_, _> =
+            self.choice.set.extract_if(.., |name, text| !fits(name, text)).collect();
         if !dropped.is_empty() {
             let reason = |(name, text): (&String, &String)| match control(name) {
                 None => format!("this graph has no parameter {name}"),
@@ -555,14 +558,14 @@ impl Renderer {
             let parameters = restored.keys().cloned().collect();
             self.events.push(Event::Restored { renderer: self.id, parameters, text });
         }
-        self.set.extend(restored);
+        self.choice.set.extend(restored);
         self.rejected.extend(dropped);
     }
 
     /// Sets the new plan's parameters to the settings that changed after the build was requested.
     fn apply_set(&mut self) {
         for Control { param, unset, .. } in &mut self.controls {
-            match self.set.get(&param.name).map(|text| parse_value(text, &param.domain)) {
+            match self.choice.set.get(&param.name).map(|text| parse_value(text, &param.domain)) {
                 Some(Ok(value)) => param.value = param.with_room(value, self.capacities.values()),
                 None if param.binding != ParamBinding::Const => param.value.clone_from(unset),
                 None | Some(Err(_)) => {}

@@ -2,6 +2,7 @@
 
 use crate::draw::backend::Backend;
 use crate::view::events::{Cause, Causes};
+use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Recovery};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::Catalog;
@@ -23,6 +24,15 @@ pub(super) fn pause_after(failed: u32) -> Duration {
 
 /// A callback that announces new content to draw; any thread may call it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
+
+/// A graph and its changed parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// Built-in name or path of the graph.
+    pub graph: String,
+    /// The changed parameters with their values as text, in the order of the first change.
+    pub set: IndexMap<String, String>,
+}
 
 /// Inputs of a plan, other than its files and parameters.
 #[derive(Clone)]

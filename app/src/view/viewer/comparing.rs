@@ -1,8 +1,7 @@
 //! Defines the state of a comparison.
 
 use crate::view::latest::Latest;
-use crate::view::renderer::Wake;
-use indexmap::IndexMap;
+use crate::view::renderer::{Choice, Wake};
 use splatgraph_assets::Camera;
 
 /// Differences between the pictures of A and B.
@@ -25,14 +24,8 @@ pub struct Comparison {
 pub(super) struct Compared {
     pub camera: Camera,
     pub background: [f32; 3],
-    pub sides: [Option<Side>; 2],
-}
-
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Side {
-    pub graph: String,
-    pub set: IndexMap<String, String>,
-    pub scene: u64,
+    /// Graph and scene of A and B; a scene by its identity.
+    pub sides: [Option<(Choice, u64)>; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 //! A comparison starts once both viewports draw the requested state. Its result is outdated when the camera or a
 //! setting has changed since.
 
-use super::comparing::{Compared, Comparison, Side, Step};
+use super::comparing::{Compared, Comparison, Step};
 use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
 use crate::view::events::{Event, RendererId};
@@ -42,11 +42,8 @@ impl Viewer {
     }
 
     fn compares_now(&self) -> Compared {
-        let side = |id, viewport: &Viewport| Side {
-            graph: viewport.renderer.graph().to_owned(),
-            set: viewport.renderer.set().clone(),
-            scene: self.scene_of(id).identity(),
-        };
+        let side =
+            |id, viewport: &Viewport| (viewport.renderer.choice().clone(), self.scene_of(id).identity());
         let (width, height) = self.asked;
         Compared {
             camera: self.navigation.camera(width.max(1), height.max(1)),
