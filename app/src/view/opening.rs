@@ -32,12 +32,15 @@ pub enum Content {
     Cameras(CameraRole, Result<Vec<Camera>, String>),
 }
 
+/// Path of the file of cameras beside a scene, with the cameras or the error of reading them.
+pub type CamerasBeside = (PathBuf, Result<Vec<Camera>, String>);
+
 /// A scene, with the cameras beside it.
 pub struct OpenedScene {
     /// The scene.
     pub scene: Arc<Scene>,
-    /// Path of the cameras' file, with the cameras or the error of reading them; `None` if there is no such file.
-    pub cameras: Option<(PathBuf, Result<Vec<Camera>, String>)>,
+    /// The cameras beside the scene; `None` if there is no such file.
+    pub cameras: Option<CamerasBeside>,
     /// Loading time, in milliseconds.
     pub load_ms: f64,
 }

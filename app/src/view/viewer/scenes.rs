@@ -9,11 +9,11 @@ use crate::io::load::LoadOptions;
 use crate::io::output;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Navigation;
-use crate::view::opening::{self, CameraRole, Content, Opened, OpenedScene};
+use crate::view::opening::{self, CameraRole, CamerasBeside, Content, Opened, OpenedScene};
 use glam::DVec3;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::Scene;
 use splatgraph_framework::reload::Content as FileContent;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 impl Viewer {
     pub(super) fn subject_of(&self, id: RendererId) -> &Subject {
@@ -70,12 +70,8 @@ impl Viewer {
         self.opening.scene(id)
     }
 
-    /// Loads a scene for A on another thread, and shows it when done. A later request replaces this one.
-    pub fn open_scene(&mut self, path: &Path) {
-        self.open_scene_in(RendererId::A, path);
-    }
-
-    /// Loads a scene for a viewport on another thread. If B is given A's file, it shares A's scene.
+    /// Loads a scene for a viewport on another thread, and shows it when done. A later request replaces this one. If B is
+    /// given A's file, it shares A's scene.
     pub fn open_scene_in(&mut self, id: RendererId, path: &Path) {
         if id == RendererId::B && path == self.scene_path() {
             return self.share_scene();
@@ -207,14 +203,7 @@ impl Viewer {
                 }
                 match id {
                     RendererId::B => self.other = Some(subject),
-                    RendererId::A | RendererId::Window => {
-                        // Cameras that were opened after the scene are kept.
-                        let newer = self.cameras_number > number;
-                        self.show_scene(
-                            subject,
-                            if newer { SceneCameras::Kept } else { SceneCameras::Own(cameras) },
-                        );
-                    }
+                    RendererId::A | RendererId::Window => self.show_scene(subject, number, cameras),
                 }
                 self.settle(id);
             }
@@ -261,7 +250,8 @@ impl Viewer {
         is_its_own && self.scene_path_of(id) == path && self.placed.follows(id, path)
     }
 
-    fn show_scene(&mut self, subject: Subject, cameras: SceneCameras) {
+    /// Shows the scene of a request, with the cameras beside it or, if some were opened later, with those.
+    fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
         // The file was edited: keep the view while the user adjusts the placement.
         if self.reloads(RendererId::A, &subject.path) {
             self.replace_subject(subject);
@@ -271,18 +261,14 @@ impl Viewer {
         self.navigation = subject.navigation();
         self.path.set_radian(camera_path::length_of_radian(&subject.scene));
         self.subject = subject;
-        match cameras {
-            SceneCameras::Kept => {
-                self.move_cameras(former);
-                let cameras = std::mem::take(&mut self.cameras);
-                self.set_cameras(cameras);
-            }
-            SceneCameras::Own(cameras) => {
-                self.set_cameras(Vec::new());
-                if let Some((file, cameras)) = cameras {
-                    self.take_cameras(CameraRole::Selectable, file, cameras);
-                }
-            }
+        if self.cameras_number > number {
+            self.move_cameras(former);
+            let cameras = std::mem::take(&mut self.cameras);
+            return self.set_cameras(cameras);
+        }
+        self.set_cameras(Vec::new());
+        if let Some((file, cameras)) = beside {
+            self.take_cameras(CameraRole::Selectable, file, cameras);
         }
     }
 }
@@ -296,11 +282,4 @@ fn placed_error(text: &str, path: &Path) -> String {
     };
     let (line, column) = number(": line ").zip(number(", column ")).unwrap_or((1, 1));
     format!("error: {text}\n --> {}:{line}:{column}", path.display())
-}
-
-enum SceneCameras {
-    /// The current cameras, because they were opened after the scene.
-    Kept,
-    /// The cameras found beside the scene, if any: the path of their file, with the cameras or the error.
-    Own(Option<(PathBuf, Result<Vec<Camera>, String>)>),
 }
