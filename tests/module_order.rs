@@ -64,7 +64,12 @@ pub fn assert_files_have_no_circle(src: &Path) {
         }
     }
     let circles: Vec<&str> = left.values().flatten().map(|import| import.text.as_str()).collect();
-    assert!(circles.is_empty(), "expected no circle of imports between files, found\n{}", circles.join("\n"));
+    assert!(
+        circles.is_empty(),
+        "expected no circle of imports between files of {}, found\n{}",
+        src.display(),
+        circles.join("\n")
+    );
 }
 
 struct Import<'a> {
@@ -106,7 +111,12 @@ pub fn assert_modules_are_laid_out_alike(src: &Path) {
             wrong.push(format!("{place}:{}: expected the module `tests` at the end of the file", begin + 2));
         }
     }
-    assert!(wrong.is_empty(), "expected one layout of modules, found\n{}", wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "expected one layout of modules in {}, found\n{}",
+        src.display(),
+        wrong.join("\n")
+    );
 }
 
 /// Lists the sources below a folder: paths below it, with their text.

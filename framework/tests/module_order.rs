@@ -17,16 +17,6 @@ fn every_module_imports_only_those_before_it() {
 }
 
 #[test]
-fn no_files_import_each_other_in_a_circle() {
-    module_order::assert_files_have_no_circle(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
-}
-
-#[test]
-fn modules_are_laid_out_alike() {
-    module_order::assert_modules_are_laid_out_alike(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
-}
-
-#[test]
 fn an_import_against_the_order_fails_with_file_line_and_both_modules() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("writable");

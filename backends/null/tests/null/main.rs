@@ -24,5 +24,4 @@ const ORDER: [&str; 5] = ["fault", "journal", "gpu", "encoder", "backend"];
 fn every_module_imports_only_those_before_it() {
     let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     module_order::assert_modules_run_one_way(&source, &ORDER);
-    module_order::assert_files_have_no_circle(&source);
 }
