@@ -1,4 +1,5 @@
 //! Damages the shipped graphs and shaders at random. Each must give a plan, or an error with a place that can be shown.
+//! Once the file is mended, the same compiler must give the original plan.
 //!
 //! Damage is accidental (bytes, lines, gaps) or malicious (numbers beyond 32 bits, brackets, macros that grow). The
 //! number of a case determines its damage, so a failure message is enough to reproduce it. Shaders are compiled in a
@@ -198,16 +199,16 @@ impl std::ops::AddAssign for Counts {
 }
 
 /// A case: the name and text of the damaged file, the files around it, and the result of building or compiling them.
-struct Outcome<'a> {
+struct Outcome<'a, T> {
     name: &'a str,
     text: &'a str,
     map: &'a SourceMap,
-    result: Result<(), Vec<Diagnostic>>,
+    result: Result<T, Vec<Diagnostic>>,
     took: Duration,
 }
 
 /// Counts a case, after checking that it was accepted, or has errors with a place that can be shown.
-fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
+fn counted<T>(what: &str, case: u64, outcome: &Outcome<T>) -> Counts {
     let Outcome { name, text, map, result, took } = outcome;
     assert!(*took < TIME_LIMIT, "{what} case {case}: {name} took {took:?}\n{text}");
     let Err(found) = result else { return Counts { built: 1, slowest: *took, ..Counts::default() } };
@@ -221,6 +222,10 @@ fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
             && !diagnostic.message.contains("mistake of the solver");
         assert!(right, "{what} case {case}: {name}: {path}:{place:?}: {diagnostic:?}\n{text}");
     }
+    let first = found[0].primary.span;
+    let (path, (line, column)) = (map.path(first.file), map.line_column(first));
+    let place = format!("--> {path}:{line}:{column}");
+    assert!(shown.contains(&place), "{what} case {case}: {name}: it is shown without its place\n{shown}");
     assert!(
         !shown.contains(|c: char| c.is_control() && c != '\n'),
         "{what} case {case}: {name}: a control character\n{shown:?}"
@@ -235,20 +240,22 @@ fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
 }
 
 /// Runs the cases of one kind of file on all processors, each with its own compiler. `attempt` returns the file to
-/// damage and its builder.
-fn fuzz<'a, Attempt>(
+/// damage, and its builder with the number that tells it from other builders.
+fn fuzz<'a, T: Clone + PartialEq, Attempt>(
     what: &str,
     files: &BTreeMap<String, String>,
     pieces: &[&str],
-    attempt: impl Fn(&mut Random) -> (&'a str, Attempt) + Sync,
+    attempt: impl Fn(&mut Random) -> (&'a str, (usize, Attempt)) + Sync,
 ) where
-    Attempt: FnOnce(&mut SourceMap, &mut Glslang) -> Result<(), Vec<Diagnostic>>,
+    Attempt: Fn(&mut SourceMap, &mut Glslang) -> Result<T, Vec<Diagnostic>>,
 {
     let long = std::env::var_os("SPLATGRAPH_LONG").is_some();
     let cases = if long { CASES.0 } else { CASES.1 };
     let next = AtomicU64::new(0);
     let work = || {
         let (mut compiler, mut counts) = (compiler(), Counts::default());
+        // The viewer's window needs another catalogue: its graph has errors when it is intact, too.
+        let mut originals: BTreeMap<usize, Result<T, Vec<Diagnostic>>> = BTreeMap::new();
         loop {
             let case = next.fetch_add(1, Relaxed);
             if case >= cases {
@@ -258,7 +265,11 @@ fn fuzz<'a, Attempt>(
                 let _ = writeln!(std::io::stderr(), "fuzz: {case} of {cases} {what}");
             }
             let mut random = Random(case);
-            let (name, build) = attempt(&mut random);
+            let (name, (number, build)) = attempt(&mut random);
+            let mend = |compiler: &mut Glslang| {
+                build(&mut SourceMap::new(Library { memory: files.clone(), ..Library::default() }), compiler)
+            };
+            let original = originals.entry(number).or_insert_with(|| mend(&mut compiler));
             let text = damaged(&files[name], pieces, &mut random);
             let mut memory = files.clone();
             memory.insert(name.into(), text.clone());
@@ -267,6 +278,10 @@ fn fuzz<'a, Attempt>(
             let result = build(&mut map, &mut compiler);
             let outcome = Outcome { name, text: &text, map: &map, result, took: begun.elapsed() };
             counts += counted(what, case, &outcome);
+            assert!(
+                mend(&mut compiler) == *original,
+                "{what} case {case}: {name} is another once mended\n{text}"
+            );
         }
     };
     let mut sum = Counts::default();
@@ -311,15 +326,16 @@ fn damaged_graphs_are_plans_or_errors_with_a_place() {
     let (facts, catalog) = (&nominal::facts(COUNT, SIZE), &nominal::catalog(COUNT));
     let names: Vec<&str> = files.keys().map(String::as_str).filter(|name| name.ends_with(".ron")).collect();
     fuzz("graphs", &files, RON, |random| {
-        let name = names[random.below(names.len())];
+        let number = random.below(names.len());
+        let name = names[number];
         let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
             // For a part, `splat` is built, which may include the damaged file.
             let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
             let graph = if own.is_ok_and(|text| draws(&text)) { name } else { "pipelines/splat.ron" };
             let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory: true };
-            build(&request, map, compiler).map(|_| ())
+            build(&request, map, compiler)
         };
-        (name, build)
+        (name, (number, build))
     });
 }
 
@@ -394,14 +410,15 @@ fn damaged_shaders_are_compiled_or_errors_with_a_place() {
         names.filter(named).map(String::as_str).collect()
     };
     fuzz("shaders", &files, GLSL, |random| {
-        let Compilation { file, stage, defines, generated } = &compilations[random.below(compilations.len())];
+        let number = random.below(compilations.len());
+        let Compilation { file, stage, defines, generated } = &compilations[number];
         let included = if random.below(4) == 0 { includes(file) } else { Vec::new() };
         let name = if included.is_empty() { file.as_str() } else { included[random.below(included.len())] };
         let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
             let file = map.find(None, file, Kind::Shader).map_err(|_| Vec::new())?;
             let request = ShaderRequest { file, stage: *stage, defines, unfit: &[], generated };
-            compiler.compile(map, &request).map(|_| ())
+            compiler.compile(map, &request).map(|compiled| compiled.spirv)
         };
-        (name, build)
+        (name, (number, build))
     });
 }
