@@ -15,72 +15,22 @@ const CASES: (u64, u64) = (100_000, 1_500);
 const TIME_LIMIT: Duration = Duration::from_secs(30);
 
 impl Random {
-    fn pick<'a>(&mut self, from: &[&'a str]) -> &'a str {
-        from[self.below(from.len())]
+    /// Picks one of the words of a text.
+    fn pick<'a>(&mut self, from: &'a str) -> &'a str {
+        let words: Vec<&str> = from.split(' ').collect();
+        words[self.below(words.len())]
     }
 }
 
 /// Numbers at the limits of the readers' types.
-const NUMBERS: [&str; 24] = [
-    "0",
-    "1",
-    "-1",
-    "2",
-    "9",
-    "24",
-    "45",
-    "127",
-    "255",
-    "256",
-    "65535",
-    "65536",
-    "2147483647",
-    "2147483648",
-    "4294967295",
-    "4294967296",
-    "9223372036854775807",
-    "9223372036854775808",
-    "18446744073709551615",
-    "18446744073709551616",
-    "1e40",
-    "-1e-50",
-    "nan",
-    "inf",
-];
+const NUMBERS: &str = "0 1 -1 2 9 24 45 127 255 256 65535 65536 2147483647 2147483648 4294967295 4294967296 \
+    9223372036854775807 9223372036854775808 18446744073709551615 18446744073709551616 1e40 -1e-50 nan \
+    inf";
 
 /// Keywords of the formats.
-const WORDS: [&str; 30] = [
-    "ply",
-    "format",
-    "ascii",
-    "binary_little_endian",
-    "binary_big_endian",
-    "1.0",
-    "element",
-    "vertex",
-    "face",
-    "property",
-    "list",
-    "char",
-    "uchar",
-    "short",
-    "uint",
-    "int",
-    "float",
-    "double",
-    "end_header",
-    "comment",
-    "x",
-    "opacity",
-    "f_rest_0",
-    "rot_3",
-    "position",
-    "rotation",
-    "width",
-    "fx",
-    "[",
-    "}",
-];
+const WORDS: &str = "ply format ascii binary_little_endian binary_big_endian 1.0 element vertex face property list char \
+    uchar short uint int float double end_header comment x opacity f_rest_0 rot_3 position rotation \
+    width fx [ }";
 
 /// Damages a file once or twice. Two in five damages hit the first `head` bytes, which have the declared sizes.
 fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8> {
@@ -107,13 +57,13 @@ fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8
                 bytes.splice(at..end, piece.iter().copied());
             }
             7 | 8 => {
-                let number = random.pick(&NUMBERS);
+                let number = random.pick(NUMBERS);
                 // Replaces a number of the file, if one follows.
                 let digit = bytes[at..].iter().position(u8::is_ascii_digit).map_or(at, |digit| at + digit);
                 replace_word(&mut bytes, digit, number);
             }
             9 | 10 => {
-                let word = random.pick(&WORDS);
+                let word = random.pick(WORDS);
                 replace_word(&mut bytes, at, word);
             }
             _ => {
