@@ -2,8 +2,7 @@
 
 use super::words::{self, Random};
 use crate::common::{long, say};
-use crate::place::{Place, scene};
-use splatgraph::io::image::{Image, save_words};
+use crate::place::Place;
 use std::collections::BTreeMap;
 use std::fs;
 use std::process::Stdio;
@@ -13,25 +12,6 @@ use std::time::{Duration, Instant};
 const LINES: (u64, u64) = (4_000, 150);
 
 const TIME_LIMIT: Duration = Duration::from_secs(120);
-
-/// Fills a folder with the files of [`words::FILES`].
-fn prepared(place: &Place) {
-    scene().write_ply(place.at("scene.ply")).expect("written");
-    place.cameras(&["one", "two/three", "two_three"]);
-    place.write("stats.json", r#"[{"pipeline": "splat", "passes": [{"name": "draw", "gpu_ms": 1.0}]}]"#);
-    place.write("graph.ron", r#"Graph(output: "nothing")"#);
-    place.write("step.comp", "#version 460\nvoid main() {}\n");
-    let image = Image::from_fn(16, 16, |x, y| [x as f32 / 16.0, y as f32 / 16.0, 0.0]);
-    for name in ["a.npy", "b.npy", "a.png", "pics/a.png", "pics/b.npy", "more/a.png", "more/b.npy"] {
-        image.save(&place.at(name)).expect("written");
-    }
-    save_words(&place.at("words.npy"), &[4], &[1u32; 4]).expect("written");
-    for name in ["link.ply", "hard.ply"] {
-        let _ = fs::remove_file(place.at(name));
-    }
-    std::os::unix::fs::symlink("scene.ply", place.at("link.ply")).expect("made");
-    fs::hard_link(place.at("scene.ply"), place.at("hard.ply")).expect("made");
-}
 
 /// Counts the words that name `file`. The scene and its links count as one file.
 fn named(words: &[String], file: &str) -> usize {
@@ -49,7 +29,7 @@ fn named(words: &[String], file: &str) -> usize {
 fn no_command_line_ends_the_program_otherwise_or_destroys_a_file_that_it_reads() {
     let lines = if long() { LINES.0 } else { LINES.1 };
     let place = Place::new();
-    prepared(&place);
+    words::write_files(&place.at(""));
     let before = place.files(".");
     let mut codes: BTreeMap<i32, u32> = BTreeMap::new();
     for number in 0..lines {
@@ -96,7 +76,7 @@ fn no_command_line_ends_the_program_otherwise_or_destroys_a_file_that_it_reads()
             fs::remove_file(place.at(name)).expect("removed");
         }
         let _ = fs::remove_dir_all(place.at("new"));
-        prepared(&place);
+        words::write_files(&place.at(""));
     }
     say(&format!("command lines: {lines}, by exit code {codes:?}"));
     assert!((0..=2).all(|code| codes.get(&code).is_some_and(|count| *count > 0)), "{codes:?}");

@@ -9,3 +9,6 @@ mod refusals;
 mod system;
 mod terminal;
 pub mod words;
+
+// `words` is also a module of the program's unit tests, where this type has another path.
+use splatgraph::io::image::Image;

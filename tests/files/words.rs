@@ -1,6 +1,10 @@
-//! Random command lines from valid, nearly valid and hostile words.
+//! Random command lines from valid, nearly valid and hostile words, and the files that they name.
 
+use super::Image;
 pub use crate::numbers::Random;
+use splatgraph_assets::{Camera, synth};
+use std::fs;
+use std::path::Path;
 
 impl Random {
     /// Draws a word of a list. `~` stands for a space; a double space gives an empty word.
@@ -10,7 +14,11 @@ impl Random {
     }
 }
 
-/// Existing files (see `prepared` in `lines.rs`), other spellings of their names, and missing files.
+/// The commands; frequent ones are repeated. A test compares the list with the program's commands.
+pub const COMMANDS: &str = "render render render view dump check info compare compare synth synth bench trade \
+    sweep advise popping experiment evaluate convert video merge new source params";
+
+/// Existing files (see [`write_files`]), other spellings of their names, and missing files.
 pub const FILES: &str = "scene.ply ./scene.ply link.ply hard.ply cameras.json stats.json graph.ron \
     step.comp a.npy b.npy a.png pics more . pipe scene.ply/x.png missing.ply cameras.json#0 \
     cameras.json#one cameras.json#99 arrays.npz#x ";
@@ -24,13 +32,36 @@ const NUMBERS: &str = "0 1 -1 2 100 0.5 -0.5 nan inf 1e300 4294967296 1844674407
 
 const GRAPHS: &str = "graph.ron unsorted nope scene.ply pics  ../splat pipe";
 
+/// Writes the existing files of [`FILES`] to a folder, over those of an earlier call.
+pub fn write_files(folder: &Path) {
+    let at = |name: &str| folder.join(name);
+    for link in ["link.ply", "hard.ply"] {
+        let _ = fs::remove_file(at(link));
+    }
+    synth::generate("demo", 20, 0).expect("a generator").write_ply(at("scene.ply")).expect("written");
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("scene.ply", at("link.ply")).expect("made");
+    fs::hard_link(at("scene.ply"), at("hard.ply")).expect("made");
+    let camera = synth::demo_cameras().swap_remove(0).resized(40, 24);
+    let named = |name: &str| Camera { img_name: name.into(), ..camera.clone() };
+    Camera::save(&["one", "two/three", "two_three", "one"].map(named), at("cameras.json")).expect("written");
+    for (name, text) in [
+        ("stats.json", r#"[{"pipeline": "splat", "passes": [{"name": "draw", "gpu_ms": 1.0}]}]"#),
+        ("graph.ron", r#"Graph(output: "nothing")"#),
+        ("step.comp", "#version 460\nvoid main() {}\n"),
+    ] {
+        fs::write(at(name), text).expect("written");
+    }
+    let image = Image::from_fn(16, 16, |x, y| [x as f32 / 16.0, y as f32 / 16.0, 0.0]);
+    for name in ["a.npy", "b.npy", "a.png", "pics/a.png", "pics/b.npy", "more/a.png", "more/b.npy"] {
+        image.save(&at(name)).expect("written");
+    }
+}
+
 pub fn line(random: &mut Random) -> Vec<String> {
     let command = match random.below(30) {
         0 => random.word("help rendre  devices"),
-        _ => random.word(
-            "render render render view dump check info compare compare synth synth bench trade \
-            sweep advise popping experiment evaluate convert video merge",
-        ),
+        _ => random.word(COMMANDS),
     };
     let command = command.as_str();
     let mut words = vec![command.to_owned()];
@@ -46,7 +77,10 @@ pub fn line(random: &mut Random) -> Vec<String> {
     };
     for _ in 0..operands {
         let word = match command {
-            "dump" | "check" => random.word(GRAPHS),
+            "dump" | "check" | "source" | "params" => random.word(GRAPHS),
+            "new" => {
+                random.word("out.ron new/out.ron out.ron graph.ron nope ./.ron new/../out.ron scene.ply")
+            }
             "experiment" => random.word("order sh nope "),
             "synth" => random.word("demo demo uniform uniform nope "),
             _ => random.word(FILES),
@@ -93,6 +127,8 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
             "-o -o --format --cameras --closed --orbit --seconds --fps --samples --shutter --size \
             --set --device"
         }
+        "new" => "--from --force --force",
+        "params" => "--set --json --size --device --scene",
         "dump" => "-o --format --diff --times --scene --size --set --set-b",
         "compare" => "--diff --diff --gain --min-psnr --json --by-number",
         "synth" => "-o -o --cameras --count --seed --enlarge",
@@ -131,6 +167,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "--splats" | "--pairs" => of("1 20,40", "20,20 0 , -1 4294967296 x"),
         "--shard" => of("0/1 1/3", "2/2 0/0 / x -1/2 0/18446744073709551616"),
         "--suite" => of("frames sort", "nope "),
+        "--from" => of("splat compute post", "nope "),
         "--background" => of("0,0,0 -1,0,0", "1,2 nan,0,0 a,b,c ,, 1,2,3,4 --json"),
         "--format" if command == "dump" => of("text json html dot", "png  yaml"),
         "--format" => of("png exr npy", "jpg text  PNG"),

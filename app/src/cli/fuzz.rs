@@ -8,10 +8,10 @@ use super::{
     Cli, Command, advise, bench, compare, convert, dump, evaluate, experiment, merge, new, options, popping,
     render, sweep, synth, trade, video, view,
 };
+use crate::io::image::Image;
 use anyhow::Result;
-use clap::Parser;
-use splatgraph_assets::synth::generate;
-use std::collections::BTreeMap;
+use clap::{CommandFactory, Parser};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -48,29 +48,6 @@ fn check(command: &Command) -> Result<()> {
     }
 }
 
-fn prepared(folder: &Path) {
-    let at = |name: &str| folder.join(name);
-    let scene = generate("demo", 20, 0).unwrap();
-    let mut bytes = Vec::new();
-    scene.write_ply_to(&mut bytes).unwrap();
-    fs::write(at("scene.ply"), bytes).unwrap();
-    let mut cameras = splatgraph_assets::synth::demo_cameras();
-    for (camera, name) in cameras.iter_mut().zip(["one", "two/three", "two_three", "one"]) {
-        camera.img_name = name.into();
-    }
-    fs::write(at("cameras.json"), serde_json::to_string(&cameras).unwrap()).unwrap();
-    for name in ["stats.json", "graph.ron", "step.comp"] {
-        fs::write(at(name), name).unwrap();
-    }
-    let image = crate::io::image::Image::from_fn(2, 2, |_, _| [0.5; 3]);
-    for name in ["a.npy", "b.npy", "a.png", "pics/a.png", "pics/b.npy", "more/a.png", "more/b.npy"] {
-        image.save(&at(name)).unwrap();
-    }
-    #[cfg(unix)]
-    std::os::unix::fs::symlink("scene.ply", at("link.ply")).unwrap();
-    fs::hard_link(at("scene.ply"), at("hard.ply")).unwrap();
-}
-
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -85,10 +62,20 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 #[test]
+fn the_random_command_lines_have_every_command() {
+    let commands = Cli::command();
+    let all: BTreeSet<&str> = commands.get_subcommands().map(clap::Command::get_name).collect();
+    let mut tried: BTreeSet<&str> = words::COMMANDS.split_whitespace().collect();
+    // `devices` and `help` are among the rare words. `lsp` reads standard input until an editor closes it.
+    tried.extend(["devices", "help", "lsp"].iter().filter(|name| all.contains(*name)));
+    assert_eq!(tried, all, "COMMANDS in tests/files/words.rs");
+}
+
+#[test]
 fn no_command_line_panics_before_its_work_or_changes_a_file() {
     let lines = if std::env::var_os("SPLATGRAPH_LONG").is_some() { LINES.0 } else { LINES.1 };
     let folder = tempfile::tempdir().unwrap();
-    prepared(folder.path());
+    words::write_files(folder.path());
     let before = files(folder.path());
     let [mut refused, mut usage, mut failed, mut fine] = [0u32; 4];
     for number in 0..lines {
