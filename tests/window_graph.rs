@@ -68,7 +68,8 @@ impl Window {
     }
 }
 
-const BACKGROUND: [u8; 3] = [51, 102, 153];
+/// What the window shows around the pictures.
+const BACKGROUND: [u8; 3] = [0; 3];
 
 fn composition(
     window: [u32; 2],
@@ -77,8 +78,7 @@ fn composition(
     a: Option<Shown>,
     b: Option<Shown>,
 ) -> Composition {
-    let background = BACKGROUND.map(|v| f32::from(v) / 255.0);
-    Composition { window, view, a, b, mode, split: 0.5, amplification: 1.0, background }
+    Composition { window, view, a, b, mode, split: 0.5, amplification: 1.0 }
 }
 
 fn picture(format: Format, [width, height]: [u32; 2], pixel: impl Fn(u32, u32) -> [f32; 3]) -> Option<Shown> {

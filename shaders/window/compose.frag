@@ -56,7 +56,7 @@ vec3 picture(bool b, vec2 at) {
     // Sizes are rounded to whole pixels, so half a pixel beyond the border is still covered.
     bool covered = same || (all(greaterThanEqual(place, vec2(-0.5))) && all(lessThanEqual(place, size + 0.5)));
     if (picture.z == FORMAT_NONE || !covered) {
-        return window.background.rgb;
+        return vec3(0.0);
     }
     vec2 corner = same ? floor(at) : floor(place - 0.5);
     vec2 share = same ? vec2(0.0) : place - 0.5 - corner;
@@ -73,7 +73,7 @@ vec3 picture(bool b, vec2 at) {
 // are read in loops, and each read appears once.
 void main() {
     vec2 at = gl_FragCoord.xy - vec2(window.view.xy);
-    vec3 colour = window.background.rgb;
+    vec3 colour = vec3(0.0);
     if (all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, vec2(window.view.zw)))) {
         // Split, A is to the left of the line and B to the right.
         bool is_split = window.mode == MODE_SPLIT;

@@ -328,7 +328,6 @@ impl Shell {
             mode: self.viewer.compare,
             split: self.viewer.split,
             amplification: self.viewer.gain,
-            background: [0.0; 3],
             a: a.map(|(shown, _)| shown),
             b: b.map(|(shown, _)| shown),
         };

@@ -58,7 +58,7 @@ pub enum Mode {
     Difference,
 }
 
-/// The scene's part of the window.
+/// The scene's part of the window. Around the pictures, it is black.
 ///
 /// A picture of the view's size is shown pixel by pixel. A picture of another size, from before a resize, is scaled to
 /// the view's height about its centre, as [`splatgraph_assets::Camera::resized`] scales the next one.
@@ -78,8 +78,6 @@ pub struct Composition {
     pub split: f32,
     /// Amplification of the difference.
     pub amplification: f32,
-    /// Colour around the pictures, display-encoded.
-    pub background: [f32; 3],
 }
 
 /// The block of `shaders/window/window.glsl`, in the layout std140.
@@ -89,7 +87,6 @@ struct Block {
     view: [u32; 4],
     picture_a: [u32; 4],
     picture_b: [u32; 4],
-    background: [f32; 4],
     size: [f32; 2],
     split: f32,
     amplification: f32,
@@ -97,17 +94,15 @@ struct Block {
     unused: [u32; 3],
 }
 
-const _: () = assert!(size_of::<Block>() == 96);
+const _: () = assert!(size_of::<Block>() == 80);
 
 impl Composition {
     /// Packs the uniform block `WINDOW`.
     pub fn bytes(&self) -> Vec<u8> {
-        let [r, g, b] = self.background;
         let block = Block {
             view: self.view,
             picture_a: shape(&self.a),
             picture_b: shape(&self.b),
-            background: [r, g, b, 0.0],
             // Divisors in the shader must not be 0.
             size: self.window.map(|side| side.max(1) as f32),
             split: self.split,

@@ -92,15 +92,14 @@ impl PartialEq for Piece {
 pub struct Interface {
     window: [u32; 2],
     view: [u32; 4],
-    background: [f32; 3],
     texels: Arc<Vec<u8>>,
     pub pieces: Vec<Piece>,
 }
 
 impl Interface {
     pub fn new(under: &Composition, texels: Arc<Vec<u8>>, pieces: Vec<Piece>) -> Interface {
-        let Composition { window, view, background, .. } = *under;
-        Interface { window, view, background, texels, pieces }
+        let Composition { window, view, .. } = *under;
+        Interface { window, view, texels, pieces }
     }
 
     /// Returns true if `other` would draw the same pixels.
@@ -109,8 +108,7 @@ impl Interface {
     }
 
     fn is_placed_as(&self, other: &Interface) -> bool {
-        (other.window, other.view, other.background) == (self.window, self.view, self.background)
-            && Arc::ptr_eq(&other.texels, &self.texels)
+        (other.window, other.view) == (self.window, self.view) && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
     /// Lists the areas to redraw in a window that shows `former`, and whether each needs its background; `None` redraws
@@ -182,7 +180,6 @@ mod tests {
             mode: Mode::A,
             split: 0.5,
             amplification: 1.0,
-            background: [0.0; 3],
         };
         Interface::new(&under, texels.clone(), pieces.iter().copied().cloned().collect())
     }

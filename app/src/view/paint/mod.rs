@@ -149,10 +149,9 @@ impl Painter {
         let texels = self.textures.texels();
         let now = Interface::new(under, texels.clone(), pieces);
         let mut meshes = Meshes::default();
-        let [r, g, b] = under.background.map(|v| (v * 255.0).round() as u8);
         for (area, erased) in now.areas(self.shown.as_ref()) {
             if erased {
-                meshes.rectangle(area, [r, g, b, 255]);
+                meshes.black(area);
             }
             now.pieces.iter().for_each(|piece| meshes.add(piece, area));
         }
@@ -225,12 +224,13 @@ impl Meshes {
         }
     }
 
-    fn rectangle(&mut self, area: Area, colour: [u8; 4]) {
+    /// Adds a black rectangle.
+    fn black(&mut self, area: Area) {
         let (clip, first) = (self.clips.len() as u32, self.vertices.len() as u32);
         let Area { first: [left, top], beyond: [right, bottom] } = area;
         self.clips.push(Clip { first: area.first, beyond: area.beyond, texture: Texture::zeroed() });
         // `uv` selects the first texel of the font texture, which is white.
-        let vertex = |position| Vertex { position, uv: [0.0; 2], colour, clip };
+        let vertex = |position| Vertex { position, uv: [0.0; 2], colour: [0, 0, 0, 255], clip };
         self.vertices.extend([[left, top], [right, top], [left, bottom], [right, bottom]].map(vertex));
         self.indices.extend([0, 1, 2, 1, 2, 3].map(|i| first + i));
     }

@@ -218,7 +218,6 @@ fn composition() -> Composition {
         mode: Mode::Difference,
         split: 0.25,
         amplification: 16.0,
-        background: [0.1, 0.2, 0.3],
     }
 }
 
@@ -231,9 +230,8 @@ fn the_block_of_the_window_lies_as_the_shaders_declare_it() {
     // Pixels from the host are one part, of all rows.
     assert_eq!(w[4..8], [3, 2, 2, 2], "A at 16");
     assert_eq!(w[8..12], [3, 2, 0, 2], "B at 32, which holds no colours");
-    assert_eq!(f[12..16], [0.1, 0.2, 0.3, 0.0], "background at 48");
-    assert_eq!(f[16..20], [640.0, 1.0, 0.25, 16.0], "size, split, amplification at 64");
-    assert_eq!(w[20], 2, "mode at 80");
+    assert_eq!(f[12..16], [640.0, 1.0, 0.25, 16.0], "size, split, amplification at 48");
+    assert_eq!(w[16], 2, "mode at 64");
 }
 
 #[test]
@@ -247,7 +245,7 @@ fn the_windows_graph_builds_and_each_of_its_barriers_is_needed() {
     assert_eq!(output.shape, Shape::Image { format: Format::Rgba8Unorm, width: 640, height: 400 });
     let given = plan.resources.iter().filter(|r| matches!(r.source, Source::HostBuffer { .. })).count();
     assert_eq!(given, catalog.buffers.len(), "it imports all that is offered");
-    assert_eq!(catalog.uniforms[WINDOW], 96);
+    assert_eq!(catalog.uniforms[WINDOW], 80);
     let phases: Vec<&str> = plan.frame.iter().map(|pass| plan.pass(*pass).phase.as_str()).collect();
     assert_eq!(phases[..6], ["compose", "compose", "compose", "compose", "compose", "ui"]);
     let ui = &plan.pass(plan.frame[5]).work;
