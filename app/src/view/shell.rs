@@ -23,7 +23,7 @@ use crate::draw::backend::Backend;
 use egui::epaint::ClippedPrimitive;
 use egui::epaint::textures::TexturesDelta;
 use egui::{Context, RawInput, Rect, ViewportId};
-use splatgraph_api::{BackendError, Device, FrameInputs, Pixels, Running};
+use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Pixels, Running};
 use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
@@ -356,7 +356,9 @@ impl Shell {
             };
             let reads = inputs.read_output;
             composition.give(&mut inputs);
-            painted.give(&mut inputs.buffers);
+            let painted =
+                painted.into_iter().map(|(name, bytes)| (name.to_owned(), BufferContents::Bytes(bytes)));
+            inputs.buffers.extend(painted);
             drawn = self.canvas.submit(inputs);
             if reads && matches!(drawn, Ok(true)) {
                 self.reading = true;

@@ -13,7 +13,6 @@ use bytemuck::{Pod, Zeroable};
 use damage::{Area, Interface, Piece};
 use egui::epaint::textures::TexturesDelta;
 use egui::epaint::{ClippedPrimitive, Primitive};
-use splatgraph_api::BufferContents;
 use splatgraph_framework::ir::{Catalog, HostBuffer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -87,38 +86,16 @@ pub struct Painter {
     packed: Option<Interface>,
 }
 
-/// Buffers of one frame's user interface. Each has at least one element; a placeholder element is not drawn.
-#[derive(Clone, Debug)]
-pub struct Painted {
-    vertices: Arc<Vec<u8>>,
-    indices: Arc<Vec<u8>>,
-    clips: Arc<Vec<u8>>,
-    texels: Arc<Vec<u8>>,
-    draw: Arc<Vec<u8>>,
-    /// Number of skipped primitives: paint callbacks for other painters, malformed meshes, and meshes with an unknown
-    /// texture.
-    pub left_out: usize,
-}
-
-impl Painted {
-    /// Adds the buffers to a frame's inputs.
-    pub fn give(&self, buffers: &mut BTreeMap<String, BufferContents>) {
-        let all = [
-            (VERTICES, &self.vertices),
-            (INDICES, &self.indices),
-            (CLIPS, &self.clips),
-            (TEXELS, &self.texels),
-            (DRAW, &self.draw),
-        ];
-        buffers.extend(all.map(|(name, bytes)| (name.to_owned(), BufferContents::Bytes(bytes.clone()))));
-    }
-}
+/// Contents of the buffers of one frame's user interface, by name. Each has at least one element; a placeholder element
+/// is not drawn.
+pub type Painted = BTreeMap<&'static str, Arc<Vec<u8>>>;
 
 impl Painter {
     /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of
     /// `Context::tessellate`, whose scale is `pixels_per_point`.
     ///
-    /// Packs only the part of the interface that differs from the one in the window: see [`Painter::drawn`].
+    /// Packs only the part of the interface that differs from the one in the window: see [`Painter::drawn`]. Skips paint
+    /// callbacks for other painters, malformed meshes, and meshes with an unknown texture.
     pub fn paint(
         &mut self,
         mut changes: TexturesDelta,
@@ -128,19 +105,11 @@ impl Painter {
     ) -> Painted {
         let freed = std::mem::take(&mut changes.free);
         self.textures.set(std::mem::take(&mut changes.set));
-        let mut left_out = 0;
         let mut pieces = Vec::new();
         for ClippedPrimitive { clip_rect, primitive } in primitives {
-            let drawable = match primitive {
-                Primitive::Mesh(mesh) if mesh.is_valid() && mesh.indices.len() % 3 == 0 => {
-                    self.textures.get(mesh.texture_id).map(|texture| (mesh, texture))
-                }
-                Primitive::Mesh(_) | Primitive::Callback(_) => None,
-            };
-            let Some((mesh, texture)) = drawable else {
-                left_out += 1;
-                continue;
-            };
+            let Primitive::Mesh(mesh) = primitive else { continue };
+            let is_sound = mesh.is_valid() && mesh.indices.len() % 3 == 0;
+            let Some(texture) = self.textures.get(mesh.texture_id).filter(|_| is_sound) else { continue };
             // Whole pixels, so that adjacent areas neither overlap nor leave gaps. Clamped, to exclude infinities.
             let pixel = |p: egui::Pos2| [p.x, p.y].map(|v| (v * pixels_per_point).round().clamp(-1e6, 1e6));
             let clip = Area { first: pixel(clip_rect.min), beyond: pixel(clip_rect.max) };
@@ -156,17 +125,16 @@ impl Painter {
             now.pieces.iter().for_each(|piece| meshes.add(piece, area));
         }
         self.packed = Some(now);
-        let painted = Painted {
-            draw: bytes(&[meshes.indices.len() as u32, 1, 0, 0]),
-            vertices: bytes(&meshes.vertices),
-            indices: bytes(&meshes.indices),
-            clips: bytes(&meshes.clips),
-            texels,
-            left_out,
-        };
         // This frame may still use the freed textures.
         self.textures.free(freed);
-        painted
+        [
+            (VERTICES, bytes(&meshes.vertices)),
+            (INDICES, bytes(&meshes.indices)),
+            (CLIPS, bytes(&meshes.clips)),
+            (TEXELS, texels),
+            (DRAW, bytes(&[meshes.indices.len() as u32, 1, 0, 0])),
+        ]
+        .into()
     }
 
     /// Records that the window shows the last packed interface.

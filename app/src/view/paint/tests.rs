@@ -4,7 +4,7 @@ use crate::draw::planner::Planner;
 use egui::epaint::textures::TextureOptions;
 use egui::epaint::{ColorImage, ImageDelta, Mesh, TextureId};
 use egui::{Color32, Pos2, Rect, pos2, vec2};
-use splatgraph_api::FrameInputs;
+use splatgraph_api::{BufferContents, FrameInputs};
 use splatgraph_framework::ir::{DrawCall, Format, Shape, Source, Work};
 use splatgraph_vulkan::sync;
 use splatgraph_vulkan::sync::model::{Replay, mutate::needless, replay};
@@ -76,10 +76,10 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
         2.0,
         &whole_view(),
     );
-    assert_eq!(words(&painted.draw), [12, 1, 0, 0]);
-    let indices = words(&painted.indices);
+    assert_eq!(words(&painted[DRAW]), [12, 1, 0, 0]);
+    let indices = words(&painted[INDICES]);
     assert!(indices[6..].iter().all(|i| (4..8).contains(i)), "counted through all meshes: {indices:?}");
-    let vertices: Vec<Vertex> = read(&painted.vertices);
+    let vertices: Vec<Vertex> = read(&painted[VERTICES]);
     let second = &vertices[4..];
     assert!(second.iter().all(|v| v.colour == [200, 10, 0, 220] && v.clip == 1 && v.uv == [0.0; 2]));
     let mut corners: Vec<[f32; 2]> = second.iter().map(|v| v.position).collect();
@@ -93,7 +93,7 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
         })
         .sum();
     assert_eq!(area, 600.0);
-    let clips: Vec<Clip> = read(&painted.clips);
+    let clips: Vec<Clip> = read(&painted[CLIPS]);
     assert_eq!(clips[0].beyond, [1000.0, 800.0], "within the window");
     assert_eq!(clips[1].first, [25.0, 40.0], "rounded to whole pixels");
     assert_eq!(clips[1].beyond, [80.0, 50.0], "around what is drawn");
@@ -103,22 +103,19 @@ fn a_rectangle_becomes_two_triangles_with_its_colour_and_clip() {
 #[test]
 fn an_empty_interface_draws_nothing_and_its_buffers_are_not_empty() {
     let painted = Painter::default().paint(TexturesDelta::default(), vec![], 1.0, &whole_view());
-    assert_eq!(words(&painted.draw), [0, 1, 0, 0]);
-    let mut given = BTreeMap::new();
-    painted.give(&mut given);
+    assert_eq!(words(&painted[DRAW]), [0, 1, 0, 0]);
     let mut catalog = Catalog::default();
     offer(&mut catalog);
     // The others come from the composition.
     let others = [PICTURES.as_flattened(), &[VIEW_DRAW]].concat();
     for (name, buffer) in catalog.buffers.iter().filter(|(name, _)| !others.contains(&name.as_str())) {
-        let Some(BufferContents::Bytes(bytes)) = given.get(name) else { panic!("no {name}") };
-        assert!(bytes.len() as u64 >= buffer.least * buffer.stride, "{name}");
+        assert!(painted[name.as_str()].len() as u64 >= buffer.least * buffer.stride, "{name}");
     }
-    assert_eq!(given.len(), catalog.buffers.len() - others.len());
+    assert_eq!(painted.len(), catalog.buffers.len() - others.len());
 }
 
 #[test]
-fn what_cannot_be_drawn_is_counted() {
+fn what_cannot_be_drawn_is_left_out() {
     let rect = Rect::from_min_size(Pos2::ZERO, vec2(1.0, 1.0));
     let strange = rectangle(rect, Color32::RED, rect, TextureId::User(9));
     let mut broken = rectangle(rect, Color32::RED, rect, FONT);
@@ -127,7 +124,7 @@ fn what_cannot_be_drawn_is_counted() {
     }
     let fine = rectangle(rect, Color32::RED, rect, FONT);
     let painted = painter().paint(TexturesDelta::default(), vec![strange, broken, fine], 1.0, &whole_view());
-    assert_eq!((painted.left_out, words(&painted.draw)[0]), (2, 6));
+    assert_eq!(words(&painted[DRAW])[0], 6);
 }
 
 #[test]
@@ -189,16 +186,18 @@ fn a_texture_that_goes_after_a_frame_is_still_drawn_in_it() {
     let id = TextureId::Managed(5);
     let mesh = || vec![rectangle(rect, Color32::WHITE, rect, id)];
     let painted = painter.paint(changes(vec![(id, whole([1, 1], 7))], &[id]), mesh(), 1.0, &whole_view());
-    assert_eq!(painted.left_out, 0);
-    let clips: Vec<Clip> = read(&painted.clips);
-    assert_eq!(painted.texels[4 * clips[0].texture.texels as usize + 1], 7);
-    assert_eq!(painter.paint(TexturesDelta::default(), mesh(), 1.0, &whole_view()).left_out, 1);
+    assert_eq!(words(&painted[DRAW])[0], 6);
+    let clips: Vec<Clip> = read(&painted[CLIPS]);
+    assert_eq!(painted[TEXELS][4 * clips[0].texture.texels as usize + 1], 7);
+    let after = painter.paint(TexturesDelta::default(), mesh(), 1.0, &whole_view());
+    assert_eq!(words(&after[DRAW])[0], 0);
 }
 
 #[test]
 fn texels_are_handed_over_anew_only_when_they_changed() {
     let mut painter = painter();
-    let texels = |painter: &mut Painter, changes| painter.paint(changes, vec![], 1.0, &whole_view()).texels;
+    let texels =
+        |painter: &mut Painter, changes| painter.paint(changes, vec![], 1.0, &whole_view())[TEXELS].clone();
     let first = texels(&mut painter, TexturesDelta::default());
     let held = first.to_vec();
     assert!(Arc::ptr_eq(&first, &texels(&mut painter, TexturesDelta::default())));
@@ -277,7 +276,7 @@ fn an_interface_that_is_shown_is_not_packed_again_until_it_is_forgotten() {
     let mut painter = painter();
     let packed = |painter: &mut Painter, colour| {
         let mesh = rectangle(rect, colour, Rect::EVERYTHING, FONT);
-        words(&painter.paint(TexturesDelta::default(), vec![mesh], 1.0, &under).draw)[0]
+        words(&painter.paint(TexturesDelta::default(), vec![mesh], 1.0, &under)[DRAW])[0]
     };
     let both = 12;
     assert_eq!(packed(&mut painter, Color32::RED), both, "the background and the rectangle");
