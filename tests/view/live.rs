@@ -18,10 +18,10 @@ fn opened(graph: &str, set: &[(&str, &str)]) -> TestShell {
     viewer
 }
 
-/// Opens a viewer, and draws until it has a plan.
+/// Opens a viewer, and draws until everything is built.
 fn drawing(graph: &str, set: &[(&str, &str)]) -> TestShell {
     let mut viewer = opened(graph, set);
-    next_plan(&mut viewer);
+    viewer.settle();
     viewer
 }
 
