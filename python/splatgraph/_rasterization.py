@@ -228,7 +228,7 @@ def rasterization(
                 shown = np.where(too_far[:, group].any(axis=1), np.float32(0.0), opacities[b])
                 splats = (places * scale, quats[b], scales[b] * scale, shown)
                 for channel, sh, least in _harmonics(colors[b, first] if of_camera else colors[b], sh_degree, has_colors):
-                    scene = Scene._unchecked(*splats, sh)
+                    scene = Scene.from_arrays(*splats, sh, _checked=False)
                     if len(scene) == 0:
                         # The graphs need a splat. Without one, only the background is left.
                         continue

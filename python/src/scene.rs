@@ -42,6 +42,10 @@ impl Scene {
     /// Raises:
     ///     ValueError: an array has a wrong shape, an opacity is not in 0 to 1, or a scale is negative.
     #[staticmethod]
+    #[pyo3(
+        signature = (means, quats, scales, opacities, sh, *, _checked = true),
+        text_signature = "(means, quats, scales, opacities, sh)"
+    )]
     fn from_arrays(
         py: Python<'_>,
         means: &Bound<'_, PyAny>,
@@ -49,22 +53,55 @@ impl Scene {
         scales: &Bound<'_, PyAny>,
         opacities: &Bound<'_, PyAny>,
         sh: &Bound<'_, PyAny>,
+        _checked: bool,
     ) -> PyResult<Scene> {
-        Scene::of_arrays(py, means, quats, scales, opacities, sh, true)
-    }
-
-    /// Makes a scene like `from_arrays`, for gsplat's function: opacities above 1 are capped like alphas, opacities below
-    /// 0 are invisible, and negative scales count as positive.
-    #[staticmethod]
-    fn _unchecked(
-        py: Python<'_>,
-        means: &Bound<'_, PyAny>,
-        quats: &Bound<'_, PyAny>,
-        scales: &Bound<'_, PyAny>,
-        opacities: &Bound<'_, PyAny>,
-        sh: &Bound<'_, PyAny>,
-    ) -> PyResult<Scene> {
-        Scene::of_arrays(py, means, quats, scales, opacities, sh, false)
+        let means = Means::take(means)?;
+        let count = means.count();
+        let quats = take::<f32>(quats, "quats", &[Some(count), Some(4)])?;
+        let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
+        let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
+        let sh = take::<f32>(sh, "sh", &[Some(count), None, Some(3)])?;
+        // Without the check, for gsplat's function: opacities above 1 are capped like alphas, those below 0 are invisible, and
+        // negative scales count as positive.
+        if _checked {
+            let hint = "logarithms: numpy.exp gives the scales";
+            check(&scales, |scale| scale < 0.0, "scales: expected no negative values", hint)?;
+            let hint = "logits: their sigmoid, 1 / (1 + numpy.exp(-logits)), gives the opacities";
+            check(&opacities, |p| !(0.0..=1.0).contains(&p), "opacities: expected values of 0 to 1", hint)?;
+        }
+        let bases = sh.shape[1];
+        let Some(degree) = [1, 4, 9, 16].iter().position(|k| *k == bases) else {
+            return Err(PyValueError::new_err(format!(
+                "sh: expected 1, 4, 9 or 16 bases (degrees 0 to 3), found {bases}"
+            )));
+        };
+        let splats = u32::try_from(count).map_err(|_| {
+            PyValueError::new_err(format!("means: expected at most {} splats, found {count}", u32::MAX))
+        })?;
+        let [quats, scales, opacities, sh] = [quats, scales, opacities, sh].map(|array| array.values);
+        let splat = |index: usize| {
+            let mut all = [0.0; 48];
+            all[..3 * bases].copy_from_slice(&sh[3 * bases * index..][..3 * bases]);
+            Splat {
+                position: [0.0; 3],
+                scale: three(&scales, index),
+                rotation: std::array::from_fn(|axis| quats[4 * index + axis]),
+                opacity: opacities[index],
+                sh: all,
+            }
+        };
+        let degree = degree as u32;
+        let made = py.detach(|| match &means {
+            Means::Single(means) => assets::Scene::try_generate(splats, degree, |index| Splat {
+                position: three(&means.values, index),
+                ..splat(index)
+            }),
+            Means::Double(means) => {
+                let position = |index| three(&means.values, index);
+                assets::Scene::try_generate_in_world(splats, degree, position, splat)
+            }
+        });
+        made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
     }
 
     /// Writes the scene in the format of the file's extension: .ply, .glb, .compressed.ply, .spz, .splat or .sog. All
@@ -172,64 +209,6 @@ impl Scene {
             self.0.count(),
             self.0.effective_degree()
         )
-    }
-}
-
-impl Scene {
-    fn of_arrays(
-        py: Python<'_>,
-        means: &Bound<'_, PyAny>,
-        quats: &Bound<'_, PyAny>,
-        scales: &Bound<'_, PyAny>,
-        opacities: &Bound<'_, PyAny>,
-        sh: &Bound<'_, PyAny>,
-        checked: bool,
-    ) -> PyResult<Scene> {
-        let means = Means::take(means)?;
-        let count = means.count();
-        let quats = take::<f32>(quats, "quats", &[Some(count), Some(4)])?;
-        let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
-        let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
-        let sh = take::<f32>(sh, "sh", &[Some(count), None, Some(3)])?;
-        if checked {
-            let hint = "logarithms: numpy.exp gives the scales";
-            check(&scales, |scale| scale < 0.0, "scales: expected no negative values", hint)?;
-            let hint = "logits: their sigmoid, 1 / (1 + numpy.exp(-logits)), gives the opacities";
-            check(&opacities, |p| !(0.0..=1.0).contains(&p), "opacities: expected values of 0 to 1", hint)?;
-        }
-        let bases = sh.shape[1];
-        let Some(degree) = [1, 4, 9, 16].iter().position(|k| *k == bases) else {
-            return Err(PyValueError::new_err(format!(
-                "sh: expected 1, 4, 9 or 16 bases (degrees 0 to 3), found {bases}"
-            )));
-        };
-        let splats = u32::try_from(count).map_err(|_| {
-            PyValueError::new_err(format!("means: expected at most {} splats, found {count}", u32::MAX))
-        })?;
-        let [quats, scales, opacities, sh] = [quats, scales, opacities, sh].map(|array| array.values);
-        let splat = |index: usize| {
-            let mut all = [0.0; 48];
-            all[..3 * bases].copy_from_slice(&sh[3 * bases * index..][..3 * bases]);
-            Splat {
-                position: [0.0; 3],
-                scale: three(&scales, index),
-                rotation: std::array::from_fn(|axis| quats[4 * index + axis]),
-                opacity: opacities[index],
-                sh: all,
-            }
-        };
-        let degree = degree as u32;
-        let made = py.detach(|| match &means {
-            Means::Single(means) => assets::Scene::try_generate(splats, degree, |index| Splat {
-                position: three(&means.values, index),
-                ..splat(index)
-            }),
-            Means::Double(means) => {
-                let position = |index| three(&means.values, index);
-                assets::Scene::try_generate_in_world(splats, degree, position, splat)
-            }
-        });
-        made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
     }
 }
 
