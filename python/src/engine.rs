@@ -66,8 +66,8 @@ struct Thread {
 pub struct Engine {
     /// The thread; `None` once closed.
     thread: Mutex<Option<Thread>>,
-    /// Statistics of the last picture returned by [`Pending::result`], as JSON.
-    last: Arc<Mutex<Option<String>>>,
+    /// Statistics of the last picture returned by [`Pending::result`].
+    last: Arc<Mutex<Option<CameraStats>>>,
 }
 
 #[pymethods]
@@ -159,7 +159,7 @@ impl Engine {
     #[pyo3(signature = (size = DEFAULT_SIZE))]
     fn params<'py>(&self, py: Python<'py>, size: (u32, u32)) -> PyResult<Bound<'py, PyAny>> {
         let controls: Json = self.controls(py, size)?.iter().map(control).collect();
-        errors::from_json(py, &controls.to_string())
+        errors::to_python(py, &controls)
     }
 
     /// Builds the plan for a picture size.
@@ -172,7 +172,7 @@ impl Engine {
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        last.map(|json| errors::from_json(py, &json)).transpose()
+        last.map(|stats| errors::to_python(py, &json!(stats))).transpose()
     }
 
     /// Description of the device: a dict with its name, driver, kind and index.
@@ -180,7 +180,7 @@ impl Engine {
     fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let info = self.ask(py, |session| Ok(session.device().info().clone()))?;
         let info = json!({"name": info.name, "driver": info.driver, "kind": info.kind, "index": info.index});
-        errors::from_json(py, &info.to_string())
+        errors::to_python(py, &info)
     }
 
     /// Ends the thread and closes the device, after the requested pictures are done.
@@ -233,7 +233,7 @@ pub struct Pending {
     /// Receives the result; `None` once [`Pending::result`] was called.
     receiver: Mutex<Option<Receiver<Result<Drawn, SessionError>>>>,
     abandoned: Arc<AtomicBool>,
-    last: Arc<Mutex<Option<String>>>,
+    last: Arc<Mutex<Option<CameraStats>>>,
 }
 
 #[pymethods]
@@ -249,8 +249,7 @@ impl Pending {
         };
         let answer = wait::receive(py, &mut receiver).inspect_err(|_| self.abandon())?;
         let Drawn { pixels, outputs, stats } = answer.map_err(|error| errors::session(py, &error))?;
-        let json = serde_json::to_string(&stats).map_err(|error| Error::new_err(error.to_string()))?;
-        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(json);
+        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(stats);
         let pixels = pixels.ok_or_else(|| DeviceError::new_err("the device returned no picture"))?;
         let image = py.detach(|| image_of(&pixels)).map_err(|error| Error::new_err(error.to_string()))?;
         let by_name = PyDict::new(py);

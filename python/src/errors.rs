@@ -3,7 +3,8 @@
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::PyList;
+use serde_json::{Value as Json, json};
 use splatgraph::draw::planner::{GraphErrors, PlainDiagnostic};
 use splatgraph::draw::projection::ProjectionError;
 use splatgraph::draw::session::SessionError;
@@ -108,17 +109,12 @@ pub fn graph(py: Python<'_>, errors: &GraphErrors) -> PyErr {
 }
 
 fn diagnostic<'py>(py: Python<'py>, found: &PlainDiagnostic) -> PyResult<Bound<'py, PyAny>> {
-    let json = serde_json::to_string(found).map_err(|error| Error::new_err(error.to_string()))?;
-    let dict = from_json(py, &json)?;
+    let dict = to_python(py, &json!(found))?;
     dict.set_item("file", in_python(&found.file))?;
     Ok(dict)
 }
 
-/// Formats an error of the command line with its causes.
-pub fn with_causes(error: &impl std::fmt::Display) -> String {
-    format!("{error:#}")
-}
-
-pub fn from_json<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyAny>> {
-    py.import("json")?.call_method("loads", (json,), None::<&Bound<'_, PyDict>>)
+/// Converts JSON to dicts, lists and numbers.
+pub fn to_python<'py>(py: Python<'py>, value: &Json) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (value.to_string(),))
 }

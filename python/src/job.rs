@@ -1,6 +1,6 @@
 //! Wraps a command's views, for the workers of a cluster.
 
-use crate::errors::{Error, with_causes};
+use crate::errors::Error;
 use crate::wait;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -29,7 +29,7 @@ impl Job {
     fn new(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Job> {
         crate::configure();
         let job = wait::run(py, move || cli::job(&arguments))?;
-        let job = job.map_err(|error| PyValueError::new_err(with_causes(&error)))?;
+        let job = job.map_err(|error| PyValueError::new_err(format!("{error:#}")))?;
         Ok(Job { views: job.views().to_vec(), job: Arc::new(Mutex::new(Some(job))) })
     }
 
@@ -50,7 +50,7 @@ impl Job {
             job.as_mut().map(|job| job.run(&views))
         })?;
         let ran = ran.ok_or_else(|| Error::new_err("the job is closed"))?;
-        let cli::Ran { done, kept, failed } = ran.map_err(|error| Error::new_err(with_causes(&error)))?;
+        let cli::Ran { done, kept, failed } = ran.map_err(|error| Error::new_err(format!("{error:#}")))?;
         Ok((done, kept, failed))
     }
 

@@ -5,6 +5,7 @@ use crate::errors;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use serde_json::json;
 use splatgraph_reference::metrics;
 
 /// Measures the difference between two pictures [height, width, 3], display-encoded: floats with 0 for black and 1 for
@@ -22,8 +23,7 @@ pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bo
     let comparison = py
         .detach(|| metrics::compare((&a).into(), (&b).into()))
         .map_err(|e| PyValueError::new_err(e.to_string()))?;
-    let json = serde_json::to_string(&comparison).map_err(|e| PyValueError::new_err(e.to_string()))?;
-    errors::from_json(py, &json)
+    errors::to_python(py, &json!(comparison))
 }
 
 /// Encodes a picture, floats, uint8 or uint16 [height, width, 3], display-encoded, as the bytes of an 8-bit PNG file.

@@ -181,7 +181,7 @@ pub fn trade<'py>(
         "lines": lines, "failed": failed, "rows": ledger.rows, "device": ledger.origin.device, "messages": messages,
         "notes": trading::table::notes(&lines), "table": table, "csv": trading::table::csv(&lines), "html": page,
     });
-    errors::from_json(py, &all.to_string())
+    errors::to_python(py, &all)
 }
 
 /// Describes a scene and searches for settings: see `splatgraph.advise`. Returns a dict.
@@ -219,7 +219,7 @@ pub fn advise<'py>(
         Ok(all)
     })?;
     all["notes"] = json!(messages);
-    errors::from_json(py, &all.to_string())
+    errors::to_python(py, &all)
 }
 
 /// Converts cameras to a scene's coordinates, and gives each a unique name.
