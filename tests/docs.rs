@@ -176,32 +176,6 @@ fn a_quoted_line_that_the_output_lacks_is_found() {
 }
 
 #[test]
-fn the_table_of_barriers_has_the_counts_of_every_built_in_graph() {
-    let page = read(Path::new("docs/barriers.md"));
-    let (_, table) = page.split_once("| preset | passes | memory barriers |").expect("the table is there");
-    let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
-    let mut counts = BTreeMap::new();
-    for row in rows {
-        let cells: Vec<&str> = row.trim_matches('|').split('|').map(str::trim).collect();
-        for name in cells[0].split('`').skip(1).step_by(2) {
-            counts
-                .insert(name.to_owned(), cells[1..5].iter().map(|cell| cell.to_string()).collect::<Vec<_>>());
-        }
-    }
-    let names: Vec<&str> = splatgraph::draw::builtin::names();
-    assert_eq!(counts.keys().map(String::as_str).collect::<Vec<_>>(), names, "the graphs in the table");
-    for name in names {
-        let dump: serde_json::Value =
-            serde_json::from_slice(&splatgraph(&["dump", name, "--format", "json"]).stdout).expect("JSON");
-        let totals = &dump["totals"];
-        let frame = &totals["frame"];
-        let found =
-            [&totals["frame_passes"], &frame["memory_barriers"], &frame["image_barriers"], &frame["calls"]];
-        assert_eq!(counts[name], found.map(|count| count.to_string()), "{name}");
-    }
-}
-
-#[test]
 fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line() {
     assert_eq!(splatgraph(&["dump", "no-such-graph"]).status.code(), Some(1));
     assert_eq!(splatgraph(&["dump", "--no-such-option"]).status.code(), Some(2));

@@ -72,8 +72,9 @@ fn nothing_is_unordered_in_a_built_in_graph_on_metal_and_nothing_is_needless() {
         }
     }
     say(&format!("metal: {mutants} mutants of built-in graphs"));
-    let row = format!("| {} | {} | 0 |", plans.len(), grouped(mutants as u64));
-    assert!(page().contains(&row), "docs/metal.md lacks {row}");
+    let what = "the built-in graphs, the graphs of the window and of `bench`, the examples, and variants";
+    let row = format!("| {what} | {} | {} | 0 |", plans.len(), grouped(mutants as u64));
+    assert!(page().contains(&row), "docs/metal.md: expected this row:\n{row}");
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
@@ -140,5 +141,5 @@ fn the_page_on_metal_shows_what_the_command_prints() {
             expect(format!("\ncounts\n{counts}"));
         }
     }
-    assert!(missing.is_empty(), "docs/metal.md lacks\n{}", missing.join("\n"));
+    assert!(missing.is_empty(), "docs/metal.md: expected these rows and texts:\n{}", missing.join("\n"));
 }

@@ -39,8 +39,13 @@ pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Ve
     chain
 }
 
+/// Returns the minimum number of calls of a frame, for the order and the memory of the plan.
+pub fn least_calls(plan: &Plan) -> usize {
+    longest(plan, conflicts).len() - 1 + usize::from(changes_a_layout_first(plan))
+}
+
 /// Returns true if the frame begins with a layout change, which the plan places directly before the first pass.
-pub fn changes_a_layout_first(plan: &Plan) -> bool {
+fn changes_a_layout_first(plan: &Plan) -> bool {
     plan.frame.first().is_some_and(|first| plan.layout_changes_at(Some(*first)).next().is_some())
 }
 
