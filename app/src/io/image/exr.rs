@@ -80,7 +80,7 @@ fn find(path: &Path) -> Result<Found, ImageError> {
         .ok_or_else(|| {
             ImageError::new(path, "expected the header of an OpenEXR file, found one that cannot be read")
         })?
-        .map_err(|e| ImageError::because(path, e))?;
+        .map_err(|e| ImageError::new(path, e))?;
     let mut sizes = Vec::new();
     for header in &meta.headers {
         let size = header.layer_size;
@@ -150,7 +150,7 @@ fn black(size: x::Vec2<usize>) -> Image {
 }
 
 fn read_grey(path: &Path, channel: x::Text) -> Result<Image, ImageError> {
-    let fail = |e: exr::error::Error| ImageError::because(path, e);
+    let fail = |e: exr::error::Error| ImageError::new(path, e);
     let file = x::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -171,7 +171,7 @@ fn read_grey(path: &Path, channel: x::Text) -> Result<Image, ImageError> {
 }
 
 fn read(path: &Path) -> Result<Image, ImageError> {
-    let fail = |e: exr::error::Error| ImageError::because(path, e);
+    let fail = |e: exr::error::Error| ImageError::new(path, e);
     let file = x::read()
         .no_deep_data()
         .largest_resolution_level()

@@ -117,7 +117,7 @@ impl Image {
     /// The picture has no pixels, or too many for the format.
     pub fn png(&self) -> Result<Vec<u8>, ImageError> {
         let mut bytes = Vec::new();
-        png::write(self, true, &mut bytes).map_err(|cause| ImageError::because(Path::new("a PNG"), cause))?;
+        png::write(self, true, &mut bytes).map_err(|cause| ImageError::new(Path::new("a PNG"), cause))?;
         Ok(bytes)
     }
 }

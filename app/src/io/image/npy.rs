@@ -81,23 +81,23 @@ fn begin<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
 }
 
 pub(super) fn load(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
-    read(path, begin(open(path)?).map_err(|e| ImageError::because(path, e))?)
+    read(path, begin(open(path)?).map_err(|e| ImageError::new(path, e))?)
 }
 
 pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
-    header_of(path, &begin(open(path)?).map_err(|e| ImageError::because(path, e))?)
+    header_of(path, &begin(open(path)?).map_err(|e| ImageError::new(path, e))?)
 }
 
 pub(super) fn load_member(archive: &Path, array: &str) -> Result<(Image<f64>, Depth), ImageError> {
     let mut npz = open_npz(archive)?;
     let member = member(archive, &mut npz, array)?;
-    read(archive, begin(member).map_err(|e| ImageError::because(archive, e))?)
+    read(archive, begin(member).map_err(|e| ImageError::new(archive, e))?)
 }
 
 pub(super) fn member_header(archive: &Path, array: &str) -> Result<Header, ImageError> {
     let mut npz = open_npz(archive)?;
     let member = member(archive, &mut npz, array)?;
-    header_of(archive, &begin(member).map_err(|e| ImageError::because(archive, e))?)
+    header_of(archive, &begin(member).map_err(|e| ImageError::new(archive, e))?)
 }
 
 /// Finds an array in an archive, to be read as far as its own header says.
@@ -111,7 +111,7 @@ fn member<'a>(
         let names = npz_names(archive)?.join(", ");
         return Err(ImageError::new(archive, format!("expected an array named `{array}`, found {names}")));
     }
-    npz.by_name(&name).map(BufReader::new).map_err(|error| ImageError::because(archive, error))
+    npz.by_name(&name).map(BufReader::new).map_err(|error| ImageError::new(archive, error))
 }
 
 /// Lists the names of the arrays in an archive, sorted.
@@ -124,7 +124,7 @@ pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
 }
 
 fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
-    ZipArchive::new(open(archive)?).map_err(|e| ImageError::because(archive, e))
+    ZipArchive::new(open(archive)?).map_err(|e| ImageError::new(archive, e))
 }
 
 fn header_of<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<Header, ImageError> {
@@ -152,24 +152,21 @@ fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usiz
 fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<f64>, Depth), ImageError> {
     let ((width, height), channels) = shape(path, &npy)?;
     let kind = match npy.dtype() {
-        npyz::DType::Plain(kind) => (kind.type_char(), kind.size_field()),
-        other => {
-            return Err(ImageError::new(
-                path,
-                format!("expected values of type float32, float64 or uint8, found {}", other.descr()),
-            ));
-        }
+        npyz::DType::Plain(kind) => Some((kind.type_char(), kind.size_field())),
+        _ => None,
     };
     let size = (width, height, channels);
     match kind {
-        (TypeChar::Float, 4) => Ok((pixels(path, npy, size, |value: f32| value.into())?, Depth::Single)),
-        (TypeChar::Float, 8) => Ok((pixels(path, npy, size, |value: f64| value)?, Depth::Double)),
-        (TypeChar::Uint, 1) => {
+        Some((TypeChar::Float, 4)) => {
+            Ok((pixels(path, npy, size, |value: f32| value.into())?, Depth::Single))
+        }
+        Some((TypeChar::Float, 8)) => Ok((pixels(path, npy, size, |value: f64| value)?, Depth::Double)),
+        Some((TypeChar::Uint, 1)) => {
             let level = |v: u8| f64::from(f32::from(v) / 255.0);
             Ok((pixels(path, npy, size, level)?, Depth::Levels(u8::MAX.into())))
         }
         // Counts and indices.
-        (TypeChar::Uint, 4) if channels == 1 => {
+        Some((TypeChar::Uint, 4)) if channels == 1 => {
             Ok((pixels(path, npy, size, |value: u32| value.into())?, Depth::Double))
         }
         _ => Err(ImageError::new(
@@ -186,14 +183,14 @@ fn pixels<R: Read, T: npyz::Deserialize>(
     (width, height, channels): (usize, usize, usize),
     convert: impl Fn(T) -> f64,
 ) -> Result<Image<f64>, ImageError> {
-    let mut values = npy.data::<T>().map_err(|e| ImageError::because(path, e))?;
+    let mut values = npy.data::<T>().map_err(|e| ImageError::new(path, e))?;
     let mut rgb = room(path, width * height)?;
     let missing = || ImageError::new(path, "the file ends before its last pixel");
     for _ in 0..width * height {
         let mut pixel = [0.0; 4];
         for value in &mut pixel[..channels] {
             let read = values.next().ok_or_else(missing)?;
-            *value = convert(read.map_err(|e| ImageError::because(path, e))?);
+            *value = convert(read.map_err(|e| ImageError::new(path, e))?);
         }
         rgb.push(if channels == 1 { [pixel[0]; 3] } else { [pixel[0], pixel[1], pixel[2]] });
     }

@@ -12,7 +12,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 fn is_png(path: &Path) -> Result<bool, ImageError> {
     let mut head = [0; 4];
     let mut file = open(path)?;
-    file.read_exact(&mut head).map_err(|error| ImageError::because(path, error))?;
+    file.read_exact(&mut head).map_err(|error| ImageError::new(path, error))?;
     Ok(head == *b"\x89PNG")
 }
 
@@ -54,7 +54,7 @@ impl Image {
         }
         let (mut decoder, (width, height)) = header(path)?;
         let bytes = decoder.decode().map_err(|error| {
-            ImageError::because(path, format!("expected an intact JPEG, found damage: {error}"))
+            ImageError::new(path, format!("expected an intact JPEG, found damage: {error}"))
         })?;
         let expected = 3 * width * height;
         if bytes.len() != expected {

@@ -137,12 +137,8 @@ pub struct ImageError {
 }
 
 impl ImageError {
-    pub(super) fn new(path: &Path, what: impl Into<String>) -> ImageError {
-        ImageError { path: path.to_owned(), what: what.into() }
-    }
-
-    pub(super) fn because(path: &Path, cause: impl fmt::Display) -> ImageError {
-        ImageError::new(path, cause.to_string())
+    pub(super) fn new(path: &Path, what: impl fmt::Display) -> ImageError {
+        ImageError { path: path.to_owned(), what: what.to_string() }
     }
 }
 
@@ -153,7 +149,7 @@ impl From<OutputError> for ImageError {
 }
 
 pub(super) fn open(path: &Path) -> Result<std::io::BufReader<std::fs::File>, ImageError> {
-    splatgraph_assets::file::open(path).map(std::io::BufReader::new).map_err(|e| ImageError::because(path, e))
+    splatgraph_assets::file::open(path).map(std::io::BufReader::new).map_err(|e| ImageError::new(path, e))
 }
 
 pub(super) fn has_extension(path: &Path, extension: &str) -> bool {
@@ -166,7 +162,7 @@ const BYTES_PER_PIXEL: u64 = 24 + 12;
 /// Allocates memory for the pixels of a picture, or returns an error.
 pub(super) fn room<C>(path: &Path, pixels: usize) -> Result<Vec<[C; 3]>, ImageError> {
     let mut rgb = Vec::new();
-    rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;
+    rgb.try_reserve_exact(pixels).map_err(|e| ImageError::new(path, e))?;
     Ok(rgb)
 }
 

@@ -28,7 +28,7 @@ type Decoder = png::Decoder<BufReader<File>>;
 fn decoder(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     let mut decoder = png::Decoder::new(open(path)?);
     decoder.set_transformations(png::Transformations::EXPAND);
-    let header = decoder.read_header_info().map_err(|e| ImageError::because(path, e))?;
+    let header = decoder.read_header_info().map_err(|e| ImageError::new(path, e))?;
     let size = check_size(path, header.width.into(), header.height.into())?;
     Ok((decoder, size))
 }
@@ -49,14 +49,14 @@ pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
 
 /// Loads a file, and blends it over the background if both exist. Also returns the level of white: 255 or 65535.
 pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {
-    let fail = |e: png::DecodingError| ImageError::because(path, e);
+    let fail = |e: png::DecodingError| ImageError::new(path, e);
     let (decoder, (width, height)) = decoder(path)?;
     let mut reader = decoder.read_info().map_err(fail)?;
     let size = reader
         .output_buffer_size()
         .ok_or_else(|| ImageError::new(path, "the pixels do not fit in memory"))?;
     let mut bytes = Vec::new();
-    bytes.try_reserve_exact(size).map_err(|e| ImageError::because(path, e))?;
+    bytes.try_reserve_exact(size).map_err(|e| ImageError::new(path, e))?;
     bytes.resize(size, 0);
     let frame = reader.next_frame(&mut bytes).map_err(fail)?;
     bytes.truncate(frame.buffer_size());

@@ -9,6 +9,7 @@ use super::names::MAX_NAME_BYTES;
 use splatgraph_assets::scene_files;
 use std::collections::{HashMap, HashSet};
 use std::ffi::OsString;
+use std::fmt::Display;
 use std::fs::{self, Metadata};
 use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
@@ -109,7 +110,7 @@ impl OutputGuard {
             return Err(both(other));
         }
         if let Some(other) = self.folders.get(&identity) {
-            return Err(Conflict(format!("{what} names {}, which is the folder of {other}", path.display())));
+            return Err(names(what, path, format_args!(", which is the folder of {other}")));
         }
         if let Identity::New(root, parts) = &identity {
             // `Existing` is `Copy` only on Unix.
@@ -117,10 +118,7 @@ impl OutputGuard {
             for length in 1..parts.len() {
                 let folder = Identity::New(root.clone(), parts[..length].to_vec());
                 if let Some(other) = self.outputs.get(&folder) {
-                    return Err(Conflict(format!(
-                        "{what} names {}, which is inside the file of {other}",
-                        path.display()
-                    )));
+                    return Err(names(what, path, format_args!(", which is inside the file of {other}")));
                 }
                 self.folders.entry(folder).or_insert_with(|| what.to_owned());
             }
@@ -146,8 +144,12 @@ fn overwrites(output: &str, input: &str, path: &Path) -> Conflict {
     Conflict(format!("{output} would overwrite {input}, {}: name another file", path.display()))
 }
 
+fn names(what: &str, path: &Path, problem: impl Display) -> Conflict {
+    Conflict(format!("{what} names {}{problem}", path.display()))
+}
+
 fn unreachable(what: &str, path: &Path, error: &io::Error) -> Conflict {
-    Conflict(format!("{what} names {}, which cannot be written: {error}", path.display()))
+    names(what, path, format_args!(", which cannot be written: {error}"))
 }
 
 /// Identifies the file of an output; `None` for a device or a pipe, which several outputs may share.
@@ -165,9 +167,7 @@ fn place(what: &str, path: &Path) -> Result<Option<(Identity, Option<PathBuf>)>,
         return Err(too_long(what, path, part.len(), MAX_NAME_BYTES));
     }
     let failed = |error: io::Error| match error.kind() {
-        ErrorKind::IsADirectory => {
-            Conflict(format!("{what} names {}, which is a folder; expected a file", path.display()))
-        }
+        ErrorKind::IsADirectory => names(what, path, ", which is a folder; expected a file"),
         _ => unreachable(what, path, &error),
     };
     match Target::of(path).map_err(failed)? {
@@ -188,10 +188,7 @@ fn place(what: &str, path: &Path) -> Result<Option<(Identity, Option<PathBuf>)>,
 }
 
 fn too_long(what: &str, path: &Path, found: usize, most: usize) -> Conflict {
-    Conflict(format!(
-        "{what} names {}, with a component of {found} bytes; the file system allows {most}",
-        path.display()
-    ))
+    names(what, path, format_args!(", with a component of {found} bytes; the file system allows {most}"))
 }
 
 /// Identifies a file that does not exist, by its deepest existing folder and the path below it. Also returns the path
@@ -202,18 +199,14 @@ fn new(what: &str, path: &Path, target: &Path) -> Result<(Identity, PathBuf), Co
     let (root, found) = loop {
         let Some(Component::Normal(name)) = rest.components().next_back() else {
             // There is no file name, or `..` follows a folder that does not exist.
-            return Err(Conflict(format!("{what} names {}; expected a file name", path.display())));
+            return Err(names(what, path, "; expected a file name"));
         };
         parts.push(spelling(name.to_owned()));
         rest = folder_of(rest);
         match fs::metadata(rest) {
             Ok(found) if found.is_dir() => break (rest, found),
             Ok(_) => {
-                return Err(Conflict(format!(
-                    "{what} names {}, but {} is not a folder",
-                    path.display(),
-                    rest.display()
-                )));
+                return Err(names(what, path, format_args!(", but {} is not a folder", rest.display())));
             }
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(unreachable(what, path, &error)),

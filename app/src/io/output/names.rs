@@ -67,11 +67,8 @@ pub fn unique(names: &[String], room: usize) -> Vec<String> {
         let mut candidates = suffixes.map(|suffix| shortened(&fit[index], room - suffix.len()) + &suffix);
         candidates.find(|name| taken.insert(key(name))).unwrap_or_default()
     };
-    let mut all = Vec::with_capacity(names.len());
-    for (index, name) in found.into_iter().enumerate() {
-        all.push(name.unwrap_or_else(|| own(index)));
-    }
-    all
+    let found = found.into_iter().enumerate();
+    found.map(|(index, name)| name.unwrap_or_else(|| own(index))).collect()
 }
 
 /// Folds the case of a name, as a file system that ignores case does.

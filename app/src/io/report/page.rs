@@ -128,10 +128,7 @@ impl Page {
     /// # Errors
     /// A picture cannot be encoded.
     pub fn pictures(&mut self, figures: &[Figure]) -> Result<(), ImageError> {
-        self.body += "<div class=\"pictures\">\n";
-        self.figures(figures)?;
-        self.body += "</div>\n";
-        Ok(())
+        self.figures("", figures)
     }
 
     /// Adds pictures in rows of `columns` columns, whatever the width of the page.
@@ -140,13 +137,11 @@ impl Page {
     /// A picture cannot be encoded.
     pub fn rows(&mut self, columns: usize, figures: &[Figure]) -> Result<(), ImageError> {
         let columns = format!("grid-template-columns: repeat({columns}, minmax(0, 1fr))");
-        self.body += &format!("<div class=\"pictures\" style=\"{columns}\">\n");
-        self.figures(figures)?;
-        self.body += "</div>\n";
-        Ok(())
+        self.figures(&format!(" style=\"{columns}\""), figures)
     }
 
-    fn figures(&mut self, figures: &[Figure]) -> Result<(), ImageError> {
+    fn figures(&mut self, style: &str, figures: &[Figure]) -> Result<(), ImageError> {
+        self.body += &format!("<div class=\"pictures\"{style}>\n");
         for figure in figures {
             let data = STANDARD.encode(figure.image.png()?);
             let caption = inline(&figure.caption);
@@ -158,6 +153,7 @@ impl Page {
                  <figcaption>{caption}</figcaption></figure>"
             );
         }
+        self.body += "</div>\n";
         Ok(())
     }
 

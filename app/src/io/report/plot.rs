@@ -303,11 +303,11 @@ impl Ticks {
             span => 0.06 * span,
         };
         let (first, last) = (low - room, high + room);
-        let step = step_for(last - first);
-        let multiples = |step: f64| {
+        let digits = (-step_for(last - first).log10().floor()).max(0.0) as usize;
+        let even = |first: f64, last: f64| {
+            let step = step_for(last - first);
             ((first / step).ceil() as i64..=(last / step).floor() as i64).map(move |i| i as f64 * step)
         };
-        let mut digits = (-step.log10().floor()).max(0.0) as usize;
         let at = if logarithmic {
             // The coarsest set with at least four ticks in the range.
             let sets: [&[f64]; 4] =
@@ -318,20 +318,10 @@ impl Ticks {
                 all.filter(|v| (first..=last).contains(v)).collect()
             };
             let found = sets.iter().map(|set| ticks(set)).find(|ticks| ticks.len() >= 4);
-            match found {
-                Some(ticks) => ticks,
-                // The range is too narrow for these sets.
-                None => {
-                    let (a, b) = (10f64.powf(first), 10f64.powf(last));
-                    let step = step_for(b - a);
-                    digits = (-step.log10().floor()).max(0.0) as usize;
-                    ((a / step).ceil() as i64..=(b / step).floor() as i64)
-                        .map(|i| (i as f64 * step).log10())
-                        .collect()
-                }
-            }
+            // The range can be too narrow for these sets.
+            found.unwrap_or_else(|| even(10f64.powf(first), 10f64.powf(last)).map(f64::log10).collect())
         } else {
-            multiples(step).collect()
+            even(first, last).collect()
         };
         Ticks { first, last, at, logarithmic, digits }
     }
