@@ -115,8 +115,8 @@ impl Workspace {
     /// Keeps the resources and the barriers of the first plan of a graph. Returns the plan's warnings.
     fn learn(&mut self, path: &Path, plan: &Plan) -> Vec<PlainDiagnostic> {
         let mut resources = resources(plan);
-        let pictures = self.pictures(&path.display().to_string(), &resources);
-        resources.extend(pictures);
+        let named = self.names_of_includes(&path.display().to_string(), &resources);
+        resources.extend(named);
         let known = self.known.entry(path.to_owned()).or_default();
         if known.dump.is_none() {
             (known.resources, known.dump) = (resources, Some(backend::dump(plan)));
@@ -124,20 +124,37 @@ impl Workspace {
         self.planner.plain_warnings(plan)
     }
 
-    /// Describes the outputs of a graph's includes, by their names `include.picture`.
-    fn pictures(&mut self, graph: &str, resources: &BTreeMap<String, String>) -> Vec<(String, String)> {
+    /// Describes the names that the includes of a graph provide besides their resources: the output,
+    /// `include.picture`, and the `let`s that choose a resource.
+    fn names_of_includes(
+        &mut self,
+        graph: &str,
+        resources: &BTreeMap<String, String>,
+    ) -> Vec<(String, String)> {
         let Some(file) = self.planner.file(None, graph, Kind::Graph) else { return Vec::new() };
         let includes = Scan::of(&self.planner.path_and_text(file).1).groups;
         let mut found = Vec::new();
         for include in includes.iter().filter(|group| group.name == "Include") {
             let Some((name, included)) = include.value("name").zip(include.value("graph")) else { continue };
             let Some(inner) = self.planner.file(Some(file), included, Kind::Graph) else { continue };
+            let text = self.planner.path_and_text(inner).1;
+            let described = |resource: &str| resources.get(&format!("{name}.{resource}"));
             let mut about = format!("the output of `{included}`");
-            match Document::parse(&self.planner.path_and_text(inner).1) {
+            match Document::parse(&text) {
                 Ok(Document::Graph(graph)) => {
+                    let scan = Scan::of(&text);
+                    for place in scan.texts.iter().filter(|place| scan.groups[place.group].lead == "let") {
+                        // Which resource it is may depend on facts: one that the plan has is described.
+                        let chosen =
+                            text[place.inside.clone()].split('\'').skip(1).step_by(2).find_map(described);
+                        if let Some((key, shape)) = place.key.as_ref().zip(chosen) {
+                            found
+                                .push((format!("{name}.{key}"), format!("{shape}: `{key}` of `{included}`")));
+                        }
+                    }
                     let Some(output) = graph.output else { continue };
-                    let shape = resources.get(&format!("{name}.{}", output.text));
-                    about = shape.map_or(about.clone(), |shape| format!("{shape}: {about}"));
+                    about =
+                        described(&output.text).map_or(about.clone(), |shape| format!("{shape}: {about}"));
                 }
                 Ok(_) => {}
                 Err(_) => continue,

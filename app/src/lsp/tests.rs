@@ -391,6 +391,20 @@ fn the_output_of_an_include_and_the_parameters_that_it_sets_are_known() {
 }
 
 #[test]
+fn the_lets_of_an_include_that_choose_a_resource_are_offered() {
+    let mut editor = Editor::start();
+    let inner =
+        GRAPH.replacen("2 * width\"", "2 * width\", \"shown\": \"words > 1 ? 'picture' : 'table'\"", 1);
+    editor.write("graph.ron", &inner);
+    let place = editor.place("outer.ron", &OUTER.replace("inner.picture", "inner.sh|own"));
+    assert!(editor.published().1.is_empty());
+    assert_eq!(editor.offered(place.clone()), ["copy", "inner.picture", "inner.shown", "inner.table"]);
+    let text = editor.hover(place);
+    assert!(text.starts_with("`inner.shown`: an image of 8 x 8, rgba8: `shown` of `graph.ron`"), "{text}");
+    editor.end();
+}
+
+#[test]
 fn a_part_is_no_mistake_because_it_has_no_output() {
     let editor = Editor::start();
     let part = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pipelines/parts/sort.ron");
