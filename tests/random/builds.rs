@@ -1,15 +1,16 @@
 //! Builds random graphs, and runs properties over many of them.
 
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRng, TestRunner};
-use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, PassId, Request, Value};
+use splatgraph::draw::backend;
+use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Request, Value};
 use splatgraph_framework::oracle;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::ShaderCompiler;
 use splatgraph_framework::source::{Library, SourceMap, render as explain};
+use splatgraph_framework::{build, dump};
+use splatgraph_vulkan::sync::Barriers;
 use splatgraph_vulkan::sync::model::mutate::{mutations, needless};
 use splatgraph_vulkan::sync::model::{Replay, replay};
-use splatgraph_vulkan::sync::{Barrier, Barriers};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
@@ -108,47 +109,9 @@ impl Case<'_> {
     }
 }
 
+/// Formats a plan with its barriers, for messages.
 pub fn shown(plan: &Plan) -> String {
-    let name = |id: PassId| plan.pass(id).name.as_str();
-    let shown = |barriers: &[Barrier]| -> String {
-        (barriers.iter())
-            .map(|b| {
-                let image = b.image.map_or(String::new(), |t| {
-                    format!(" [{} {:?} to {:?}]", plan.resource(t.image).name, t.old, t.new)
-                });
-                let reasons: Vec<String> = (b.causes.iter())
-                    .map(|(d, _)| {
-                        let after: Vec<&str> = d.after.iter().map(|id| name(*id)).collect();
-                        let resource = &plan.resource(d.resource).name;
-                        format!(
-                            "{:?} on {resource} of {} after {}",
-                            d.hazard,
-                            name(d.before),
-                            after.join("+")
-                        )
-                    })
-                    .collect();
-                format!("        {}{image}: {}\n", b.masks, reasons.join(", "))
-            })
-            .collect()
-    };
-    let barriers = barriers(plan);
-    let passes = |passes: &[PassId]| -> String {
-        passes.iter().map(|id| format!("{}    {}\n", shown(barriers.at(Some(*id))), name(*id))).collect()
-    };
-    let blocks: Vec<String> = (plan.blocks.iter())
-        .filter(|block| block.aliases.len() > 1)
-        .map(|block| {
-            block.aliases.iter().map(|id| plan.resource(*id).name.clone()).collect::<Vec<_>>().join(" ")
-        })
-        .collect();
-    format!(
-        "prologue\n{}handover\n{}frame\n{}shared memory: {}\n",
-        passes(&plan.prologue),
-        shown(&barriers.handover),
-        passes(&plan.frame),
-        blocks.join("; ")
-    )
+    dump::text(&backend::dump(plan))
 }
 
 #[derive(Default)]
