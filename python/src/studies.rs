@@ -19,7 +19,7 @@ use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::mpsc::Sender;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 /// Threads of studies that may not have ended. The process waits for them at its end, because they use a driver.
@@ -105,40 +105,18 @@ pub struct Effort {
     frames: Option<u32>,
 }
 
-/// What a study needs besides its own arguments.
-struct Setup {
-    scene: Arc<assets::Scene>,
-    cameras: Vec<assets::Camera>,
-    api: Api,
-    options: Options,
-    frames: Frames,
-}
-
-impl Setup {
-    fn new(scene: &Bound<'_, Scene>, cameras: &[Bound<'_, Camera>], effort: Effort) -> PyResult<Setup> {
-        crate::configure();
-        let Effort { backend, device, rounds, frames } = effort;
-        let api = backend.as_deref().map_or_else(|| Ok(Api::default()), Api::parse_drawing);
-        let scene = scene.get().0.clone();
-        Ok(Setup {
-            cameras: of_study(&scene, cameras)?,
-            scene,
-            api: api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))?,
-            options: Options { device, ..Options::default() },
-            frames: Frames { rounds, frames },
-        })
+impl Effort {
+    fn api(&self) -> PyResult<Api> {
+        let api = self.backend.as_deref().map_or_else(|| Ok(Api::default()), Api::parse_drawing);
+        api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))
     }
 
-    /// Opens the device, and runs a study of the scene on it.
-    fn on_device<T>(
-        self,
-        name: String,
-        study: impl FnOnce(&Subject) -> Result<T, StudyError>,
-    ) -> Result<T, StudyError> {
-        let device = Backend::open(self.api, &self.options)?;
-        let found = study(&Subject { device: &device, name, scene: self.scene, cameras: self.cameras });
-        device.close();
-        found
+    fn frames(&self) -> Frames {
+        Frames { rounds: self.rounds, frames: self.frames }
+    }
+
+    fn options(&self) -> Options {
+        Options { device: self.device.clone(), ..Options::default() }
     }
 }
 
@@ -158,20 +136,27 @@ pub fn trade<'py>(
     effort: Effort,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let setup = Setup::new(scene, &cameras, effort)?;
-    let truths = truths.map(|truths| pictures(&truths, &setup.cameras)).transpose()?;
+    crate::configure();
+    let scene = scene.get().0.clone();
+    let cameras = of_study(&scene, &cameras)?;
+    let truths = truths.map(|truths| pictures(&truths, &cameras)).transpose()?;
+    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames());
     let wanted = trading::Wanted {
         pipeline,
         set: params,
         only,
-        frames: setup.frames,
+        frames,
         truths: truths.map(|truths| ("arrays".into(), truths)),
         opened: "from Python".into(),
         file,
     };
-    let name = format!("{:016x}", setup.scene.identity());
+    let name = format!("{:016x}", scene.identity());
     let (ledger, messages) = run(py, progress, move |listener| {
-        setup.on_device(name, |subject| trading::study(subject, &wanted, listener))
+        let device = Backend::open(api, &options)?;
+        let subject = Subject { device: &device, name, scene, cameras };
+        let found = trading::study(&subject, &wanted, listener);
+        device.close();
+        found
     })?;
     let (lines, failed) = ledger.lines();
     let table = trading::table::table(&lines);
@@ -199,18 +184,23 @@ pub fn advise<'py>(
     effort: Effort,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let setup = Setup::new(scene, &cameras, effort)?;
+    crate::configure();
+    let scene = scene.get().0.clone();
+    let cameras = of_study(&scene, &cameras)?;
+    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames());
     let budget = advising::search::Budget { psnr: budget.0, ms: budget.1 };
-    let wanted = advising::Wanted { pipeline, set: params, budget, frames: setup.frames };
+    let wanted = advising::Wanted { pipeline, set: params, budget, frames };
     let (mut all, messages) = run(py, progress, move |listener| {
-        let described = advising::describe(&setup.scene, &setup.cameras, errors);
-        let advising::Description { report, keys, bands } = described;
+        let advising::Description { report, keys, bands } = advising::describe(&scene, &cameras, errors);
         let mut all = json!({ "report": report, "text": report.to_string(), "keys": keys, "bands": bands });
         if budget == advising::search::Budget::default() {
             return Ok(all);
         }
-        let advice =
-            setup.on_device("scene".into(), |subject| advising::study(subject, &keys, &wanted, listener))?;
+        let device = Backend::open(api, &options)?;
+        let subject = Subject { device: &device, name: "scene".into(), scene, cameras };
+        let found = advising::study(&subject, &keys, &wanted, listener);
+        device.close();
+        let advice = found?;
         let best = advice.best();
         all["best"] = json!(best.found);
         all["hidden"] = json!(best.hidden);
