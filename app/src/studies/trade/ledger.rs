@@ -1,6 +1,6 @@
 //! Stores the rows of a ledger in a file, and summarises them.
 
-use super::measure::Row;
+use super::measure::{Row, hex};
 use crate::io::{output, own_file};
 use crate::studies::measurement::error::{joint_psnr, mean};
 use crate::studies::measurement::noise::{self, Mark, Point, Share};
@@ -224,11 +224,6 @@ fn rows_of(bytes: &[u8], origin: &Origin) -> Result<Vec<Row>, String> {
         changes if changes.is_empty() || found.rows.is_empty() => Ok(found.rows),
         changes => Err(format!("measured with another {}", changes.join(" and another "))),
     }
-}
-
-/// Formats the hash of a plan. JSON readers round numbers of 64 bits.
-pub fn hex(plan: u64) -> String {
-    format!("{plan:016x}")
 }
 
 /// The measurements of a setting, summarised over the views.

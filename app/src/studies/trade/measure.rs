@@ -1,6 +1,5 @@
 //! Measures a setting in a view: a row of the ledger.
 
-use super::ledger::hex;
 use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
@@ -11,6 +10,11 @@ use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
 use splatgraph_framework::plan::Plan;
 use std::thread::Scope;
+
+/// Formats the hash of a plan. JSON readers round numbers of 64 bits.
+pub fn hex(plan: u64) -> String {
+    format!("{plan:016x}")
+}
 
 /// A row of the ledger: the measurements of a setting in a view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,7 +1,7 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
-use super::ledger::{Book, Ledger, Origin, check_replaceable, hex};
-use super::measure::{MAX_PENDING, Pending, Sessions};
+use super::ledger::{Book, Ledger, Origin, check_replaceable};
+use super::measure::{MAX_PENDING, Pending, Sessions, hex};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::session::Session;
