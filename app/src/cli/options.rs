@@ -460,7 +460,7 @@ pub struct MemoryArgs {
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
     /// Maximum number of rounds. Measuring ends earlier once the time is precise enough, or after 8 seconds. With fewer than 8
-    /// rounds, all differences in time count as noise
+    /// frames in all rounds, all differences in time count as noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Frames per round; the baseline draws as many, interleaved [default: 1 to 3, from the frame time]

@@ -246,7 +246,8 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
         .collect();
     let path = output.join(LEDGER);
     let (mut book, _) = Book::open(Some(path.clone()), origin, &[])?;
-    book.add(parts.into_iter().flatten().collect())?;
+    parts.into_iter().flatten().for_each(|row| book.insert(row));
+    book.save()?;
     let (ledger, album) = (book.ledger, Album::beside(&path));
     let settings: BTreeSet<&str> = ledger.rows.iter().map(|row| row.setting.as_str()).collect();
     for setting in settings {

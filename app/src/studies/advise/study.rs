@@ -5,7 +5,7 @@ use super::search::{Best, Budget, Tried, best, combinations, own_share};
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::keys::{self, Need};
 use crate::draw::session::Session;
-use crate::studies::measurement::plans::{self, to_measure};
+use crate::studies::measurement::plans::{self, Planned, to_measure};
 use crate::studies::measurement::settings::{self, EXACT};
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
@@ -89,7 +89,8 @@ pub fn study(
     singles.extend(advised.filter(|advised| singles.iter().all(|other| other.name != advised.name)));
     let mut exact = subject.session(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
-    let singles = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
+    let Planned { settings: singles, pipelines: _pipelines } =
+        to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
     let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
     let views: Vec<View> =
         cameras.iter().map(|camera| View::exact(&subject.scene, camera)).collect::<Result<_, _>>()?;

@@ -1,10 +1,10 @@
 //! Distinguishes a difference in time from noise.
 //!
-//! A round gives one share: the setting's median frame time divided by that of the exact settings, drawn interleaved.
-//! The share of a setting is the median of its rounds. Its range is the 99 % confidence interval of that median,
-//! computed from the order of the rounds alone (the binomial interval of a median; David and Nagaraja, "Order
-//! Statistics", 3rd edition, 7.1): no distribution is assumed. Rounds end once the range is narrow, so the actual
-//! confidence is a little lower.
+//! A turn gives one share: the time of a frame of the setting divided by that of a frame of the exact settings, drawn
+//! right before it. The share of a setting is the median of its turns. Its range is the 99 % confidence interval of
+//! that median, computed from the order of the turns alone (the binomial interval of a median; David and Nagaraja,
+//! "Order Statistics", 3rd edition, 7.1): no distribution is assumed. Turns end once the range is narrow, so the actual
+//! confidence is a little lower. (Medians of several frames need more frames for a range of the same width.)
 //!
 //! Measured against themselves, the exact settings would have a share of 1 without noise. The distance of their share
 //! from 1 is the **noise floor**. Every range is widened to at least `median * (1 ± floor)`.
@@ -12,8 +12,8 @@
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
 
-/// Minimum number of rounds for a range: with 8, the median is within the extremes in 99.2 % of cases.
-pub const MIN_ROUNDS: usize = 8;
+/// Minimum number of turns for a range: with 8, the median is within the extremes in 99.2 % of cases.
+pub const MIN_TURNS: usize = 8;
 
 /// Maximum probability that the true median is outside of the range.
 const RISK: f64 = 0.01;
@@ -24,15 +24,15 @@ pub const MIN_SAVING: f64 = 0.02;
 /// PSNRs that differ by less than this, in decibels, count as equal: half of the last digit in tables.
 const EQUAL_DB: f64 = 0.05;
 
-/// Rounds end when half of the range's width is at most `NARROW.0 + NARROW.1 * |share - 1|`.
+/// Turns end when half of the range's width is at most `NARROW.0 + NARROW.1 * |share - 1|`.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
 /// A frame time as a share of the exact settings' time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Share {
-    /// The median of the rounds.
+    /// The median of the turns.
     pub median: f64,
-    /// Confidence interval of the median. `None` with fewer than [`MIN_ROUNDS`] rounds, or without a noise floor.
+    /// Confidence interval of the median. `None` with fewer than [`MIN_TURNS`] turns, or without a noise floor.
     pub range: Option<(f64, f64)>,
 }
 
@@ -40,9 +40,9 @@ impl Share {
     /// The share of the exact settings, by definition.
     pub const EXACT: Share = Share { median: 1.0, range: Some((1.0, 1.0)) };
 
-    /// Summarises the shares of rounds; `None` without rounds.
-    pub fn of(rounds: &[f64]) -> Option<Share> {
-        let mut sorted = rounds.to_vec();
+    /// Summarises the shares of turns; `None` without turns.
+    pub fn of(turns: &[f64]) -> Option<Share> {
+        let mut sorted = turns.to_vec();
         sorted.sort_by(f64::total_cmp);
         let outside = outside(sorted.len());
         let range = outside.map(|outside| (sorted[outside], sorted[sorted.len() - 1 - outside]));
@@ -85,25 +85,26 @@ impl Share {
     }
 }
 
-/// Returns the number of rounds outside the median's range, on each side; `None` with too few rounds.
-fn outside(rounds: usize) -> Option<usize> {
-    // `term` is the probability that exactly `count` rounds are below the median; `below`, that at most `count` are.
-    let mut term = 0.5f64.powi(i32::try_from(rounds).ok()?);
+/// Returns the number of turns outside the median's range, on each side; `None` with too few turns.
+fn outside(turns: usize) -> Option<usize> {
+    // `log_term`: logarithm of the probability that exactly `count` turns are below the median, which is below the
+    // smallest float for thousands of turns. `below`: the probability that at most `count` are.
+    let mut log_term = turns as f64 * 0.5f64.ln();
     let (mut below, mut found) = (0.0, None);
-    for count in 0..=rounds / 2 {
-        below += term;
+    for count in 0..=turns / 2 {
+        below += log_term.exp();
         if 2.0 * below > RISK {
             break;
         }
         found = Some(count);
-        term *= (rounds - count) as f64 / (count + 1) as f64;
+        log_term += ((turns - count) as f64 / (count + 1) as f64).ln();
     }
     found
 }
 
-/// Returns true if the range of the rounds' median is narrow enough to end the measurement.
-pub fn enough(rounds: &[f64]) -> bool {
-    let found = Share::of(rounds);
+/// Returns true if the range of the turns' median is narrow enough to end the measurement.
+pub fn enough(turns: &[f64]) -> bool {
+    let found = Share::of(turns);
     let narrow = |share: &Share| {
         let wanted = NARROW.0 + NARROW.1 * (share.median - 1.0).abs();
         share.range.is_some_and(|(low, high)| 0.5 * (high - low) <= wanted)
@@ -201,23 +202,25 @@ mod tests {
             [0, 7, 8, 10, 11, 16, 20].map(outside),
             [None, None, Some(0), Some(0), Some(0), Some(2), Some(3)]
         );
-        // Rounds with a median of 1 and one-sided noise, as on a busy machine.
+        // By the normal approximation, 2,000 - 2.576 * sqrt(4,000) / 2 = 1,918.5.
+        assert!((1916..=1919).contains(&outside(4000).expect("a range")), "{:?}", outside(4000));
+        // Turns with a median of 1 and one-sided noise, as on a busy machine.
         let mut state = 1u64;
         let mut random = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
         };
         let missed = (0..4000).filter(|_| {
-            let rounds: Vec<f64> =
+            let turns: Vec<f64> =
                 (0..16).map(|_| random()).map(|v| 1.0 + if v > 0.0 { v } else { 0.1 * v }).collect();
-            let (low, high) = Share::of(&rounds).and_then(|share| share.range).expect("16 rounds");
+            let (low, high) = Share::of(&turns).and_then(|share| share.range).expect("16 turns");
             !(low..=high).contains(&1.0)
         });
         assert!(missed.count() < 40);
     }
 
     #[test]
-    fn rounds_are_enough_when_the_range_is_narrow_and_farther_from_1_less_narrow() {
+    fn turns_are_enough_when_the_range_is_narrow_and_farther_from_1_less_narrow() {
         let near: Vec<f64> = (0..8).map(|i| 0.96 + 0.005 * f64::from(i)).collect();
         let far: Vec<f64> = near.iter().map(|v| v + 2.0).collect();
         assert!(!enough(&near) && enough(&far) && enough(&[1.0; 8]) && !enough(&[1.0; 7]));
@@ -226,7 +229,7 @@ mod tests {
     #[test]
     fn what_is_within_the_floor_is_neither_faster_nor_slower_for_sure() {
         let floor = share(0.81, 0.05).expect("a share").floor();
-        assert_eq!(Share::of(&[1.0; 3]).expect("rounds").floor(), None);
+        assert_eq!(Share::of(&[1.0; 3]).expect("turns").floor(), None);
         assert!((floor.expect("a range") - 0.19).abs() < 1e-12);
         let narrow = share(0.9, 0.01).expect("a share");
         assert_eq!(narrow.faster(&Share::EXACT), Some(true));
@@ -234,9 +237,9 @@ mod tests {
         assert_eq!(share(0.5, 0.01).expect("a share").widened(floor).faster(&Share::EXACT), Some(true));
         assert_eq!(share(1.0, 0.01).expect("a share").faster(&Share::EXACT), Some(false), "1 % is no saving");
         assert_eq!(
-            Share::of(&[0.5; 3]).expect("rounds").widened(floor).faster(&Share::EXACT),
+            Share::of(&[0.5; 3]).expect("turns").widened(floor).faster(&Share::EXACT),
             None,
-            "3 rounds"
+            "3 turns"
         );
     }
 

@@ -3,10 +3,12 @@
 use super::settings::with_effect;
 use crate::draw::session::{Session, SessionError};
 use crate::studies::study::{Listener, Setting, Steps, StudyError};
+use splatgraph_api::{Compiled, Device, Loader};
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, mpsc};
 
 /// Hashes what determines a plan's commands: shaders, passes and resources with their names, memory, order, and live
 /// values.
@@ -40,21 +42,19 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some())
 }
 
-/// Hashes the plans of a setting for pictures of all `sizes`; `None` if a graph has errors.
-fn of_setting(session: &mut Session, setting: &Setting, sizes: &[(u32, u32)]) -> Option<u64> {
-    let mut hash = DefaultHasher::new();
-    for size in sizes {
-        let plan = session.plan_of(&setting.pipeline, &setting.set, *size).ok()?;
-        fingerprint(&plan).hash(&mut hash);
-    }
-    Some(hash.finish())
+/// Settings to measure.
+pub struct Planned {
+    /// Each setting with the hash of its plans, `None` if one cannot be built.
+    pub settings: Vec<(Setting, Option<u64>)>,
+    /// The plans' pipelines, which would otherwise be created between two measurements. Empty on CPUs, where frames and
+    /// compilers share the cores anyway.
+    pub pipelines: Vec<Compiled>,
 }
 
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
 /// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
 /// an earlier setting's. `exact` draws the first setting, and is prepared. Settings that `wanted` rejects are dropped.
-/// Returns each setting with the hash of its plans, `None` if one cannot be built.
 ///
 /// # Errors
 /// The exact settings are not prepared, or the listener cancels.
@@ -64,7 +64,7 @@ pub fn to_measure(
     cameras: &[Camera],
     wanted: &dyn Fn(&Setting) -> bool,
     listener: &mut dyn Listener,
-) -> Result<Vec<(Setting, Option<u64>)>, StudyError> {
+) -> Result<Planned, StudyError> {
     let plan = exact.plan().ok_or(SessionError::NotPrepared)?;
     let (all, lines) = with_effect(all, plan);
     lines.iter().for_each(|line| listener.say(line));
@@ -73,15 +73,35 @@ pub fn to_measure(
     sizes.sort_unstable();
     sizes.dedup();
     let mut steps = Steps::new(listener, "building plans", all.len());
+    let is_gpu = exact.device().info().kind != "cpu";
     let mut planned = Vec::new();
-    for setting in all {
-        steps.next(&setting.name)?;
-        let plan = of_setting(exact, &setting, &sizes);
-        planned.push((setting, plan));
-    }
+    let (sender, pipelines) = mpsc::channel();
+    rayon::in_place_scope(|scope| -> Result<(), StudyError> {
+        for setting in all {
+            steps.next(&setting.name)?;
+            let plans = sizes.iter().map(|size| exact.plan_of(&setting.pipeline, &setting.set, *size));
+            let plans = plans.collect::<Result<Vec<Plan>, _>>().ok();
+            planned.push((setting, plans.as_deref().map(fingerprints)));
+            for plan in plans.into_iter().flatten().filter(|_| is_gpu) {
+                let (loader, sender) = (exact.device().loader(), sender.clone());
+                scope.spawn(move |_| {
+                    // A plan that the device refuses is refused again, and reported, when it is measured.
+                    let _ = loader.compile(Arc::new(plan)).map(|pipelines| sender.send(pipelines));
+                });
+            }
+        }
+        Ok(())
+    })?;
+    drop(sender);
     let (settings, lines) = distinct(planned);
     lines.iter().for_each(|line| listener.say(line));
-    Ok(settings)
+    Ok(Planned { settings, pipelines: pipelines.into_iter().collect() })
+}
+
+fn fingerprints(plans: &[Plan]) -> u64 {
+    let mut hash = DefaultHasher::new();
+    plans.iter().for_each(|plan| fingerprint(plan).hash(&mut hash));
+    hash.finish()
 }
 
 /// Leaves out settings with plans that equal an earlier setting's. Also returns a message for each.

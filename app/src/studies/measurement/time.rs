@@ -20,7 +20,7 @@ pub struct Time {
     pub gpu_ms: f64,
     /// Difference between the largest and the smallest share of the rounds, in milliseconds.
     pub spread_ms: f64,
-    /// The frame time divided by the exact settings' time in the same rounds.
+    /// The frame time divided by the exact settings' time in the same turns.
     pub share: Share,
     /// Milliseconds of the exact settings on a warm device: the median of the rounds' medians.
     pub exact_ms: f64,
@@ -51,7 +51,8 @@ pub const MAX_DURATION: Duration = Duration::from_secs(8);
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
 /// Both sessions are prepared at the camera's size, and warm up first unless there is a single round. Rounds end when
-/// the range is narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if there is a range.
+/// the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if there is
+/// a range.
 ///
 /// # Errors
 /// The device fails.
@@ -79,9 +80,10 @@ pub fn time_in_turns(
             interleaved::rounds(sessions, camera, one, Timestamps::Passes)?.into_iter().flatten();
         let (of_exact, own) = (of_each.next().unwrap_or_default(), of_each.next().unwrap_or_default());
         let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-        rounds.push(Round::new(plan, &own, interleaved::gpu_ms(&of_exact)));
-        let late = rounds.len() >= noise::MIN_ROUNDS && begun.elapsed() >= longest;
-        if late || shares(&rounds).is_some_and(|shares| noise::enough(&shares)) {
+        rounds.push(Round::new(plan, &own, &of_exact));
+        let shares = turns(&rounds);
+        let late = begun.elapsed() >= longest;
+        if shares.is_some_and(|shares| noise::enough(&shares) || late && shares.len() >= noise::MIN_TURNS) {
             break;
         }
     }
@@ -102,19 +104,21 @@ pub fn time_alone(
     }
     let frames = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-    let round = |own: Vec<Timed>| Round::new(plan, &own, interleaved::gpu_ms(&own));
+    let round = |own: Vec<Timed>| Round::new(plan, &own, &own);
     Ok(time(&frames.into_iter().flatten().map(round).collect::<Vec<_>>(), None))
 }
 
 struct Round {
     own_ms: Option<f64>,
     exact_ms: Option<f64>,
+    /// The share of each turn.
+    turns: Option<Vec<f64>>,
     busy: Option<f64>,
     phases: Vec<(String, Option<f64>)>,
 }
 
 impl Round {
-    fn new(plan: &Plan, own: &[Timed], exact_ms: Option<f64>) -> Round {
+    fn new(plan: &Plan, own: &[Timed], exact: &[Timed]) -> Round {
         let passes = own.first().map(|frame| interleaved::timed_passes(plan, frame)).unwrap_or_default();
         let ms = |phase: &str| {
             let of_phase = |id| plan.pass(id).phase == phase && passes.contains(&id);
@@ -123,7 +127,12 @@ impl Round {
         let phases = interleaved::phases(plan, &passes).into_iter();
         Round {
             own_ms: interleaved::gpu_ms(own),
-            exact_ms,
+            exact_ms: interleaved::gpu_ms(exact),
+            turns: own
+                .iter()
+                .zip(exact)
+                .map(|(a, b)| Some(a.result.total_ms? / b.result.total_ms?))
+                .collect(),
             busy: interleaved::busy(own),
             phases: phases.map(|phase| (phase.to_owned(), ms(phase))).collect(),
         }
@@ -134,13 +143,14 @@ impl Round {
     }
 }
 
-fn shares(rounds: &[Round]) -> Option<Vec<f64>> {
-    rounds.iter().map(|round| Some(round.own_ms? / round.exact_ms?)).collect()
+fn turns(rounds: &[Round]) -> Option<Vec<f64>> {
+    Some(rounds.iter().map(|round| round.turns.as_deref()).collect::<Option<Vec<_>>>()?.concat())
 }
 
 fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
-    let shares = shares(rounds)?;
-    let share = Share::of(&shares)?;
+    let share = Share::of(&turns(rounds)?)?;
+    let shares: Vec<f64> =
+        rounds.iter().map(|round| Some(round.own_ms? / round.exact_ms?)).collect::<Option<_>>()?;
     let over = |of: fn(&Round) -> Option<f64>| median(rounds.iter().map(of).collect::<Option<_>>()?);
     let own_ms = over(|round| round.own_ms)?;
     let exact_of_rounds = over(|round| round.exact_ms)?;
@@ -201,11 +211,11 @@ mod tests {
                 journal.take().into_iter().filter(|call| matches!(call, Call::Submit { .. })).count();
             (time, submits)
         };
-        // The null device's times are constant, so eight rounds are enough.
+        // The null device's times are constant, so eight turns are enough.
         let effort = Effort { rounds: 16, frames: 2 };
         let (own, submits) = timed(None, effort);
-        assert_eq!((own.rounds, own.share.range), (8, Some((own.share.median, own.share.median))));
-        assert!(submits >= 2 * 2 + 8 * 2 * 2, "two turns of a warm-up at least, and eight rounds: {submits}");
+        assert_eq!((own.rounds, own.share.range), (4, Some((own.share.median, own.share.median))));
+        assert!(submits >= 2 * 2 + 8 * 2, "two turns of a warm-up at least, and eight turns: {submits}");
         assert!(own.share.median < 1.0 && own.busy <= 1.0, "{own:?}");
         let (other, _) = timed(Some(100.0), effort);
         assert_eq!((other.share, other.exact_ms), (own.share, 100.0));

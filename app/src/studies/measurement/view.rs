@@ -80,14 +80,6 @@ enum Comparison<'scope> {
 }
 
 impl Measuring<'_> {
-    /// Returns true if [`Measuring::finish`] need not wait.
-    pub fn is_compared(&self) -> bool {
-        match &self.comparison {
-            Comparison::Running(thread) => thread.is_finished(),
-            Comparison::Done(_) => true,
-        }
-    }
-
     /// Waits for the comparison. Also returns the picture with its counts.
     ///
     /// # Errors

@@ -99,7 +99,7 @@ pub struct Ledger {
     pub rows: Vec<Row>,
 }
 
-/// A ledger that is saved to a file as rows are added.
+/// A ledger, and the file to which it is saved.
 pub struct Book {
     /// Ledger with the rows so far.
     pub ledger: Ledger,
@@ -108,7 +108,7 @@ pub struct Book {
     _lock: Option<File>,
 }
 
-/// Checks that a file of an earlier run is a ledger, of any version of the program, so that [`Book::add`] may replace it.
+/// Checks that a file of an earlier run is a ledger, of any version of the program, so that [`Book::save`] may replace it.
 /// A missing file and an empty one are accepted.
 ///
 /// # Errors
@@ -144,7 +144,7 @@ impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
     /// `plans` are the settings, each with the hash of its plans. Also returns why rows of the file are dropped. The
-    /// file stays unchanged until the first row is added. Without a path, nothing is saved.
+    /// file stays unchanged until [`Book::save`]. Without a path, nothing is saved.
     ///
     /// # Errors
     /// The file has rows of another origin, or another process measures in the folder: rows would be lost.
@@ -197,21 +197,23 @@ impl Book {
         self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
-    /// Adds rows, in place of those of the same settings and cameras, and writes the file.
+    /// Adds a row, in place of one of the same setting and camera. [`Book::save`] writes it to the file.
     ///
-    /// They are sorted by camera, even if several processes measured them in another order.
+    /// Rows are sorted by camera, even if several processes measured them in another order.
+    pub fn insert(&mut self, row: Row) {
+        let Ledger { origin, rows, .. } = &mut self.ledger;
+        let index = |row: &Row| origin.cameras.iter().position(|camera| camera.img_name == row.camera);
+        rows.retain(|other| (&other.setting, &other.camera) != (&row.setting, &row.camera));
+        let own = index(&row);
+        let at = rows.partition_point(|other| index(other) <= own);
+        rows.insert(at, row);
+    }
+
+    /// Writes the file.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn add(&mut self, new: Vec<Row>) -> Result<(), output::OutputError> {
-        let Ledger { origin, rows, .. } = &mut self.ledger;
-        let index = |row: &Row| origin.cameras.iter().position(|camera| camera.img_name == row.camera);
-        for row in new {
-            rows.retain(|other| (&other.setting, &other.camera) != (&row.setting, &row.camera));
-            let own = index(&row);
-            let at = rows.partition_point(|other| index(other) <= own);
-            rows.insert(at, row);
-        }
+    pub fn save(&self) -> Result<(), output::OutputError> {
         self.path.as_ref().map_or(Ok(()), |path| self.ledger.save(path))
     }
 }
@@ -521,11 +523,9 @@ mod tests {
         let open = |origin: Origin| Book::open(Some(path.clone()), origin, &plans);
         let (mut book, lost) = open(origin()).unwrap();
         assert_eq!(lost, None);
-        book.add(vec![
-            row("exact", "a", Ok(measured(4.0, Some(61.25)))),
-            row("broken", "a", Err("no".into())),
-        ])
-        .unwrap();
+        book.insert(row("exact", "a", Ok(measured(4.0, Some(61.25)))));
+        book.insert(row("broken", "a", Err("no".into())));
+        book.save().unwrap();
         let error = open(origin()).err().expect("the folder is in use").to_string();
         assert!(error.contains("no other process measures into"), "{error}");
         let measured = std::mem::take(&mut book.ledger.rows);

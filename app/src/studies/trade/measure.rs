@@ -46,11 +46,6 @@ impl Pending<'_> {
         Some(self.found.as_ref().ok()?.time.as_ref()?.exact_ms)
     }
 
-    /// Returns true if [`Pending::finish`] need not wait.
-    pub fn is_complete(&self) -> bool {
-        self.found.as_ref().map_or(true, Measuring::is_compared)
-    }
-
     /// Waits for the comparison. Returns the row and its picture; a setting that cannot be drawn has none.
     pub fn finish(self) -> (Row, Option<Image>) {
         let Pending { setting, plan, camera, found } = self;

@@ -12,7 +12,7 @@ const ABOVE: f64 = 6.0;
 
 /// Plots time against PSNR, with the Pareto front joined and dominated settings in grey; `None` without times.
 ///
-/// Time is the share of the exact settings' time in the same rounds, from which the front is computed.
+/// Time is the share of the exact settings' time, frame by frame, from which the front is computed.
 pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     let finite = lines.iter().map(|line| line.psnr_db).filter(|db| db.is_finite());
     let top = finite.fold(0.0, f64::max) + ABOVE;
@@ -39,7 +39,7 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
         bars: lines.iter().filter_map(bar).collect(),
         title: format!("{}: time and error of each setting", ledger.origin.title()),
         x: Axis {
-            label: "GPU time of a frame, % of the exact settings' in the same rounds".into(),
+            label: "GPU time of a frame, % of the exact settings', frame by frame".into(),
             logarithmic: true,
         },
         y: Axis { label: "PSNR against the truth, dB".into(), logarithmic: false },
@@ -66,7 +66,7 @@ fn about(column: &str) -> &'static str {
         }
         "spread" => "maximum minus minimum of the rounds, in milliseconds; the largest of the views",
         "of exact" => {
-            "share of the exact settings' time in the same rounds: median of the rounds, mean of the views, ± half of its range with 99 % \
+            "share of the exact settings' time, frame by frame: median of the frames, mean of the views, ± half of its range with 99 % \
              confidence. For `exact`, the distance from 100 % is the noise, which every other range contains"
         }
         "PSNR dB" => {

@@ -7,19 +7,21 @@ use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::session::Session;
 use crate::io::image::Image;
 use crate::io::program;
-use crate::studies::measurement::plans::to_measure;
+use crate::studies::measurement::plans::{Planned, to_measure};
 use crate::studies::measurement::settings;
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
-use splatgraph_api::Device;
+use splatgraph_api::{Compiled, Device};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::lower::Control;
 use splatgraph_reference::PictureMemoryError;
-use std::collections::VecDeque;
+use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::thread::{self, Scope};
 
 /// The parameters of a ledger.
@@ -67,6 +69,8 @@ pub struct Study {
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
     origin: Origin,
+    /// Pipelines of the settings, which are not created anew while these exist.
+    _pipelines: Vec<Compiled>,
 }
 
 impl Study {
@@ -83,9 +87,10 @@ impl Study {
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
         let is_wanted = |setting: &Setting| setting.name == settings::EXACT || only(wanted, &setting.name);
-        let settings = to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
+        let Planned { settings, pipelines } =
+            to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
         let origin = origin(subject, wanted, &controls, settings[0].1)?;
-        Ok(Study { exact, session, settings, origin })
+        Ok(Study { exact, session, settings, origin, _pipelines: pipelines })
     }
 
     /// Returns the inputs on which the rows depend.
@@ -139,12 +144,17 @@ impl Study {
             if together.len() < VIEWS_AT_ONCE && index + 1 < last {
                 continue;
             }
+            let ms = together.iter().map(|(view, _)| book.exact_ms(&view.camera.img_name)).collect();
+            let have: HashSet<_> =
+                book.ledger.rows.iter().map(|row| (row.setting.clone(), row.camera.clone())).collect();
             thread::scope(|scope| {
-                let mut rows = Rows { book: &mut *book, album, pending: VecDeque::new() };
-                let measured =
-                    measure_views(scope, (exact, session), settings, &together, &mut rows, &mut steps);
+                let (rows, measured) = mpsc::sync_channel(MAX_PENDING);
+                let keeper = scope.spawn(|| keep(measured, book, album));
+                let known = (ms, &have);
+                let done =
+                    measure_views(scope, (exact, session), settings, &together, known, rows, &mut steps);
                 // Also after an error, no finished row is lost.
-                rows.keep_until(0).and(measured)
+                keeper.join().unwrap_or_else(|panic| resume_unwind(panic)).and(done)
             })?;
             together.clear();
         }
@@ -152,55 +162,61 @@ impl Study {
     }
 }
 
-/// A ledger's rows, and the pending rows in the order of measurement.
-struct Rows<'a, 'scope> {
-    book: &'a mut Book,
-    album: &'a Album,
-    pending: VecDeque<(&'scope View, Pending<'scope>)>,
-}
+/// A row whose picture may still be compared, with its view.
+type Measured<'scope> = (&'scope View, Pending<'scope>);
 
-impl Rows<'_, '_> {
-    /// Adds the oldest pending rows and their pictures while they are complete, and until only `left` rows are pending.
-    fn keep_until(&mut self, left: usize) -> Result<(), StudyError> {
-        while self.pending.front().is_some_and(|(_, row)| self.pending.len() > left || row.is_complete())
-            && let Some((view, pending)) = self.pending.pop_front()
-        {
+/// Adds rows and their pictures to the ledger, until the other end is dropped. Frames are drawn meanwhile.
+fn keep(measured: Receiver<Measured>, book: &mut Book, album: &Album) -> Result<(), StudyError> {
+    while let Ok(mut next) = measured.recv() {
+        // The file has all rows, so it is written once for those that wait.
+        for left in (0..MAX_PENDING).rev() {
+            let (view, pending) = next;
             let (row, picture) = pending.finish();
-            if let Some(picture) = picture {
-                self.album.keep(&self.book.ledger, &row, &picture, &view.picture)?;
+            let stored = match picture {
+                Some(picture) => album.keep(&book.ledger, &row, &picture, &view.picture),
+                None => Ok(()),
+            };
+            book.insert(row);
+            match measured.try_recv() {
+                Ok(another) if left > 0 && stored.is_ok() => next = another,
+                _ => {
+                    book.save()?;
+                    stored?;
+                    break;
+                }
             }
-            self.book.add(vec![row])?;
         }
-        Ok(())
     }
+    Ok(())
 }
 
-/// Measures every setting in the views whose rows are missing. Pictures are compared while others are drawn.
+/// Measures every setting in the views whose rows are missing, and sends the rows to [`keep`].
+///
+/// Also takes the exact settings' milliseconds in each view, if known, and the settings and cameras that have rows.
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
     (exact, session): (&mut Session, &mut Session),
     settings: &[(Setting, Option<u64>)],
     views: &'scope [(View, Effort)],
-    rows: &mut Rows<'_, 'scope>,
+    (mut ms, have): (Vec<Option<f64>>, &HashSet<(String, String)>),
+    rows: SyncSender<Measured<'scope>>,
     steps: &mut Steps,
 ) -> Result<(), StudyError> {
     // All views of a setting are measured together, so that its plan and its shaders are built only once.
     for (setting, plan) in settings {
         let mut sessions = Sessions::new(exact, session, setting, *plan);
-        for (view, effort) in views {
+        for ((view, effort), ms) in views.iter().zip(&mut ms) {
             let name = &view.camera.img_name;
-            if rows.book.has(&setting.name, name) {
+            if have.contains(&(setting.name.clone(), name.clone())) {
                 continue;
             }
             steps.next(&format!("{name}, {}", setting.name))?;
-            let exact_ms = rows.book.exact_ms(name);
-            let row = sessions.measure(scope, view, *effort, exact_ms)?;
-            rows.pending.push_back((view, row));
-            rows.keep_until(MAX_PENDING - 1)?;
-        }
-        if setting.name == settings::EXACT {
-            // The other settings need the exact settings' times.
-            rows.keep_until(0)?;
+            let row = sessions.measure(scope, view, *effort, *ms)?;
+            *ms = ms.or(row.exact_ms());
+            if rows.send((view, row)).is_err() {
+                // The other end has an error, which it returns.
+                return Ok(());
+            }
         }
     }
     Ok(())

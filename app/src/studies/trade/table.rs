@@ -3,7 +3,7 @@
 use super::ledger::{Line, phase_names};
 use crate::draw::stats::BUSY;
 use crate::io::report::text;
-use crate::studies::measurement::noise::{MIN_ROUNDS, MIN_SAVING, Mark};
+use crate::studies::measurement::noise::{MIN_SAVING, MIN_TURNS, Mark};
 use crate::studies::measurement::settings::EXACT;
 
 /// Titles of the table's columns.
@@ -84,7 +84,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
                 100.0 * low,
                 100.0 * high
             ),
-            None => format!("a range needs at least {MIN_ROUNDS} rounds"),
+            None => format!("a range needs at least {MIN_TURNS} frames"),
         };
         let of = likely.len() + unlikely.len();
         notes.push(format!(
@@ -215,6 +215,6 @@ mod tests {
         let exact = Line { share: Some(unknown), ..line("exact", 4.0, 90.0, Mark::Best) };
         let lines = [exact, Line { share: Some(unknown), ..line("fast", 2.0, 80.0, Mark::Unlikely) }];
         assert!(table(&lines).contains("50.0 ± ? %"), "{}", table(&lines));
-        assert!(notes(&lines)[0].ends_with("a range needs at least 8 rounds"), "{:?}", notes(&lines));
+        assert!(notes(&lines)[0].ends_with("a range needs at least 8 frames"), "{:?}", notes(&lines));
     }
 }
