@@ -1,7 +1,7 @@
 //! Loads and writes scene files: recognises the format from the bytes, and calls its reader.
 
 use crate::composition::{self, Placed};
-use crate::error::{LoadError, SceneError};
+use crate::error::{LoadError, SceneError, wrong};
 use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
 use crate::mesh::Mesh;
@@ -22,6 +22,9 @@ use std::path::Path;
 
 #[cfg(test)]
 mod tests;
+
+/// Maximum size of a mesh's file, in bytes: the length of a GLB has 32 bits.
+const MAX_MESH: u64 = u32::MAX as u64;
 
 /// Recognises the format of the bytes. The extension of `path` identifies formats without a magic number.
 fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneError> {
@@ -108,8 +111,21 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     Ok(!text.windows(name.len()).any(|window| window == name))
 }
 
+/// Refuses a mesh's file of more than [`MAX_MESH`] bytes, or one that does not fit twice in the `available` memory: the
+/// parser copies its binary chunk.
+fn check_mesh(length: u64, available: Option<u64>) -> Result<(), SceneError> {
+    let most = available.map_or(MAX_MESH, |bytes| MAX_MESH.min(bytes / 2));
+    if length > most {
+        return Err(wrong("mesh", format!("expected a file of at most {most} bytes, found {length}")));
+    }
+    Ok(())
+}
+
 fn mesh(source: &Source, path: &Path) -> Result<Mesh, SceneError> {
-    Mesh::read(source, Some(path.parent().unwrap_or(Path::new(""))), memory::available())
+    let length = source.length();
+    check_mesh(length, memory::available())?;
+    let bytes = source.head(usize::try_from(length).unwrap_or(usize::MAX))?;
+    Mesh::parse(&bytes, Some(path.parent().unwrap_or(Path::new(""))))
 }
 
 fn nested(path: &Path) -> LoadError {

@@ -343,17 +343,16 @@ fn splats_that_parts_of_a_list_lose_are_counted_in_the_whole() {
 
 #[cfg(unix)]
 #[test]
-fn a_mesh_that_is_too_long_is_refused_before_it_is_read() {
+fn a_mesh_that_is_too_long_or_beyond_the_memory_is_refused_before_it_is_read() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("mesh.gltf");
-    std::fs::write(&path, br#"{"asset": "#).unwrap();
+    let path = folder.path().join("mesh.glb");
+    std::fs::write(&path, b"glTF\x02\0\0\0").unwrap();
     // A sparse file, which takes no space.
     std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(1 << 40).unwrap();
     let said = Scene::load_any(&path, None, crate::QUIET).unwrap_err().to_string();
-    assert!(
-        said.ends_with("bytes, found 1099511627776") && said.contains("`JSON`: expected at most"),
-        "{said}"
-    );
+    assert!(said.ends_with("bytes, found 1099511627776") && said.contains("expected a file of"), "{said}");
+    assert!(check_mesh(1000, Some(2000)).is_ok() && check_mesh(1000, Some(1999)).is_err());
+    assert!(check_mesh(MAX_MESH, None).is_ok() && check_mesh(MAX_MESH + 1, None).is_err());
 }
 
 #[test]

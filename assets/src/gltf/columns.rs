@@ -3,10 +3,10 @@
 use super::container::Container;
 use super::document::{Accessor, item};
 use crate::error::{SceneError, wrong};
-use crate::floats::{Floats, ROWS};
-use crate::input::{Source, grow};
+use crate::floats::Floats;
+use crate::input::Source;
 
-pub(crate) struct Column<'a> {
+pub(super) struct Column<'a> {
     source: Source<'a>,
     start: u64,
     stride: usize,
@@ -22,7 +22,6 @@ enum Component {
     U8,
     I16,
     U16,
-    U32,
     F32,
 }
 
@@ -31,13 +30,13 @@ impl Component {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
-            Self::U32 | Self::F32 => 4,
+            Self::F32 => 4,
         }
     }
 }
 
 impl<'a> Column<'a> {
-    pub(crate) fn open(
+    pub(super) fn open(
         container: &'a Container,
         name: &str,
         index: usize,
@@ -58,11 +57,9 @@ impl<'a> Column<'a> {
             5121 => Component::U8,
             5122 => Component::I16,
             5123 => Component::U16,
-            5125 => Component::U32,
             5126 => Component::F32,
             found => {
-                let text = format!("expected the componentType 5120 to 5123, 5125 or 5126, found {found}");
-                return Err(fault(text));
+                return Err(fault(format!("expected the componentType 5120 to 5123 or 5126, found {found}")));
             }
         };
         let view = accessor.buffer_view.ok_or_else(|| fault("expected a bufferView, found none".into()))?;
@@ -86,39 +83,18 @@ impl<'a> Column<'a> {
     }
 
     /// Returns the number of bytes of all values, without padding between elements.
-    pub(crate) fn total_bytes(&self) -> u64 {
+    pub(super) fn total_bytes(&self) -> u64 {
         self.count * self.bytes() as u64
     }
 
-    pub(crate) fn kind(&self) -> &'static str {
+    pub(super) fn kind(&self) -> &'static str {
         match self.component {
             Component::I8 => "char",
             Component::U8 => "uchar",
             Component::I16 => "short",
             Component::U16 => "ushort",
-            Component::U32 => "uint",
             Component::F32 => "float",
         }
-    }
-
-    /// Reads the numbers of all elements.
-    pub(crate) fn floats(&self) -> Result<Vec<f32>, SceneError> {
-        let (count, rows) = (self.count as usize, ROWS.min(self.count as usize));
-        let (mut buffer, mut all) = (vec![0; rows * self.stride], vec![0.0; count * self.width]);
-        for (piece, out) in all.chunks_mut(rows * self.width).enumerate() {
-            self.read(piece * rows, &mut buffer, out)?;
-        }
-        Ok(all)
-    }
-
-    /// Reads all elements, which are single numbers, as unsigned integers.
-    pub(crate) fn integers(&self) -> Result<Vec<u32>, SceneError> {
-        let size = self.component.bytes();
-        let mut bytes = Vec::new();
-        grow(&mut bytes, (self.count as usize - 1) * self.stride + size)?;
-        self.source.read(self.start, &mut bytes)?;
-        let number = |row: &[u8]| row[..size].iter().rev().fold(0, |sum, byte| sum << 8 | u32::from(*byte));
-        Ok(bytes.chunks(self.stride).map(number).collect())
     }
 
     fn number(&self, bytes: &[u8]) -> f32 {
@@ -133,7 +109,6 @@ impl<'a> Column<'a> {
             (Component::U8, [a]) => unsigned((*a).into(), 255.0),
             (Component::I16, [a, b]) => signed(i16::from_le_bytes([*a, *b]), 32767.0),
             (Component::U16, [a, b]) => unsigned(u16::from_le_bytes([*a, *b]), 65535.0),
-            (Component::U32, [a, b, c, d]) => u32::from_le_bytes([*a, *b, *c, *d]) as f32,
             (Component::F32, [a, b, c, d]) => f32::from_le_bytes([*a, *b, *c, *d]),
             _ => unreachable!("a component has as many bytes as its type"),
         }

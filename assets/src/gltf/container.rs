@@ -2,7 +2,7 @@
 
 use super::document::{Buffer, BufferView, Document, item};
 use crate::error::{SceneError, field, wrong};
-use crate::input::{OpenFile, Source, grow};
+use crate::input::{OpenFile, Source};
 use crate::json;
 use crate::uri::{self, Resource};
 use crate::words;
@@ -10,8 +10,8 @@ use std::path::Path;
 
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 
-/// Maximum size of the JSON, in bytes. Data URIs can make it long.
-const MAX_JSON: u64 = 1 << 30;
+/// Maximum size of the JSON, in bytes: parsing takes several times as much memory.
+const MAX_JSON: u64 = 16 << 20;
 
 /// Returns true if a file begins as glTF: with its magic number, or with a JSON object that has its keys.
 pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
@@ -30,7 +30,7 @@ enum Bytes<'a> {
     File(OpenFile),
 }
 
-pub(crate) struct Container<'a> {
+pub(super) struct Container<'a> {
     pub document: Document,
     /// Bytes of the file and of the files that its buffers are in.
     pub file_bytes: u64,
@@ -99,8 +99,8 @@ pub(super) fn json(source: &Source) -> Result<Vec<u8>, SceneError> {
 }
 
 impl<'a> Container<'a> {
-    /// Parses the document of a file and opens its buffers. Those beside the file are in `folder`.
-    pub(crate) fn open(source: &'a Source<'a>, folder: Option<&Path>) -> Result<Self, SceneError> {
+    /// Parses the document of a file and opens its buffers. `path` locates the buffers beside the file.
+    pub(super) fn open(source: &'a Source<'a>, path: Option<&Path>) -> Result<Self, SceneError> {
         let document = document(source)?;
         let (_, binary) = chunks(source)?;
         let mut buffers = Vec::new();
@@ -114,7 +114,7 @@ impl<'a> Container<'a> {
                 (None, _) => {
                     return Err(wrong(name, "expected a uri, or the first buffer of a .glb, found neither"));
                 }
-                (Some(uri), _) => outside(uri, folder).map_err(|message| wrong(name.as_str(), message))?,
+                (Some(uri), _) => outside(uri, path).map_err(|message| wrong(name.as_str(), message))?,
             };
             let Buffer { byte_length, uri } = buffer;
             match (&bytes, uri) {
@@ -158,20 +158,11 @@ impl<'a> Container<'a> {
         };
         Ok((source, start + view.byte_offset, view))
     }
-
-    /// Reads the bytes of a buffer view.
-    pub(crate) fn bytes(&self, index: usize) -> Result<Vec<u8>, SceneError> {
-        let (source, start, view) = self.view(index)?;
-        let mut bytes = Vec::new();
-        grow(&mut bytes, view.byte_length as usize)?;
-        source.read(start, &mut bytes)?;
-        Ok(bytes)
-    }
 }
 
 /// Opens the buffer that a `uri` refers to.
-fn outside<'a>(uri: &str, folder: Option<&Path>) -> Result<(Bytes<'a>, u64), String> {
-    match uri::resolve(uri, folder)? {
+fn outside<'a>(uri: &str, path: Option<&Path>) -> Result<(Bytes<'a>, u64), String> {
+    match uri::resolve(uri, path.and_then(Path::parent))? {
         Resource::Data(bytes) => {
             let length = bytes.len() as u64;
             Ok((Bytes::Memory(bytes), length))

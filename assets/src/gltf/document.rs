@@ -1,4 +1,4 @@
-//! Parses the parts of glTF's JSON that splats, meshes and cameras need, and computes the transforms of their nodes.
+//! Parses the parts of glTF's JSON that splats and cameras need, and computes the transforms of their nodes.
 
 use crate::error::{SceneError, wrong};
 use crate::similarity::Similarity;
@@ -11,27 +11,23 @@ use std::collections::BTreeMap;
 pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
 
 /// Returns the item at `index`; the error names the list `of`.
-pub(crate) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a T, SceneError> {
+pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a T, SceneError> {
     let count = items.len();
     items.get(index).ok_or_else(|| wrong(of, format!("expected an index below {count}, found {index}")))
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
-pub(crate) struct Document {
+pub(super) struct Document {
     extensions_required: Vec<String>,
     scene: Option<usize>,
     scenes: Vec<Roots>,
     pub nodes: Vec<Node>,
     meshes: Vec<Mesh>,
-    pub materials: Vec<Material>,
-    pub textures: Vec<Texture>,
-    pub images: Vec<Image>,
     pub cameras: Vec<Lens>,
     pub accessors: Vec<Accessor>,
     pub buffer_views: Vec<BufferView>,
     pub buffers: Vec<Buffer>,
-    extensions: OfLights,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -42,7 +38,7 @@ struct Roots {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(crate) struct Node {
+pub(super) struct Node {
     pub name: String,
     children: Vec<usize>,
     mesh: Option<usize>,
@@ -51,36 +47,12 @@ pub(crate) struct Node {
     translation: Option<[f64; 3]>,
     rotation: Option<[f64; 4]>,
     scale: Option<[f64; 3]>,
-    extensions: OfLights,
-}
-
-/// The extension of a document or a node.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-struct OfLights {
-    #[serde(rename = "KHR_lights_punctual")]
-    lights: Lights,
-}
-
-/// The lights of a document, or the index of a node's light.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-struct Lights {
-    lights: Vec<Light>,
-    light: Option<usize>,
-}
-
-#[derive(Debug, Default, Deserialize)]
-struct Light {
-    #[serde(rename = "type")]
-    kind: String,
-    color: Option<[f32; 3]>,
 }
 
 /// The definition of a camera, without a position: nodes place it.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(crate) struct Lens {
+pub(super) struct Lens {
     pub name: String,
     pub perspective: Option<Perspective>,
     pub orthographic: Option<Orthographic>,
@@ -88,7 +60,7 @@ pub(crate) struct Lens {
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
-pub(crate) struct Perspective {
+pub(super) struct Perspective {
     /// Vertical field of view, in radians.
     pub yfov: f64,
     /// Width of the view, divided by its height.
@@ -96,7 +68,7 @@ pub(crate) struct Perspective {
 }
 
 #[derive(Debug, Deserialize)]
-pub(crate) struct Orthographic {
+pub(super) struct Orthographic {
     /// Half of the view's width, in world units.
     pub xmag: f64,
     /// Half of the view's height.
@@ -109,11 +81,9 @@ struct Mesh {
 }
 
 #[derive(Debug, Deserialize)]
-pub(crate) struct Primitive {
+pub(super) struct Primitive {
     pub attributes: BTreeMap<String, usize>,
-    pub mode: Option<u32>,
-    pub indices: Option<usize>,
-    pub material: Option<usize>,
+    mode: Option<u32>,
     #[serde(default)]
     extensions: Extensions,
 }
@@ -142,75 +112,8 @@ struct Compression {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(crate) struct Material {
-    pub pbr_metallic_roughness: Pbr,
-    pub normal_texture: Option<TextureInfo>,
-    pub alpha_mode: String,
-    pub alpha_cutoff: f32,
-}
-
-impl Default for Material {
-    fn default() -> Self {
-        Self {
-            pbr_metallic_roughness: Pbr::default(),
-            normal_texture: None,
-            alpha_mode: "OPAQUE".into(),
-            alpha_cutoff: 0.5,
-        }
-    }
-}
-
-/// The metallic-roughness model of a material.
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase", default)]
-pub(crate) struct Pbr {
-    pub base_color_factor: [f32; 4],
-    pub metallic_factor: f32,
-    pub roughness_factor: f32,
-    pub base_color_texture: Option<TextureInfo>,
-    pub metallic_roughness_texture: Option<TextureInfo>,
-}
-
-impl Default for Pbr {
-    fn default() -> Self {
-        Self {
-            base_color_factor: [1.0; 4],
-            metallic_factor: 1.0,
-            roughness_factor: 1.0,
-            base_color_texture: None,
-            metallic_roughness_texture: None,
-        }
-    }
-}
-
-#[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
-pub(crate) struct TextureInfo {
-    pub index: usize,
-    /// Number of the set of texture coordinates.
-    #[serde(default)]
-    pub tex_coord: u32,
-    /// Factor on x and y of normals; `None` for 1.
-    pub scale: Option<f32>,
-}
-
-#[derive(Debug, Deserialize)]
-pub(crate) struct Texture {
-    /// Index of the image.
-    pub source: Option<usize>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(crate) struct Image {
-    pub uri: Option<String>,
-    pub buffer_view: Option<usize>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-pub(crate) struct Accessor {
+pub(super) struct Accessor {
     pub buffer_view: Option<usize>,
     #[serde(default)]
     pub byte_offset: u64,
@@ -225,7 +128,7 @@ pub(crate) struct Accessor {
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
-pub(crate) struct BufferView {
+pub(super) struct BufferView {
     pub buffer: usize,
     #[serde(default)]
     pub byte_offset: u64,
@@ -235,13 +138,13 @@ pub(crate) struct BufferView {
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
-pub(crate) struct Buffer {
+pub(super) struct Buffer {
     pub byte_length: u64,
     pub uri: Option<String>,
 }
 
 #[derive(Debug)]
-pub(crate) struct Splats<'a> {
+pub(super) struct Splats<'a> {
     pub primitive: &'a Primitive,
     /// Index of the buffer view with an SPZ file, which replaces the attributes' values.
     pub spz: Option<usize>,
@@ -251,21 +154,19 @@ pub(crate) struct Splats<'a> {
 
 impl Document {
     /// Parses the JSON. Fails if it requires extensions that this reader does not know.
-    pub(crate) fn parse(text: &[u8]) -> Result<Self, SceneError> {
+    pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
         let document = Self::read(text)?;
         let known = |name: &&String| !name.starts_with(SPLATTING) && *name != "KHR_mesh_quantization";
         match document.extensions_required.iter().find(known) {
             Some(name) => {
-                let text =
-                    format!("expected none but extensions of splats and KHR_mesh_quantization, found {name}");
-                Err(wrong("extensionsRequired", text))
+                Err(wrong("extensionsRequired", format!("expected extensions of splats, found {name}")))
             }
             None => Ok(document),
         }
     }
 
     /// Parses the JSON, whatever extensions it requires.
-    pub(crate) fn read(text: &[u8]) -> Result<Self, SceneError> {
+    pub(super) fn read(text: &[u8]) -> Result<Self, SceneError> {
         serde_json::from_slice(text).map_err(|error| SceneError::Row {
             line: error.line() as u64,
             message: format!("the JSON of glTF: {error}"),
@@ -275,7 +176,7 @@ impl Document {
     /// Lists the nodes of the scene by index, each with its transform into the document's world.
     ///
     /// The scene is the default one, or the first. A document without scenes counts as one scene of all nodes.
-    pub(crate) fn placed(&self) -> Result<Vec<(usize, DMat4)>, SceneError> {
+    pub(super) fn placed(&self) -> Result<Vec<(usize, DMat4)>, SceneError> {
         let roots = match self.scene.or((!self.scenes.is_empty()).then_some(0)) {
             Some(scene) => item(&self.scenes, scene, "scene")?.nodes.clone(),
             None => {
@@ -305,27 +206,13 @@ impl Document {
         Ok(found)
     }
 
-    /// Returns the primitives of a node's mesh; none without a mesh.
-    pub(crate) fn primitives(&self, node: &Node) -> Result<&[Primitive], SceneError> {
-        match node.mesh {
-            Some(mesh) => Ok(&item(&self.meshes, mesh, "nodes.mesh")?.primitives),
-            None => Ok(&[]),
-        }
-    }
-
-    /// Returns the colour of a node's light if that is directional.
-    pub(crate) fn sun(&self, node: &Node) -> Result<Option<[f32; 3]>, SceneError> {
-        let Some(index) = node.extensions.lights.light else { return Ok(None) };
-        let light = item(&self.extensions.lights.lights, index, "KHR_lights_punctual.light")?;
-        Ok((light.kind == "directional").then_some(light.color.unwrap_or([1.0; 3])))
-    }
-
     /// Lists the primitives of splats in the scene, once per node that places them. Also counts the other primitives,
     /// those of meshes.
-    pub(crate) fn splats(&self) -> Result<(Vec<Splats<'_>>, u64), SceneError> {
+    pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, u64), SceneError> {
         let (mut found, mut others) = (Vec::new(), 0);
         for (index, place) in self.placed()? {
-            for primitive in self.primitives(&self.nodes[index])? {
+            let Some(mesh) = self.nodes[index].mesh else { continue };
+            for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
                 if let Some(splatting) = &primitive.extensions.splatting {
                     let spz = splatting.check(primitive)?;
                     let place = Similarity::of_matrix(place)

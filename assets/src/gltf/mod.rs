@@ -16,8 +16,7 @@
 //! front in glTF, so x and y change their signs. Format: <https://github.com/KhronosGroup/glTF>,
 //! extensions/2.0/Khronos.
 //!
-//! [`crate::mesh`] reads meshes with the same document and accessors. The crate `gltf` is not used: it drops the names of
-//! attributes that it does not know.
+//! The crate `gltf` is not used here: it drops the names of attributes that it does not know.
 
 mod cameras;
 mod columns;
@@ -29,8 +28,6 @@ mod tests;
 mod write;
 
 pub(crate) use cameras::cameras;
-pub(crate) use columns::Column;
-pub(crate) use container::{Container, MAGIC, begins_as_gltf};
-pub(crate) use document::{Material, Primitive, TextureInfo, item};
+pub(crate) use container::{MAGIC, begins_as_gltf};
 pub(crate) use read::{header, parse};
 pub(crate) use write::{write, write_head};

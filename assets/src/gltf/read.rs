@@ -133,9 +133,12 @@ fn packed(
     view: usize,
     place: Similarity,
 ) -> Result<(Scene, Vec<FieldSize>), SceneError> {
-    let bytes = container.bytes(view)?;
+    let (source, start, view) = container.view(view)?;
+    let mut bytes = Vec::new();
+    input::grow(&mut bytes, view.byte_length as usize)?;
+    source.read(start, &mut bytes)?;
     let scene = spz::parse(&Input { source: &Source::Bytes(&bytes), ..*input })?;
-    let fields = vec![FieldSize::whole("spz", "file", bytes.len() as u64)];
+    let fields = vec![FieldSize::whole("spz", "file", view.byte_length)];
     if place == Similarity::IDENTITY {
         return Ok((scene, fields));
     }
@@ -147,7 +150,7 @@ fn packed(
 
 /// Parses the splats of a glTF file. `path` locates the buffers beside it.
 pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
-    let container = Container::open(input.source, path.and_then(Path::parent))?;
+    let container = Container::open(input.source, path)?;
     let (all, mesh_primitives) = container.document.splats()?;
     // Several nodes can place one primitive.
     let plain = all.iter().filter(|splats| splats.spz.is_none());

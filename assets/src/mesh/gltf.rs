@@ -1,29 +1,32 @@
 //! Reads meshes from glTF 2.0, as text or binary (`.gltf`, `.glb`).
 //!
-//! Each node of the scene is visited once, and its transform is applied to its mesh. Of the lights (`KHR_lights_punctual`),
-//! only the directional one visited first is read: its direction and colour. Skins, morph targets, animations and cameras
-//! are ignored.
+//! The crate `gltf` parses and validates the JSON. Bytes of buffers are read here, and every range is checked against
+//! its buffer. Each node of the default scene is visited once, and its transform is applied to its mesh. Of the lights
+//! (`KHR_lights_punctual`), only the directional one visited first is read: its direction and colour. Skins, morph
+//! targets, animations and cameras are ignored.
 
 use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::{SceneError, wrong};
 use crate::file;
-use crate::gltf::{Column, Container, Material, Primitive, TextureInfo, item};
-use crate::input::Source;
-use crate::memory;
+use crate::gltf::MAGIC;
+use crate::json;
 use crate::uri::{self, Resource};
+use crate::words::word;
 use glam::{DMat3, DMat4, DVec3};
+use gltf::accessor::{DataType, Dimensions};
+use gltf::material::AlphaMode;
+use gltf::mesh::{Mode, Primitive};
+use gltf::{Accessor, Document, Gltf, Semantic};
+use std::borrow::Cow;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Maximum size of an image in its own file, in bytes.
+/// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Maximum number of triangles, and of vertices, over all nodes.
 const MAX_ELEMENTS: usize = 1 << 26;
-
-/// The `mode` of a primitive of triangles.
-const TRIANGLES: u32 = 4;
 
 impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
@@ -33,43 +36,47 @@ impl Mesh {
     /// other than triangles, or have no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text
     /// names the accessor, node or image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
-        Self::read(&Source::Bytes(bytes), folder, memory::available())
-    }
-
-    /// Reads a glTF file like [`Mesh::parse`]. Refuses buffers that do not fit twice in the `available` memory.
-    pub(crate) fn read(
-        source: &Source,
-        folder: Option<&Path>,
-        available: Option<u64>,
-    ) -> Result<Self, SceneError> {
-        let container = Container::open(source, folder)?;
-        let document = &container.document;
-        let bytes = document.buffers.iter().fold(0u64, |sum, buffer| sum.saturating_add(buffer.byte_length));
-        if let Some(most) = available.map(|available| available / 2).filter(|most| bytes > *most) {
-            return Err(wrong("buffers", format!("expected at most {most} bytes, found {bytes}")));
+        check_length(bytes)?;
+        json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
+        let gltf =
+            Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error.to_string()))?;
+        if let Some(extension) = gltf.extensions_required().next() {
+            let message = format!("expected no required extension, found {extension}");
+            return Err(wrong("extensionsRequired", message));
         }
+        let Gltf { document, blob } = gltf;
+        let json = document.into_json();
+        check_accessors(&json)?;
+        let document = Document::from_json(json).map_err(invalid)?;
+        let files = Files::read(&document, folder)?;
+        let buffers = document.buffers().map(|buffer| {
+            let part = format!("buffer {}", buffer.index());
+            let bytes = match buffer.source() {
+                gltf::buffer::Source::Bin => {
+                    Cow::Borrowed(blob.as_deref().ok_or_else(|| wrong(&part, "expected a binary chunk"))?)
+                }
+                gltf::buffer::Source::Uri(uri) => match resolve(uri, folder, &part)? {
+                    Resource::Data(bytes) => Cow::Owned(bytes),
+                    Resource::File(path) => Cow::Borrowed(files.bytes(&path)),
+                },
+            };
+            match bytes.len() < buffer.length() {
+                true => {
+                    Err(wrong(part, format!("expected {} bytes, found {}", buffer.length(), bytes.len())))
+                }
+                false => Ok(bytes),
+            }
+        });
+        let buffers = buffers.collect::<Result<Vec<_>, _>>()?;
         let mut reader = Reader {
-            container: &container,
+            document: &document,
             folder,
+            buffers,
             images: HashMap::new(),
             materials: HashMap::new(),
             mesh: Self::default(),
         };
-        // Converts axes that point left, up and to the front to right, down and front, as for splats in glTF.
-        let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
-        let mut lit = false;
-        for (index, place) in document.placed()? {
-            let (node, world) = (&document.nodes[index], axes * place);
-            if let Some(color) = document.sun(node)?.filter(|_| !lit) {
-                // A light shines along its node's -z.
-                let direction = world.transform_vector3(DVec3::Z).normalize_or(DVec3::NEG_Y).as_vec3().into();
-                reader.mesh.light = Light { direction, color, ..Light::default() };
-                lit = true;
-            }
-            for primitive in document.primitives(node)? {
-                reader.primitive(primitive, &world, &format!("nodes[{index}]"))?;
-            }
-        }
+        reader.nodes()?;
         match reader.mesh.triangles.is_empty() {
             true => Err(wrong("meshes", "expected triangles, found none")),
             false => Ok(reader.mesh),
@@ -77,43 +84,180 @@ impl Mesh {
     }
 }
 
+/// Checks that a binary file (`.glb`) is at least as long as its header says.
+fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
+    if !bytes.starts_with(MAGIC) {
+        return Ok(());
+    }
+    let found = bytes.len();
+    if found < 12 {
+        return Err(wrong("header", format!("expected 12 bytes, found {found}")));
+    }
+    match word(bytes, 8) as usize {
+        length if length > found => {
+            Err(wrong("header", format!("expected a file of {length} bytes, found {found}")))
+        }
+        length if length < 12 => {
+            Err(wrong("header", format!("expected a length of at least 12 bytes, found {length}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Checks that the accessors of primitives exist. The crate's own validation uses accessors before it checks them.
+fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
+    let count = json.accessors.len();
+    for (index, mesh) in json.meshes.iter().enumerate() {
+        for primitive in &mesh.primitives {
+            let named = primitive.attributes.values().chain(&primitive.indices);
+            if let Some(accessor) = named.map(|accessor| accessor.value()).find(|accessor| *accessor >= count)
+            {
+                let message = format!("expected an accessor below {count}, found {accessor}");
+                return Err(wrong(format!("mesh {index}"), message));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Returns the JSON of a text or binary file. [`check_length`] has accepted the file.
+fn json_of(bytes: &[u8]) -> &[u8] {
+    match bytes.strip_prefix(MAGIC) {
+        // The header's other 8 bytes, and the length and the type of the first chunk.
+        Some(_) => bytes.get(20..).map_or(&[], |rest| &rest[..rest.len().min(word(bytes, 12) as usize)]),
+        None => bytes,
+    }
+}
+
+/// Shows the first of the errors of an invalid document. There can be millions.
+fn invalid(error: gltf::Error) -> SceneError {
+    match error {
+        gltf::Error::Validation(errors) if !errors.is_empty() => {
+            let (path, first) = &errors[0];
+            let more = errors.len() - 1;
+            let others = if more > 0 { format!(", and {more} more") } else { String::new() };
+            wrong("glTF", format!("expected a valid document, found: {path}: {first}{others}"))
+        }
+        error => wrong("glTF", error.to_string()),
+    }
+}
+
+fn resolve(name: &str, folder: Option<&Path>, part: &str) -> Result<Resource, SceneError> {
+    uri::resolve(name, folder).map_err(|message| wrong(part, message))
+}
+
+/// The files of a document's buffers. Buffers that name the same file share its bytes.
+struct Files(HashMap<PathBuf, Vec<u8>>);
+
+impl Files {
+    /// Reads each file once, up to the length of the longest buffer that names it.
+    fn read(document: &Document, folder: Option<&Path>) -> Result<Self, SceneError> {
+        let mut longest: HashMap<PathBuf, gltf::Buffer> = HashMap::new();
+        for buffer in document.buffers() {
+            let gltf::buffer::Source::Uri(uri) = buffer.source() else { continue };
+            if uri.starts_with("data:") {
+                continue;
+            }
+            if let Resource::File(path) = resolve(uri, folder, &format!("buffer {}", buffer.index()))? {
+                let known = longest.entry(path).or_insert_with(|| buffer.clone());
+                if known.length() < buffer.length() {
+                    *known = buffer;
+                }
+            }
+        }
+        let read = longest.into_iter().map(|(path, buffer)| {
+            let length = buffer.length() as u64;
+            let part = format!("buffer {}", buffer.index());
+            if length > MAX_BYTES {
+                return Err(wrong(part, format!("expected at most {MAX_BYTES} bytes, found {length}")));
+            }
+            let bytes = file::read_start(&path, length);
+            let name = path.file_name().unwrap_or_default().display().to_string();
+            bytes.map(|bytes| (path, bytes)).map_err(|error| wrong(part, format!("{name}: {error}")))
+        });
+        read.collect::<Result<_, _>>().map(Self)
+    }
+
+    fn bytes(&self, path: &Path) -> &[u8] {
+        self.0.get(path).map_or(&[], Vec::as_slice)
+    }
+}
+
 struct Reader<'a> {
-    container: &'a Container<'a>,
+    document: &'a Document,
     folder: Option<&'a Path>,
+    buffers: Vec<Cow<'a, [u8]>>,
     images: HashMap<usize, Texture>,
     /// Indices of materials in the mesh, by index in the file; `None` is the default material.
     materials: HashMap<Option<usize>, u32>,
     mesh: Mesh,
 }
 
-impl Reader<'_> {
-    fn primitive(&mut self, primitive: &Primitive, world: &DMat4, part: &str) -> Result<(), SceneError> {
-        if let Some(mode) = primitive.mode.filter(|mode| *mode != TRIANGLES) {
-            let text = format!("expected a primitive of triangles, mode {TRIANGLES}, found mode {mode}");
-            return Err(wrong(part, text));
+impl<'a> Reader<'a> {
+    /// Reads the meshes of all nodes of the default scene, or of the first scene if none is the default.
+    fn nodes(&mut self) -> Result<(), SceneError> {
+        let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
+        let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;
+        // Converts axes that point left, up and to the front to right, down and front, as for splats in glTF.
+        let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
+        let mut open: Vec<_> = scene.nodes().map(|node| (node, axes)).collect();
+        let (mut seen, mut lit) = (0, false);
+        while let Some((node, parent)) = open.pop() {
+            seen += 1;
+            let part = format!("node {}", node.index());
+            if seen > self.document.nodes().len() {
+                return Err(wrong(part, "expected nodes in a tree, found one with two parents"));
+            }
+            let columns = node.transform().matrix().map(|column| column.map(f64::from));
+            let world = parent * DMat4::from_cols_array_2d(&columns);
+            let sun = |light: &gltf::khr_lights_punctual::Light| {
+                matches!(light.kind(), gltf::khr_lights_punctual::Kind::Directional)
+            };
+            if let Some(light) = node.light().filter(|light| sun(light) && !lit) {
+                // A light shines along its node's -z.
+                let direction = world.transform_vector3(DVec3::Z).normalize_or(DVec3::NEG_Y);
+                let direction = direction.as_vec3().into();
+                self.mesh.light = Light { direction, color: light.color(), ..Light::default() };
+                lit = true;
+            }
+            for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives().collect::<Vec<_>>()) {
+                self.primitive(&primitive, &world, &part)?;
+            }
+            open.extend(node.children().map(|child| (child, world)));
         }
-        let positions = self.floats::<3>(primitive, "POSITION")?;
-        let positions =
-            positions.ok_or_else(|| wrong(part, "expected a primitive with positions, found none"))?;
-        let corners = match primitive.indices {
-            Some(indices) => self.indices(indices, positions.len())?,
+        Ok(())
+    }
+
+    fn primitive(&mut self, primitive: &Primitive<'a>, world: &DMat4, part: &str) -> Result<(), SceneError> {
+        if primitive.mode() != Mode::Triangles {
+            let message = format!("expected a primitive of triangles, found {:?}", primitive.mode());
+            return Err(wrong(part, message));
+        }
+        let accessor = |semantic| primitive.get(&semantic);
+        let positions = accessor(Semantic::Positions)
+            .ok_or_else(|| wrong(part, "expected a primitive with positions, found none"))?;
+        let positions = self.floats::<3>(&positions)?;
+        let corners = match primitive.indices() {
+            Some(indices) => self.indices(&indices, positions.len())?,
             None => (0..positions.len() as u32).collect(),
         };
-        let triangles: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
+        let triangles: Vec<[u32; 3]> = corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
         let (vertices, all) = (self.mesh.positions.len(), self.mesh.triangles.len() + triangles.len());
         if vertices + 3 * positions.len() > MAX_ELEMENTS || all > MAX_ELEMENTS {
             let message =
                 format!("expected at most {MAX_ELEMENTS} vertices and triangles in all, found more");
             return Err(wrong(part, message));
         }
-        let uvs = self.floats::<2>(primitive, "TEXCOORD_0")?;
-        let normals = self.floats::<3>(primitive, "NORMAL")?;
+        let uvs = accessor(Semantic::TexCoords(0)).map(|uvs| self.floats::<2>(&uvs)).transpose()?;
+        let normals = accessor(Semantic::Normals).map(|normals| self.floats::<3>(&normals)).transpose()?;
         let lengths = [uvs.as_ref().map(Vec::len), normals.as_ref().map(Vec::len)];
         if let Some(other) = lengths.into_iter().flatten().find(|length| *length != positions.len()) {
-            let text = format!("expected {} of every attribute, found {other}", positions.len());
-            return Err(wrong(part, text));
+            return Err(wrong(
+                part,
+                format!("expected {} of every attribute, found {other}", positions.len()),
+            ));
         }
-        let material = self.material(primitive.material)?;
+        let material = self.material(primitive, part)?;
         self.mesh.material_of.extend(std::iter::repeat_n(material, triangles.len()));
 
         let point = |p: [f32; 3]| world.transform_point3(DVec3::from(p.map(f64::from)));
@@ -153,98 +297,135 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn column(&self, index: usize, width: usize) -> Result<Column<'_>, SceneError> {
-        let part = format!("accessors[{index}]");
-        let column = Column::open(self.container, &part, index, width)?;
-        let most = 3 * MAX_ELEMENTS as u64;
-        match column.count > most {
-            true => Err(wrong(part, format!("expected at most {most} elements, found {}", column.count))),
-            false => Ok(column),
+    /// Returns the bytes of an accessor's elements, each of `length` bytes.
+    fn elements(
+        &self,
+        accessor: &Accessor,
+        length: usize,
+    ) -> Result<impl Iterator<Item = &[u8]> + '_, SceneError> {
+        let part = format!("accessor {}", accessor.index());
+        let view = accessor.view().filter(|_| accessor.sparse().is_none());
+        let view =
+            view.ok_or_else(|| wrong(&part, "expected elements in a buffer view, found none or sparse"))?;
+        let bytes = self.view(&view, &part)?;
+        let (stride, count) = (view.stride().unwrap_or(length), accessor.count());
+        let end = count.checked_sub(1).and_then(|last| last.checked_mul(stride)?.checked_add(length));
+        let range = match end {
+            None if count == 0 => 0..0,
+            None => return Err(wrong(part, "expected a range of bytes, found an overflow")),
+            Some(end) => accessor.offset()..accessor.offset().saturating_add(end),
+        };
+        if range.end > bytes.len() || stride == 0 {
+            let message = format!("expected at most {} bytes, found {}", bytes.len(), range.end);
+            return Err(wrong(part, message));
         }
+        let bytes = &bytes[range];
+        Ok((0..count).map(move |index| &bytes[index * stride..index * stride + length]))
     }
 
-    /// Reads an attribute, a vector per vertex; `None` if the primitive lacks it.
-    fn floats<const N: usize>(
-        &self,
-        primitive: &Primitive,
-        name: &str,
-    ) -> Result<Option<Vec<[f32; N]>>, SceneError> {
-        let Some(index) = primitive.attributes.get(name) else { return Ok(None) };
-        let read = self.column(*index, N)?.floats()?;
-        match read.iter().find(|value| !value.is_finite()) {
-            None => Ok(Some(read.as_chunks().0.to_vec())),
-            Some(value) => {
-                let text = format!("expected finite numbers, found {value}");
-                Err(wrong(format!("accessors[{index}]"), text))
-            }
+    fn view(&self, view: &gltf::buffer::View, part: &str) -> Result<&[u8], SceneError> {
+        let end = view.offset().checked_add(view.length());
+        let bytes = end.and_then(|end| self.buffers[view.buffer().index()].get(view.offset()..end));
+        bytes.ok_or_else(|| wrong(part, format!("buffer view {} is beyond its buffer", view.index())))
+    }
+
+    /// Reads vectors of floats. Vectors of two can also be normalised 8- or 16-bit integers.
+    fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, SceneError> {
+        let expected = if N == 3 { Dimensions::Vec3 } else { Dimensions::Vec2 };
+        let part = format!("accessor {}", accessor.index());
+        let (kind, dimensions) = (accessor.data_type(), accessor.dimensions());
+        let scalar: fn(&[u8]) -> f32 = match (kind, accessor.normalized()) {
+            (DataType::F32, _) => |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]),
+            (DataType::U8, true) if N == 2 => |b| f32::from(b[0]) / 255.0,
+            (DataType::U16, true) if N == 2 => |b| f32::from(u16::from_le_bytes([b[0], b[1]])) / 65535.0,
+            _ => return Err(wrong(part, format!("expected floats, found {kind:?}"))),
+        };
+        if dimensions != expected {
+            return Err(wrong(part, format!("expected {expected:?}, found {dimensions:?}")));
+        }
+        let size = kind.size();
+        let read: Vec<[f32; N]> = self
+            .elements(accessor, N * size)?
+            .map(|bytes| std::array::from_fn(|axis| scalar(&bytes[axis * size..])))
+            .collect();
+        match read.as_flattened().iter().find(|value| !value.is_finite()) {
+            None => Ok(read),
+            Some(value) => Err(wrong(part, format!("expected finite numbers, found {value}"))),
         }
     }
 
     /// Reads indices of vertices, each below `vertices`.
-    fn indices(&self, index: usize, vertices: usize) -> Result<Vec<u32>, SceneError> {
-        let column = self.column(index, 1)?;
-        if !["uchar", "ushort", "uint"].contains(&column.kind()) {
-            let text = format!("expected unsigned integers, found {}", column.kind());
-            return Err(wrong(format!("accessors[{index}]"), text));
-        }
-        let read = column.integers()?;
-        match read.iter().find(|vertex| **vertex as usize >= vertices) {
+    fn indices(&self, accessor: &Accessor, vertices: usize) -> Result<Vec<u32>, SceneError> {
+        let part = format!("accessor {}", accessor.index());
+        let scalar: fn(&[u8]) -> u32 = match accessor.data_type() {
+            DataType::U8 => |b| b[0].into(),
+            DataType::U16 => |b| u16::from_le_bytes([b[0], b[1]]).into(),
+            DataType::U32 => |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]),
+            other => return Err(wrong(part, format!("expected unsigned integers, found {other:?}"))),
+        };
+        let read: Vec<u32> = self.elements(accessor, accessor.data_type().size())?.map(scalar).collect();
+        match read.iter().find(|index| **index as usize >= vertices) {
+            Some(index) => Err(wrong(part, format!("expected indices below {vertices}, found {index}"))),
             None => Ok(read),
-            Some(vertex) => {
-                let text = format!("expected indices below {vertices}, found {vertex}");
-                Err(wrong(format!("accessors[{index}]"), text))
-            }
         }
     }
 
-    fn material(&mut self, index: Option<usize>) -> Result<u32, SceneError> {
-        if let Some(known) = self.materials.get(&index) {
+    fn material(&mut self, primitive: &Primitive<'a>, part: &str) -> Result<u32, SceneError> {
+        let material = primitive.material();
+        if let Some(known) = self.materials.get(&material.index()) {
             return Ok(*known);
         }
-        let (container, default) = (self.container, Material::default());
-        let material = match index {
-            Some(index) => item(&container.document.materials, index, "materials")?,
-            None => &default,
+        let pbr = material.pbr_metallic_roughness();
+        let image = |info: Option<(gltf::Texture<'a>, u32)>| match info {
+            Some((_, set)) if set != 0 => {
+                Err(wrong(part, format!("expected images placed by TEXCOORD_0, found TEXCOORD_{set}")))
+            }
+            other => Ok(other.map(|(texture, _)| texture.source().index())),
         };
-        let pbr = &material.pbr_metallic_roughness;
+        let info = |info: gltf::texture::Info<'a>| (info.texture(), info.tex_coord());
+        let base = image(pbr.base_color_texture().map(info))?;
+        let rough = image(pbr.metallic_roughness_texture().map(info))?;
+        let bumps = material.normal_texture();
+        let normal_scale = bumps.as_ref().map_or(1.0, gltf::material::NormalTexture::scale);
+        let bumps = image(bumps.map(|normal| (normal.texture(), normal.tex_coord())))?;
         let made = MeshMaterial {
-            base_color: pbr.base_color_factor,
-            metallic: pbr.metallic_factor,
-            roughness: pbr.roughness_factor,
-            normal_scale: material.normal_texture.as_ref().and_then(|texture| texture.scale).unwrap_or(1.0),
-            alpha_cutoff: if material.alpha_mode == "MASK" { material.alpha_cutoff } else { 0.0 },
-            base_color_image: self.texture(pbr.base_color_texture.as_ref())?,
-            metallic_roughness_image: self.texture(pbr.metallic_roughness_texture.as_ref())?,
-            normal_image: self.texture(material.normal_texture.as_ref())?,
+            base_color: pbr.base_color_factor(),
+            metallic: pbr.metallic_factor(),
+            roughness: pbr.roughness_factor(),
+            normal_scale,
+            alpha_cutoff: match material.alpha_mode() {
+                AlphaMode::Mask => material.alpha_cutoff().unwrap_or(0.5),
+                AlphaMode::Opaque | AlphaMode::Blend => 0.0,
+            },
+            base_color_image: self.image(base)?,
+            metallic_roughness_image: self.image(rough)?,
+            normal_image: self.image(bumps)?,
         };
-        let number = self.mesh.materials.len() as u32;
+        let index = self.mesh.materials.len() as u32;
         self.mesh.materials.push(made);
-        self.materials.insert(index, number);
-        Ok(number)
+        self.materials.insert(material.index(), index);
+        Ok(index)
     }
 
-    /// Unpacks the image of a texture into the mesh's texels, each image once. Without a texture, returns the empty one.
-    fn texture(&mut self, info: Option<&TextureInfo>) -> Result<Texture, SceneError> {
-        let Some(info) = info else { return Ok(Texture::default()) };
-        let (container, part) = (self.container, format!("textures[{}]", info.index));
-        if info.tex_coord != 0 {
-            let text = format!("expected an image placed by TEXCOORD_0, found TEXCOORD_{}", info.tex_coord);
-            return Err(wrong(part, text));
-        }
-        let texture = item(&container.document.textures, info.index, "textures")?;
-        let index = texture.source.ok_or_else(|| wrong(part, "expected a source, found none"))?;
+    /// Unpacks an image into the mesh's texels, once per index. Without an index, returns the empty texture.
+    fn image(&mut self, index: Option<usize>) -> Result<Texture, SceneError> {
+        let Some(index) = index else { return Ok(Texture::default()) };
         if let Some(known) = self.images.get(&index) {
             return Ok(*known);
         }
-        let part = format!("images[{index}]");
-        let image = item(&container.document.images, index, "images")?;
-        let bytes = match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => match uri::resolve(uri, self.folder).map_err(|text| wrong(&part, text))? {
+        let part = format!("image {index}");
+        // The JSON is read directly: `gltf::Image::source` panics if the MIME type is missing.
+        let image = &self.document.as_json().images[index];
+        let bytes = match (&image.uri, &image.buffer_view) {
+            (Some(uri), _) => Cow::Owned(match resolve(uri, self.folder, &part)? {
                 Resource::Data(bytes) => bytes,
                 Resource::File(path) => file::read(path, MAX_BYTES)
                     .map_err(|error| wrong(&part, format!("{}: {error}", uri::shown(uri))))?,
-            },
-            (None, Some(view)) => container.bytes(view)?,
+            }),
+            (None, Some(view)) => {
+                let view = self.document.views().nth(view.value());
+                Cow::Borrowed(self.view(&view.ok_or_else(|| wrong(&part, "has no buffer view"))?, &part)?)
+            }
             (None, None) => return Err(wrong(part, "expected a URI or a buffer view, found neither")),
         };
         let left = MAX_TEXELS - self.mesh.texels.len() as u64;
