@@ -106,6 +106,18 @@ fn a_photograph_that_is_missing_damaged_or_of_another_shape_costs_no_other_view(
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn a_picture_that_cannot_be_written_stops_the_run_and_is_no_missing_photograph() {
+    let place = photographed();
+    std::fs::create_dir_all(place.at("scores/renders")).expect("a folder");
+    std::os::unix::fs::symlink("/dev/full", place.at("scores/renders/view-0002.png")).expect("made");
+    let errors =
+        place.fails("evaluate scene.ply -c views --all --backend reference -o scores --json=scores.json", 1);
+    assert!(errors.contains("No space left") && !errors.contains("view-0003"), "{errors}");
+    assert!(place.at("scores/renders/view-0001.png").exists() && !place.at("scores.json").exists());
+}
+
+#[test]
 fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     let place = photographed();
     let render = "render scene.ply --backend reference -o";

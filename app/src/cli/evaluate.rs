@@ -39,8 +39,8 @@ pub const EXAMPLES: &str = "Examples:
 /// nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. PSNR and SSIM are computed as
 /// in `compare`. Their means over the views are comparable with published tables.
 ///
-/// A view whose photograph is missing, damaged or of another shape does not stop the others. The JSON lists it in `missing`, there
-/// are no means, and the exit code is 1.
+/// A view does not stop the others if its photograph is missing, damaged or of another shape, or if its picture has values that are
+/// not finite. The JSON lists it in `missing`, there are no means, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -121,6 +121,24 @@ impl View {
         let camera = self.camera.stretched(width, height);
         cameras::check_size(&camera)?;
         Ok(camera)
+    }
+
+    /// Returns the camera of the picture to draw, and the photograph at the picture's size.
+    ///
+    /// # Errors
+    /// See [`View::drawn`]; also, the photograph may be damaged.
+    fn load(&self, downscale: u32, background: [f32; 3]) -> Result<(Camera, Image)> {
+        let camera = self.drawn(downscale)?;
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let photograph = Image::load_photograph(self.photograph()?, background)?;
+        let same = (photograph.width, photograph.height) == (width, height);
+        let photograph = if same { photograph } else { photograph.averaged(width, height) };
+        Ok((camera, photograph))
+    }
+
+    fn score(&self, drawn: &Image, photograph: &Image) -> Result<Score> {
+        let found = score(&self.name, drawn, photograph);
+        found.with_context(|| format!("{} cannot be scored", one_line(&self.name)))
     }
 }
 
@@ -244,25 +262,16 @@ impl Drawer {
             }
         }
     }
+}
 
-    /// Draws a view, and scores it against its photograph. Writes the pictures to the folder of `--output`, if any.
-    fn score(&mut self, args: &Args, (view, downscale): (&View, u32), stem: &str) -> Result<Score> {
-        let camera = view.drawn(downscale)?;
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        let photograph = Image::load_photograph(view.photograph()?, args.background)?;
-        let same = (photograph.width, photograph.height) == (width, height);
-        let photograph = if same { photograph } else { photograph.averaged(width, height) };
-        let drawn = self.draw(&camera, args.background)?;
-        let found = score(&view.name, &drawn, &photograph);
-        let found = found.with_context(|| format!("{} cannot be scored", one_line(&view.name)))?;
-        if let Some(output) = &args.output {
-            let difference = Image::difference(&drawn, &photograph, 10.0);
-            for (folder, image) in FOLDERS.into_iter().zip([&drawn, &photograph, &difference]) {
-                image.save(&picture(output, folder, stem))?;
-            }
-        }
-        Ok(found)
+/// Writes the pictures of a view to the folder of `--output`, if any.
+fn save(args: &Args, stem: &str, drawn: &Image, photograph: &Image) -> Result<()> {
+    let Some(output) = &args.output else { return Ok(()) };
+    let difference = Image::difference(drawn, photograph, 10.0);
+    for (folder, image) in FOLDERS.into_iter().zip([drawn, photograph, &difference]) {
+        image.save(&picture(output, folder, stem))?;
     }
+    Ok(())
 }
 
 fn request(args: &Args) -> Json {
@@ -295,7 +304,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (mut scores, mut missing) = (Vec::with_capacity(views.len()), Vec::new());
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
         progress.set(index as u64, views.len() as u64, &view.name);
-        match drawer.score(args, (view, downscale), stem) {
+        // Other errors, such as a lost device or a full disk, would repeat for each view.
+        let score = match view.load(downscale, args.background) {
+            Ok((camera, photograph)) => {
+                let drawn = drawer.draw(&camera, args.background)?;
+                save(args, stem, &drawn, &photograph)?;
+                view.score(&drawn, &photograph)
+            }
+            Err(error) => Err(error),
+        };
+        match score {
             Ok(score) => scores.push(score),
             Err(error) => {
                 let text = format!("{}: {}", one_line(&view.name), job::reason(&error).trim());
@@ -396,9 +414,13 @@ impl job::Work for Views {
         for (index, &view) in views.iter().enumerate() {
             let (stem, view) = (&self.work.stems[view], &self.work.views[view]);
             progress.set(index as u64, views.len() as u64, &view.name);
-            let photograph = hash_of(view.photograph()?)?;
-            let score = drawer.score(&self.args, (view, self.work.downscale), stem)?;
-            job::write_part(&self.folder, stem, &Part { score, photograph })?;
+            let hash = hash_of(view.photograph()?)?;
+            let background = self.args.background;
+            let (camera, photograph) = view.load(self.work.downscale, background)?;
+            let drawn = drawer.draw(&camera, background)?;
+            let score = view.score(&drawn, &photograph)?;
+            save(&self.args, stem, &drawn, &photograph)?;
+            job::write_part(&self.folder, stem, &Part { score, photograph: hash })?;
         }
         Ok(())
     }
