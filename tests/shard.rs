@@ -194,4 +194,13 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     assert!(part["views"][4]["psnr_db"].as_f64() < Some(40.0), "{part:#}");
     let told = run(&place, &line.replace("--all", "--all --downscale 2"), &[], 1);
     assert!(told.contains("differ in kind of score"), "{told}");
+    // Photographs of another size are scored again, and not joined with the others.
+    run(&place, "synth --photograph scene.ply --dataset small --views 9 --size 16x12", &[], 0);
+    let small = "evaluate scene.ply -c views --photographs small/images --all -o scores --shard";
+    run(&place, &format!("{small} 0/3"), &[], 0);
+    let told = run(&place, "merge scores", &[], 1);
+    let why = "found view-0001.png with 32 x 24 and view-0000.png with 16 x 12 pixels: run all shards again";
+    assert!(told.contains(why), "{told}");
+    run(&place, &format!("{small} 0/1"), &[], 0);
+    run(&place, "merge scores", &[], 0);
 }

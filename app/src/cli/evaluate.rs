@@ -451,11 +451,42 @@ const SCORES: &str = "scores.json";
 /// Entry of the origin with the names of the views' photographs.
 const PHOTOGRAPHS: &str = "photographs";
 
+/// Checks that all pictures have the same scale relative to their cameras. The photographs' sizes are not part of the
+/// origin, because a missing photograph has none.
+fn check_scales(origin: &job::Origin, parts: &[Part], missing: &[usize]) -> Result<()> {
+    let cameras = origin.get("cameras").and_then(Json::as_array).context("the cameras of an evaluation")?;
+    let present = cameras.iter().enumerate().filter(|(view, _)| !missing.contains(view));
+    let (mut low, mut high) = ((0.0, None), (f64::INFINITY, None));
+    for (part, (_, camera)) in parts.iter().zip(present) {
+        let own = camera["width"].as_f64().context("the width of a camera")?;
+        let width = part.score.width as f64;
+        // Widths are rounded, and photographs cut: see `View::drawn`.
+        let slack = f64::max(1.0, 0.01 * width);
+        let (least, most) = ((width - slack) / own, (width + slack) / own);
+        low = if least > low.0 { (least, Some(part)) } else { low };
+        high = if most < high.0 { (most, Some(part)) } else { high };
+    }
+    if let ((least, Some(large)), (most, Some(small))) = (low, high)
+        && least > most
+    {
+        let text = |Part { score, .. }: &Part| {
+            format!("{} with {} x {}", one_line(&score.view), score.width, score.height)
+        };
+        bail!(
+            "expected scores of photographs of one size, found {} and {} pixels: run all shards again with the same photographs",
+            text(large),
+            text(small)
+        );
+    }
+    Ok(())
+}
+
 /// Prints the scores that several processes computed, and writes them as JSON. `missing` has the views without scores.
 ///
 /// # Errors
-/// The origin has no request, or the file cannot be written.
+/// The origin has no request, the sizes of the photographs differ, or the file cannot be written.
 pub fn merge(origin: &job::Origin, parts: Vec<Part>, missing: &[usize], output: &Path) -> Result<()> {
+    check_scales(origin, &parts, missing)?;
     let name = |view: &usize| origin.get(PHOTOGRAPHS)?.get(view)?.as_str().map(str::to_owned);
     let missing = missing.iter().filter_map(name).collect();
     let found = Evaluation::new(parts.into_iter().map(|part| part.score).collect(), missing);
