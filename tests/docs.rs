@@ -186,7 +186,7 @@ fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line()
 struct Fields {
     /// All names in backticks.
     names: BTreeSet<String>,
-    /// Names of the first column, which are true if a document must have them.
+    /// Names of the first column, each also behind its object's, which are true if a document must have them.
     rows: BTreeMap<String, bool>,
     /// Fields with names that the table does not list.
     opaque: BTreeSet<String>,
@@ -205,24 +205,31 @@ fn fields(section: &str) -> Fields {
         let is_opaque = ["map", "as of", "cameras, as of"].iter().any(|start| contents.starts_with(start));
         let is_needed = !contents.contains("absent") && !contents.contains("empty");
         found.names.extend(paths(row).flatten());
-        for path in paths(first) {
+        let mut last: Vec<String> = Vec::new();
+        for (path, text) in paths(first).zip(first.split('`').skip(1).step_by(2)) {
             found.opaque.extend(path.last().filter(|_| is_opaque).cloned());
-            for name in path {
+            // `.c` is a neighbour.
+            let object = if text.starts_with('.') { &last[..last.len() - 1] } else { &[][..] };
+            let path = [object, &path].concat();
+            let pairs = path.windows(2).map(|pair| pair.join("."));
+            for name in pairs.chain(path.iter().cloned()) {
                 *found.rows.entry(name).or_default() |= is_needed;
             }
+            last = path;
         }
     }
     found
 }
 
-fn keys_of(value: &serde_json::Value, opaque: &BTreeSet<String>, keys: &mut BTreeSet<String>) {
+/// Collects the keys of all objects, each also behind the key of its object.
+fn keys_of(value: &serde_json::Value, of: &str, opaque: &BTreeSet<String>, keys: &mut BTreeSet<String>) {
     for (key, value) in value.as_object().into_iter().flatten() {
-        keys.insert(key.clone());
+        keys.extend([key.clone(), format!("{of}.{key}")]);
         if !opaque.contains(key) {
-            keys_of(value, opaque, keys);
+            keys_of(value, key, opaque, keys);
         }
     }
-    value.as_array().into_iter().flatten().for_each(|element| keys_of(element, opaque, keys));
+    value.as_array().into_iter().flatten().for_each(|element| keys_of(element, of, opaque, keys));
 }
 
 #[test]
@@ -284,11 +291,11 @@ fn the_fields_of_output_files_are_those_that_the_program_writes() {
         for file in files.split(' ') {
             let text = fs::read_to_string(folder.path().join(file)).expect(file);
             match serde_json::from_str(&text) {
-                Ok(json) => keys_of(&json, &opaque, keys),
+                Ok(json) => keys_of(&json, "", &opaque, keys),
                 Err(_) => keys.extend(text.lines().next().expect(file).split(',').map(column)),
             }
         }
-        let unknown: Vec<_> = keys.iter().filter(|key| !is_listed(key)).collect();
+        let unknown: Vec<_> = keys.iter().filter(|key| !key.contains('.') && !is_listed(key)).collect();
         assert!(unknown.is_empty(), "docs/output-files.md, {section}: {line} also writes {unknown:?}");
     }
     all.insert("Shared", all.values().flatten().cloned().collect());
