@@ -23,9 +23,9 @@ Progress = Callable[[str, int, int, str], object]
 class Share:
     """A share of the exact settings' time."""
 
-    #: The median of the rounds.
+    #: The median over the frames: each time is divided by that of the exact settings' frame right before it.
     median: float
-    #: 99 % confidence interval of the median; None with fewer than 8 rounds.
+    #: 99 % confidence interval of the median; None with fewer than 8 frames in all rounds, or without a noise floor.
     range: tuple[float, float] | None
 
 
@@ -171,7 +171,7 @@ def trade(
         params: values that parameters have in every setting.
         only: a prefix of the names of the settings to measure, such as "key_bits", or several; the exact ones are always measured.
         truths: true pictures, one for each camera, display-encoded, as for `compare`; by default, the exact renderer's.
-        rounds: maximum number of rounds of frames; below 8, all differences in time count as noise.
+        rounds: maximum number of rounds of frames; with fewer than 8 frames in all rounds, all differences in time count as noise.
         frames: frames per round; by default 1 to 3, from the frame time.
         file: path of a ledger.json, which grows with each row and from which an interrupted study resumes. The result has all of its
             rows. A file that is not a ledger is refused, and so is one whose rows were measured with another scene, graph, device, program
