@@ -31,7 +31,7 @@ pub fn serialize<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -> Result<
 /// The value is neither a number nor `inf`.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
     #[derive(Deserialize)]
-    #[serde(untagged)]
+    #[serde(untagged, expecting = "expected decibels, or `inf` for equal pictures")]
     enum Found {
         Number(f64),
         Text(String),
@@ -67,4 +67,23 @@ pub fn serialize_measured<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -
 /// Those of the serializer.
 pub fn serialize_views<S: Serializer>(psnr_db: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_seq(psnr_db.iter().map(|db| Decibels(*db)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::de::IntoDeserializer;
+    use serde::de::value::Error;
+
+    fn read<'de>(value: impl IntoDeserializer<'de, Error>) -> Result<Option<f64>, String> {
+        deserialize(value.into_deserializer()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn decibels_are_a_number_or_inf_and_other_values_are_refused_by_what_is_expected() {
+        assert_eq!((read(40.5), read(INFINITE)), (Ok(Some(40.5)), Ok(None)));
+        assert_eq!(read("equal"), Err("expected decibels or `inf`, found `equal`".into()));
+        let refused = Err("expected decibels, or `inf` for equal pictures".into());
+        assert_eq!((read(()), read(true)), (refused.clone(), refused));
+    }
 }
