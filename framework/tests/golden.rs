@@ -223,7 +223,7 @@ const NOT_SHOWN: &[&str] = &[
     "source/ron_error.rs: there are no {what} here",
     "source/ron_error.rs: the only one is `{only}`",
     "source/token.rs: the string ends here",
-    // Limits that need long texts or a long time to reach; tested in shader/compile/tests.rs.
+    // Limits that need long texts or a long time to reach; tested in shader/compile/tests.
     "shader/compile/sources.rs: expected at most",
     "shader/compile/sources.rs: the limit is exceeded",
     "shader/compile/log.rs: the included files together",
@@ -236,7 +236,7 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/generate.rs: ERROR: the shader compiles to more than",
     // Texts about plans, not about mistakes.
     "ir/access.rs",
-    // Errors of the compiler's process; tested in shader/compile/tests.rs.
+    // Errors of the compiler's process; tested in shader/compile/tests.
     "shader/compile/serve.rs",
     "shader/compile/worker.rs",
     "shader/compiler.rs: the build was cancelled",
