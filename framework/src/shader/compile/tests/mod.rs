@@ -1,5 +1,6 @@
 mod reached;
 
+use super::generate::{IncludeFailure, IncludeProblem};
 use super::*;
 use crate::ir::ShaderStage;
 use crate::source::{Kind, Library, render};
@@ -114,7 +115,7 @@ fn errors_are_at_the_token_that_they_are_about() {
 }
 
 #[test]
-fn what_follows_an_error_in_its_line_is_left_out() {
+fn what_follows_an_error_in_its_line_is_left_out_and_what_follows_ten_errors() {
     let log = "ERROR: 0:6:15: 'x' : undeclared identifier \nERROR: 0:6:7: '=' :  cannot convert from ' temp float' to ' temp int'\n\
                ERROR: 0:8:25: '' : compilation terminated \nERROR: 2 compilation errors.  No code generated.\n\n";
     let mut bench = Bench::new(&[("shaders/a.comp", &format!("{HEAD}\nx = y;\n"))]);
@@ -124,6 +125,13 @@ fn what_follows_an_error_in_its_line_is_left_out() {
     let sources = Sources::gather(&mut bench.files, &request, &mut Scans::default()).unwrap();
     let found = log::diagnose(&mut bench.files, &request, &sources, log);
     assert_eq!(found.iter().map(|d| d.message.as_str()).collect::<Vec<_>>(), ["`x`: undeclared identifier"]);
+    // Of many errors, the first ten are shown.
+    let many: String = (1..=11).map(|line| format!("ERROR: 0:{line}:1: 'x{line}' : unknown\n")).collect();
+    let missing = |i| IncludeFailure { unit: 0, name: format!("{i}.glsl"), why: IncludeProblem::Missing };
+    for failure in [Failure::Log(many), Failure::Includes((0..11).map(missing).collect())] {
+        let found = failure.diagnose(&mut bench.files, &request, &sources);
+        assert_eq!(found.len(), 10, "{failure:?}");
+    }
 }
 
 #[test]
