@@ -41,9 +41,9 @@ use std::sync::Arc;
 /// at least the difference of the exact settings from themselves. A `?` marks settings that may be on the front, but are too
 /// noisy to tell. A graph that draws from the previous frame is not judged, because still views hide its error.
 ///
-/// An interrupted run resumes. A folder whose rows depend on other inputs is refused: on another program, scene, graph, device or
-/// option of the device, on other cameras or pictures of --truth, or on other --rounds or --frames. Rows of a setting whose plan has
-/// changed are measured again.
+/// An interrupted run resumes. A folder whose rows depend on other inputs is refused: on another scene, graph or option of the
+/// device, on other cameras or pictures of --truth, or on other --rounds or --frames. Rows of another program or device are kept
+/// in a file of another name, and everything is measured again. So are rows of a setting whose plan has changed.
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
@@ -220,7 +220,10 @@ impl Work for Views {
     }
 
     fn close(&mut self) -> Vec<String> {
-        self.open.take().map(|(device, ..)| device.close()).unwrap_or_default()
+        let Some((device, _, study)) = self.open.take() else { return Vec::new() };
+        // The study's objects must not outlive `close`, which returns the last messages.
+        drop(study);
+        device.close()
     }
 }
 
@@ -245,7 +248,8 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
         .filter_map(|(rows, path)| Some((rows.first()?.camera.clone(), path)))
         .collect();
     let path = output.join(LEDGER);
-    let (mut book, _) = Book::open(Some(path.clone()), origin, &[])?;
+    let (mut book, lost) = Book::open(Some(path.clone()), origin, &[])?;
+    lost.into_iter().for_each(say);
     parts.into_iter().flatten().for_each(|row| book.insert(row));
     book.save()?;
     let (ledger, album) = (book.ledger, Album::beside(&path));

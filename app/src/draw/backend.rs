@@ -284,7 +284,7 @@ impl splatgraph_api::Loader for Loader {
         wrapped!(self, Loader => Loader, loader => loader.sharing_results())
     }
 
-    fn compile(self, plan: Arc<Plan>) -> Result<Compiled, BackendError> {
+    fn compile(self, plan: Plan) -> Result<Compiled, BackendError> {
         match self {
             Loader::Vulkan(loader) => loader.compile(plan),
             #[cfg(target_vendor = "apple")]

@@ -332,7 +332,7 @@ pub enum Progress<'a> {
     },
 }
 
-/// Pipelines that [`Loader::compile`] created.
+/// Pipelines that [`Loader::compile`] created. They keep the device open.
 pub struct Compiled {
     _pipelines: Box<dyn Send>,
 }
@@ -355,7 +355,7 @@ pub trait Loader: Send + 'static {
     /// A plan and all objects created for it.
     type Ready: Send + 'static;
 
-    /// Makes [`Loader::prepare`] return [`BackendError::Cancelled`] if `cancel` requests it while pipelines are
+    /// Makes [`Loader::prepare`] and [`Loader::compile`] return [`BackendError::Cancelled`] if `cancel` requests it while pipelines are
     /// compiled, even if the driver is busy. Later, the upload is finished, so that the next plan finds the scene on
     /// the device.
     #[must_use]
@@ -366,12 +366,12 @@ pub trait Loader: Send + 'static {
     #[must_use]
     fn sharing_results(self) -> Self;
 
-    /// Creates a plan's pipelines only. While the result is kept, preparing this plan, or others with equal pipelines,
-    /// takes less time.
+    /// Creates a plan's pipelines only. While the result is kept, plans with equal pipelines are prepared sooner: Vulkan
+    /// takes the pipelines over, and Metal's system has compiled their shaders.
     ///
     /// # Errors
     /// As [`Loader::prepare`], for pipelines.
-    fn compile(self, plan: Arc<Plan>) -> Result<Compiled, BackendError>;
+    fn compile(self, plan: Plan) -> Result<Compiled, BackendError>;
 
     /// Creates the plan's pipelines and resources, and uploads its scene attributes that are not on the device yet.
     ///

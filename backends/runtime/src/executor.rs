@@ -34,8 +34,8 @@ const IN_FLIGHT: &str = "frames in flight";
 /// frames, results and shared output, and can be used from its own thread.
 ///
 /// Dropping it waits until the device is idle, then destroys the executor's objects. If the wait exceeds the device's
-/// patience, the objects are kept until the device is idle. The device is closed with its last executor, [`Loader`] or
-/// [`Ready`].
+/// patience, the objects are kept until the device is idle. The device is closed with its last executor, [`Loader`],
+/// [`Ready`] or [`Compiled`](splatgraph_api::Compiled).
 pub struct Executor<G: Gpu> {
     id: u64,
     info: DeviceInfo,

@@ -49,10 +49,11 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
         Loader { share_results: true, ..self }
     }
 
-    fn compile(self, plan: Arc<Plan>) -> Result<Compiled, BackendError> {
+    fn compile(self, plan: Plan) -> Result<Compiled, BackendError> {
         self.shared.check_lost()?;
         check::check(&plan, &self.shared.gpu.common().limits)?;
-        let pipelines = self.shared.compilers.create(&self.shared.gpu, &plan, &self.cancel, &mut |_| {});
+        let pipelines =
+            self.shared.compilers.create(&self.shared.gpu, &Arc::new(plan), &self.cancel, &mut |_| {});
         pipelines.map(Compiled::new).map_err(|error| self.shared.losing(error, || None))
     }
 

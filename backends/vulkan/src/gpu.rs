@@ -105,13 +105,13 @@ impl VulkanGpu {
         unsafe { self.device.destroy_fence(fence, None) };
     }
 
-    /// Returns a pipeline that a plan still holds.
+    /// Returns a pipeline that something still holds.
     pub(crate) fn find_pipeline(&self, key: &PipelineKey) -> Option<Arc<Pipeline>> {
         let known = lock(&self.pipelines);
         known.iter().filter(|(other, _)| other == key).find_map(|(_, pipeline)| pipeline.upgrade())
     }
 
-    /// Offers a pipeline to later plans, for as long as a plan holds it.
+    /// Offers a pipeline to later plans, for as long as something holds it.
     pub(crate) fn share_pipeline(&self, key: PipelineKey, pipeline: &Arc<Pipeline>) {
         let mut known = lock(&self.pipelines);
         known.retain(|(_, pipeline)| pipeline.strong_count() > 0);

@@ -25,7 +25,7 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// Creates a plan's pipelines on several threads, except those that another plan has. Calls `next` before it waits
+    /// Creates a plan's pipelines on several threads, except those that exist already. Calls `next` before it waits
     /// for one.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,

@@ -7,7 +7,9 @@ use splatgraph_api::{Compiled, Device, Loader};
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::Cancel;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 
 /// Hashes what determines a plan's commands: shaders, passes and resources with their names, memory, order, and live
@@ -46,8 +48,8 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
 pub struct Planned {
     /// Each setting with the hash of its plans, `None` if one cannot be built.
     pub settings: Vec<(Setting, Option<u64>)>,
-    /// The plans' pipelines, which would otherwise be created between two measurements. Empty on CPUs, where frames and
-    /// compilers share the cores anyway.
+    /// Pipelines of the settings' plans for pictures of one size, which would otherwise be created between measurements.
+    /// Empty on CPUs, where frames and compilers share the cores.
     pub pipelines: Vec<Compiled>,
 }
 
@@ -73,20 +75,23 @@ pub fn to_measure(
     sizes.sort_unstable();
     sizes.dedup();
     let mut steps = Steps::new(listener, "building plans", all.len());
-    let is_gpu = exact.device().info().kind != "cpu";
+    let ahead = usize::from(exact.device().info().kind != "cpu");
     let mut planned = Vec::new();
     let (sender, pipelines) = mpsc::channel();
+    let is_cancelled = Arc::new(AtomicBool::new(false));
     rayon::in_place_scope(|scope| -> Result<(), StudyError> {
         for setting in all {
-            steps.next(&setting.name)?;
+            steps.next(&setting.name).inspect_err(|_| is_cancelled.store(true, Ordering::Relaxed))?;
             let plans = sizes.iter().map(|size| exact.plan_of(&setting.pipeline, &setting.set, *size));
             let plans = plans.collect::<Result<Vec<Plan>, _>>().ok();
             planned.push((setting, plans.as_deref().map(fingerprints)));
-            for plan in plans.into_iter().flatten().filter(|_| is_gpu) {
-                let (loader, sender) = (exact.device().loader(), sender.clone());
+            for plan in plans.into_iter().flatten().take(ahead) {
+                let (is_cancelled, sender) = (is_cancelled.clone(), sender.clone());
+                let cancel = Cancel::new(move || is_cancelled.load(Ordering::Relaxed));
+                let loader = exact.device().loader().cancelled_by(cancel);
                 scope.spawn(move |_| {
                     // A plan that the device refuses is refused again, and reported, when it is measured.
-                    let _ = loader.compile(Arc::new(plan)).map(|pipelines| sender.send(pipelines));
+                    let _ = loader.compile(plan).map(|pipelines| sender.send(pipelines));
                 });
             }
         }

@@ -50,7 +50,7 @@ pub const MAX_DURATION: Duration = Duration::from_secs(8);
 
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
-/// Both sessions are prepared at the camera's size, and warm up first unless there is a single round. Rounds end when
+/// Both sessions are prepared at the camera's size, and warm up first if there will be a range. Rounds end when
 /// the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if there is
 /// a range.
 ///
@@ -63,8 +63,8 @@ pub fn time_in_turns(
     effort: Effort,
     longest: Duration,
 ) -> Result<Option<Time>, SessionError> {
-    // A single round has no range, so it does not need the precision of a warm device.
-    if effort.rounds > 1 {
+    // Without a range, the precision of a warm device is not needed.
+    if has_range(effort) {
         // Shares hardly depend on the clock. Once the baseline's milliseconds are known, the warm-up is only as long as
         // the device was idle.
         let idle = [exact.session.idle(), session.idle()].into_iter().flatten().min();
@@ -83,11 +83,18 @@ pub fn time_in_turns(
         rounds.push(Round::new(plan, &own, &of_exact));
         let shares = turns(&rounds);
         let late = begun.elapsed() >= longest;
-        if shares.is_some_and(|shares| noise::enough(&shares) || late && shares.len() >= noise::MIN_TURNS) {
+        let is_done = |shares: Vec<f64>| noise::enough(&shares) || late && shares.len() >= noise::MIN_TURNS;
+        // One round has no spread.
+        if rounds.len() > 1 && shares.is_some_and(is_done) {
             break;
         }
     }
     Ok(time(&rounds, exact.ms))
+}
+
+/// Returns true if so many frames can have a range.
+pub fn has_range(effort: Effort) -> bool {
+    effort.rounds.saturating_mul(effort.frames) as usize >= noise::MIN_TURNS
 }
 
 /// Measures the time of a frame of a prepared session, which is its own baseline; `None` without timestamps.

@@ -14,6 +14,7 @@ use splatgraph_assets::{Camera, file};
 use splatgraph_reference::metrics::{decibels, squared_error};
 use std::collections::BTreeSet;
 use std::fs::{self, File};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{BufRead as _, BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
@@ -143,11 +144,11 @@ pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
 impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
-    /// `plans` are the settings, each with the hash of its plans. Also returns why rows of the file are dropped. The
-    /// file stays unchanged until [`Book::save`]. Without a path, nothing is saved.
+    /// `plans` are the settings, each with the hash of its plans; without any, all rows are kept. Also returns why rows
+    /// of the file are dropped. Without a path, nothing is saved. A ledger of another program or device is renamed.
     ///
     /// # Errors
-    /// The file has rows of another origin, or another process measures in the folder: rows would be lost.
+    /// The file has rows of other inputs, or another process measures in the folder: rows would be lost.
     pub fn open(
         path: Option<PathBuf>,
         origin: Origin,
@@ -164,21 +165,38 @@ impl Book {
         })?;
         let bytes =
             path.as_ref().and_then(|path| own_file::read(path).ok()).filter(|bytes| !bytes.is_empty());
-        let mut rows = bytes.map_or(Ok(Vec::new()), |bytes| rows_of(&bytes, &origin)).map_err(|found| {
-            let path = path.as_deref().unwrap_or(Path::new("")).display();
-            StudyError::Input(format!(
-                "{path}: expected a ledger of the same inputs, found one {found}: name another folder, or delete this ledger"
-            ))
-        })?;
-        // Rows of settings that this run does not want are kept.
-        let stale =
-            |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan != plan.map(hex));
+        let shown = path.as_deref().unwrap_or(Path::new("")).display();
+        let mut lost = None;
+        let mut rows = match bytes.as_deref().map_or(Ok(Vec::new()), |bytes| rows_of(bytes, &origin)) {
+            Ok(rows) => rows,
+            // The program and the device are updated under a job that runs every night.
+            Err(changes) if changes.iter().all(|change| ["program", "device"].contains(change)) => {
+                let kept = set_aside(path.as_deref(), &bytes.unwrap_or_default())
+                    .map_err(|error| StudyError::Input(format!("{shown}: {error}")))?;
+                let changes = changes.join(" and another ");
+                lost = Some(format!(
+                    "{shown}: measured with another {changes}: it is kept as {}, and all settings are measured again",
+                    kept.display()
+                ));
+                Vec::new()
+            }
+            Err(changes) => {
+                return Err(StudyError::Input(format!(
+                    "{shown}: expected a ledger of the same inputs, found one measured with another {}: name another folder, or delete this ledger",
+                    changes.join(" and another ")
+                )));
+            }
+        };
+        let is_current =
+            |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan == plan.map(hex));
         let all = rows.len();
-        rows.retain(|row| !stale(row));
-        let lost = path.as_ref().filter(|_| rows.len() < all).map(|path| {
-            let (path, count) = (path.display(), all - rows.len());
-            format!("{path}: {count} rows of an earlier run are measured again: their settings' plans have changed")
-        });
+        rows.retain(|row| plans.is_empty() || is_current(row));
+        if rows.len() < all {
+            let count = all - rows.len();
+            lost = Some(format!(
+                "{shown}: {count} rows of an earlier run are measured again or left out: their settings' plans have changed"
+            ));
+        }
         Ok((Book { ledger: Ledger { command: String::new(), origin, rows }, path, _lock: lock }, lost))
     }
 
@@ -218,13 +236,29 @@ impl Book {
     }
 }
 
-/// Reads the rows of a ledger. The error describes a ledger of another origin.
-fn rows_of(bytes: &[u8], origin: &Origin) -> Result<Vec<Row>, String> {
-    let found: Ledger =
-        serde_json::from_slice(bytes).map_err(|_| "of another version of the program".to_owned())?;
+/// Lists the settings that have rows in a file; empty if it is no ledger.
+pub fn settings(path: &Path) -> BTreeSet<String> {
+    let ledger = own_file::read(path).ok().and_then(|bytes| serde_json::from_slice::<Ledger>(&bytes).ok());
+    ledger.into_iter().flat_map(|ledger| ledger.rows).map(|row| row.setting).collect()
+}
+
+/// Renames a ledger with these contents, so that another can be written, and returns the new path.
+fn set_aside(path: Option<&Path>, bytes: &[u8]) -> std::io::Result<PathBuf> {
+    let Some(path) = path else { return Ok(PathBuf::new()) };
+    let mut hash = DefaultHasher::new();
+    bytes.hash(&mut hash);
+    let kept = path.with_file_name(format!("ledger-{}.json", hex(hash.finish())));
+    fs::rename(path, &kept)?;
+    Ok(kept)
+}
+
+/// Reads the rows of a ledger. The error lists what differs from `origin`.
+fn rows_of(bytes: &[u8], origin: &Origin) -> Result<Vec<Row>, Vec<&'static str>> {
+    // Another version of the program wrote other fields.
+    let found: Ledger = serde_json::from_slice(bytes).map_err(|_| vec!["program"])?;
     match found.origin.changes(origin) {
         changes if changes.is_empty() || found.rows.is_empty() => Ok(found.rows),
-        changes => Err(format!("measured with another {}", changes.join(" and another "))),
+        changes => Err(changes),
     }
 }
 
@@ -550,9 +584,7 @@ mod tests {
             (Origin { splats: 4, ..origin() }, "scene"),
             (Origin { content: text.clone(), ..origin() }, "scene"),
             (Origin { truth_content: text.clone(), ..origin() }, "truth"),
-            (Origin { program: text.clone(), ..origin() }, "program"),
             (Origin { exact: text.clone(), ..origin() }, "graph"),
-            (Origin { device: text.clone(), ..origin() }, "device"),
             (Origin { opened: text.clone(), ..origin() }, "set of device options"),
             (Origin { cameras: Vec::new(), ..origin() }, "set of cameras"),
             (Origin { rounds: 2, splats: 4, ..origin() }, "scene and another number of rounds"),
@@ -566,12 +598,32 @@ mod tests {
         let (found, lost) = Book::open(Some(path.clone()), origin(), &plans).unwrap();
         assert!(found.has("exact", "a") && !found.has("broken", "a"));
         let lost = lost.unwrap_or_default();
-        assert!(lost.contains("1 rows of an earlier run are measured again: their settings'"), "{lost}");
+        assert!(lost.contains("1 rows of an earlier run are measured again or left out"), "{lost}");
         drop(found);
-        fs::write(&path, r#"{"origin": {}, "rows": []}"#).unwrap();
-        assert!(check_replaceable(&path).is_ok());
-        let error = open(origin()).err().expect("it is refused").to_string();
-        assert!(error.contains("found one of another version of the program"), "{error}");
+    }
+
+    #[test]
+    fn a_ledger_of_another_program_or_device_is_kept_under_another_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ledger.json");
+        let other = Origin { program: "2".into(), device: "another".into(), ..origin() };
+        for (text, what) in [
+            (
+                serde_json::to_string(&ledger(vec![row("exact", "a", Err("no".into()))])).unwrap(),
+                "program and another device",
+            ),
+            (r#"{"origin": {}, "rows": []}"#.to_owned(), "program"),
+        ] {
+            fs::write(&path, &text).unwrap();
+            assert!(check_replaceable(&path).is_ok());
+            let (book, lost) = Book::open(Some(path.clone()), other.clone(), &[("exact", Some(1))]).unwrap();
+            let lost = lost.expect("a message");
+            assert!(book.ledger.rows.is_empty() && !path.exists(), "{lost}");
+            let (start, kept) = lost.split_once("it is kept as ").expect("the new name");
+            assert!(start.ends_with(&format!("measured with another {what}: ")), "{lost}");
+            let kept = kept.split_once(", and all settings are measured again").expect("what follows").0;
+            assert_eq!(fs::read_to_string(kept).unwrap(), text);
+        }
     }
 
     #[test]

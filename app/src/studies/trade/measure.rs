@@ -4,7 +4,7 @@ use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
 use crate::studies::measurement::settings::EXACT;
-use crate::studies::measurement::time::{Baseline, MAX_DURATION};
+use crate::studies::measurement::time::{Baseline, MAX_DURATION, has_range};
 use crate::studies::measurement::view::{self, Drawn, Measured, Measuring, View};
 use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
@@ -57,7 +57,7 @@ impl Pending<'_> {
     }
 }
 
-/// Maximum number of pending rows: each holds its picture, and may run a thread.
+/// Maximum number of rows that wait: each holds its picture, and may run a thread.
 pub const MAX_PENDING: usize = 8;
 
 /// Measures a setting in several views.
@@ -125,7 +125,7 @@ fn measured<'scope>(
     effort: Effort,
 ) -> Result<Measuring<'scope>, SessionError> {
     session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-    let more = if setting.name == EXACT && effort.rounds > 1 { ROUNDS_OF_EXACT } else { 1 };
+    let more = if setting.name == EXACT && has_range(effort) { ROUNDS_OF_EXACT } else { 1 };
     let effort = Effort { rounds: more * effort.rounds, ..effort };
     view::measure(scope, session, exact, view, effort, more * MAX_DURATION)
 }

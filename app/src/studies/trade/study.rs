@@ -1,6 +1,6 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
-use super::ledger::{Book, Ledger, Origin, check_replaceable};
+use super::ledger::{self, Book, Ledger, Origin, check_replaceable};
 use super::measure::{MAX_PENDING, Pending, Sessions, hex};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
@@ -16,12 +16,12 @@ use splatgraph_api::{Compiled, Device};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::lower::Control;
 use splatgraph_reference::PictureMemoryError;
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::ffi::OsStr;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{self, Receiver, SyncSender};
+use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
 use std::thread::{self, Scope};
 
 /// The parameters of a ledger.
@@ -86,7 +86,12 @@ impl Study {
         let settings = chosen(wanted, &controls)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
-        let is_wanted = |setting: &Setting| setting.name == settings::EXACT || only(wanted, &setting.name);
+        // Rows of an earlier run are shown, so they must be of the present plans.
+        let earlier = wanted.file.as_deref().map_or_else(BTreeSet::new, ledger::settings);
+        let is_wanted = |setting: &Setting| {
+            let name = &setting.name;
+            *name == settings::EXACT || only(wanted, name) || earlier.contains(name)
+        };
         let Planned { settings, pipelines } =
             to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
         let origin = origin(subject, wanted, &controls, settings[0].1)?;
@@ -147,12 +152,22 @@ impl Study {
             let ms = together.iter().map(|(view, _)| book.exact_ms(&view.camera.img_name)).collect();
             let have: HashSet<_> =
                 book.ledger.rows.iter().map(|row| (row.setting.clone(), row.camera.clone())).collect();
+            let is_cpu = exact.device().info().kind == "cpu";
             thread::scope(|scope| {
                 let (rows, measured) = mpsc::sync_channel(MAX_PENDING);
-                let keeper = scope.spawn(|| keep(measured, book, album));
-                let known = (ms, &have);
-                let done =
-                    measure_views(scope, (exact, session), settings, &together, known, rows, &mut steps);
+                let (sender, kept) = mpsc::channel();
+                let keeper = scope.spawn(|| keep(measured, sender, book, album));
+                // On a CPU, the frames run on the cores that write files.
+                let ends = (rows, is_cpu.then_some(kept));
+                let done = measure_views(
+                    scope,
+                    (exact, session),
+                    settings,
+                    &together,
+                    (ms, &have),
+                    ends,
+                    &mut steps,
+                );
                 // Also after an error, no finished row is lost.
                 keeper.join().unwrap_or_else(|panic| resume_unwind(panic)).and(done)
             })?;
@@ -166,7 +181,14 @@ impl Study {
 type Measured<'scope> = (&'scope View, Pending<'scope>);
 
 /// Adds rows and their pictures to the ledger, until the other end is dropped. Frames are drawn meanwhile.
-fn keep(measured: Receiver<Measured>, book: &mut Book, album: &Album) -> Result<(), StudyError> {
+///
+/// Sends to `kept` whenever the file is written.
+fn keep(
+    measured: Receiver<Measured>,
+    kept: Sender<()>,
+    book: &mut Book,
+    album: &Album,
+) -> Result<(), StudyError> {
     while let Ok(mut next) = measured.recv() {
         // The file has all rows, so it is written once for those that wait.
         for left in (0..MAX_PENDING).rev() {
@@ -182,6 +204,7 @@ fn keep(measured: Receiver<Measured>, book: &mut Book, album: &Album) -> Result<
                 _ => {
                     book.save()?;
                     stored?;
+                    let _ = kept.send(());
                     break;
                 }
             }
@@ -192,14 +215,15 @@ fn keep(measured: Receiver<Measured>, book: &mut Book, album: &Album) -> Result<
 
 /// Measures every setting in the views whose rows are missing, and sends the rows to [`keep`].
 ///
-/// Also takes the exact settings' milliseconds in each view, if known, and the settings and cameras that have rows.
+/// Also takes the exact settings' milliseconds in each view, if known, and the settings and cameras that have rows. Waits
+/// after each row until it is `kept`, if given.
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
     (exact, session): (&mut Session, &mut Session),
     settings: &[(Setting, Option<u64>)],
     views: &'scope [(View, Effort)],
     (mut ms, have): (Vec<Option<f64>>, &HashSet<(String, String)>),
-    rows: SyncSender<Measured<'scope>>,
+    (rows, kept): (SyncSender<Measured<'scope>>, Option<Receiver<()>>),
     steps: &mut Steps,
 ) -> Result<(), StudyError> {
     // All views of a setting are measured together, so that its plan and its shaders are built only once.
@@ -213,7 +237,8 @@ fn measure_views<'scope>(
             steps.next(&format!("{name}, {}", setting.name))?;
             let row = sessions.measure(scope, view, *effort, *ms)?;
             *ms = ms.or(row.exact_ms());
-            if rows.send((view, row)).is_err() {
+            let is_sent = rows.send((view, row)).is_ok();
+            if !is_sent || kept.as_ref().is_some_and(|kept| kept.recv().is_err()) {
                 // The other end has an error, which it returns.
                 return Ok(());
             }

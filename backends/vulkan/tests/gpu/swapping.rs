@@ -4,7 +4,6 @@ use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Loader, Progress};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
-use std::sync::Arc;
 
 /// Returns a plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image.
 ///
@@ -102,7 +101,7 @@ fn a_plan_takes_over_equal_pipelines_of_the_plan_before_or_compiled_ahead_and_ke
     assert_eq!(created(&mut vulkan, growing("third", 1)), (vec![], 3));
     assert_eq!(created(&mut vulkan, growing("fast", 10)), (vec!["grow.comp".to_owned()], 13));
     assert_eq!(created(&mut vulkan, growing("again", 1)), (vec!["grow.comp".to_owned()], 14));
-    let ahead = vulkan.loader().compile(Arc::new(growing("ahead", 100))).expect("the pipelines");
+    let ahead = vulkan.loader().compile(growing("ahead", 100)).expect("the pipelines");
     assert_eq!(created(&mut vulkan, growing("later", 100)), (vec![], 114));
     drop(ahead);
     assert_eq!(created(&mut vulkan, growing("the same", 100)), (vec![], 214));
