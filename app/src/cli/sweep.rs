@@ -210,7 +210,10 @@ impl Work for Views {
     }
 
     fn close(&mut self) -> Vec<String> {
-        self.open.take().map(|(device, ..)| device.close()).unwrap_or_default()
+        let Some((device, _, study)) = self.open.take() else { return Vec::new() };
+        // The study's objects must not outlive `close`, which returns the last messages.
+        drop(study);
+        device.close()
     }
 }
 
