@@ -23,7 +23,7 @@ use splatgraph_framework::source::Content;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::fs;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -265,6 +265,7 @@ impl Job {
                 match found {
                     Ok(()) => ran.done.push(view),
                     Err(error) => {
+                        self.remove(view)?;
                         ran.failed.push((view, reason(&error)));
                         break;
                     }
@@ -282,6 +283,19 @@ impl Job {
 
     fn has(&self, view: usize) -> bool {
         is_present(&self.outputs.folder, &self.outputs.files[view]) && self.work.is_current(view)
+    }
+
+    /// Removes a view's results of earlier inputs, which would count as results of the present ones.
+    fn remove(&self, view: usize) -> Result<()> {
+        for file in self.outputs.files[view].iter().map(|file| self.outputs.folder.join(file)) {
+            match fs::remove_file(&file) {
+                Err(error) if error.kind() != ErrorKind::NotFound => {
+                    return Err(error).with_context(|| file.display().to_string());
+                }
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
