@@ -147,11 +147,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
-/// Prints a ledger and writes its files, except for `ledger.json`.
+/// Prints a ledger and writes its files.
 fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     ledger.command =
         std::env::args_os().map(|word| shell_word(&word.to_string_lossy())).collect::<Vec<_>>().join(" ");
     let file = |name: &str| output.join(name);
+    ledger.save(&file(LEDGER))?;
     let (lines, failed) = ledger.lines();
     let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();
     options::write_text(None, &format!("{}{notes}", table(&lines)))?;

@@ -91,7 +91,7 @@ impl Origin {
 /// The rows of a run, with their origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
-    /// The last command that added measurements.
+    /// The command that wrote the file last; empty while it measures.
     #[serde(default)]
     pub command: String,
     /// The inputs on which the numbers depend.
@@ -145,7 +145,7 @@ impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
     /// `plans` are the settings, each with the hash of its plans; without any, all rows are kept. Also returns why rows
-    /// of the file are dropped. Without a path, nothing is saved. A ledger of another program or device is renamed.
+    /// of the file are dropped. Without a path, nothing is saved. A ledger of another program or device is copied.
     ///
     /// # Errors
     /// The file has rows of other inputs, or another process measures in the folder: rows would be lost.
@@ -171,8 +171,7 @@ impl Book {
             Ok(rows) => rows,
             // The program and the device are updated under a job that runs every night.
             Err(changes) if changes.iter().all(|change| ["program", "device"].contains(change)) => {
-                let kept = set_aside(path.as_deref(), &bytes.unwrap_or_default())
-                    .map_err(|error| StudyError::Input(format!("{shown}: {error}")))?;
+                let kept = set_aside(path.as_deref(), &bytes.unwrap_or_default())?;
                 let changes = changes.join(" and another ");
                 lost = Some(format!(
                     "{shown}: measured with another {changes}: it is kept as {}, and all settings are measured again",
@@ -242,14 +241,14 @@ pub fn settings(path: &Path) -> BTreeSet<String> {
     ledger.into_iter().flat_map(|ledger| ledger.rows).map(|row| row.setting).collect()
 }
 
-/// Renames a ledger with these contents, so that another can be written, and returns the new path.
-fn set_aside(path: Option<&Path>, bytes: &[u8]) -> std::io::Result<PathBuf> {
+/// Copies a ledger with these contents, so that another can replace it, and returns the copy's path.
+fn set_aside(path: Option<&Path>, bytes: &[u8]) -> Result<PathBuf, output::OutputError> {
     let Some(path) = path else { return Ok(PathBuf::new()) };
     let mut hash = DefaultHasher::new();
     bytes.hash(&mut hash);
-    let kept = path.with_file_name(format!("ledger-{}.json", hex(hash.finish())));
-    fs::rename(path, &kept)?;
-    Ok(kept)
+    let copy = path.with_file_name(format!("ledger-{}.json", hex(hash.finish())));
+    output::write_bytes(&copy, bytes)?;
+    Ok(copy)
 }
 
 /// Reads the rows of a ledger. The error lists what differs from `origin`.
@@ -618,7 +617,7 @@ mod tests {
             assert!(check_replaceable(&path).is_ok());
             let (book, lost) = Book::open(Some(path.clone()), other.clone(), &[("exact", Some(1))]).unwrap();
             let lost = lost.expect("a message");
-            assert!(book.ledger.rows.is_empty() && !path.exists(), "{lost}");
+            assert!(book.ledger.rows.is_empty(), "{lost}");
             let (start, kept) = lost.split_once("it is kept as ").expect("the new name");
             assert!(start.ends_with(&format!("measured with another {what}: ")), "{lost}");
             let kept = kept.split_once(", and all settings are measured again").expect("what follows").0;
