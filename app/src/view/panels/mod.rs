@@ -305,6 +305,11 @@ impl Panels {
     }
 
     #[cfg(test)]
+    pub(in crate::view) fn effect(&self) -> Option<&str> {
+        self.params.effect()
+    }
+
+    #[cfg(test)]
     pub(in crate::view) fn undo_steps(&self) -> usize {
         self.undo.steps()
     }
@@ -426,6 +431,8 @@ impl Panels {
             self.compared = Some((plan, selected));
         } else if let Some((_, parameters)) = changed {
             match parameters.as_slice() {
+                // This plan replaced the event's before the event was reported, and its effect is already shown.
+                [_] if Arc::ptr_eq(former, &plan) => {}
                 [parameter] => self.params.tell(Some((parameter.clone(), difference(former, &plan)))),
                 // A plan of the same passes, such as that of another size.
                 [] if former.frame.len() == plan.frame.len() => {}

@@ -38,6 +38,11 @@ impl State {
         self.effect = effect;
     }
 
+    #[cfg(test)]
+    pub fn effect(&self) -> Option<&str> {
+        self.effect.as_ref().map(|(_, effect)| effect.as_str())
+    }
+
     /// Draws the list and applies changes. `command` is the command line that draws the same scene and graph.
     pub fn show(&mut self, ui: &mut Ui, renderer: &mut Renderer, command: &str, controls: &mut Controls) {
         self.head(ui, renderer, command, controls);

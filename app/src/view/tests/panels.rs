@@ -153,6 +153,36 @@ fn another_graph_keeps_the_settings_that_it_has_and_reports_the_others() {
 }
 
 #[test]
+fn the_effect_of_a_constant_stays_when_the_event_of_its_newest_plan_comes_later() {
+    let mut script = window(&[Tool::Parameters]);
+    let graph = script.path("graph.ron");
+    let pass = "Dispatch(name: \"again\", when: \"digits > 4\", shader: \"shade.comp\", size: Threads(64), \
+                bind: { \"Keys\": \"keys\", \"color\": \"color\" }),\n  ],\n  stats";
+    let text = std::fs::read_to_string(&graph).unwrap().replace("],\n  stats", pass);
+    std::fs::write(&graph, text).unwrap();
+    let swapped = |event: &Event| matches!(event, Event::Swapped { .. });
+    script.events.clear();
+    script.until("the graph", |script| script.has_event(swapped));
+    script.settle();
+    script.events.clear();
+    script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+    script.until("the effect", |script| script.panels().effect().is_some());
+    script.settle();
+    let effect = script.panels().effect().map(str::to_owned);
+    assert!(effect.as_ref().is_some_and(|text| text.starts_with("4 → 5 passes")), "{effect:?}");
+    // After a drag, the events of several plans come when only the last plan is drawn.
+    let event = script
+        .events
+        .iter()
+        .find(|event| matches!(event, Event::Swapped { swap, .. } if !swap.parameters().is_empty()));
+    let event = event.expect("the plan is reported").clone();
+    script.panels().log_event(&event);
+    script.frame(false);
+    assert_eq!(script.panels().effect().map(str::to_owned), effect);
+    script.close(&[]);
+}
+
+#[test]
 fn a_key_of_a_tool_shows_it_while_the_tools_are_hidden() {
     let mut script = window(&[Tool::Parameters]);
     script.panels().hidden = true;
