@@ -51,9 +51,6 @@ impl Presets {
             let found = widgets::list(ui, controls, &wanted, &self.entries, rank, row);
             chosen = found.map(|entry| entry.graph.clone());
         });
-        if chosen.is_some() {
-            self.search.clear();
-        }
         chosen
     }
 

@@ -108,11 +108,8 @@ impl Panels {
         self.controls.see("scene", button.rect);
         let of = if selected == RendererId::B { "Scene of B" } else { "Scene" };
         hint(button, format!("{of}: {}", path.display()));
-        if let Some(path) = chosen {
-            self.scene_search.clear();
-            if path != self.recent[0] {
-                viewer.open_scene_in(selected, &path);
-            }
+        if let Some(path) = chosen.filter(|path| *path != self.recent[0]) {
+            viewer.open_scene_in(selected, &path);
         }
     }
 
@@ -142,7 +139,6 @@ impl Panels {
         self.controls.see("camera", button.rect);
         hint(button, "Camera ([ and ] go through the list)");
         if let Some(index) = chosen {
-            self.camera_search.clear();
             viewer.look_through(index);
         }
     }

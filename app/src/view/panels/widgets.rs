@@ -62,15 +62,21 @@ pub fn takes_keys(ctx: &Context) -> bool {
     ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx)
 }
 
-/// Draws the search field of a list; returns its text in lower case, for matching. The field has the keyboard focus
-/// when the list opens.
+/// Draws the search field of a list; returns its text in lower case, for matching. When the list opens, the field is
+/// empty and has the keyboard focus.
 pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
-    let field = ui.add(egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0));
+    let id = ui.make_persistent_id(name);
+    let now = ui.ctx().cumulative_frame_nr();
+    let shown = ui.data(|data| data.get_temp::<u64>(id));
+    let opens = shown.is_none_or(|shown| shown + 1 < now);
+    if opens {
+        text.clear();
+    }
+    let field = ui.add(egui::TextEdit::singleline(text).id(id).hint_text("Search").desired_width(180.0));
     // egui lays out an opening list once invisibly, when the field cannot get the focus.
     if ui.is_visible() {
-        let now = ui.ctx().cumulative_frame_nr();
-        let shown = ui.data_mut(|data| data.get_temp_mut_or_default::<Option<u64>>(field.id).replace(now));
-        if shown.is_none_or(|shown| shown + 1 < now) {
+        ui.data_mut(|data| data.insert_temp(id, now));
+        if opens {
             field.request_focus();
         }
         controls.see(name, field.rect);
@@ -101,7 +107,14 @@ pub fn list<T>(
 ) -> Option<T> {
     let enter = !wanted.is_empty() && ui.input(|input| input.key_pressed(egui::Key::Enter));
     let mut chosen = None;
-    for (place, item) in ranked(items, rank).into_iter().enumerate() {
+    let found = ranked(items, rank);
+    if found.is_empty() && !wanted.is_empty() {
+        let text = ui.weak("Nothing matches.");
+        if ui.is_visible() {
+            controls.see("nothing_matches", text.rect);
+        }
+    }
+    for (place, item) in found.into_iter().enumerate() {
         let (name, response) = row(ui, &item);
         // egui lays out an opening list once invisibly, at another position.
         if ui.is_visible() {

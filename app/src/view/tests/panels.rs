@@ -80,6 +80,20 @@ fn enter_chooses_the_graph_camera_or_scene_whose_name_was_typed() {
 }
 
 #[test]
+fn a_search_that_finds_nothing_says_so_and_is_gone_when_the_list_opens_again() {
+    let mut script = window(&[]);
+    search(&mut script, "graph", "zzzz");
+    let find = |script: &mut Script, name: &str| script.panels().controls.find(name).is_some();
+    assert_eq!(["nothing_matches", "preset:splat"].map(|name| find(&mut script, name)), [true, false]);
+    // Enter has left the field, so one press closes the list.
+    script.press(Key::Escape, Modifiers::NONE);
+    assert!(!find(&mut script, "graph_search"));
+    click(&mut script, "graph");
+    assert_eq!(["nothing_matches", "preset:splat"].map(|name| find(&mut script, name)), [false, true]);
+    script.close(&[]);
+}
+
+#[test]
 fn a_camera_is_named_only_while_its_view_is_shown() {
     let mut script = window(&[]);
     script.viewer().set_cameras(synth::demo_cameras());
