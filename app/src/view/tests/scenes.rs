@@ -6,6 +6,7 @@ use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use crate::view::viewer::Marks;
 use splatgraph_null::Config;
+use std::path::PathBuf;
 
 #[test]
 fn a_scene_is_opened_by_its_contents_whatever_its_name() {
@@ -47,6 +48,26 @@ fn a_scene_that_is_loaded_for_b_is_exchanged_with_its_graph() {
     let viewer = script.viewer();
     assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_path_of(id)), [&second, &first]);
     assert_eq!([RendererId::A, RendererId::B].map(|id| viewer.scene_of(id).count()), [200, 99]);
+    script.close(&[]);
+}
+
+#[test]
+fn b_shares_the_scene_of_a_however_its_path_is_written() {
+    let mut script = Script::open(&Config::default());
+    script.settle();
+    let here = std::env::current_dir().expect("the current folder");
+    let up = here.ancestors().skip(1).map(|_| "..").collect::<PathBuf>();
+    let first = script.path("first.ply");
+    let relative = up.join(first.strip_prefix("/").expect("an absolute path"));
+    script.viewer().open(&relative);
+    script.until("the scene", |script| script.viewer().scene_path() == relative);
+    script.viewer().choose_compare(Mode::Split);
+    let second = script.path("second.ply");
+    script.viewer().open_scene_in(RendererId::B, &second);
+    script.until("B's scene", |script| script.viewer().has_two_scenes());
+    script.viewer().open_scene_in(RendererId::B, &here.join(&relative));
+    let viewer = script.viewer();
+    assert_eq!((viewer.has_two_scenes(), viewer.loading(RendererId::B)), (false, None));
     script.close(&[]);
 }
 
