@@ -194,6 +194,12 @@ impl Shell {
         drawn.or_else(|| requested.or(in_part).map(|text| format!("error: {text}")))
     }
 
+    /// Returns true if the next frame shows the requested state, or [`Shell::problem`] prevents it.
+    pub fn is_settled(&self) -> bool {
+        let waits = self.viewer.a.lacks_finding() || self.panels.waits_for_picture();
+        !self.viewer.busy() && (!waits || self.problem().is_some())
+    }
+
     /// Applies the input, and draws the pictures and the window if they changed.
     pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Frame {
         zone!("window frame");

@@ -304,6 +304,11 @@ impl Panels {
         self.select.select_first(corners);
     }
 
+    /// Returns true while a pick or a selection waits for the first picture.
+    pub fn waits_for_picture(&self) -> bool {
+        self.pick_first.is_some() || self.select.waits()
+    }
+
     #[cfg(test)]
     pub(in crate::view) fn effect(&self) -> Option<&str> {
         self.params.effect()

@@ -71,6 +71,11 @@ impl State {
         self.first = Some(corners);
     }
 
+    /// Returns true until the box given to [`State::select_first`] is being selected.
+    pub fn waits(&self) -> bool {
+        self.first.is_some()
+    }
+
     /// Returns true while the brush is active; a click then paints instead of picking.
     pub fn is_brush(&self) -> bool {
         self.tool == Some(SelectTool::Brush)

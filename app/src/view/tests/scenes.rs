@@ -72,6 +72,18 @@ fn b_shares_the_scene_of_a_however_its_path_is_written() {
 }
 
 #[test]
+fn a_window_is_not_settled_before_the_splats_asked_for_at_the_start_are_picked_and_selected() {
+    let mut script = Script::open(&Config::default());
+    script.panels().pick_first([0.5, 0.5]);
+    script.panels().select_first([0.0, 0.0, 1.0, 1.0]);
+    script.frame(false);
+    script.until("the requested state", |script| script.is_settled());
+    assert!(script.viewer().picked.is_some());
+    assert!(!script.viewer().marks(RendererId::A).selected.is_empty());
+    script.close(&[]);
+}
+
+#[test]
 fn a_pick_in_another_viewport_drops_the_splat_of_the_former_at_once() {
     let mut script = Script::open(&Config::default());
     script.settle();

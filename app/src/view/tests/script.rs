@@ -290,6 +290,10 @@ impl Script {
         self.shell.window().size()
     }
 
+    pub fn is_settled(&self) -> bool {
+        self.shell.is_settled()
+    }
+
     pub fn in_flight(&self) -> bool {
         self.shell.in_flight().is_some()
     }

@@ -220,8 +220,7 @@ impl Running {
             );
         }
         let problem = self.shell.problem();
-        let settled = !viewer.busy() && (!viewer.a.lacks_finding() || problem.is_some());
-        if self.frames < self.closing.frames.unwrap_or(3) || !settled {
+        if self.frames < self.closing.frames.unwrap_or(3) || !self.shell.is_settled() {
             return Ok(false);
         }
         match problem {
