@@ -136,8 +136,9 @@ fn a_ledger_of_other_inputs_is_refused_and_rows_of_the_same_inputs_are_kept() {
     preset(8);
     let told = trade("'preset key16' -o new").1;
     assert!(
-        told.contains("1 rows of an earlier run are measured again or left out: their settings' plans have changed")
-            && told.contains("1 rows of an earlier run are kept"),
+        told.contains(
+            "1 rows of an earlier run are measured again or left out: their settings' plans have changed"
+        ) && told.contains("1 rows of an earlier run are kept"),
         "{told}"
     );
     assert!(psnr() < before);
