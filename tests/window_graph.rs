@@ -71,7 +71,7 @@ impl Window {
     }
 }
 
-/// What the window shows around the pictures.
+/// Colour of the window around the pictures.
 const BACKGROUND: [u8; 3] = [0; 3];
 
 fn composition(

@@ -234,7 +234,7 @@ impl Backend {
     /// See [`Backend::open`].
     pub fn open_beside(&self, options: &Options) -> Result<Backend, BackendError> {
         match self {
-            Backend::Vulkan(device) if device.info().kind == "cpu" => {
+            Backend::Vulkan(device) if device.info().is_cpu() => {
                 let device = Some(device.info().index.to_string());
                 Backend::open(Api::Vulkan, &Options { device, ..options.clone() })
             }

@@ -46,6 +46,13 @@ pub struct DeviceInfo {
     pub unfit: Option<String>,
 }
 
+impl DeviceInfo {
+    /// Returns true if the device is a CPU, whose frames run on the cores of the program.
+    pub fn is_cpu(&self) -> bool {
+        self.kind == "cpu"
+    }
+}
+
 /// Effects of out-of-range shader accesses to buffers and images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Robustness {

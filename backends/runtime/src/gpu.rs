@@ -39,7 +39,7 @@ impl Common {
     /// Creates the state of a device that is opened with these options.
     pub fn new(info: &DeviceInfo, limits: Limits, messages: Arc<Messages>, options: &Options) -> Common {
         // A CPU is much slower than a GPU.
-        let patience = Duration::from_secs(if info.kind == "cpu" { 600 } else { 10 });
+        let patience = Duration::from_secs(if info.is_cpu() { 600 } else { 10 });
         Common {
             limits,
             messages,

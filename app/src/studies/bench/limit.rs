@@ -6,7 +6,7 @@ use crate::draw::facts::DEFAULT_SIZE;
 use crate::draw::interleaved::{Figure, Frames};
 use crate::studies::study::{Listener, Setting, Steps, StudyError};
 use serde::Serialize;
-use splatgraph_api::{Device, DeviceInfo};
+use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};
 
 /// Name of the graph that copies.
@@ -31,11 +31,6 @@ pub fn no_scene() -> Result<(Scene, Camera), synth::SynthError> {
     Ok((scene, camera))
 }
 
-/// Returns true if the device is a CPU.
-pub fn is_cpu(device: &DeviceInfo) -> bool {
-    device.kind == "cpu"
-}
-
 /// Measures the copy limit of a device. If that fails, the listener gets the reason, and the result is `None`.
 ///
 /// Also `None` without timestamps, and on a CPU, where passes may be served by caches that the copy does not fit in.
@@ -47,7 +42,7 @@ pub fn copy_limit(
     frames: Frames,
     listener: &mut dyn Listener,
 ) -> Result<Option<CopyLimit>, StudyError> {
-    if is_cpu(device.info()) {
+    if device.info().is_cpu() {
         return Ok(None);
     }
     let (scene, camera) = no_scene()?;

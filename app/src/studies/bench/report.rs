@@ -1,6 +1,6 @@
 //! Stores the numbers of a run, as JSON and as CSV.
 
-use super::limit::{CopyLimit, is_cpu};
+use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
 use crate::io::report::text::quoted;
@@ -46,7 +46,7 @@ impl Origin {
             device: device.name.clone(),
             driver: device.driver.clone(),
             copy,
-            is_cpu: is_cpu(device),
+            is_cpu: device.is_cpu(),
             effort,
             set: set.to_vec(),
         }

@@ -75,7 +75,7 @@ pub fn to_measure(
     sizes.sort_unstable();
     sizes.dedup();
     let mut steps = Steps::new(listener, "building plans", all.len());
-    let ahead = usize::from(exact.device().info().kind != "cpu");
+    let ahead = usize::from(!exact.device().info().is_cpu());
     let mut planned = Vec::new();
     let (sender, pipelines) = mpsc::channel();
     let is_cancelled = Arc::new(AtomicBool::new(false));

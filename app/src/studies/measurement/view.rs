@@ -111,7 +111,7 @@ pub fn measure<'scope>(
 ) -> Result<Measuring<'scope>, SessionError> {
     let comparison = match capture(session, view)? {
         // The frames run on the same cores, which a comparison would slow down.
-        Ok(capture) if session.device().info().kind == "cpu" => Comparison::Done(compare(capture, view)),
+        Ok(capture) if session.device().info().is_cpu() => Comparison::Done(compare(capture, view)),
         Ok(capture) => Comparison::Running(scope.spawn(|| compare(capture, view))),
         Err(text) => Comparison::Done(Err(text)),
     };

@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use splatgraph_framework::plan::Plan;
 use std::thread::Scope;
 
-/// Formats the hash of a plan. JSON readers round numbers of 64 bits.
-pub fn hex(plan: u64) -> String {
-    format!("{plan:016x}")
+/// Formats a hash. JSON readers round numbers of 64 bits.
+pub fn hex(hash: u64) -> String {
+    format!("{hash:016x}")
 }
 
 /// A row of the ledger: the measurements of a setting in a view.

@@ -152,7 +152,7 @@ impl Study {
             let ms = together.iter().map(|(view, _)| book.exact_ms(&view.camera.img_name)).collect();
             let have: HashSet<_> =
                 book.ledger.rows.iter().map(|row| (row.setting.clone(), row.camera.clone())).collect();
-            let is_cpu = exact.device().info().kind == "cpu";
+            let is_cpu = exact.device().info().is_cpu();
             thread::scope(|scope| {
                 let (rows, measured) = mpsc::sync_channel(MAX_PENDING);
                 let (sender, kept) = mpsc::channel();
@@ -287,7 +287,7 @@ fn origin(
             .map_err(|error| StudyError::Input(format!("the ledger's origin: {error}")))?,
         scene: subject.name.clone(),
         splats: subject.scene.count(),
-        content: format!("{:016x}", subject.scene.identity()),
+        content: hex(subject.scene.identity()),
         cameras: subject.cameras.clone(),
         // Without the folders: the plans identify a graph.
         pipeline: name_of(&wanted.pipeline),
@@ -313,7 +313,7 @@ fn content(pictures: &[Image]) -> String {
         (picture.width, picture.height).hash(&mut hash);
         picture.rgb.as_flattened().iter().for_each(|value| value.to_bits().hash(&mut hash));
     }
-    format!("{:016x}", hash.finish())
+    hex(hash.finish())
 }
 
 /// Makes a view with the exact renderer's picture and order, or with a given picture instead of the renderer's.

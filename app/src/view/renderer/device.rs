@@ -28,7 +28,7 @@ impl Renderer {
     /// Returns true if polling an older frame blocks until newer frames are finished. On a CPU, Mesa's Vulkan driver
     /// waits for all submissions before it returns a timestamp.
     pub(in crate::view) fn reads_block(&self) -> bool {
-        self.info.kind == "cpu"
+        self.info.is_cpu()
     }
 
     /// Returns the error that lost the device or its window surface; `None` also after [`Renderer::release`].

@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// What the log tells besides events: changes of the window and its controls, in pixels, and its frames.
+/// An entry of the log that is no event: changes of the window and its controls, in pixels, and its frames.
 #[derive(Clone, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Seen {

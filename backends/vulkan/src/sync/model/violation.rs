@@ -88,7 +88,7 @@ impl When {
 pub struct Actor {
     /// The part of the run that it belongs to; for the host, the frame that it prepares.
     pub when: When,
-    /// What accesses the resource.
+    /// The pass, layout change or host.
     pub what: What,
 }
 
