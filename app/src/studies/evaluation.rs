@@ -27,7 +27,7 @@ pub struct Score {
 /// Means of the scores over all views. A mean is `None` if a view lacks the score or is missing, or without views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Mean {
-    /// Mean of the views' decibels (as in papers), not the PSNR of the mean error. Infinite if a view's pictures are equal.
+    /// Mean of the views' decibels (as in papers), not PSNR of the mean error. Infinite if a view's pictures are equal.
     #[serde(serialize_with = "decibels::serialize_measured")]
     pub psnr_db: Option<f64>,
     /// See [`Score::ssim`].
@@ -72,7 +72,7 @@ impl Score {
 }
 
 impl Evaluation {
-    /// Computes the means of the scores. A mean over only part of the views would look like that over all of them.
+    /// Computes the means of the scores: `None` if a view is missing, because a partial mean could be taken for a whole.
     pub fn new(views: Vec<Score>, missing: Vec<String>) -> Evaluation {
         let is_whole = !views.is_empty() && missing.is_empty();
         let mean = |of: &dyn Fn(&Score) -> Option<f64>| {

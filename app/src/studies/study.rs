@@ -131,7 +131,7 @@ impl Subject<'_> {
         self.files_of(&mut session, settings)
     }
 
-    /// Lists the files of graphs and their shaders; those of a graph with errors only as far as they can be read.
+    /// Lists the files of graphs and their shaders. For a graph with errors, the list may be incomplete.
     ///
     /// # Errors
     /// The subject has no camera, or the device cannot create another context.
@@ -189,7 +189,7 @@ pub enum StudyError {
     /// The inputs cannot be measured, for the given reason.
     #[error("{0}")]
     Input(String),
-    /// A setting was asked for whose parameter has no exact value.
+    /// The parameter of a requested setting has no exact value.
     #[error("`{0}` is not measured: its declaration has no `exact` value to compare other values with")]
     NoExactValue(String),
     /// No setting has a name that begins with the given text.

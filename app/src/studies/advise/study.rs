@@ -44,7 +44,7 @@ pub struct Wanted {
     pub pipeline: String,
     /// Names and values of the parameters that are the same in every setting.
     pub set: Vec<(String, String)>,
-    /// Limits that the advised setting must keep.
+    /// Limits for the advised setting.
     pub budget: Budget,
     /// Numbers of frames and rounds.
     pub frames: Frames,
@@ -132,7 +132,9 @@ pub fn study(
     Ok(Advice { budget: wanted.budget, tried, unsure })
 }
 
-/// Returns the exact settings with the narrowest keys that suffice for their mapping, if those differ from theirs.
+/// Returns the exact settings with the narrowest sufficient keys for their depth mapping.
+///
+/// `None` if their keys already have that width, or if no width suffices.
 fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;

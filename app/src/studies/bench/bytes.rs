@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// a pass that uses only a part of its buffers, such as a sort of the visible splats.
 pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
     if let Work::Export = pass.work {
-        // Measured frames export no picture, only the statistics of 4 bytes, which are read and written.
+        // Measured frames export only statistics: 4 bytes each, read once and written once.
         return 8 * plan.stats.len() as u64;
     }
     let mut touched: BTreeMap<ResourceId, (bool, bool)> = BTreeMap::new();

@@ -54,7 +54,7 @@ pub struct Figures {
     pub gpu_ms: Option<Figure>,
     /// Milliseconds outside of passes, such as those of barriers.
     ///
-    /// Like `phases` and `passes`, from frames with timestamps of passes, which slow a frame down.
+    /// Measured, like `phases` and `passes`, in frames with per-pass timestamps, which slow a frame down.
     pub between_ms: Option<Figure>,
     /// Host time until the frame is submitted, in milliseconds.
     pub submit_ms: Option<Figure>,
@@ -220,7 +220,7 @@ impl Bench<'_> {
         let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
         let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;
-        // A single frame per round means that frames are slow, so that timestamps of passes hardly matter.
+        // A single frame per round means that frames are slow: the cost of per-pass timestamps is negligible.
         let mut whole = match effort.frames {
             1 => None,
             _ => Some(interleaved::rounds(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),
@@ -242,7 +242,7 @@ impl Bench<'_> {
     }
 }
 
-/// Summarises a view's frames, without passes that run once. `rounds` have timestamps of passes; `whole` may lack them.
+/// Summarises a view's frames, without passes that run once. `rounds` have per-pass timestamps; `whole` may lack them.
 fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> Figures {
     type Value<'a> = &'a dyn Fn(&Timed) -> Option<f64>;
     let of_rounds =
@@ -468,7 +468,7 @@ mod tests {
             let phases = figures.phases.iter().map(|phase| phase.gpu_ms.expect("timed").median);
             phases.sum::<f64>() + figures.between_ms.expect("timed").median
         };
-        assert!(of_parts(figures) > median(figures), "timestamps of passes take time, too");
+        assert!(of_parts(figures) > median(figures), "per-pass timestamps take time, too");
         // With one frame per round, all times come from the same frames.
         let one = Frames { frames: Some(1), ..FRAMES };
         let one = measured_in(one, &device, &[candidate("splat", &[])], &["one"]).remove(0);

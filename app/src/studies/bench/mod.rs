@@ -1,9 +1,9 @@
 //! Measures graphs against each other and against the device's copy limit.
 //!
-//! [`study()`] loads candidates, graphs with their parameters, side by side on one device. They draw their frames
-//! interleaved, so that a change of the device's clock affects all of them ([`measure`]). The time of each pass is
-//! compared with an estimate of its bytes ([`bytes`]) at the bandwidth of a copy ([`limit`]). [`report`] keeps the
-//! numbers of a run, [`table`] and [`plot`] show them, and [`sort`] measures the sort alone.
+//! [`study()`] loads candidates (graphs with their parameters) side by side on one device. Their frames are
+//! interleaved, so that a change of the device's clock affects all of them ([`measure`]). The bandwidth of each pass,
+//! from an estimate of its bytes ([`bytes`]), is compared with the bandwidth of a copy ([`limit`]). [`report`] stores
+//! the numbers of a run, [`table`] and [`plot`] show them, and [`sort`] measures the sort alone.
 
 pub mod bytes;
 pub mod limit;

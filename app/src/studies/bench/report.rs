@@ -69,7 +69,7 @@ pub struct SceneOrigin {
 pub struct Row {
     /// The scene's file, or `demo`.
     pub scene: String,
-    /// Number of splats that were drawn; the scene is enlarged or cut to it.
+    /// Number of splats to which the scene was enlarged or cut.
     pub splats: u32,
     /// Width and height in pixels; `None` if each camera has its own size.
     pub size: Option<(u32, u32)>,
@@ -85,7 +85,7 @@ pub struct Report {
     /// Program, device and settings of the run.
     #[serde(flatten)]
     pub origin: Origin,
-    /// False while sizes, numbers of splats or scenes are left to measure: the run was interrupted.
+    /// False if the run was interrupted before all scenes, numbers of splats and sizes were measured.
     pub complete: bool,
     /// Scenes of the run, with their cameras.
     pub scenes: Vec<SceneOrigin>,

@@ -34,7 +34,7 @@ pub fn usual_pairs() -> Vec<u32> {
 pub struct Sorted {
     /// The sum of the sort's passes: their GPU time, and an estimate of the bytes that they move.
     pub phase: Part,
-    /// Upper bound of the sort's GPU time in milliseconds: its passes, and all time between passes of the frame.
+    /// Upper bound of the sort's GPU time, in milliseconds: its passes plus all time between the frame's passes.
     /// `None` without timestamps.
     pub at_most_ms: Option<f64>,
     /// Host time of the whole frame in milliseconds, including the generation of the pairs.
@@ -96,7 +96,7 @@ pub struct Report {
 /// Measures sorts of each number of pairs, with the key widths interleaved.
 ///
 /// # Errors
-/// The device fails, or the listener cancels. A sort that does not fit gives a row with the reason.
+/// The device fails, or the listener cancels. A sort that does not fit in memory gives a row with the reason.
 pub fn measure(
     device: &Backend,
     pairs: &[u32],

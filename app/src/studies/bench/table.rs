@@ -104,7 +104,7 @@ fn candidates(rows: &[Row]) -> String {
         let of = |phase: &str| mean.phases.iter().find(|part| part.name == phase);
         line.extend(phases.iter().map(|phase| of(phase).map_or(String::new(), |part| ms(part.gpu_ms))));
         let mebibytes = found.memory_bytes as f64 / f64::from(1 << 20);
-        // Timestamps of passes can slow a frame so much that the time between passes exceeds a frame without them.
+        // Per-pass timestamps can slow a frame so much that the time between passes exceeds a whole frame without them.
         let is_less = |between: &Figure| mean.gpu_ms.is_some_and(|whole| between.median <= whole.median);
         let between = mean.between_ms.filter(is_less);
         line.extend([ms(between), ms(mean.wall_ms), ms(mean.submit_ms), format!("{mebibytes:.1}")]);

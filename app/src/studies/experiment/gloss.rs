@@ -41,7 +41,7 @@ pub struct Part {
     pub size: [u32; 2],
     /// Centroid of the part's energy, in world coordinates.
     pub point: [f64; 3],
-    /// Mean energy of bands 1, 2 and 3 in the part. Each splat counts by its visible part.
+    /// Mean energy of bands 1, 2 and 3 in the part, weighted by each splat's contribution to the pixels.
     pub within: [f64; 3],
     /// Mean energy of bands 1, 2 and 3 in the whole picture.
     pub whole: [f64; 3],

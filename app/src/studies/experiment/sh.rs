@@ -1,9 +1,9 @@
 //! Measures the error of leaving out bands of the harmonics, where colours depend most on the viewing direction.
 //!
 //! A splat's colour is a function of the direction, stored as the first coefficients of its expansion in real spherical
-//! harmonics. These are orthonormal: if bands are left out, the mean square error over all directions is the sum of
-//! their squared coefficients over 4 pi. [`measure`] draws the glossiest part of a picture ([`gloss`]) from several
-//! directions with bands up to each degree; [`page`] compares the errors with that sum.
+//! harmonics. The basis is orthonormal, so the mean square error over all directions is the sum of the omitted squared
+//! coefficients over 4 pi. [`measure`] draws the glossiest part of a picture ([`gloss`]) from several directions with
+//! bands up to each degree; [`page`] compares the errors with that sum.
 
 use super::exact::{self, GAIN, decibels, draw};
 use super::gloss::{self, Part};
@@ -69,7 +69,7 @@ pub struct Sh {
 
 /// Draws the glossiest part with bands up to each degree, and measures the errors.
 ///
-/// Several cameras serve as the directions; a single one is moved around the part by [`DEGREES`].
+/// Several cameras are used as the directions. A single camera is turned around the part by each of [`DEGREES`].
 ///
 /// # Errors
 /// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
@@ -242,7 +242,7 @@ fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     header.extend(directions.iter().map(|direction| format!("{}, dB to exact", direction.name)));
     let rows: Vec<Vec<String>> = (0..=highest as usize)
         .map(|degree| {
-            // Not `sum`, which is -0.0 for no numbers.
+            // `sum` of an empty iterator is -0.0.
             let predicted = part.within[degree..].iter().fold(0.0, |sum, energy| sum + energy);
             let errors = directions.iter().map(|direction| squared_error(direction.degrees[degree].to_all));
             let measured = errors.sum::<f64>() / directions.len() as f64;

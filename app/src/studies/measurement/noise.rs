@@ -4,7 +4,8 @@
 //! right before it. The share of a setting is the median of its turns. Its range is the 99 % confidence interval of
 //! that median, computed from the order of the turns alone (the binomial interval of a median; David and Nagaraja,
 //! "Order Statistics", 3rd edition, 7.1): no distribution is assumed. Turns end once the range is narrow, so the actual
-//! confidence is a little lower. (Medians of several frames need more frames for a range of the same width.)
+//! confidence is a little lower. (Shares of medians of several frames would need more frames for an equally narrow
+//! range.)
 //!
 //! Measured against themselves, the exact settings would have a share of 1 without noise. The distance of their share
 //! from 1 is the **noise floor**. Every range is widened to at least `median * (1 ± floor)`.
@@ -59,7 +60,9 @@ impl Share {
         Some(Share { median: mean(&|view| Some(view.median))?, range })
     }
 
-    /// Returns the noise floor, if this is the exact settings' share against themselves; `None` without a range.
+    /// Returns the noise floor: the median's distance from 1. `None` without a range.
+    ///
+    /// Only meaningful for the exact settings' share, measured against themselves.
     pub fn floor(&self) -> Option<f64> {
         self.range.map(|_| (1.0 - self.median).abs())
     }
@@ -87,8 +90,8 @@ impl Share {
 
 /// Returns the number of turns outside the median's range, on each side; `None` with too few turns.
 fn outside(turns: usize) -> Option<usize> {
-    // `log_term`: logarithm of the probability that exactly `count` turns are below the median, which is below the
-    // smallest float for thousands of turns. `below`: the probability that at most `count` are.
+    // `log_term`: logarithm of the probability that exactly `count` turns are below the median. The probability itself
+    // underflows for thousands of turns. `below`: the probability that at most `count` are.
     let mut log_term = turns as f64 * 0.5f64.ln();
     let (mut below, mut found) = (0.0, None);
     for count in 0..=turns / 2 {

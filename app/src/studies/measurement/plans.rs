@@ -48,15 +48,16 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
 pub struct Planned {
     /// Each setting with the hash of its plans, `None` if one cannot be built.
     pub settings: Vec<(Setting, Option<u64>)>,
-    /// Pipelines of the settings' plans for pictures of one size, which would otherwise be created between measurements.
-    /// Empty on CPUs, where frames and compilers share the cores.
+    /// Pipelines of each setting's plan for one picture size, compiled ahead of the measurements.
+    ///
+    /// Empty on CPUs, where compilation would compete with frames for cores.
     pub pipelines: Vec<Compiled>,
 }
 
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
 /// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
-/// an earlier setting's. `exact` draws the first setting, and is prepared. Settings that `wanted` rejects are dropped.
+/// an earlier setting's. `exact` is a prepared session of the first setting. Settings rejected by `wanted` are dropped.
 ///
 /// # Errors
 /// The exact settings are not prepared, or the listener cancels.
@@ -90,7 +91,7 @@ pub fn to_measure(
                 let cancel = Cancel::new(move || is_cancelled.load(Ordering::Relaxed));
                 let loader = exact.device().loader().cancelled_by(cancel);
                 scope.spawn(move |_| {
-                    // A plan that the device refuses is refused again, and reported, when it is measured.
+                    // An error is ignored here: it occurs again, and is reported, when the setting is measured.
                     let _ = loader.compile(plan).map(|pipelines| sender.send(pipelines));
                 });
             }

@@ -38,7 +38,7 @@ pub struct Time {
 pub struct Baseline<'a> {
     /// Session that draws the exact settings, prepared at the view's size.
     pub session: &'a mut Session,
-    /// Milliseconds that shares are multiplied by; `None` for the baseline's time in the same rounds.
+    /// Frame time by which shares are multiplied, in milliseconds; `None` uses the baseline's time in the same rounds.
     pub ms: Option<f64>,
 }
 
@@ -50,9 +50,9 @@ pub const MAX_DURATION: Duration = Duration::from_secs(8);
 
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
-/// Both sessions are prepared at the camera's size, and warm up first if there will be a range. Rounds end when
-/// the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if there is
-/// a range.
+/// Both sessions must be prepared at the camera's size. They warm up first if `effort` [has a range](has_range). Rounds
+/// end when the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if
+/// there is a range.
 ///
 /// # Errors
 /// The device fails.
@@ -92,7 +92,7 @@ pub fn time_in_turns(
     Ok(time(&rounds, exact.ms))
 }
 
-/// Returns true if so many frames can have a range.
+/// Returns true if `effort` has at least [`noise::MIN_TURNS`] frames, enough for a range.
 pub fn has_range(effort: Effort) -> bool {
     effort.rounds.saturating_mul(effort.frames) as usize >= noise::MIN_TURNS
 }

@@ -65,7 +65,7 @@ pub struct Measured {
     pub gpu_bytes: u64,
 }
 
-/// A measurement whose picture may still be compared, on a thread of the scope.
+/// A measurement whose comparison may still run, on a thread of the scope.
 pub struct Measuring<'scope> {
     /// The time of a frame; `None` without timestamps, or if the comparison had failed before the time was measured.
     pub time: Option<Time>,
@@ -140,7 +140,7 @@ pub struct Drawn {
 }
 
 fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>, SessionError> {
-    // A graph with the previous frame's order needs a frame before the capture.
+    // A graph that reuses the previous frame's order needs a frame before the capture.
     interleaved::frame(session, &view.camera)?;
     match capture::take(session, &view.camera) {
         Ok(capture) => Ok(Ok(capture)),
@@ -151,7 +151,8 @@ fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>
 
 fn compare(capture: Capture, view: &View) -> Result<Drawn, String> {
     let Capture { image, order, counts } = capture;
-    // A view without visible splats has no wrong pair; otherwise, an empty order is that of a view without one.
+    // An empty `view.order` means that orders are not compared, unless the drawn order is empty, too: then no pair is
+    // wrong.
     let order = order.filter(|order| order.is_empty() || !view.order.is_empty());
     let (error, inversions) = rayon::join(
         || error::measure(&image, &view.picture, &view.covered).map_err(|error| error.to_string()),

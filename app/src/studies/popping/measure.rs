@@ -24,7 +24,7 @@ pub struct Step {
     pub score: Score,
     /// Number of pairs of splats that swap places in the drawn order; `None` if the graph has no readable order.
     pub order_changes: Option<u64>,
-    /// Number of pairs of the same splats that swap places in the true order; `None` without a readable order.
+    /// Number of pairs of the drawn splats that swap places in the true order; `None` without a readable order.
     pub true_order_changes: Option<u64>,
 }
 

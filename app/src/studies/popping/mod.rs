@@ -1,4 +1,4 @@
-//! Measures popping: the error of a renderer that changes from frame to frame.
+//! Measures popping: the change of a renderer's error from frame to frame.
 //!
 //! A constant error is less visible than an error that comes and goes, which a single picture cannot show. The exact
 //! renderer draws every frame of a path of cameras, and its changes between frames are the true ones: a renderer pops

@@ -1,7 +1,7 @@
 //! Moves a camera closer to the scene, then makes the picture smaller, to vary splats and covered pixels independently.
 //!
-//! From closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If fragments
-//! bound a draw, all of these times lie on one line over covered pixels times overlap.
+//! From closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If the draw is
+//! fragment-bound, all of these times are on one line over covered pixels times overlap.
 
 use crate::draw::interleaved::Effort;
 use crate::draw::session::Session;
@@ -18,7 +18,7 @@ pub struct Closer {
     pub distance: f64,
     /// Width and height of the picture, in pixels.
     pub size: (u32, u32),
-    /// Number of pixels that a splat contributes to.
+    /// Number of pixels with a contribution of at least one splat.
     pub covered: u64,
     /// Mean number of splats that contribute to a covered pixel: the overlap.
     pub overlap: f64,
@@ -43,7 +43,7 @@ pub struct Fit {
 pub const STEPS: [(f64, u32); 8] =
     [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
 
-/// Makes the cameras of [`STEPS`]: the first, moved forward towards the median depth of the splats in its view.
+/// Makes the cameras of [`STEPS`]: `first`, moved forward towards the median depth of the splats in its view.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
     let seen = |p: &[f32; 3]| {

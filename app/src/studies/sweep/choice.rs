@@ -20,7 +20,7 @@ pub enum Choice {
     Nearest,
 }
 
-/// Name of the graphs' parameter that is the share of the visible splats to draw.
+/// Name of the graph parameter for the share of visible splats to draw.
 pub const BUDGET: &str = "budget";
 
 impl Choice {

@@ -33,7 +33,7 @@ pub struct Step {
     pub gpu_bytes: u64,
 }
 
-/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, at most `steps` of them, but at least one.
+/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on; at most `steps` numbers, at least one.
 pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     let mut counts: Vec<u32> =
         (0..steps.max(1)).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
@@ -49,7 +49,7 @@ pub struct Sweep<'a> {
     pub pipeline: &'a str,
     /// Names and values of the graph's parameters.
     pub set: &'a [(String, String)],
-    /// Milliseconds with all splats, set by [`Sweep::all`], by which the view's shares are multiplied.
+    /// Frame time with all splats, in milliseconds, by which the view's shares are multiplied. Set by [`Sweep::all`].
     pub ms: Option<f64>,
     /// Parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
     pub nearest: Option<&'a [(String, String)]>,
@@ -90,7 +90,7 @@ impl Sweep<'_> {
         for &count in counts {
             let mut session = match &ranking {
                 Some(ranking) => {
-                    // In the order of the file.
+                    // Keep the order of the file.
                     let mut chosen = ranking[..count as usize].to_vec();
                     chosen.sort_unstable();
                     let part = self.whole.scene().picked(&chosen).map_err(SynthError::from)?;

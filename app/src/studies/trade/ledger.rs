@@ -109,8 +109,7 @@ pub struct Book {
     _lock: Option<File>,
 }
 
-/// Checks that a file of an earlier run is a ledger, of any version of the program, so that [`Book::save`] may replace it.
-/// A missing file and an empty one are accepted.
+/// Checks that [`Book::save`] may replace a file: a ledger of any version of the program, an empty file, or no file.
 ///
 /// # Errors
 /// The file cannot be read, or it has other contents.
@@ -123,7 +122,7 @@ pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
         match file.fill_buf()?.first() {
             None => return Ok(true),
             Some(b'{') => {}
-            // Not read further: a scene may have gigabytes.
+            // Not read further: the file may be a scene of gigabytes.
             Some(_) => return Ok(false),
         }
         let json: Json = serde_json::from_reader(file).unwrap_or_default();
@@ -145,7 +144,7 @@ impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
     /// `plans` are the settings, each with the hash of its plans; without any, all rows are kept. Also returns why rows
-    /// of the file are dropped. Without a path, nothing is saved. A ledger of another program or device is copied.
+    /// of the file are dropped. Without a path, nothing is saved. A ledger of another program or device is set aside.
     ///
     /// # Errors
     /// The file has rows of other inputs, or another process measures in the folder: rows would be lost.
@@ -169,7 +168,7 @@ impl Book {
         let mut lost = None;
         let mut rows = match bytes.as_deref().map_or(Ok(Vec::new()), |bytes| rows_of(bytes, &origin)) {
             Ok(rows) => rows,
-            // The program and the device are updated under a job that runs every night.
+            // Not an error: a nightly job has to survive updates of the program and of the driver.
             Err(changes) if changes.iter().all(|change| ["program", "device"].contains(change)) => {
                 let kept = set_aside(path.as_deref(), &bytes.unwrap_or_default())?;
                 let changes = changes.join(" and another ");
@@ -278,7 +277,7 @@ pub struct Line {
     /// PSNR of the covered pixels over all views, in decibels; infinite for equal pictures.
     #[serde(serialize_with = "decibels::serialize_number")]
     pub covered_psnr_db: f64,
-    /// Lowest SSIM over the views.
+    /// Lowest SSIM over the views; `None` if a view has none.
     pub ssim: Option<f64>,
     /// Mean FLIP over the views.
     pub flip: f64,
@@ -286,9 +285,9 @@ pub struct Line {
     pub worst: f64,
     /// Mean share of pixels in which a channel differs by more than 1/255.
     pub off: f64,
-    /// Number of pairs of splats in the wrong order, summed over the views.
+    /// Number of pairs of splats in the wrong order, summed over the views; `None` if it is unknown for a view.
     pub inversions: Option<u64>,
-    /// Lowest share of the host's frame time that the device spends drawing, over the views; at most 1.
+    /// Share of the host's frame time that the device spends drawing, at most 1; the lowest of the views.
     pub busy: Option<f64>,
     /// Largest use of device memory in any view, in bytes.
     pub gpu_bytes: u64,

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use splatgraph_framework::plan::Plan;
 use std::thread::Scope;
 
-/// Formats a hash. JSON readers round numbers of 64 bits.
+/// Formats a hash as 16 hexadecimal digits, because many JSON readers round 64-bit integers.
 pub fn hex(hash: u64) -> String {
     format!("{hash:016x}")
 }
@@ -32,7 +32,7 @@ pub struct Row {
 /// Factor on the rounds when the exact settings are measured against themselves: all rows depend on their noise.
 const ROUNDS_OF_EXACT: u32 = 4;
 
-/// A row whose picture may still be compared.
+/// A row whose comparison may still run.
 pub struct Pending<'scope> {
     setting: String,
     plan: Option<u64>,
@@ -57,21 +57,21 @@ impl Pending<'_> {
     }
 }
 
-/// Maximum number of rows that wait: each holds its picture, and may run a thread.
+/// Maximum number of pending rows: each holds its picture, and may run a thread.
 pub const MAX_PENDING: usize = 8;
 
-/// Measures a setting in several views.
+/// The sessions that measure a setting in several views.
 pub struct Sessions<'a> {
     exact: &'a mut Session,
     session: &'a mut Session,
     setting: &'a Setting,
     plan: Option<u64>,
-    /// Growths of `session` when the setting was loaded; `None` before the first view.
+    /// Value of [`Session::growths`] when the setting was loaded; `None` before the first view.
     loaded: Option<u32>,
 }
 
 impl<'a> Sessions<'a> {
-    /// Loads the setting with the first view. `plan` is the hash of its plans.
+    /// Stores the sessions; the setting is loaded with the first view. `plan` is the hash of its plans.
     pub fn new(
         exact: &'a mut Session,
         session: &'a mut Session,

@@ -34,7 +34,7 @@ impl Album {
         Album { folder: Some(ledger.with_file_name(FOLDER)) }
     }
 
-    /// Stores a picture, the truth and their difference, unless another view of the setting is as far from the truth.
+    /// Stores a picture, the truth and their difference, if no other view of the setting is as far from the truth.
     ///
     /// # Errors
     /// A file cannot be written.

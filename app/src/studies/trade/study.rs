@@ -69,7 +69,7 @@ pub struct Study {
     /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
     origin: Origin,
-    /// Pipelines of the settings, which are not created anew while these exist.
+    /// Keeps the settings' pipelines alive, so that they are not created again.
     _pipelines: Vec<Compiled>,
 }
 
@@ -86,7 +86,7 @@ impl Study {
         let settings = chosen(wanted, &controls)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
-        // Rows of an earlier run are shown, so they must be of the present plans.
+        // Rows of an earlier run are shown, too: their settings' plans are needed to drop rows that are out of date.
         let earlier = wanted.file.as_deref().map_or_else(BTreeSet::new, ledger::settings);
         let is_wanted = |setting: &Setting| {
             let name = &setting.name;
@@ -157,7 +157,7 @@ impl Study {
                 let (rows, measured) = mpsc::sync_channel(MAX_PENDING);
                 let (sender, kept) = mpsc::channel();
                 let keeper = scope.spawn(|| keep(measured, sender, book, album));
-                // On a CPU, the frames run on the cores that write files.
+                // On a CPU, each row waits until the file is written, which would compete with frames for cores.
                 let ends = (rows, is_cpu.then_some(kept));
                 let done = measure_views(
                     scope,
@@ -168,7 +168,7 @@ impl Study {
                     ends,
                     &mut steps,
                 );
-                // Also after an error, no finished row is lost.
+                // Joined after an error, too, so that no finished row is lost.
                 keeper.join().unwrap_or_else(|panic| resume_unwind(panic)).and(done)
             })?;
             together.clear();
@@ -177,10 +177,10 @@ impl Study {
     }
 }
 
-/// A row whose picture may still be compared, with its view.
+/// A row whose comparison may still run, with its view.
 type Measured<'scope> = (&'scope View, Pending<'scope>);
 
-/// Adds rows and their pictures to the ledger, until the other end is dropped. Frames are drawn meanwhile.
+/// Adds rows and their pictures to the ledger, until the sender is dropped. Runs while frames are drawn.
 ///
 /// Sends to `kept` whenever the file is written.
 fn keep(
@@ -190,7 +190,7 @@ fn keep(
     album: &Album,
 ) -> Result<(), StudyError> {
     while let Ok(mut next) = measured.recv() {
-        // The file has all rows, so it is written once for those that wait.
+        // Every write contains all rows, so pending rows share one.
         for left in (0..MAX_PENDING).rev() {
             let (view, pending) = next;
             let (row, picture) = pending.finish();
@@ -215,8 +215,8 @@ fn keep(
 
 /// Measures every setting in the views whose rows are missing, and sends the rows to [`keep`].
 ///
-/// Also takes the exact settings' milliseconds in each view, if known, and the settings and cameras that have rows. Waits
-/// after each row until it is `kept`, if given.
+/// `ms` are the exact settings' milliseconds in each view, if known. `have` has the setting and camera of existing rows.
+/// With `kept`, waits after each row until it is written.
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
     (exact, session): (&mut Session, &mut Session),
@@ -239,7 +239,7 @@ fn measure_views<'scope>(
             *ms = ms.or(row.exact_ms());
             let is_sent = rows.send((view, row)).is_ok();
             if !is_sent || kept.as_ref().is_some_and(|kept| kept.recv().is_err()) {
-                // The other end has an error, which it returns.
+                // `keep` ended with an error, which its thread returns.
                 return Ok(());
             }
         }
