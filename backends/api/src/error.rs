@@ -97,7 +97,7 @@ fn quoted(name: &str) -> String {
     if name.contains('`') { name.to_string() } else { format!("`{name}`") }
 }
 
-/// Writes a place in a graph as below the message of a graph's error.
+/// Formats a source location like the location line of a graph error.
 fn place(Origin { file, line, column }: &Origin) -> String {
     format!("\n --> {file}:{line}:{column}")
 }

@@ -40,14 +40,14 @@ pub struct DeviceInfo {
     pub facts: DeviceFacts,
     /// Effects of out-of-range shader accesses; [`Bounds::None`] on a device opened without checks.
     pub robustness: Robustness,
-    /// The largest device-local heap; may be empty if the device cannot run plans.
+    /// The largest device-local heap; may be [`Heap::default`] if the device cannot run plans.
     pub heap: Heap,
     /// Reason why the device cannot run plans; `None` if it can.
     pub unfit: Option<String>,
 }
 
 impl DeviceInfo {
-    /// Returns true if the device is a CPU, whose frames run on the cores of the program.
+    /// Returns true if the device is a CPU. Its frames then compete with the program for cores.
     pub fn is_cpu(&self) -> bool {
         self.kind == "cpu"
     }
@@ -66,7 +66,7 @@ pub struct Robustness {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Bounds {
-    /// No bounds: accesses reach other memory, and can crash the device or the program.
+    /// Accesses are unchecked: they can reach any memory, and can crash the device or the program.
     #[default]
     None,
     /// Accesses stay within the resource's memory, but may read or write any of it.
@@ -345,7 +345,7 @@ pub struct Compiled {
 }
 
 impl Compiled {
-    /// Keeps a backend's pipelines.
+    /// Wraps a backend's pipelines.
     pub fn new(pipelines: impl Send + 'static) -> Compiled {
         Compiled { _pipelines: Box::new(pipelines) }
     }
@@ -362,19 +362,20 @@ pub trait Loader: Send + 'static {
     /// A plan and all objects created for it.
     type Ready: Send + 'static;
 
-    /// Makes [`Loader::prepare`] and [`Loader::compile`] return [`BackendError::Cancelled`] if `cancel` requests it while pipelines are
-    /// compiled, even if the driver is busy. Later, the upload is finished, so that the next plan finds the scene on
-    /// the device.
+    /// Lets `cancel` end [`Loader::prepare`] and [`Loader::compile`] with [`BackendError::Cancelled`].
+    ///
+    /// It takes effect while pipelines are compiled, even if the driver is busy. After that, the upload is always
+    /// completed, so that the next plan finds the scene on the device.
     #[must_use]
     fn cancelled_by(self, cancel: Cancel) -> Self;
 
-    /// Lets the plan reuse results of `run: Once` passes of the device's other plans, if everything that they depend on
-    /// is equal. The passes are then omitted, so do not use this to measure or inspect them.
+    /// Lets the plan reuse results of other plans' `run: Once` passes on this device, if all their inputs are equal.
+    /// Passes whose results are reused do not run, so do not use this to measure or inspect them.
     #[must_use]
     fn sharing_results(self) -> Self;
 
-    /// Creates a plan's pipelines only. While the result is kept, plans with equal pipelines are prepared sooner: Vulkan
-    /// takes the pipelines over, and Metal's system has compiled their shaders.
+    /// Creates only a plan's pipelines. While the result is kept, plans with equal pipelines are prepared faster: Vulkan
+    /// reuses the pipelines, and on Metal the system has already compiled their shaders.
     ///
     /// # Errors
     /// As [`Loader::prepare`], for pipelines.
@@ -387,8 +388,7 @@ pub trait Loader: Send + 'static {
     ///   the plan.
     /// - [`BackendError::StuckCompiler`] if the driver takes longer than [`Options::compile_patience`] for a pipeline.
     ///   The compiler's thread is then abandoned, and the plan is refused with this error until the thread has ended.
-    /// - [`BackendError::OutOfMemory`], [`BackendError::Scene`], [`BackendError::Cancelled`], or an error of the
-    ///   driver.
+    /// - [`BackendError::OutOfMemory`], [`BackendError::Scene`], [`BackendError::Cancelled`], or a driver error.
     fn prepare(
         self,
         plan: Plan,
@@ -462,8 +462,8 @@ pub trait Device: Sized {
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted
-    /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it. If only the presentation fails,
-    /// the frame runs, but its result cannot be taken.
+    /// then. [`BackendError::Invalid`] if no plan is loaded, or the inputs do not fit it. If only the presentation
+    /// fails, the frame runs, but its result cannot be taken.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Returns true if the last submitted frame was to be presented, but could not be shown in the window.
@@ -491,8 +491,8 @@ pub trait Device: Sized {
 
     /// Lists device memory by name, in bytes: the plan's resources, then scene attributes, then the backend's own.
     ///
-    /// The sum is the allocated memory. (Each context lists the memory that it shares.) Resources that share memory
-    /// form one entry, with names joined by ` + `; so does a resource with a copy per frame in flight.
+    /// The sum is the allocated memory. Memory that contexts share is listed by each of them. Resources that share
+    /// memory form one entry, with names joined by ` + `. The copies of a resource per frame in flight form one entry, too.
     fn memory(&self) -> Vec<(String, u64)>;
 
     /// Returns the size and the available bytes of the largest device-local heap, as of now.
@@ -511,6 +511,6 @@ pub trait Windowed: Device {
     /// Sets the window's size in pixels; a window of size 0 is hidden.
     fn resize_window(&mut self, width: u32, height: u32);
 
-    /// Enables vsync (the default). Without it, frames are shown as they are drawn, if the window system allows it.
+    /// Enables vsync (the default). Without it, frames are shown as soon as they are drawn, if the window system allows it.
     fn set_vsync(&mut self, vsync: bool);
 }

@@ -3,10 +3,10 @@
 //! The bindings of each pass get their indices in the argument tables from the translated shaders. Nothing calls the
 //! API, so the lowering can be tested on any machine.
 //!
-//! Two things need no lowering. Arguments of indirect commands have equal layouts in both APIs: three words of a
+//! Three things need no lowering. Arguments of indirect commands have equal layouts in both APIs: three words of a
 //! dispatch (`MTLDispatchThreadgroupsIndirectArguments`), and four of a draw (`MTLDrawPrimitivesIndirectArguments`:
 //! vertices, instances, first vertex, first instance). Threadgroup memory is declared in the shaders, with its size.
-//! The y axis of clip space points up in Metal and down in Vulkan. The translated vertex shaders negate it, so
+//! The y axis of clip space points up in Metal and down in Vulkan: the translated vertex shaders negate it, so
 //! viewports and images are unchanged.
 
 use splatgraph_api::BackendError;

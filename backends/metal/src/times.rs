@@ -14,7 +14,7 @@ pub fn sample(timestamp: u32) -> Option<u32> {
     timestamp.checked_sub(2).filter(|sample| *sample < MAX_SAMPLES)
 }
 
-/// Returns the value of a counter; `None` if it is 0, not sampled, or all ones, `MTLCounterErrorValue`.
+/// Returns the value of a counter; `None` if it is 0 (not sampled) or all ones (`MTLCounterErrorValue`).
 fn counted(value: u64) -> Option<u64> {
     (value != 0 && value != u64::MAX).then_some(value)
 }
@@ -54,7 +54,7 @@ impl FrameTimes {
         self.frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
     }
 
-    /// Returns the number of samples to read: those up to the last that the frame took, once it has completed.
+    /// Returns the number of samples to read: up to the last one that the frame took; 0 until the frame has completed.
     pub fn samples(&self) -> usize {
         let last = self.taken.iter().rposition(|&taken| taken);
         last.filter(|_| self.completed).map_or(0, |last| last + 1)
@@ -62,7 +62,7 @@ impl FrameTimes {
 
     /// Returns the first `count` timestamps of the frame, in nanoseconds. `samples` are the values that were read.
     ///
-    /// They are `None` until the frame has completed, and for pairs that end before they start.
+    /// They are `None` until the frame has completed. Pairs of samples that end before they start are `None`, too.
     pub fn timestamps(&self, samples: &[u64], count: u32) -> Vec<Option<u64>> {
         let ticks = |sample: usize| {
             let taken = self.taken.get(sample).is_some_and(|&taken| taken);

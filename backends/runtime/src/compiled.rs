@@ -114,8 +114,8 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Makes this the executor's current plan, with this number, before its first frame. Adopts those of the previous
-    /// plan's `histories` that fit.
+    /// Makes this the executor's current plan, with this number, before its first frame. Adopts the previous plan's
+    /// `histories` that it can continue.
     pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
         self.number = number;
         for id in self.ids() {

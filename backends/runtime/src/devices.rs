@@ -4,7 +4,8 @@ use splatgraph_api::{BackendError, DeviceInfo};
 
 /// Returns the position of the device chosen by `wanted`: its index, or part of its name (case-insensitive).
 ///
-/// A number that is no index must be a whole word of the name: `4090` chooses an RTX 4090, but `1` no H100.
+/// A number that is not an index must match a whole word of the name: `4090` chooses an RTX 4090, but `1` does not
+/// choose an H100.
 ///
 /// Without `wanted`, prefers the first usable discrete GPU, then an integrated GPU, then any other, CPUs last.
 ///
@@ -42,7 +43,7 @@ pub fn choose(devices: &[&DeviceInfo], wanted: Option<&str>) -> Result<usize, Ba
 
 fn is_named(name: &str, part: &str) -> bool {
     if part.bytes().all(|byte| byte.is_ascii_digit()) {
-        // The numbers of a version ("15.0.6") are one word. An empty part is no word.
+        // A version ("15.0.6") is one word. An empty part matches nothing.
         let mut words = name.split(|c: char| !c.is_alphanumeric() && c != '.');
         return !part.is_empty() && words.any(|word| word == part);
     }

@@ -121,8 +121,8 @@ impl<G: Gpu> Slot<G> {
     }
 
     /// Returns the result of the slot's frame, and frees the slot unless waiting fails. If `patient`, blocks until the
-    /// frame has completed. `None` if no frame is pending, or if it is unfinished. `compiled` is the frame's plan, `slot`
-    /// this slot's index.
+    /// frame has completed. `None` if no frame is pending, or if it is unfinished. `compiled` is the frame's plan, and
+    /// `slot` this slot's index.
     pub fn collect(
         &mut self,
         shared: &Shared<G>,

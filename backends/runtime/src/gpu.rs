@@ -1,8 +1,9 @@
 //! Defines the trait that a graphics API implements, and the objects that it creates.
 //!
-//! [`Gpu`] is an open device, and creates objects. Those with calls of their own have a trait each: [`Memory`],
-//! [`Bindings`], [`Encoder`] and [`Swapchain`]. The rest of the crate decides, for every API, which objects a plan needs, how many frames are in
-//! flight, and what continues from one plan to the next. An object is dropped only when no frame in flight uses it.
+//! [`Gpu`] is an open device, and creates objects. Objects with methods have their own traits: [`Memory`],
+//! [`Bindings`], [`Encoder`] and [`Swapchain`]. The rest of the crate decides, for every API, which objects a plan
+//! needs, how many frames are in flight, and which contents one plan passes on to the next. An object is dropped only
+//! when no frame in flight uses it.
 //!
 //! An implementation lowers the plan's dependencies to commands once per plan. Vulkan's commands are the
 //! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's are part of its encoders,
@@ -114,7 +115,7 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         desc: &ImageDesc,
     ) -> Result<(Self::UnboundImage, Requirements), BackendError>;
 
-    /// Binds a buffer, created as `desc` says, to the start of an allocation that meets its requirements.
+    /// Binds a buffer, created from `desc`, to the start of an allocation that meets its requirements.
     fn bind_buffer(
         self: &Arc<Self>,
         desc: &BufferDesc,
@@ -122,7 +123,7 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         memory: &Self::Memory,
     ) -> Result<Self::Buffer, BackendError>;
 
-    /// Binds an image, created as `desc` says, to the start of an allocation that meets its requirements.
+    /// Binds an image, created from `desc`, to the start of an allocation that meets its requirements.
     fn bind_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
@@ -336,13 +337,13 @@ pub struct ImageDesc<'a> {
 /// The image uses that a device supports for one format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FormatSupport {
-    /// True for use as a storage image.
+    /// True if images can be storage images.
     pub storage: bool,
-    /// True for use as a colour target.
+    /// True if images can be colour targets.
     pub target: bool,
-    /// True for use as a colour target of draws that blend.
+    /// True if images can be colour targets of draws that blend.
     pub blend: bool,
-    /// True for use as the source of blits to a window.
+    /// True if images can be the source of blits to a window.
     pub blit: bool,
 }
 
@@ -467,8 +468,8 @@ pub enum Draw<'a, G: Gpu> {
 /// A recorder of commands that are submitted together and can be waited for.
 ///
 /// It is reused: [`begin`](Encoder::begin), commands, [`end`](Encoder::end), [`submit`](Encoder::submit),
-/// [`wait`](Encoder::wait). The caller guarantees what the plan's checks establish: ranges lie within their buffers, objects allow their uses, and images
-/// are in the layout of their use.
+/// [`wait`](Encoder::wait). The caller guarantees what the plan's checks establish: ranges lie within their buffers,
+/// objects were created for their uses, and images are in the layout of their use.
 pub trait Encoder<G: Gpu>: Sized + Send + 'static {
     /// Creates an encoder; `name` appears in GPU captures.
     fn new(gpu: &Arc<G>, name: &str) -> Result<Self, BackendError>;

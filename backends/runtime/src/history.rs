@@ -29,7 +29,7 @@ pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
     resource.history.as_deref().filter(|_| alone)
 }
 
-/// Finds the one of the previous plan's histories, `former`, that a resource of `plan` continues.
+/// Finds the history in `former`, the previous plan's histories, that resource `id` of `plan` continues.
 pub(crate) fn find<'a, G: Gpu>(
     plan: &Plan,
     id: ResourceId,
@@ -38,8 +38,8 @@ pub(crate) fn find<'a, G: Gpu>(
 ) -> Option<&'a History<G>> {
     let name = name(plan, id)?;
     let resource = plan.resource(id);
-    // If no pass clears it, the plan does not treat it as a history; if another prologue pass writes it, its contents
-    // start anew.
+    // Without a pass that clears it, the plan does not treat it as a history. If another prologue pass writes it, its
+    // contents start anew.
     let prologue = || plan.prologue.iter().map(|pass| plan.pass(*pass));
     let start = Work::ClearHistory { resource: id };
     let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());

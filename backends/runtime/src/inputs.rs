@@ -7,8 +7,8 @@ use crate::shared::Shared;
 use splatgraph_api::{BackendError, FrameInputs};
 use splatgraph_framework::ir::{Param, ParamBinding, ResourceId, Source};
 
-/// Copies the frame's uniform blocks to its slot's buffers, and zeroes the rest of each. Live parameters may not be
-/// missing.
+/// Copies the frame's uniform blocks to its slot's buffers, and zeroes the rest of each. All live parameters must be
+/// present.
 pub(crate) fn write_uniforms<G: Gpu>(
     compiled: &mut CompiledPlan<G>,
     slot: usize,

@@ -39,8 +39,10 @@ pub(crate) fn buffers<G: Gpu>(
     inspect.iter().map(buffer).collect()
 }
 
-/// Refuses a resource that has no valid contents right after pass number `last` of the next frame: it is freed, or an
-/// image not written yet, or shares its memory with a resource that holds it then, which a layout change would destroy.
+/// Refuses a resource that has no valid contents right after pass number `last` of the next frame.
+///
+/// It may be freed, an image that is not written yet, or inactive while another resource occupies their shared memory.
+/// In the last case, a layout change for the copy would destroy the other resource.
 fn check_contents<G: Gpu>(
     compiled: &CompiledPlan<G>,
     inspect: &Inspect,

@@ -3,10 +3,10 @@
 //! [`Executor`] implements [`splatgraph_api::Device`] on top of [`Gpu`], the small trait that a graphics API
 //! implements. A plan passes through the crate in these steps:
 //!
-//! 1. `check` checks its consistency, and the device's `limits`.
-//! 2. `states` lists its pipelines, and `pipelines` compiles them, on a thread that can be abandoned. `resources` (with `aliasing`,
-//!    `attributes`, `once` and `host_buffers`), `bindings` and `upload` create the rest of a `compiled` plan. `results`
-//!    reuses what another plan has computed once. A `loader` does all this on any thread.
+//! 1. `check` checks its consistency, and that it respects the device's `limits`.
+//! 2. `states` lists its pipelines, and `pipelines` compiles them on a thread that can be abandoned. `resources` (with
+//!    `aliasing`, `attributes`, `once` and `host_buffers`), `bindings` and `upload` create the rest of a `compiled`
+//!    plan. `results` reuses prologue results of other plans. A `loader` does all this on any thread.
 //! 3. The plan becomes the current one of an `executor`, and continues from the `history` of the previous one.
 //! 4. `record` records a frame, `frame` submits it and reads its results back, `window` presents its output, and
 //!    `outputs` shares it with other executors.
@@ -16,7 +16,7 @@
 //! loaded, and `record` asks for them pass by pass. The crate adds barriers only for its own work: uploads, readback,
 //! inspection, shared outputs, and the change from one plan to the next.
 //!
-//! Ownership runs one way: an executor holds the state shared by the executors of a device, that state holds the
+//! Ownership runs one way: an executor holds the state that all executors of a device share, the shared state holds the
 //! device, and every object holds its device.
 
 #![deny(missing_docs)]

@@ -1,7 +1,7 @@
 //! Prepares a plan on one thread while another draws.
 //!
-//! A [`Loader`] creates a [`Ready`]: a compiled plan that no executor has yet. That includes all slow work, even
-//! uploads. Only binding the plan to the histories that it continues ([`crate::history`]) is left to the drawing
+//! A [`Loader`] creates a [`Ready`]: a compiled plan that is not current yet. All slow work happens here, uploads
+//! included. Only binding the plan to the histories that it continues ([`crate::history`]) is left to the drawing
 //! thread.
 
 use crate::check;

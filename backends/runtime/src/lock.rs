@@ -2,8 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Locks a mutex, also if a thread has panicked while it held the lock: what the backends guard with locks is valid
-/// between any two statements.
+/// Locks a mutex and ignores poisoning: the data that the backends guard with locks is valid after every statement.
 pub fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

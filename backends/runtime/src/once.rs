@@ -24,7 +24,7 @@ pub(crate) struct UsedOnce {
 }
 
 impl UsedOnce {
-    /// Finds the buffers that no frame uses, in a plan whose passes `skipped` do not run.
+    /// Finds the buffers that no frame uses. The `skipped` passes do not run.
     pub fn new(plan: &Plan, skipped: &[PassId]) -> UsedOnce {
         let runs = plan.prologue.iter().copied().filter(|pass| !skipped.contains(pass));
         let used: BTreeSet<ResourceId> = runs.flat_map(|pass| plan.pass(pass).resources()).collect();

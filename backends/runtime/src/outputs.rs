@@ -1,7 +1,7 @@
 //! Shares one executor's output with plans of other executors on the device.
 //!
-//! To share a frame, an executor copies its output to its one buffer for this at the end of the frame. Plans of other
-//! executors read it as a host buffer ([`crate::host_buffers`]).
+//! To share a frame, an executor copies the frame's output, at its end, to the executor's only buffer for shared
+//! outputs. Plans of other executors read it as a host buffer ([`crate::host_buffers`]).
 //!
 //! Frames of all executors run on one queue, but no plan knows of the others, so the runtime orders the copy: it waits
 //! for all earlier work on the queue, readers included, and all later work waits for it. A reader always sees the

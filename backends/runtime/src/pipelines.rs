@@ -108,7 +108,7 @@ impl Compilers {
         let (mut current, mut begun, mut watch) = (None, Instant::now(), Stopwatch::start());
         let told = loop {
             match messages.recv_timeout(ASK_EVERY) {
-                // If all pipelines are quick, the timeout below never fires.
+                // Also checked here: while pipelines compile quickly, the timeout below never fires.
                 Ok(Message::Next(_)) if cancel.is_requested() => break None,
                 Ok(Message::Next(next)) => {
                     let NextPipeline { done, of, shader, .. } = next;
@@ -192,7 +192,7 @@ fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>
     let _ = sender.send(Message::Made(made));
 }
 
-/// Returns true if two plans are taken to have the same pipelines: equal names, shaders and pass names.
+/// Returns true if two plans are assumed to have the same pipelines: their names, shaders and pass names are equal.
 fn compiles_as(one: &Plan, other: &Plan) -> bool {
     one.name == other.name
         && one.shaders == other.shaders

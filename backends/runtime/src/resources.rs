@@ -1,8 +1,8 @@
 //! Creates the buffers and images of one plan.
 //!
 //! A transient exists once, in the memory of its block. A uniform block that the host writes exists once per frame in
-//! flight and stays mapped; so does the readback memory for statistics. A host buffer is created when host bytes for it
-//! first come with a frame ([`crate::host_buffers`]). Planes of the scene are shared by all plans of the device
+//! flight and stays mapped; so does the readback memory for statistics. A host buffer is created by the first frame
+//! that supplies host bytes for it ([`crate::host_buffers`]). Planes of the scene are shared by all plans of the device
 //! ([`crate::attributes`]), and histories by successive plans ([`crate::history`]).
 
 use crate::aliasing::{self, Member, Transient};
@@ -159,7 +159,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Drops this plan's hold on a buffer that its passes no longer use. Another plan may still hold it.
+    /// Drops this plan's reference to a buffer that its passes no longer use. Another plan may still hold it.
     pub fn free(&mut self, id: ResourceId) {
         self.held[id.index()] = Held::Freed;
     }
@@ -172,7 +172,7 @@ impl<G: Gpu> Resources<G> {
         self.held[id.index()] = Held::Transient(transient);
     }
 
-    /// Returns the mapped bytes of a resource with a copy per frame, other than a host buffer.
+    /// Returns the mapped bytes of a resource with a copy per frame; `None` for other resources and for host buffers.
     pub fn mapped_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut [u8]> {
         match &mut self.held[id.index()] {
             Held::PerFrame(copies) => Some(copies[slot].mapped_mut()),

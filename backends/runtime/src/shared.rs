@@ -37,7 +37,7 @@ impl<G: Gpu> Shared<G> {
         })
     }
 
-    /// Keeps objects until [`Shared::drop_abandoned`] finds the device idle, which may be never.
+    /// Keeps objects alive until [`Shared::drop_abandoned`] finds the device idle, possibly forever.
     pub fn abandon(&self, objects: impl Send + 'static) {
         lock(&self.abandoned).push(Box::new(objects));
     }
@@ -55,7 +55,8 @@ impl<G: Gpu> Shared<G> {
         }
     }
 
-    /// Returns the error. The device's first loss is recorded, with `place` added; later losses return the first.
+    /// Records the device's first loss, with `place` added, and returns it for every later loss. Returns other errors
+    /// unchanged.
     pub fn losing(&self, error: BackendError, place: impl FnOnce() -> Option<String>) -> BackendError {
         let BackendError::DeviceLost(answer) = error else { return error };
         let text = || match place() {

@@ -57,14 +57,14 @@ impl PipelineState {
 /// The pipelines of a plan, without duplicates: passes with equal states share one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PipelineStates<E> {
-    /// The states, each with what else the API's pipelines depend on.
+    /// The states, each with the API-specific data that its pipeline also depends on.
     pub states: Vec<(PipelineState, E)>,
     /// Index into [`PipelineStates::states`], by pass; `None` if the pass has no pipeline or is not in the order.
     pub of_pass: Vec<Option<usize>>,
 }
 
 impl<E: PartialEq> PipelineStates<E> {
-    /// Lists the pipelines of a checked plan. `extra` returns what else the pipeline of a pass depends on.
+    /// Lists the pipelines of a checked plan. `extra` returns the API-specific data that a pass's pipeline depends on.
     pub fn new(plan: &Plan, mut extra: impl FnMut(&Pass) -> E) -> PipelineStates<E> {
         let (mut states, mut of_pass) = (Vec::new(), vec![None; plan.passes.len()]);
         for id in plan.order() {
@@ -86,7 +86,7 @@ impl<E: PartialEq> PipelineStates<E> {
     }
 }
 
-/// Returns the index of an item in a list, to which it is added if necessary.
+/// Returns the index of `item` in `list`; appends it if it is absent.
 pub fn position_or_push<T: PartialEq>(list: &mut Vec<T>, item: T) -> usize {
     list.iter().position(|other| *other == item).unwrap_or_else(|| {
         list.push(item);

@@ -1,9 +1,9 @@
-//! Measures how long something takes, without the time for which this process was stopped.
+//! Measures elapsed time, without the time for which this process was stopped.
 
 use std::time::{Duration, Instant};
 
-/// Maximum time that counts between two looks. The caller looks more often, unless the process is stopped (Ctrl-Z, a
-/// suspended batch job): the watched work, or its completion, is then stopped as well.
+/// Maximum time counted between two looks. The caller looks more often than this, unless the process is stopped
+/// (Ctrl-Z, a suspended batch job), and then the watched work, or its completion, is stopped as well.
 const MAX_STEP: Duration = Duration::from_secs(1);
 
 #[derive(Clone, Copy, Debug)]

@@ -18,7 +18,7 @@ const CHUNK: u64 = 16 << 20;
 
 /// Uploads the `missing` planes of the scene.
 ///
-/// When it returns, even with an error, the device no longer uses the planes; planes of a copy that may still run are kept.
+/// When it returns, even with an error, the caller may drop the planes: if a copy may still run, they are kept alive.
 pub(crate) fn upload<G: Gpu>(
     shared: &Shared<G>,
     scene: &dyn SceneData,

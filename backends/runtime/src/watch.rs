@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Maximum duration of a wait between two looks.
+/// Maximum time between two looks during a wait.
 const SLICE: Duration = Duration::from_millis(50);
 
 /// The submissions of a device that are not known to be complete.
@@ -113,8 +113,8 @@ pub(crate) fn stuck(running: Running) -> BackendError {
 }
 
 impl<G: Gpu> State<G> {
-    /// Finds the first unfinished submission up to `own`. Returns its number, how many of its passes are complete, and a
-    /// description of the work that the device is doing there.
+    /// Finds the first unfinished submission up to `own`. Returns its number, the number of its completed passes, and a
+    /// description of the work that the device is executing.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (u64, usize, String) {
         let live = gpu.common().limits.live_timestamps;
         for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {

@@ -92,7 +92,7 @@ impl<G: Gpu> Swapchain<G> {
     pub fn present(&mut self, image: u32) -> Result<bool, BackendError> {
         let Some(raw) = &mut self.raw else { return Ok(false) };
         let presented = raw.present(image);
-        // Any other error leaves the image acquired: only a new swapchain gets it back.
+        // Any other error leaves the image acquired, and only a new swapchain releases it.
         self.acquired = !matches!(presented, Ok(_) | Err(BackendError::SurfaceLost { .. }));
         match presented {
             Ok(Presented::Shown) => return Ok(true),
@@ -126,13 +126,13 @@ impl<G: Gpu> Swapchain<G> {
     /// Replaces a stale swapchain, then acquires an image. `None` if that is impossible now: the window has no pixels,
     /// the device is busy, no image is ready, or two attempts failed.
     fn acquire(&mut self, slot: usize) -> Result<Option<u32>, BackendError> {
-        // A submission or a presentation failed after its image was acquired: only a new swapchain gets it back.
+        // A submission or a presentation failed after its image was acquired, and only a new swapchain releases it.
         self.stale |= self.acquired;
         // The window may be resized between the two calls. After a second failure, the next frame tries again.
         for _ in 0..2 {
             match self.renew() {
                 Ok(()) => {}
-                // The loss was found just now. If the new surface is lost at once, the window is gone.
+                // The loss was discovered just now: retry with a new surface. If that is lost, too, the window is gone.
                 Err(BackendError::SurfaceLost { .. }) if !self.surface_lost => {
                     self.lose_surface();
                     continue;

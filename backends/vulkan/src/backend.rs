@@ -77,8 +77,8 @@ impl Gpu for VulkanGpu {
         let available = device::heap(&self.instance, self.physical, self.budget).available?;
         let allocator = lock(&self.allocator);
         let report = allocator.as_ref()?.generate_report();
-        // Free space in the allocator's blocks counts as used by the driver, but is available. On a discrete GPU, the
-        // blocks that the host can access are in another heap.
+        // The driver counts free space in the allocator's blocks as used, although it is available. On a discrete GPU,
+        // the blocks that the host can access are in another heap.
         // SAFETY: the physical device is one of the instance's.
         let properties = unsafe { self.instance.raw.get_physical_device_properties(self.physical) };
         let is_discrete = properties.device_type == vk::PhysicalDeviceType::DISCRETE_GPU;

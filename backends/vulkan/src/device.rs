@@ -207,8 +207,8 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
 
 /// Returns true if a driver is known to round to nearest when it blends into half floats, and to round `fma` once.
 ///
-/// Vulkan promises neither. AMD's and lavapipe's blending truncates; RADV before RDNA 2, V3DV and lavapipe compute `fma`
-/// as a multiplication and an addition. A false answer costs time, a wrong one accuracy.
+/// Vulkan guarantees neither. Blending truncates on AMD and lavapipe. RADV before RDNA 2, V3DV and lavapipe compute
+/// `fma` as a multiplication and an addition. `false` costs only time; a wrong `true` costs accuracy.
 fn rounds_once(driver: vk::DriverId) -> bool {
     driver == vk::DriverId::NVIDIA_PROPRIETARY
 }

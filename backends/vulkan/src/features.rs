@@ -18,7 +18,7 @@ pub(crate) struct OptionalFeatures {
     pub shaders: Features,
 }
 
-/// Vulkan's structures of features, with all those that a device has or that it is opened with.
+/// Vulkan's feature structures, filled with the features that a device supports, or with the enabled ones.
 #[derive(Default)]
 struct Structs {
     core: vk::PhysicalDeviceFeatures,
@@ -28,7 +28,7 @@ struct Structs {
     flow: vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>,
 }
 
-/// Finds a feature in the structures.
+/// An accessor of one feature.
 type Field = fn(&mut Structs) -> &mut vk::Bool32;
 
 /// The features to enable if the device has them, each with the shader feature that it provides, if any.
@@ -95,7 +95,7 @@ const STAGES: [(vk::ShaderStageFlags, Features); 2] = [
 ];
 
 impl OptionalFeatures {
-    /// Queries a device of version 1.3 or later, and selects its features that shaders can use.
+    /// Queries a device of version 1.3 or later, and selects the features to enable.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> OptionalFeatures {
         let has_atomic_float = instance.has_extension(handle, ext::shader_atomic_float::NAME);
         let has_uniform_flow =

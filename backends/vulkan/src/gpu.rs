@@ -34,14 +34,14 @@ pub struct VulkanGpu {
     pub(crate) common: Common,
     pub(crate) physical: vk::PhysicalDevice,
     pub(crate) budget: bool,
-    /// Pipeline cache, kept across loads, so that a plan that was loaded before is quick again.
+    /// Pipeline cache, kept across loads, so that reloading a plan is fast.
     pub(crate) pipeline_cache: vk::PipelineCache,
-    /// Pipelines that a plan holds.
+    /// Pipelines that plans can share. Plans own them.
     pipelines: Mutex<Vec<(PipelineKey, Weak<Pipeline>)>>,
     /// The memory allocator; `None` only while the device is being created or destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences of waits for an idle device, which a submission may still signal. If the wait timed out, its fence is
-    /// destroyed with the device.
+    /// Fences of idle waits that a submission may still signal. If the wait timed out, its fence is destroyed with the
+    /// device.
     fences: Mutex<Vec<vk::Fence>>,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.
@@ -105,13 +105,13 @@ impl VulkanGpu {
         unsafe { self.device.destroy_fence(fence, None) };
     }
 
-    /// Returns a pipeline that something still holds.
+    /// Returns the live pipeline with this key, if any.
     pub(crate) fn find_pipeline(&self, key: &PipelineKey) -> Option<Arc<Pipeline>> {
         let known = lock(&self.pipelines);
         known.iter().filter(|(other, _)| other == key).find_map(|(_, pipeline)| pipeline.upgrade())
     }
 
-    /// Offers a pipeline to later plans, for as long as something holds it.
+    /// Lets later plans reuse a pipeline while it is alive.
     pub(crate) fn share_pipeline(&self, key: PipelineKey, pipeline: &Arc<Pipeline>) {
         let mut known = lock(&self.pipelines);
         known.retain(|(_, pipeline)| pipeline.strong_count() > 0);
@@ -156,7 +156,7 @@ impl Drop for VulkanGpu {
             Ok(allocator) => allocator.take(),
             Err(poisoned) => poisoned.into_inner().take(),
         };
-        // The allocator returns its memory to the device.
+        // Frees the allocator's memory before the device is destroyed.
         drop(allocator);
         // SAFETY: every object of the device holds the `VulkanGpu`, so none is left.
         unsafe {

@@ -32,13 +32,13 @@ const LOADER_SOURCE: &str = if cfg!(target_os = "macos") {
     "on Debian and Ubuntu it is in the package `libvulkan1`, a driver that needs no GPU in `mesa-vulkan-drivers`"
 };
 
-/// Returns the error for a machine without a working driver, or with a variable that hides its drivers.
+/// Returns the error for a machine without a working driver, or with an environment variable that hides its drivers.
 pub(crate) fn no_driver() -> BackendError {
     let set = |name| Some((name, std::env::var_os(name).filter(|files| !files.is_empty())?));
     no_driver_in(["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().find_map(set))
 }
 
-/// Returns the error if the loader looked into the files of a variable, or into its own folders.
+/// Returns the error for a loader that searched the files of `variable` or, with `None`, its default folders.
 pub(crate) fn no_driver_in(variable: Option<(&str, OsString)>) -> BackendError {
     BackendError::Unavailable(match variable {
         Some((name, files)) => format!(
@@ -197,25 +197,26 @@ impl Drop for Instance {
     }
 }
 
-/// Guards the loader's list of devices, which is one for all instances of a process. Naming an object, creating a
-/// swapchain and looking up a function of a device search it, opening and closing a device change it, and the loader
-/// lets these run concurrently (KhronosGroup/Vulkan-Loader, issues 200 and 2018): a thread then reads a device that
-/// another has freed.
+/// Guards the loader's list of devices, which all instances of a process share. Naming an object, creating a swapchain
+/// and looking up a device function search the list; opening and closing a device change it. The loader does not
+/// synchronize them (KhronosGroup/Vulkan-Loader, issues 200 and 2018), so a thread could read a device that another
+/// has freed.
 static DEVICES: RwLock<()> = RwLock::new(());
 
-/// Opens or closes an instance or a device, while no other thread does, nor searches the loader's list of devices.
+/// Opens or closes an instance or a device, with exclusive access to the loader's list of devices.
 pub fn changing_devices<T>(change: impl FnOnce() -> T) -> T {
     let _guard = DEVICES.write().unwrap_or_else(PoisonError::into_inner);
     change()
 }
 
-/// Calls a function that searches the loader's list of devices, while no thread changes it.
+/// Calls a function that searches the loader's list of devices, with shared access to it.
 pub fn searching_devices<T>(search: impl FnOnce() -> T) -> T {
     let _guard = DEVICES.read().unwrap_or_else(PoisonError::into_inner);
     search()
 }
 
-/// Returns the Vulkan loader, opened once and never closed, because drivers can leave threads and thread-local data.
+/// Returns the Vulkan loader, opened once. It is never closed, because drivers may leave threads and thread-local data
+/// behind.
 fn loader() -> Result<&'static ash::Entry, BackendError> {
     static LOADER: OnceLock<Result<ash::Entry, String>> = OnceLock::new();
     LOADER

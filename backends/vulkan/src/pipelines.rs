@@ -1,7 +1,7 @@
 //! Creates the pipelines of a plan and their layouts, which [`crate::lower`] lists.
 //!
-//! A plan takes over the pipelines of other plans that are still loaded, so a rebuilt plan waits only for those that
-//! changed, also with drivers that keep nothing in a pipeline cache.
+//! A plan reuses the pipelines of other plans that are still loaded, so a rebuilt plan compiles only the changed ones,
+//! even on drivers whose pipeline cache stores nothing.
 
 use crate::error::api;
 use crate::gpu::{Owned, Pipeline, PipelineLayout, VulkanGpu};
@@ -25,8 +25,7 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// Creates a plan's pipelines on several threads, except those that exist already. Calls `next` before it waits
-    /// for one.
+    /// Creates a plan's pipelines on several threads, and reuses existing ones. Calls `next` before it waits for one.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,

@@ -70,8 +70,8 @@ pub(crate) struct Blit {
 
 /// Submits commands, followed by the blit of a frame's output, if any. `fence` is signalled when both complete.
 ///
-/// The blit is a batch of its own: a driver may begin a batch only after its semaphores, and the frame must not wait
-/// for the window.
+/// The blit is a separate batch: a driver may delay a whole batch until its semaphores are signalled, and the frame
+/// must not wait for the window.
 pub(crate) fn submit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,

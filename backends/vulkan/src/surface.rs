@@ -102,8 +102,8 @@ fn no_handle(error: HandleError) -> BackendError {
     BackendError::Unavailable(format!("the window cannot be drawn in now: {error}"))
 }
 
-/// Formats to choose from, best first. None is sRGB, because colours are already display-encoded. A window of an X
-/// server may offer only the format with the bits of its visual.
+/// Formats to choose from, best first. None is sRGB, because colours are already display-encoded. An X11 window may
+/// offer only the format that matches its visual.
 const FORMATS: [vk::Format; 5] = [
     vk::Format::B8G8R8A8_UNORM,
     vk::Format::R8G8B8A8_UNORM,
@@ -132,8 +132,8 @@ pub(crate) fn format(
 /// Chooses the present mode: FIFO, which every window offers, if presenting may wait for the display. Otherwise the
 /// first offered of MAILBOX, IMMEDIATE (which can tear) and FIFO.
 ///
-/// On Wayland, it may not wait: with FIFO, `vkQueuePresentKHR` waits for the compositor's frame callback, without a
-/// limit, and a hidden window gets none. A compositor does not tear, and every driver for Wayland offers MAILBOX.
+/// On Wayland, presenting must not wait: with FIFO, `vkQueuePresentKHR` waits without a limit for the compositor's
+/// frame callback, and a hidden window gets none. Compositors do not tear, and every Wayland driver offers MAILBOX.
 fn present_mode(offered: &[vk::PresentModeKHR], may_wait: bool) -> vk::PresentModeKHR {
     let wanted: &[vk::PresentModeKHR] =
         if may_wait { &[] } else { &[vk::PresentModeKHR::MAILBOX, vk::PresentModeKHR::IMMEDIATE] };

@@ -23,7 +23,7 @@ use std::time::Duration;
 
 impl Gpu for MetalGpu {
     type Memory = Memory;
-    // A heap makes a buffer or an image from its description.
+    // A heap creates a buffer or an image from its description.
     type UnboundBuffer = ();
     type UnboundImage = TextureDescriptor;
     type Buffer = Buffer;

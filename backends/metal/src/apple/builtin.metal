@@ -1,4 +1,4 @@
-// Kernels and functions of the backend itself: fills, clears, and pictures in a window.
+// The backend's own shaders: fills, clears, and the draw that shows a picture in a window.
 
 #include <metal_stdlib>
 using namespace metal;
@@ -35,7 +35,7 @@ kernel void clear_words(
 
 struct Corner {
     float4 position [[position]];
-    // The place in the picture, whose row 0 is at the top.
+    // Texture coordinates; row 0 of the picture is at the top.
     float2 at;
 };
 

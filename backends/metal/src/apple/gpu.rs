@@ -1,8 +1,8 @@
 //! Holds the open device, and the state that its executors share.
 //!
-//! Metal's objects are reference-counted, and command buffers own what their commands use: nothing is destroyed while
-//! the GPU uses it. Resources are untracked, so Metal orders nothing by itself. Frames of several executors are ordered
-//! here: by the submissions that may not have completed, and the submissions that all later ones wait for.
+//! Metal's objects are reference-counted, and command buffers retain the objects that their commands use, so nothing is
+//! destroyed while the GPU uses it. Resources are untracked, so Metal orders nothing by itself. To order frames of
+//! several executors, the device lists the submissions in flight and marks those that all later ones wait for.
 
 use crate::apple::device::Physical;
 use crate::apple::objc;

@@ -1,7 +1,7 @@
 //! Allocates buffers, images and their memory.
 //!
-//! Device memory is a placement heap. Its objects, several if the plan lets them alias, are at the heap's start.
-//! Host-visible memory is a single buffer, which is also the object. All resources are untracked.
+//! Device memory is a placement heap. Its objects (several if the plan lets them alias) are at offset 0 of the heap.
+//! Host-visible memory is a single buffer, and has no other object. All resources are untracked.
 
 use crate::apple::gpu::{MetalGpu, private};
 use crate::apple::objc;

@@ -1,6 +1,6 @@
-//! Runs plans on Apple's systems: creates Metal's objects, and follows the data of the other modules.
+//! Runs plans on Apple's systems: creates Metal's objects, and executes the plain data of the other modules.
 //!
-//! `objc` has the calls that the crate `metal` lacks.
+//! `objc` has the calls that the `metal` crate lacks.
 //!
 //! These modules have never been run: they are compiled and linted for Apple silicon on other systems.
 //! `docs/metal-mac.md` lists the first things to check on a Mac.

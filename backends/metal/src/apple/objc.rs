@@ -1,4 +1,4 @@
-//! Wraps Objective-C calls that the crate `metal` lacks, or whose failure it does not report.
+//! Wraps Objective-C calls that the `metal` crate lacks, or whose failure it does not report.
 //!
 //! Each call is one message with the types of Apple's headers. Results that can be `nil` are `Option`s. Methods whose
 //! name begins with `new` return retained objects, which their wrapper releases; all other objects belong to the

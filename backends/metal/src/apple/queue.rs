@@ -45,7 +45,7 @@ pub(crate) fn submit(
 /// Blocks until a submission has completed, for at most `limit`. Returns false if the limit has passed.
 ///
 /// # Errors
-/// Returns an error if a command buffer failed, also one of another executor: this submission may have waited for it.
+/// Returns an error if any executor's command buffer failed: this submission may have waited for it.
 pub(crate) fn wait(gpu: &MetalGpu, submission: &Submission, limit: Duration) -> Result<bool, BackendError> {
     let ended = has_ended(gpu, submission, limit);
     drop(gpu.in_flight());
@@ -85,7 +85,7 @@ struct Times {
 }
 
 impl Timestamps {
-    /// Creates `count` timestamps. Those of passes are missing if the device cannot sample counters at the ends of
+    /// Creates `count` timestamps. Timestamps of passes are missing if the device cannot sample counters at the ends of
     /// encoders, or has no counter sample buffer left.
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
         let samples = count.saturating_sub(2).min(MAX_SAMPLES);

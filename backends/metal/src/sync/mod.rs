@@ -15,7 +15,7 @@
 //! 1. Metal does not order accesses to an untracked resource; "you're responsible for ensuring that commands access
 //!    those resources safely with barriers, fences, or events" (`mtlhazardtrackingmode/untracked`). The GPU can run
 //!    "multiple passes" and "two or more dispatch commands within a compute pass" at the same time
-//!    (`synchronizing-passes-with-a-fence`). An encoder makes one such pass.
+//!    (`synchronizing-passes-with-a-fence`). Each encoder is one such pass.
 //! 2. In an encoder of type `MTLDispatchTypeConcurrent`, the application must synchronise commands that access one
 //!    resource (`mtldispatchtype/concurrent`). `memoryBarrierWithScope:` "enforces the order of write and read
 //!    operations for specific resource types" (`mtlcomputecommandencoder/memorybarrier(scope:)`): buffers, textures, or

@@ -44,8 +44,8 @@ struct Walk<'a> {
     places: Vec<Option<(usize, usize)>>,
     /// The waits of each encoder in the walk: those of the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// For each encoder, the numbers of the last searches that visited the ends of its vertices and of its rest. With
-    /// numbers, no marks must be cleared between searches.
+    /// For each encoder, the numbers of the last searches that visited the ends of its vertices and of its rest.
+    /// Numbering the searches avoids clearing marks between them.
     seen: Vec<u32>,
     searches: u32,
 }

@@ -11,7 +11,7 @@ use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
-/// Maximum number of invocations or vertices of a pass; a larger number is taken for a mistake.
+/// Maximum number of invocations or vertices of a pass; a larger number is treated as a mistake.
 const MAX_INVOCATIONS: u64 = 1 << 40;
 
 /// Refuses a plan that is inconsistent ([`BackendError::Invalid`]) or exceeds a limit ([`BackendError::Limit`]).
@@ -162,7 +162,7 @@ impl<'a> Checker<'a> {
         Ok(resource)
     }
 
-    /// Returns the buffer `id`; refuses an image, and a byte range that is not in the buffer or starts within a word.
+    /// Returns the buffer `id`; refuses an image, and a byte range that exceeds the buffer or is not word-aligned.
     fn words(
         &self,
         id: ResourceId,
@@ -228,7 +228,7 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Compares the memory that the plan must have on the device with the device's. A plane of the scene counts once,
+    /// Checks that the resources that must be in device memory fit the largest heap. A plane of the scene counts once,
     /// and not at all if only the prologue uses it: it can be placed in host memory (see [`crate::once`]).
     fn memory(&self) -> Result<(), BackendError> {
         let (used_once, mut planes) = (self.plan.used_once(), HashSet::new());

@@ -9,9 +9,9 @@
 //! The module does not look at accesses: the plan lists the conflicts and the layout changes. If a layout change
 //! follows an access, a dependency on the access counts as a dependency on the change, which waited for the access.
 //!
-//! Every frame records the same barriers, and follows such a frame. The walk over the frame is therefore repeated until
-//! the list of barriers is a fixpoint. Additional requirements of the first frame, which follows the prologue, are met
-//! once, by the handover between them.
+//! Every frame records the same barriers, and follows a frame that recorded them, too. The walk over the frame is
+//! therefore repeated until the list of barriers is a fixpoint. Additional requirements of the first frame, which
+//! follows the prologue, are met once, by the handover between them.
 
 mod barrier;
 pub(crate) mod commands;
@@ -87,7 +87,7 @@ fn handover(start: &SyncState, frame: &[Step]) -> Option<Vec<Barrier>> {
         let masks = needs::least_source(&needs);
         call.images.push((change.transition(), masks, needs, change.before));
     }
-    // Every round adds what the previous one missed.
+    // Every round adds the mask bits that the previous one lacked.
     loop {
         let missing = call.missing(start, frame);
         if missing.is_empty() {

@@ -69,7 +69,8 @@ impl Origin {
         if self.0 == STAGES { Stages::INDIRECT } else { Stages::from_bits_truncate(1 << self.0) }
     }
 
-    /// Returns the origin's stage and the later stages of its pipeline. To wait for the origin, a source must name one.
+    /// Returns the origin's stage and the later stages of its pipeline. A source that names any of them waits for the
+    /// origin.
     pub fn named_by(self) -> Stages {
         let stage = self.stage();
         let pipeline: &[Stages] = if self.0 == STAGES { &DISPATCH } else { &DRAW };

@@ -147,8 +147,8 @@ impl<'a> SyncState<'a> {
         self.frame_start = self.now + 1;
     }
 
-    /// Advances the walk by a pass, and appends its step. Barriers that the pass needs extend the last call if that
-    /// can meet them; otherwise, they come with the step.
+    /// Advances the walk by a pass, and appends its step. If the last call can meet the pass's requirements, it is
+    /// extended; otherwise, the step gets its own call.
     pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>) {
         self.now += 2;
         let changes: Vec<Change> = self.inputs.changes(id).iter().map(|change| self.change(change)).collect();

@@ -207,7 +207,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         objc::pool(|| {
             let order = self.order.get_or_insert_with(|| pipelines.order.clone()).clone();
             let timed = timed && self.gpu.timestamps.is_some();
-            // The plan's next pass ends copies outside of it.
+            // An encoder that is still open here belongs to copies outside the plan.
             if !self.walk.is_open() {
                 self.close();
             }

@@ -39,8 +39,7 @@ pub struct Encoder {
     pub(super) submitted: Option<Submission>,
     /// Event and value that signal completion of the submission.
     pub(super) done: (SharedEvent, u64),
-    /// Event that is signalled, then waited for, to order earlier commands of the buffer before later ones; and its last
-    /// value.
+    /// Event that orders earlier commands of the buffer before later ones (signal, then wait), and its last value.
     pub(super) order_event: (Event, u64),
     /// Event and value that the commands wait for before they start; see [`submit`](crate::apple::queue::submit).
     pub(super) others: (SharedEvent, u64),

@@ -34,7 +34,7 @@ pub mod mutate;
 #[cfg(test)]
 mod tests;
 
-/// Number of frames to replay. The third is the first frame that follows a frame like itself.
+/// Number of frames to replay. The third is the first whose predecessor also follows a frame, not the prologue.
 const FRAMES: u32 = 3;
 
 /// A mistake in a list of encoders.

@@ -1,4 +1,4 @@
-//! Stores the barrier calls of a replay, for cells that pass through them later.
+//! Stores the barrier calls of a replay, which are applied to each cell lazily.
 //!
 //! A barrier applies to all memory, and a graph may have thousands of calls and of cells. But most calls equal others,
 //! and a call only ever adds to a record's sets, so few calls change a record. Equal calls are therefore grouped into

@@ -5,8 +5,8 @@
 //! ordered after it; a write also has the stages to which its data is visible. A barrier adds stages to these sets. A
 //! later access conflicts with a record unless its stage is in them.
 //!
-//! Records that the remaining ones imply are dropped. A write that is properly ordered after an older access replaces
-//! that access, because a chain that starts at the write extends one that starts at the access. In the same way, a read
+//! Records that newer ones imply are dropped. A write that is properly ordered after an older access replaces that
+//! access, because a chain that starts at the write extends one that starts at the access. In the same way, a read
 //! replaces an older read at the same stage. (If it was not properly ordered, the violation is already reported.)
 
 use super::rules::Rules;
@@ -171,7 +171,7 @@ pub enum State {
 impl Contents {
     pub const NEVER: Contents = Contents { state: State::Never, by: None };
 
-    /// Returns true if the bytes were last written through `resource`; with `fresh`, in that part of the run.
+    /// Returns true if the bytes were last written through `resource`; with `fresh`, in that part of the replay.
     pub fn hold(&self, resource: ResourceId, fresh: Option<When>) -> bool {
         let now = fresh.is_none_or(|when| self.by.is_some_and(|by| by.when == when));
         self.state == State::Written(resource) && now

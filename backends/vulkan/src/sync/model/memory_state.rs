@@ -2,9 +2,9 @@
 //!
 //! An access that violates the model still takes effect, so that one mistake causes one report.
 //!
-//! A replay is a walk over [`At`]s. It can be interrupted at any position to try other barriers, and then continued, so
-//! a mutant shares the walk up to its mutation. Barriers apply to all memory, so they are stored in a history
-//! ([`Calls`]), and a cell is brought up to date when it is next accessed.
+//! A replay walks over positions ([`At`]). It can be interrupted at any position to try other barriers, and then
+//! continued, so a mutant shares the walk up to its mutation. Barriers apply to all memory, so they are stored in a
+//! history ([`Calls`]), and a cell is brought up to date when it is next accessed.
 
 use super::calls::Calls;
 use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
@@ -237,7 +237,7 @@ impl<'a> MemoryState<'a> {
         when.frame() % self.replay.copies.max(1)
     }
 
-    /// Plays the host before a frame: waits for the fence of an earlier frame, and writes the uniform blocks.
+    /// Simulates the host before a frame: waits for the fence of an earlier frame, and writes the uniform blocks.
     ///
     /// Submission makes these writes visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").
     fn prepare(&mut self, frame: u32) {

@@ -38,11 +38,11 @@ pub enum ViolationKind {
     WriteAfterWrite,
     /// An access or a layout change that expects a layout other than the image's current one.
     Layout,
-    /// A read of bytes without contents of the resource; or of an earlier frame's contents, if they do not persist.
+    /// A read of bytes that hold no contents of the resource, or only an earlier frame's, if they do not persist.
     Unwritten,
 }
 
-/// The guarantee that the later access lacks; the first one missing of order, availability and visibility.
+/// The guarantee that the later access lacks: the first missing one of order, availability and visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
@@ -86,7 +86,7 @@ impl When {
 /// The source of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actor {
-    /// The part of the run that it belongs to; for the host, the frame that it prepares.
+    /// The part of the replay that it belongs to; for the host, the frame that it prepares.
     pub when: When,
     /// The pass, layout change or host.
     pub what: What,
