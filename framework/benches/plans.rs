@@ -51,8 +51,8 @@ impl Bench {
     }
 }
 
-/// Returns a graph of `passes` dispatches, and one that shows the last result. Each but the first reads the outputs of
-/// the previous dispatch and of another, up to 13 before.
+/// Returns a graph of `passes` dispatches, and a last one that shows the result. Each dispatch reads the output of the
+/// previous one and of an earlier one, at most 13 back.
 fn chain(passes: usize) -> Library {
     let mut text = String::from("Graph(version: 1, summary: \"a chain\", resources: {\n");
     for i in 0..passes {

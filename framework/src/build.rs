@@ -9,8 +9,8 @@ use tracing::info_span;
 
 /// Reads a graph, lowers it, compiles and links its shaders, and solves for order, memory and dependencies.
 ///
-/// Errors point into the files; an `Err` holds at least one. If the compiler is cancelled, its message is
-/// [`CANCELLED`].
+/// Errors point into the files; an `Err` holds at least one. If the compiler is cancelled, the build fails with the
+/// message [`CANCELLED`].
 ///
 /// ```
 /// use splatgraph_framework::build;
@@ -52,7 +52,8 @@ pub fn build(
     build_candidate(request, None, files, compiler)
 }
 
-/// Like [`build`], but builds the graph at an index of [`lower::candidates`], if one is given.
+/// Like [`build`], but builds the graph at an index of [`lower::candidates`], if one is given; see
+/// [`lower::lower_candidate`].
 pub fn build_candidate(
     request: &Request,
     candidate: Option<usize>,

@@ -3,9 +3,9 @@
 //! A [`Plan`] lists every resource with its size and memory, every pass with its bindings, and two sequences of passes:
 //! the prologue runs once after the plan or the scene changes, and the frame runs for every rendered frame.
 //!
-//! The order of passes is a list of [`Dependency`]s; changes of image layouts are a list of [`LayoutChange`]s. `solve`
-//! derives both from the accesses of the passes; no other code looks for conflicts. Each backend lowers these lists to
-//! synchronization of its API: barriers in Vulkan; encoders, fences and barriers in Metal.
+//! Synchronization is two lists: [`Dependency`]s between passes, and [`LayoutChange`]s of images. `solve` derives both
+//! from the accesses of the passes; no other code looks for conflicts. Each backend lowers the lists to the primitives
+//! of its API: barriers in Vulkan; encoders, fences and barriers in Metal.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -30,7 +30,7 @@ pub struct Plan {
     pub based_on: Vec<String>,
     /// Graphs of a choice that were rejected, in the order tried. The plan's graph is the fallback of the last one.
     pub fallbacks: Vec<Fallback>,
-    /// The facts of the scene, the device and the viewport that the plan was built from.
+    /// The facts that the plan was built from, by full name, such as `scene.count` or `outputs.depth`.
     pub facts: BTreeMap<String, Value>,
     /// Parameters, in the order in which the file declares them.
     pub params: Vec<Param>,
@@ -183,7 +183,7 @@ impl Plan {
         self.blocks.iter().filter_map(largest).sum()
     }
 
-    /// Returns the total size of the transient resources in bytes if none shared memory.
+    /// Returns the total size of the transient resources in bytes, without sharing of memory.
     pub fn unshared_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
     }
@@ -274,8 +274,8 @@ pub struct Resource {
 /// A memory block, as large as its largest resource.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Resources that share this memory; all start at offset 0. If there are several, only one is alive at a time,
-    /// from its first use in a frame to its last, and its contents are undefined before the first use.
+    /// Resources that share this memory; all start at offset 0. Only one of several is alive at a time: from its first
+    /// use in a frame to its last. Its contents are undefined before the first use.
     pub aliases: Vec<ResourceId>,
 }
 

@@ -1,10 +1,10 @@
-//! Damages the shipped graphs and shaders at random. Each must give a plan, or an error with a place that can be shown.
-//! Once the file is mended, the same compiler must give the plan of a compiler that has seen no damage. It compiles a
-//! mended shader only the first time, and then finds it in its cache.
+//! Damages the shipped graphs and shaders at random. Each must build, or fail with an error whose place can be shown.
+//! After each case, the same compiler builds the undamaged file, and must give the result of a compiler that has seen
+//! no damage. (It compiles an undamaged shader once, and then uses its cache.)
 //!
 //! Damage is accidental (bytes, lines, gaps) or malicious (numbers beyond 32 bits, brackets, macros that grow). The
-//! number of a case determines its damage, so a failure message is enough to reproduce it. Shaders are compiled in a
-//! worker, which is this program.
+//! number of a case is the seed of its damage, so a failure message is enough to reproduce it. Shaders are compiled in
+//! a worker, which is this program.
 //!
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each.
 
@@ -241,7 +241,7 @@ fn counted<T>(what: &str, case: u64, outcome: &Outcome<T>) -> Counts {
 }
 
 /// Runs the cases of one kind of file on all processors, each with its own compiler. `attempt` returns the file to
-/// damage, and its builder with the number that tells it from other builders.
+/// damage, the function that builds it, and a number that identifies this function.
 fn fuzz<'a, T: Clone + PartialEq, Attempt>(
     what: &str,
     files: &BTreeMap<String, String>,

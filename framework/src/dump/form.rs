@@ -29,7 +29,7 @@ pub struct Dump {
     pub fallbacks: Vec<Fallback>,
     /// Parameters, in the order of the file.
     pub parameters: Vec<DumpParameter>,
-    /// Facts of the scene, the device and the viewport.
+    /// Facts that the plan was built from, by full name, such as `scene.count`.
     pub facts: BTreeMap<String, Value>,
     /// Sums over the whole plan.
     pub totals: Totals,
@@ -110,7 +110,7 @@ pub struct Totals {
     pub frame: BarrierTotals,
     /// Bytes of the memory blocks, which the plan owns.
     pub transient_bytes: u64,
-    /// Bytes of the transient resources if none shared memory.
+    /// Bytes of the transient resources, without sharing of memory.
     pub unshared_bytes: u64,
     /// Bytes saved by sharing: `unshared_bytes - transient_bytes`.
     pub saved_bytes: u64,
@@ -171,7 +171,7 @@ pub struct DumpResource {
     /// First and last use in the frame; `None` if the resource is not transient, is unused in the frame, or has
     /// contents that outlive the frame.
     pub lifetime: Option<Lifetime>,
-    /// True if only passes that run once use the resource: it is freed after them.
+    /// True if the resource is freed once the prologue has run, because only the prologue needs it.
     #[serde(default)]
     pub freed: bool,
     /// Name under which the contents persist from frame to frame and from plan to plan; `None` if they do not.

@@ -152,7 +152,7 @@ pub enum Hazard {
 /// Stages and accesses on both sides of a dependency or a barrier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Masks {
-    /// The stages that are waited for.
+    /// The stages to wait for.
     pub source_stages: Stages,
     /// The earlier accesses; of a barrier, the writes to make available.
     pub source_accesses: Accesses,
@@ -207,7 +207,7 @@ impl Masks {
         }
     }
 
-    /// Iterates over single bits, accesses before the stages on the same side.
+    /// Splits the masks into single bits: on each side, accesses before stages.
     pub fn bits(self) -> impl Iterator<Item = Masks> {
         let none = Masks::default;
         let accesses = self.source_accesses.iter().map(move |bit| Masks { source_accesses: bit, ..none() });

@@ -6,8 +6,8 @@ use std::fmt;
 bitflags! {
     /// Optional features that a shader uses, or that a device was opened with.
     ///
-    /// Left out are features that every Vulkan 1.3 device has (except `SUBGROUP_BASIC`), and features that no backend
-    /// enables: compilation refuses a shader that needs one. [`Features::LIST`] has the Vulkan names.
+    /// Excludes features that every Vulkan 1.3 device has (except `SUBGROUP_BASIC`), and features that no backend
+    /// enables; a shader that needs one of the latter fails to compile. [`Features::LIST`] has the Vulkan names.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u64 {
         /// `int16_t` and `uint16_t` in shaders.
@@ -52,11 +52,11 @@ bitflags! {
         const IMAGE_WRITE_WITHOUT_FORMAT = 1 << 19;
         /// Storage images in the formats of `shaderStorageImageExtendedFormats`.
         const IMAGE_EXTENDED_FORMATS = 1 << 20;
-        /// Variable indices into arrays of storage blocks.
+        /// Dynamically uniform indices into arrays of storage blocks.
         const STORAGE_BUFFER_INDEXING = 1 << 21;
-        /// Variable indices into arrays of uniform blocks.
+        /// Dynamically uniform indices into arrays of uniform blocks.
         const UNIFORM_BUFFER_INDEXING = 1 << 22;
-        /// Variable indices into arrays of storage images.
+        /// Dynamically uniform indices into arrays of storage images.
         const STORAGE_IMAGE_INDEXING = 1 << 23;
         /// Indices into arrays of storage blocks that differ between the invocations of a subgroup.
         const STORAGE_BUFFER_NONUNIFORM = 1 << 24;

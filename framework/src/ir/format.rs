@@ -73,7 +73,7 @@ impl Format {
 /// The primitives of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Topology {
-    /// Three vertices per triangle, shared with no other.
+    /// Three vertices per triangle; triangles share no vertices.
     TriangleList,
     /// Each vertex after the first two completes a triangle with the two vertices before it.
     TriangleStrip,

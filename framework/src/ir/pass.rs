@@ -215,7 +215,7 @@ pub struct Binding<R = ResourceId> {
     pub name: String,
     /// The binding number in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors; 0 if the binding is no array.
+    /// Index in an array of descriptors; 0 if the binding is not an array.
     pub element: u32,
     /// The type of the descriptor.
     pub kind: DescriptorKind,

@@ -71,7 +71,7 @@ pub struct Request<'a> {
     pub set: &'a [(String, String)],
     /// Minimum values of growing parameters, learnt from earlier frames. Entries for other parameters are ignored.
     pub capacities: &'a [(String, i64)],
-    /// Facts of the scene, the device and the viewport.
+    /// Facts of the scene, the device and the viewport, and the requested outputs.
     pub facts: &'a Facts,
     /// Data that the graph can import.
     pub catalog: &'a Catalog,

@@ -54,7 +54,7 @@ impl Msl {
 pub struct MslArgument {
     /// Number of the binding in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors; 0 if the binding is no array.
+    /// Index in an array of descriptors; 0 if the binding is not an array.
     pub element: u32,
     /// True for the table of textures (storage images), false for the table of buffers.
     pub texture: bool,
@@ -124,7 +124,7 @@ pub struct ReflectedBinding {
     pub set: u32,
     /// Number of the binding in its set.
     pub binding: u32,
-    /// Length of a descriptor array; 1 if the binding is no array.
+    /// Length of a descriptor array; 1 if the binding is not an array.
     pub count: u32,
     /// Type and layout.
     pub kind: ReflectedKind,

@@ -118,8 +118,8 @@ impl Linker<'_> {
         resources.iter().any(|id| self.resource(*id).source.is_per_frame())
     }
 
-    /// Reports an entry of `bind` that no shader of the pass declares. A block that is declared but not used with the
-    /// current constants is no error; nothing is bound then.
+    /// Reports an entry of `bind` that no shader of the pass declares. A block that is declared, but not used with the
+    /// current constants, is not an error and stays unbound.
     fn unknown(&mut self, stages: &[(ShaderId, Stages)], bind: &LoweredBind) {
         if stages.iter().any(|(shader, _)| self.declares(*shader, &bind.block)) {
             return;
@@ -222,7 +222,7 @@ impl Linker<'_> {
             ) if u64::from(*theirs) != ours => {
                 let found = format!("`{own}` has elements of {ours} bytes");
                 let found = error(format!("{name} has elements of {theirs} bytes"), found);
-                // The stride of `vec3[]` in std430 and std140.
+                // In std430 and std140, a `vec3[]` has a stride of 16 bytes.
                 match (theirs, ours) {
                     (16, 12) => found.map(|error| {
                         error.with_help(

@@ -9,8 +9,8 @@ use crate::lower::LoweredPass;
 use crate::source::Diagnostic;
 
 impl Linker<'_> {
-    /// Checks that the vertex shader has a position, and that every input of the fragment shader is an output of the
-    /// vertex shader, of the same type. The two are compiled separately, so the compiler does not check this.
+    /// Checks that the vertex shader uses `gl_Position`, and that every input of the fragment shader is an output of
+    /// the vertex shader, of the same type. The two are compiled separately, so the compiler does not check this.
     pub(super) fn interface(&mut self, vertex: ShaderId, fragment: ShaderId, span: Span) {
         let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
         if !from.reflection.uses_position {
@@ -79,7 +79,7 @@ impl Linker<'_> {
             if *size.get_or_insert((width, height)) != (width, height) {
                 self.error("the targets of a pass must have the same size", *span, describe(&image));
             }
-            // A cleared target is only written: blending reads the pass's own output.
+            // A cleared target is only written: blending reads what this pass cleared or drew.
             let (accesses, discards) = match target.load {
                 Load::Clear(..) => (Accesses::COLOR_WRITE, true),
                 Load::Keep => (Accesses::COLOR_READ | Accesses::COLOR_WRITE, false),
@@ -116,7 +116,7 @@ impl Linker<'_> {
                 return;
             }
         }
-        // A cleared attachment is only written: the test reads what the pass itself wrote.
+        // A cleared attachment is only written: the test reads what this pass cleared or drew.
         let (accesses, discards) = match access {
             DepthAccess::Write => (Accesses::DEPTH_WRITE, true),
             DepthAccess::Test => (Accesses::DEPTH_READ, false),

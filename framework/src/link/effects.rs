@@ -52,7 +52,7 @@ pub(super) fn mentioned(
     if used.len() == lowered.plan.params.len() {
         return Vec::new();
     }
-    // This stand-in for the generated file mentions the block and no parameter, so only parameters that the shader's
+    // This stub of the generated file mentions the block and no parameter, so only parameters that the shader's
     // own text mentions count.
     let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();

@@ -51,7 +51,7 @@ pub fn link(
         if let Some(pass) = linker.pass(pass) {
             passes.push(pass);
         }
-        // Repeated passes and shared includes repeat errors; these are removed below.
+        // Counts duplicates from repeats and shared includes, which are removed below.
         if linker.errors.len() >= 20 {
             break;
         }

@@ -8,7 +8,7 @@
 //! - a draw in which one stage accesses data that the other writes, unless all accesses are atomic.
 //!
 //! The invocations of one stage have no order either. That is the shader's responsibility: by atomics, by a workgroup
-//! barrier, or by accessing disjoint elements. Its accesses do not show whether it is safe.
+//! barrier, or by accessing disjoint elements. The reflected accesses do not show whether a shader is safe.
 
 use super::linker::Linker;
 use crate::ir::{DrawCall, ReflectedBinding, ResourceId, ShaderId, Span, Stages, Use, Work};

@@ -163,7 +163,7 @@ impl Linker<'_> {
         let limits = self.device.max_groups().map(|most| u64::from(most.max(1)));
         let too_large = "this dispatch is larger than the device can do at once";
         if dimensions == 1 {
-            // As few rows as possible, and then as short as possible, so that few groups are idle.
+            // As few rows as possible, each as short as possible, so that few groups are idle.
             let [all, rows] = [groups[0], groups[0].div_ceil(limits[0]).max(1)];
             if rows > limits[1] {
                 let [x, y, _] = limits;

@@ -1,9 +1,9 @@
 //! Lists the parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
-//! An exposed parameter belongs to the includer, as if declared after the includer's own, and the included graph uses
-//! its value. Its expressions can name parameters of the included graph. These have the includer's value if they are
-//! exposed, and the value in `set` if they are set ([`Around`]); naming one that is neither is an error. All other
-//! names are the includer's. Includes that expose the same declaration share one parameter.
+//! An exposed parameter becomes a parameter of the includer, listed after the includer's own, and the included graph
+//! uses its value. Its expressions can name other parameters of the included graph. Such a name means the includer's
+//! parameter if it is exposed as well, or the value in `set` if it is set ([`Around`]); otherwise it is an error. All
+//! other names are resolved in the includer's scope. Includes that expose the same declaration share one parameter.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -144,7 +144,7 @@ pub(super) struct Parameters {
 
 impl Parameters {
     /// Sorts parameters topologically, with ties in declaration order; returns their indices. `settings` replace
-    /// defaults. Parameters on a cycle, and their dependants, are left out, with the error for one cycle.
+    /// defaults. Parameters on a cycle, and their dependants, are left out; the error describes one cycle.
     pub fn order(&self, settings: &IndexMap<String, Setting>) -> (Vec<usize>, Option<Diagnostic>) {
         let known: BTreeMap<&str, usize> =
             self.names().enumerate().map(|(index, name)| (name, index)).collect();

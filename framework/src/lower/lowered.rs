@@ -171,10 +171,10 @@ pub struct LoweredPass {
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
-/// A shader's name as written.
+/// A shader's file name, and its place in the graph.
 #[derive(Clone, Debug)]
 pub struct ShaderName {
-    /// File name, as in the graph.
+    /// File name; the value of the expression if the graph has one.
     pub name: String,
     /// Place of the name in the file.
     pub span: Span,

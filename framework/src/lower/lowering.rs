@@ -18,8 +18,8 @@ use crate::source::{Diagnostic, Place, SourceMap};
 /// Maximum number of passes after repeats, so that a typing error cannot exhaust memory.
 pub(super) const MAX_PASSES: usize = 20_000;
 
-/// Maximum number of steps of the walk. A pass, an entry of it, an iteration of a repeat and a declaration of an
-/// included graph are one step each.
+/// Maximum number of steps of the walk. These are one step each: a pass, an entry of its `bind`, `push` and so on, an
+/// iteration of a repeat, and a declaration of an included graph.
 const MAX_STEPS: usize = 25 * MAX_PASSES;
 
 pub(super) struct Lowering<'a> {
@@ -54,7 +54,7 @@ pub(super) struct Level {
     pub exposed: Exposed,
     /// Resources by name; `None` for an invalid declaration.
     pub handles: IndexMap<String, Option<Handle>>,
-    /// For the names of included resources (`include.name`), the parameters that decide which resource it is.
+    /// For each name of an included resource (`include.name`), the parameters that decide which resource it means.
     pub given: BTreeMap<String, ParamSet>,
     /// Includes without resources, with the place of the condition that removed them; `None` for invalid includes.
     pub absent: BTreeMap<String, Option<Span>>,
@@ -210,7 +210,7 @@ impl<'a> Lowering<'a> {
                 }
                 Err(diagnostic) => {
                     let unknown = name_unknown_in(&diagnostic.primary.text);
-                    // An unknown name that has an error of its own is a consequence of that error.
+                    // If the unknown name is a `let` that failed, this error is only a consequence.
                     let told = unknown.is_some_and(|other| failed.contains(other));
                     failed.insert(name.as_str());
                     if told {

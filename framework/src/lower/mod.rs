@@ -64,7 +64,8 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
     lower_candidate(request, None, files)
 }
 
-/// Like [`lower`], but lowers the graph at an index of [`candidates`], if one is given.
+/// Like [`lower`], but lowers the graph at an index of [`candidates`], if one is given. An index beyond the end means
+/// the last.
 ///
 /// # Errors
 /// Those of [`lower`]; the graph's requirements must hold.
@@ -181,7 +182,7 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
 }
 
 /// Lists the settings of a request that its graph rejects: the parameter is unknown, or its type or range excludes the
-/// value. The range may depend on other settings, of which the rejected ones do not count.
+/// value. The range may depend on other settings; rejected settings are ignored there.
 ///
 /// # Errors
 /// Those of [`lower`] about the graph's files, parameters and requirements.
@@ -250,16 +251,16 @@ pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Ve
     Ok(Standing { fallbacks: chosen.fallbacks.clone(), unmet: chosen.unmet.clone() })
 }
 
-/// A graph of a choice, or a graph alone.
+/// A graph of a choice, or the only graph of a request without a choice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// Name by which the choice refers to the graph, or the request's for a graph alone.
+    /// Name by which the choice refers to the graph; without a choice, the request's name.
     pub name: String,
     /// Unmet requirements of the graph, and of the choice for it.
     pub unmet: Vec<Unmet>,
 }
 
-/// Lists the graphs of a choice in order of preference, without lowering them. A graph alone is the only one.
+/// Lists the graphs of a choice in order of preference, without lowering them. Without a choice, lists one graph.
 ///
 /// # Errors
 /// Those of [`standing`], for any of the graphs.

@@ -34,7 +34,7 @@ struct Text<'a> {
 
 /// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings. A setting of an
 /// unknown parameter, or outside the parameter's domain, is an error; with `rejected`, its name is added there instead,
-/// and the parameter has the value that it has without the setting.
+/// and the setting is ignored.
 pub(super) fn resolve(
     root: &Opened,
     parameters: &Parameters,
@@ -180,7 +180,7 @@ fn one(
     let preset = |setting: &Setting| given(&setting.number, &domain, names, &setting.place);
     let (value, unset, (reason, params, skipped)) = match (text, setting) {
         (Some(text), _) => {
-            // The preset's value is not used, so neither its errors nor what it depends on count.
+            // The text overrides the preset's value: ignore its errors, and the parameters that it depends on.
             let unset = setting.and_then(|setting| names.traced(|| preset(setting)).0.ok());
             let value = parse_value(text.value, &domain).map_err(|m| {
                 let error = Diagnostic::new(format!("`{name}` cannot be set to this"), text.span, m);

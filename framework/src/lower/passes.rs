@@ -434,7 +434,8 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Records the pairs of which a repeat uses both halves without a swap. `swaps` is from before the repeat.
+    /// Records the ping-pong buffers of which a repeat uses both halves without a swap. `swaps` has the number of swaps
+    /// of each before the repeat.
     fn note_unswapped(&mut self, swaps: &[usize], passes: [Range<usize>; 2]) {
         let binds = self.lowered.passes[passes[0].start..passes[1].end].iter().flat_map(|pass| &pass.bind);
         let bound: HashSet<ResourceId> = binds.flat_map(|bind| &bind.resources).copied().collect();

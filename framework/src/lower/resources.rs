@@ -314,7 +314,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Adds to the error about an unknown resource what may be meant by its name.
+    /// Adds suggestions to the error about an unknown resource.
     fn suggest_resource(&self, level: &Level, name: &str, error: Diagnostic) -> Diagnostic {
         let names = || level.handles.keys().map(String::as_str);
         let Catalog { attributes, uniforms, buffers } = self.request.catalog;

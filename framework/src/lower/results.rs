@@ -121,8 +121,8 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Describes two statistics of one name, each with the place of its declaration and its include. Points at the
-    /// outermost includes that tell them apart.
+    /// Returns the error for two statistics of one name. Each argument has the place of a declaration and its include.
+    /// Points at the outermost include of each that does not contain the other, if any.
     fn two_statistics(
         &self,
         name: &str,

@@ -4,7 +4,7 @@
 //! Metal has one argument table for buffers and one for textures. `places` assigns the indices, and SPIRV-Cross
 //! generates the function with them.
 //!
-//! The function requires of the executor:
+//! To run the function, a backend needs:
 //!
 //! - `MTLCompileOptions` of [`VERSION`] without fast math, because keys and culling depend on exact rounding;
 //! - a pipeline whose `threadExecutionWidth` is the plan's subgroup size, because the text contains it as a constant;
@@ -28,7 +28,7 @@ use spirv_cross2::{Compiler, Module};
 use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
 use crate::plan::Plan;
 
-/// Version of the language, major and minor.
+/// Version of the Metal Shading Language, major and minor.
 pub const VERSION: (u32, u32) = (2, 4);
 
 /// A shader that cannot be translated to Metal's language.
@@ -130,7 +130,7 @@ fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
     };
     let Translation { source, entry, sizes, draw_index } =
         call(&shader.spirv, stage, &places, lanes).map_err(|error| error.to_string())?;
-    // SPIRV-Cross emulates it with a buffer that nothing binds.
+    // SPIRV-Cross emulates `gl_DrawID` with a buffer that nothing binds.
     if draw_index {
         return Err("expected no `gl_DrawID`, which Metal lacks: use 0, its value in every draw of a graph"
             .to_string());
@@ -163,7 +163,7 @@ fn call(
     lanes: u32,
 ) -> Result<Translation, SpirvCrossError> {
     let mut compiler = Compiler::<targets::Msl>::new(Module::from_words(spirv))?;
-    // SPIRV-Cross would give unused arguments the indices of other arguments.
+    // Otherwise, SPIRV-Cross gives unused arguments the indices of other arguments.
     let used = compiler.active_interface_variables()?;
     compiler.set_enabled_interface_variables(used)?;
     let active = compiler.update_active_builtins();

@@ -1,14 +1,15 @@
 //! Checks a plan's dependencies and layout changes against the accesses of its passes.
 //!
-//! In the prologue and three frames, a dependency must cover every access to a memory cell and its immediate
-//! predecessors, and such a pair must require every stage and access of a dependency.
+//! The check walks the prologue and three frames. It pairs each access to a memory cell with the accesses that
+//! immediately precede it. A dependency must cover every pair, and every stage and access of a dependency must be
+//! required by a pair.
 
 use super::trace::{Access, Trace};
 use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages};
 use crate::plan::{Dependency, LayoutChange, Plan, Since};
 use std::collections::HashSet;
 
-/// Number of frames to list: enough that a frame's predecessor has a predecessor.
+/// Number of frames to walk: enough that a frame's predecessor has a predecessor.
 const FRAMES: u32 = 3;
 
 /// A mistake in a plan's dependencies or layout changes.

@@ -1,4 +1,4 @@
-//! Lists the accesses of each pass by their bytes, ignoring barriers.
+//! Lists the accesses of each pass with their byte ranges, ignoring barriers.
 //!
 //! Memory is cut into cells at every boundary of an access, so that an access always covers whole cells. Blocks come
 //! first, then the memory of the resources outside blocks. Resources that the host accesses have one set of cells per
@@ -314,7 +314,7 @@ fn clashes(accesses: &[Access]) -> Vec<Clash> {
     for (index, first) in accesses.iter().enumerate() {
         for second in &accesses[index + 1..] {
             let meet = first.cells.start.max(second.cells.start) < first.cells.end.min(second.cells.end);
-            // A draw keeps the tests and writes of its fragments to a depth attachment in order.
+            // Depth tests and depth writes of a draw follow rasterization order.
             let tests = Stages::DEPTH_TESTS.contains(first.stage | second.stage);
             let apart = first.stage != second.stage && !tests && !(first.atomic && second.atomic);
             if meet && (first.resource != second.resource || apart) && (first.writes() || second.writes()) {

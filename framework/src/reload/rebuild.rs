@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use crate::shader::Cancel;
 
-/// Minimum time for a job, even if a newer one waits, so that a moving slider shows progress.
+/// Minimum run time of a job before a newer one can cancel it, so that a moving slider shows progress.
 pub const PATIENCE: Duration = Duration::from_millis(500);
 
 /// A thread that builds. Dropping it cancels the running job, waits for it, and discards a waiting job.

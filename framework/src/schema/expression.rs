@@ -1,7 +1,7 @@
 //! Defines expressions and references to resources in a graph's strings, parsed once when a file is read.
 //!
-//! A string with a syntax error keeps the error: only the kind of a parameter decides whether its strings are
-//! expressions. The error is reported when the graph needs the value.
+//! A syntax error is stored rather than reported, because a string may be an option of a choice instead of an
+//! expression. It is reported when the graph needs the value.
 
 use std::ops::Range;
 

@@ -5,7 +5,7 @@
 //! if there are none. The second frame follows a frame like itself, so its dependencies hold for every frame.
 //!
 //! Layouts come first, because they follow from the order of the passes. For an API with layouts, a layout change is a
-//! write of the image; other APIs ignore it. Each dependency therefore tells whether the change waits for it. If only
+//! write of the image; other APIs ignore it. Each dependency therefore says whether the change waits for it. If only
 //! the change waits, and not the pass, the hazard is [`Hazard::LayoutChange`].
 
 use super::extents::{Extents, Group};
@@ -63,7 +63,7 @@ fn layout_changes(
                 let first = !std::mem::replace(&mut touched[at], true);
                 let uses = || group.accesses.iter().map(|access| &access.touch);
                 let Some(new) = uses().find_map(|touch| touch.layout) else { continue };
-                // If an alias was used since the last frame, the image has lost its layout.
+                // An alias may have used the memory since the image's last use, which loses the layout.
                 let lost = first && shared[at] && !kept[at];
                 if new == layouts[at] && !lost {
                     continue;

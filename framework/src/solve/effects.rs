@@ -94,7 +94,7 @@ impl Causes {
     }
 }
 
-/// Returns the hint that only culled passes use the parameter; `None` if none does.
+/// Returns the hint for a parameter that only these culled passes use; `None` if there are none.
 fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<String> {
     let first = passes.next()?;
     let (others, those) =

@@ -8,7 +8,7 @@
 //! is one between the two anyway. An alias therefore only follows another if the other's last pass is on a lower level;
 //! the level of a pass is the length of the longest chain of dependent passes before it.
 //!
-//! The packing is first fit by decreasing size: each resource goes into the smallest block that is free for its
+//! The packing is best fit by decreasing size: each resource goes into the smallest block that is free for its
 //! lifetime.
 
 use std::collections::BTreeMap;
@@ -55,8 +55,8 @@ pub(super) fn place(
         // Blocks were created in descending size: the last are the smallest.
         let found = life.and_then(|life| {
             open.iter_mut().rev().take(MAX_TRIED).find(|(_, aliases, images)| {
-                // A layout change cannot wait for writes through another resource: an image only follows aliases whose
-                // contents were read.
+                // A layout change cannot wait for writes through another resource. In a block with an image, the last
+                // write of every alias must therefore be read.
                 let written = life.ends_written || aliases.values().any(|l| l.ends_written);
                 is_free(aliases, life) && !((image || *images) && written)
             })
@@ -110,7 +110,7 @@ fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Optio
 
 /// Computes the level of each position in the frame: the longest chain of dependent passes before it.
 fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
-    // Per resource, the level after which it can be read, and the level after which it can be written.
+    // Per resource, the lowest level at which it can be read, and the lowest at which it can be written.
     let mut ready = vec![(0, 0); resources];
     let level = |id: &PassId| {
         let uses = &passes[id.index()].uses;

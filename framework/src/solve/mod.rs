@@ -76,7 +76,7 @@ fn place(plan: &mut Plan, share_memory: bool) {
     add_dependencies(plan);
 }
 
-/// Lists the dependencies and layout changes of a plan, even a hand-made one, from the accesses of its passes.
+/// Derives the dependencies and layout changes of a plan from its passes' accesses, replacing existing ones.
 pub fn add_dependencies(plan: &mut Plan) {
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan);
 }

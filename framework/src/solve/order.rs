@@ -38,7 +38,7 @@ pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, V
     let mut unwritten = Vec::new();
     let needs = needs(passes, lowered, &users, &mut errors, &mut unwritten);
     if !errors.is_empty() {
-        // The iterations of a repeat have different names, and the same mistakes at the same places: the first is told.
+        // Each iteration of a repeat makes the same mistake at the same place: report only the first.
         let mut told = HashMap::new();
         errors.retain(|(pass, error)| {
             *told.entry((error.primary.clone(), error.secondary.clone())).or_insert(*pass) == *pass
@@ -87,8 +87,10 @@ fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
     users
 }
 
-/// Returns the edges, from earlier to later passes. Also finds resources that are read and never written, and passes
-/// that read and write undefined contents. Each error has the index of its pass.
+/// Returns the edges, from earlier to later passes.
+///
+/// Adds to `errors` the reads that nothing can satisfy, with the index of the reading pass; to `unwritten`, the passes
+/// that modify undefined contents.
 fn needs(
     passes: &[LinkedPass],
     lowered: &Lowered,
@@ -140,7 +142,7 @@ fn needs(
         let mut read: Vec<usize> = Vec::new();
         for User { pass, accesses } in users {
             if accesses.reads() {
-                // Shaders may read their own writes; a kept target is read first.
+                // A shader that also writes may read only its own writes; a kept target is read first.
                 let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
                 // A history starts from zeros, and keeps data written by plans with other settings. It is still a
                 // mistake if no pass of the graph ever writes it.
@@ -192,7 +194,7 @@ fn never_written(
     lowered: &Lowered,
 ) -> Diagnostic {
     let name = &lowered.plan.resources[resource.index()].name;
-    // The export copies the words of all statistics, each of which has its own place.
+    // The export copies all statistics: the error names the statistic and its place.
     let mut stats = lowered.plan.stats.iter().zip(&lowered.stat_spans);
     let stat = stats.find(|(stat, _)| stat.buffer == resource && passes[reader].pass.work == Work::Export);
     let keeps_it = |pass: usize| {
@@ -200,7 +202,7 @@ fn never_written(
         uses.any(|u| u.resource == resource && u.accesses.contains(Accesses::COLOR_READ))
     };
     let keeps = keeps_it(reader);
-    // A pass that keeps a target also writes it, but does not give another one anything to keep.
+    // A pass that keeps a target also writes it, but that gives no other pass contents to keep.
     let first = writers.iter().find(|writer| !(keeps && keeps_it(**writer)));
     let (reader, span) = match stat {
         Some((stat, span)) => (format!("the statistic `{}`", stat.name), *span),
@@ -248,7 +250,7 @@ fn never_written(
     diagnostic
 }
 
-/// Finds the passes that the end of the frame depends on, directly or not.
+/// Returns one flag per pass: true if the export or the host pass depends on it, directly or indirectly.
 fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bool> {
     // For each resource, the writers whose data can reach a reader.
     let mut sources: Vec<Sources> = users.iter().map(|users| Sources::of(users, passes)).collect();

@@ -69,7 +69,7 @@ fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Di
 }
 
 /// Returns a warning for each repeat in which a pass reads one half of a ping-pong buffer and writes the other, without
-/// a `Swap`, if its iterations repeat each other or nothing reads their results.
+/// a `Swap`, if the iterations do the same work or nothing reads their results.
 fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
     let mut found: Vec<Diagnostic> = Vec::new();
     for Unswapped { front, back, passes: [first, second] } in &lowered.unswapped {
@@ -98,7 +98,7 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
             continue;
         };
         let span = passes[step].span;
-        // The include of a culled pass has a warning of its own.
+        // `idle_includes` already warns about culled passes of includes.
         let told = passes[step].include.is_some() && !live[step];
         if told || found.iter().any(|other| other.primary.span == span) {
             continue;

@@ -46,8 +46,8 @@ impl Diagnostic {
         self
     }
 
-    /// Removes repetitions: diagnostics with the message and the place of an earlier one. A file that is included twice
-    /// has each of its errors twice.
+    /// Removes diagnostics that repeat the message and the place of an earlier one, because a file that is included
+    /// twice reports each error twice.
     pub fn distinct(mut all: Vec<Diagnostic>) -> Vec<Diagnostic> {
         let mut seen = HashSet::new();
         all.retain(|new| seen.insert((new.primary.span, new.message.clone())));
@@ -84,8 +84,8 @@ const MAX_NAME: usize = 256;
 /// Returns the candidate most similar to `name`, for a "did you mean" suggestion.
 ///
 /// A candidate that differs only in case wins. Otherwise the nearest by Damerau-Levenshtein distance wins, and the
-/// first of equally near ones. `None` if no character would stay, if the distance is more than 1 and more than a third
-/// of the name's length, or if the name has more than 256 characters.
+/// first of equally near ones. `None` if every character would change, if the distance is more than 1 and more than a
+/// third of the name's length, or if the name has more than 256 characters.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > MAX_NAME {

@@ -61,7 +61,7 @@ pub struct Library {
 /// Folders that may contain a graph's files; canonical.
 type Roots = Arc<Vec<PathBuf>>;
 
-/// A finder of files by name, which keeps the opened ones. See the module's documentation for the search.
+/// The files of a build: finds them by name, as the module's documentation describes, and keeps their texts.
 ///
 /// ```
 /// use splatgraph_framework::source::{Kind, Library, SourceMap};
@@ -182,8 +182,8 @@ impl SourceMap {
 
     /// Finds the file called `name`, and reads it unless it was read before.
     ///
-    /// `from` is the file that refers to `name`, or `None` for the command line. The first existing file of these is
-    /// used:
+    /// `from` is the file that refers to `name`, or `None` for the command line. The search returns the first file that
+    /// exists:
     ///
     /// 1. in memory: beside `from`, at exactly `name`, or in the folder of its kind;
     /// 2. on disk, if `from` is on disk: beside `from`, then in the folder of its kind (`pipelines` or `shaders`). That
@@ -225,7 +225,7 @@ impl SourceMap {
         let start = span.start.min(file.text.len());
         let line = file.lines.partition_point(|line_start| *line_start <= start) - 1;
         let from = file.lines[line];
-        // `count` is much faster than a loop: a line can be megabytes long, and have thousands of errors.
+        // Not a loop over characters, which is slow: a line can have megabytes, and thousands of errors.
         let end = (start..).find(|at| file.text.is_char_boundary(*at)).unwrap_or(start);
         let column = file.text[from..end].chars().count();
         (line as u32 + 1, column as u32 + 1)
@@ -303,7 +303,7 @@ impl SourceMap {
         Ok(None)
     }
 
-    /// Returns a file in memory or a built-in one, and adds it if it is new.
+    /// Returns the id of an in-memory or built-in file, adding the file if it is new.
     fn of_library(&mut self, identity: Identity, path: &str, text: Cow<'static, str>) -> FileId {
         if let Some(file) = self.known.get(&identity) {
             return *file;
@@ -448,7 +448,7 @@ impl SourceMap {
 /// Maximum number of folder entries to compare with a misspelt name.
 const MAX_LISTED: usize = 1000;
 
-/// Returns the file names that `name` can stand for, the likelier first.
+/// Returns the file names that `name` can mean, the most likely first.
 fn spellings(name: &str, kind: Kind) -> Vec<String> {
     let last = name.rsplit('/').next().unwrap_or_default();
     if kind == Kind::Shader || last.is_empty() || name.ends_with(".ron") {

@@ -86,7 +86,7 @@ impl Outline {
         self.nodes.iter().find(|node| node.place.start == offset)
     }
 
-    /// Returns the span of the field name or map key that contains `offset` or ends there. A quote before it counts.
+    /// Returns the span of the field name or map key that contains `offset` or ends there. Includes the opening quote.
     pub(super) fn key_at(&self, offset: usize) -> Option<Range<usize>> {
         let mut keys = self.nodes.iter().filter_map(|node| node.key.clone());
         keys.find(|key| key.start <= offset + 1 && offset <= key.end)

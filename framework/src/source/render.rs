@@ -11,12 +11,12 @@ use crate::ir::{FileId, Span};
 /// Maximum number of diagnostics to render.
 const MAX_RENDERED: usize = 100;
 
-/// Bytes of their lines after which no further diagnostic is rendered: rendering one reads its whole line.
+/// Soft limit on the total length of the diagnostics' lines, in bytes: rendering a diagnostic reads its whole line.
 const MAX_LINE_BYTES: usize = 4 << 20;
 
 /// Renders diagnostics as errors, separated by blank lines. The result ends in a line break.
 ///
-/// After the first 100, or after a few on very long lines, it gives only the number of the others.
+/// After the first 100, or after a few on very long lines, it only says how many more there are.
 ///
 /// ```text
 /// error: unknown field `shadr` in `Dispatch`

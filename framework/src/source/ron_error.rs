@@ -2,7 +2,7 @@
 //!
 //! The crate reports the position of its cursor. Depending on the error, the cursor is before an unexpected value,
 //! after an unknown name, or at the end of a struct that lacks a field. This module uses the [`Outline`] to find the
-//! element at fault. A text without an outline has the outline's own error.
+//! element at fault. It is not used for texts that the outline's parser rejects: that error is precise already.
 
 use std::ops::Range;
 
@@ -11,9 +11,11 @@ use ron::error::{Error, Position, SpannedError};
 use super::outline::{Content, Node, unquoted};
 use super::{Diagnostic, Outline, nearest};
 
-/// Converts an error of the `ron` crate to a diagnostic at the mistake in `text`, which has this outline. Unknown fields
-/// and variants come with the nearest existing name. `read` parses another text as `text` was parsed: to list the names
-/// that a place expects, the text is read again with an unknown name there.
+/// Converts an error of the `ron` crate to a diagnostic that points at the mistake in `text`.
+///
+/// `outline` is the outline of `text`. For an unknown field or variant, the diagnostic suggests the nearest existing
+/// name. `read` parses a text as the same type as `text`: to list the names that are valid at a place, this function
+/// inserts an unknown name there and parses again.
 pub fn ron_error(
     outline: &Outline,
     text: &str,
@@ -201,7 +203,7 @@ impl Translator<'_> {
         }
     }
 
-    /// Returns the error for a value in place of a variant's name, or of a field's name and its value.
+    /// Returns the error for a value where a variant's name or a field `name: value` is expected.
     fn expected_name(&self) -> Diagnostic {
         let Some(node) = self.node_at_cursor() else { return self.wrong_kind(NAME) };
         let mut probe = self.text.to_string();
@@ -332,7 +334,7 @@ fn without_type(expected: &str) -> String {
 const NAME: &str = "a name";
 const TUPLE: &str = "`(a, b)`";
 
-/// Describes the syntax that an error expected; `None` if it does not tell.
+/// Describes the syntax that an error expected; `None` if the error does not say.
 fn wanted(error: &Error) -> Option<String> {
     let wanted = match error {
         Error::ExpectedArray => "a list `[...]`",

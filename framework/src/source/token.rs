@@ -40,8 +40,7 @@ pub(super) struct Text {
     pub value: String,
     /// Byte range of the file between the quotes.
     pub inside: Range<usize>,
-    /// Pairs of an offset in the value and its offset in the file. Before the next pair, the two advance
-    /// together.
+    /// Pairs of an offset in the value and its offset in the file. Between pairs, both offsets advance together.
     pub steps: Vec<(usize, usize)>,
 }
 

@@ -1,4 +1,4 @@
-//! Tests of the checker on hand-made plans, each with one property right or wrong.
+//! Tests the checker on hand-made plans, each without a mistake or with one.
 
 mod dependencies;
 #[allow(dead_code)]

@@ -130,7 +130,7 @@ pub const COPY: Stages = Stages::COPY;
 pub const CLEAR: Stages = Stages::CLEAR;
 pub const NO_ACCESS: Accesses = Accesses::empty();
 
-/// Returns a storage read by a compute shader.
+/// Returns the use of a resource that a compute shader reads as storage.
 pub fn reads(resource: ResourceId) -> Use {
     touch(resource, COMPUTE, READ)
 }

@@ -433,11 +433,11 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 }
 
-/// True if all folders along a path are watched, false if only the last ones and those with links. On macOS, watching
-/// `/` would send the events of the whole machine, so changes further up wait for the next regular look.
+/// True if all folders along a path are watched, false if only the last two and those that contain links. On macOS,
+/// watching `/` would send the events of the whole machine, so changes further up wait for the next regular look.
 const EVERY_FOLDER: bool = !cfg!(target_os = "macos");
 
-/// Normalizes a path for comparison with those of events: to lower case on systems that ignore case.
+/// Normalizes a path for comparison with the paths of events: to lower case on systems that ignore case.
 fn spelling(path: &Path) -> std::borrow::Cow<'_, Path> {
     if cfg!(any(target_os = "macos", windows)) {
         PathBuf::from(path.to_string_lossy().to_lowercase()).into()

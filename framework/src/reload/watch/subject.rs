@@ -15,7 +15,7 @@ pub struct Patience {
     pub moving: Duration,
     pub gone: Duration,
     pub gather: Duration,
-    /// Interval of regular looks at all files; `None` for none.
+    /// Interval of regular looks at all files; `None` disables them.
     pub rounds: Option<Duration>,
 }
 

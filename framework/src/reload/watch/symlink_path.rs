@@ -3,7 +3,7 @@
 //! `/home/me/graphs/a.ron` resolves through the entry `home` in `/`, `me` in `/home`, and so on. If `graphs` is a
 //! symlink, it also resolves through every entry along the link's target. The contents at a path change only if one of
 //! these entries or the final file changes, so the watcher watches these entries. For a path that does not resolve, the
-//! last entry is the first one that is missing or no folder.
+//! last entry is the first one that is missing or not a folder.
 
 use std::collections::HashMap;
 use std::ffi::OsString;

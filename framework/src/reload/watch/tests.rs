@@ -9,8 +9,8 @@ use crate::source::{Kind, Library, SourceMap};
 
 const LONG: Duration = Duration::from_secs(60);
 
-/// The real delays, with two exceptions. There are no regular looks, which could replace a missing event. A missing
-/// file is reported only after a minute, so that a pause of the machine does not report one.
+/// The real delays, with two exceptions. There are no regular looks, which could hide that an event is missing. A
+/// missing file is reported only after a minute, because a slow machine may take long to replace a file.
 const EVENTS: Patience = Patience { rounds: None, gone: LONG, ..PATIENCE };
 
 struct Desk {
@@ -202,7 +202,7 @@ fn a_file_that_never_stands_still_is_a_change_nevertheless() {
 
 #[test]
 fn a_change_does_not_wait_long_for_a_file_that_is_still_moving() {
-    // `b` changes all the time and would wait for long; `a` is saved once.
+    // `b` changes all the time and would delay the report; `a` is saved once.
     let patience = Patience { moving: LONG, ..EVENTS };
     let mut desk = Desk::with(patience, true, &[("a", "one"), ("b", "one")]);
     let b = desk.path("b");

@@ -211,7 +211,7 @@ impl Entry<'_> {
         help.into_iter().fold(diagnostic, Diagnostic::with_help)
     }
 
-    /// Returns what to write instead of common mistakes.
+    /// Returns the help for a common mistake.
     fn hint(&self) -> Option<&'static str> {
         match (self.token, self.message.as_str()) {
             (_, "boolean expression expected") => Some("compare numbers with 0: `x != 0`"),

@@ -10,7 +10,7 @@
 //!    `#if`s), parses, links and generates;
 //! 4. *reflect*: see [`reflect`].
 //!
-//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MAX_BYTES`] of text,
+//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without NUL, [`sources::MAX_BYTES`] of text,
 //! and [`generate::MAX_DEPTH`] nested includes. It gets a large stack, because its passes recurse. Its parser stops at
 //! the first error, because continuing crashes it more often. For untrusted texts it runs in a separate process: see
 //! [`worker`].

@@ -250,7 +250,7 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Evaluates a condition; `now` tells whether the compiler evaluates it.
+    /// Evaluates a condition; `now` says whether the compiler evaluates it.
     fn condition(&mut self, directive: &str, words: &[Word<'t>], now: Truth) -> Truth {
         match (directive, words) {
             ("if", words) => {

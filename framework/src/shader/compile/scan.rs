@@ -15,7 +15,7 @@ pub(super) enum TokenKind {
     Symbol,
     /// The end of a line that is not continued.
     Newline,
-    /// A character that GLSL allows in comments only (not ASCII, or a zero), or a string with one.
+    /// A character that GLSL allows in comments only (NUL, or not ASCII), or a string with one.
     Foreign,
 }
 
@@ -247,8 +247,8 @@ fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     Some((name, start..start + name.len()))
 }
 
-/// Replaces a byte order mark, zeros and all non-ASCII bytes, which occur only in comments. The compiler gets ASCII,
-/// and byte offsets do not change.
+/// Replaces a byte order mark, NUL and all non-ASCII bytes, which occur only in comments. The result is ASCII, and has
+/// the same byte offsets.
 pub(super) fn to_ascii(text: &str) -> String {
     if text.is_ascii() && !text.contains('\0') {
         return text.to_owned();

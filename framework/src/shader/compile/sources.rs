@@ -42,10 +42,10 @@ pub(super) struct Include {
 }
 
 impl Sources {
-    /// Finds and scans everything. A missing file is no error yet: an `#if` may disable its `#include`.
+    /// Finds and scans all texts. A missing file is not an error yet: an `#if` may disable its `#include`.
     ///
-    /// Fails if the files exceed a limit, if one has a zero or a non-ASCII character outside comments, or if the shader
-    /// is not declared GLSL 4.60.
+    /// Fails if the files exceed a limit, if one has NUL or a non-ASCII character outside comments, or if the shader is
+    /// not declared GLSL 4.60.
     pub fn gather(
         files: &mut SourceMap,
         request: &ShaderRequest,

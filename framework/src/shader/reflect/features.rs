@@ -1,8 +1,8 @@
 //! Lists the optional device features that a module needs.
 //!
 //! Most follow from the module's capabilities. Others need the code: for 64-bit atomics, SPIR-V has one capability, but
-//! Vulkan has separate features for buffers and shared memory. Stores in vertex and fragment shaders, and variable
-//! indices into descriptor arrays, are found in the code, too.
+//! Vulkan has separate features for buffers and shared memory. Stores in vertex and fragment shaders, and non-constant
+//! indices into descriptor arrays, are also found in the code.
 
 use std::collections::{HashMap, HashSet};
 
@@ -198,7 +198,7 @@ fn atomic(wide: bool, adds: bool, class: Option<StorageClass>) -> Features {
     }
 }
 
-/// Returns the feature for variable indices into an array of blocks or images; empty if all indices are constants.
+/// Returns the feature for non-constant indices into an array of blocks or images; empty if all are constants.
 fn array_index(
     module: &Module,
     chain: &Instruction,

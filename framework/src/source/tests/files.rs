@@ -369,7 +369,7 @@ fn what_appears_while_a_map_is_used_counts_as_missing() {
 #[cfg(unix)]
 fn make_pipe(path: &str) {
     let path = std::ffi::CString::new(path).unwrap();
-    // SAFETY: the path is a text that ends in a zero.
+    // SAFETY: the path is NUL-terminated.
     assert_eq!(unsafe { libc::mkfifo(path.as_ptr(), 0o600) }, 0);
 }
 
