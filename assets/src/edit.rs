@@ -14,7 +14,7 @@ fn spread(value: u32) -> u64 {
     (0..21).fold(0u64, |code, bit| code | (u64::from(value) >> bit & 1) << (3 * bit))
 }
 
-/// Replaces a unit vector by the axis that it differs from only by rounding: a tag of a file can name only an axis.
+/// Snaps a unit vector to an axis that it equals up to rounding, because tags of files can name only axes.
 fn on_axis(direction: DVec3) -> DVec3 {
     const ROUNDING: f64 = 1e-12;
     let axis = DVec3::from(direction.to_array().map(|v| v.round() + 0.0));
@@ -114,8 +114,8 @@ impl Scene {
 
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is that of the first mesh. Counts of
-    /// dropped splats are summed.
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is the first mesh's. Counts of dropped
+    /// splats are summed.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are 2^32 splats or more.
@@ -263,7 +263,7 @@ mod tests {
         };
         assert_eq!(joined(&[tagged, tagged]), tagged);
         let none = FileNotes::default();
-        // The third scene has the value that the first two have left, and the fourth that of the first.
+        // Tags that the first two scenes have mixed stay mixed, whether later values equal the default or the first's.
         let mixed = joined(&[tagged, none, none, tagged]);
         assert_eq!((mixed.tags(), mixed.mixed_tags()), (vec![], Some("low_pass, up".to_owned())));
         assert_eq!(joined(&[mixed, distance]).mixed_tags(), Some("low_pass, key_of, up".to_owned()));

@@ -52,8 +52,8 @@ impl SceneHeader {
         }
     }
 
-    /// Fails if the `available` memory is less than several scenes, the joined one, which has wide positions, and `held` more
-    /// bytes. A single scene is not copied.
+    /// Fails unless the `available` memory holds all scenes, the joined scene (with wide positions) and `held` more
+    /// bytes. A single scene always passes, because it is not copied.
     pub(crate) fn check_joined(
         all: &[Self],
         held: u64,

@@ -19,7 +19,7 @@ pub(crate) fn shown(uri: &str) -> String {
     uri.chars().take(60).collect()
 }
 
-/// Decodes a data URI, or finds a file in `folder`. Fails with a message for other addresses and places.
+/// Decodes a data URI, or resolves a file in `folder`. Fails with a message for other schemes and folders.
 pub(crate) fn resolve(uri: &str, folder: Option<&Path>) -> Result<Resource, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (_, text) = data.split_once(";base64,").ok_or("expected a data URI in base 64")?;

@@ -32,9 +32,9 @@ impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, have primitives
-    /// other than triangles, or have no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text
-    /// names the accessor, node or image.
+    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, have
+    /// primitives other than triangles, or have no triangles; a buffer or an image cannot be read; or a limit is
+    /// exceeded. The text names the accessor, node or image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
@@ -129,7 +129,7 @@ fn json_of(bytes: &[u8]) -> &[u8] {
     }
 }
 
-/// Shows the first of the errors of an invalid document. There can be millions.
+/// Reports the first error of an invalid document and the number of the others: there can be millions.
 fn invalid(error: gltf::Error) -> SceneError {
     match error {
         gltf::Error::Validation(errors) if !errors.is_empty() => {
@@ -198,7 +198,7 @@ impl<'a> Reader<'a> {
     fn nodes(&mut self) -> Result<(), SceneError> {
         let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
         let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;
-        // Converts axes that point left, up and to the front to right, down and front, as for splats in glTF.
+        // Converts from axes left, up and front (glTF) to right, down and front, as for splats in glTF.
         let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
         let mut open: Vec<_> = scene.nodes().map(|node| (node, axes)).collect();
         let (mut seen, mut lit) = (0, false);
@@ -329,7 +329,7 @@ impl<'a> Reader<'a> {
         bytes.ok_or_else(|| wrong(part, format!("buffer view {} is beyond its buffer", view.index())))
     }
 
-    /// Reads vectors of floats. Vectors of two can also be normalised 8- or 16-bit integers.
+    /// Reads vectors of floats. Vectors of two can also be normalised unsigned integers of 8 or 16 bits.
     fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, SceneError> {
         let expected = if N == 3 { Dimensions::Vec3 } else { Dimensions::Vec2 };
         let part = format!("accessor {}", accessor.index());

@@ -43,7 +43,7 @@ pub(crate) struct Layout {
     pub slot_of: Vec<Option<usize>>,
 }
 
-/// Counts an element's properties `f_rest_*`. Also returns the degree of the harmonics that they are.
+/// Counts an element's properties `f_rest_*`. Also returns the degree of their harmonics.
 pub(super) fn rest(element: &Element) -> Result<(usize, u32), SceneError> {
     let found = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
     match [0, 9, 24, 45].iter().position(|count| *count == found) {

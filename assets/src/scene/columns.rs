@@ -93,7 +93,8 @@ impl Columns {
             as u64
     }
 
-    /// Computes the host memory in bytes of a scene of `count` splats: see [`Scene::host_bytes`](super::Scene::host_bytes).
+    /// Computes the host memory of a scene of `count` splats, in bytes, as
+    /// [`Scene::host_bytes`](super::Scene::host_bytes) documents.
     pub(crate) fn host_bytes(count: u64, degree: u32) -> u64 {
         let statistics = size_of::<[f32; 3]>() as u64;
         count.saturating_mul(Self::bytes_per_splat(degree) + statistics)

@@ -67,7 +67,7 @@ pub struct Scene {
     pub(crate) identity: OnceLock<u64>,
 }
 
-/// Normalises the quaternion of a splat; also returns the length that it had.
+/// Normalises the quaternion of a splat; also returns its original length.
 fn normalised(splat: Splat) -> (Splat, f64) {
     let (rotation, norm) = activation::unit(splat.rotation.map(f64::from));
     (Splat { rotation, ..splat }, norm)
@@ -134,7 +134,7 @@ impl Scene {
         })
     }
 
-    /// Generates a scene. `splat` returns a splat, its position, and the length that its quaternion had.
+    /// Generates a scene. `splat` returns a splat, its position, and the original length of its quaternion.
     fn generated(
         count: u32,
         degree: u32,

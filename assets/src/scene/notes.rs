@@ -10,7 +10,7 @@ pub enum Filter {
     /// Adds 0.3 square pixels to the diagonal of 2D covariances, as the published rasteriser does.
     #[default]
     Dilated,
-    /// Covariances as for `Dilated`; opacities are multiplied by the root of the determinants' ratio, before to after.
+    /// Covariances as for `Dilated`; opacities are multiplied by sqrt(det / det'), the determinants before and after.
     /// It is gsplat's `antialiased`, and the flag of SPZ and SOG.
     Compensated,
     /// The 2D filter of Mip-Splatting: 0.1 square pixels, and lower opacities. Brush calls it `mip`.
@@ -155,8 +155,8 @@ impl FileNotes {
         tags
     }
 
-    /// Keeps the tags that are equal in both files; resets the others, and records them in [`FileNotes::mixed`]. Sums the
-    /// counts; keeps the higher `cut_degree`.
+    /// Keeps the tags that are equal in both files; resets the others, and records them in [`FileNotes::mixed`]. Sums
+    /// the counts; keeps the higher `cut_degree`.
     pub(crate) fn common(self, other: Self) -> Self {
         fn both<T: PartialEq + Default>(a: T, b: T) -> T {
             if a == b { a } else { T::default() }

@@ -1,4 +1,4 @@
-//! Parses binary layers, in the format called crate.
+//! Parses binary layers (OpenUSD's crate format).
 //!
 //! A table of contents locates six sections: tokens (all names), strings, fields (a name and a value), field sets
 //! (lists of fields), paths (the tree of prims and attributes) and specs (the kind and the field set of a path). A

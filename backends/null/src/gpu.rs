@@ -30,7 +30,7 @@ pub struct Config {
     pub patience: Duration,
     /// Time limit for compiling one pipeline; see [`splatgraph_api::Options::compile_patience`].
     pub compile_patience: Duration,
-    /// The word that everything read by the host is filled with: statistics, pictures and inspected resources.
+    /// The word that fills all data read by the host: statistics, pictures and inspected resources.
     pub read: u32,
 }
 

@@ -1,7 +1,7 @@
 //! Projects points and their neighbourhood to the image: the camera's projection and its derivative.
 //!
 //! EWA splatting replaces the projection by its derivative at the splat's centre, the Jacobian. For a pinhole, it is
-//! that of the rasteriser. The others follow from their definitions in [`Projection`].
+//! the rasteriser's Jacobian. The others follow from their definitions in [`Projection`].
 
 use crate::rules::Rules;
 use splatgraph_assets::{Camera, Projection};
@@ -41,7 +41,7 @@ impl Lens {
         }
     }
 
-    /// Returns the width of the image if its left and right edge are neighbours.
+    /// Returns the width of the image, in pixels, if its left and right edges meet; otherwise `None`.
     pub(crate) fn turn(&self) -> Option<f64> {
         (self.projection == Projection::Equirectangular).then_some(self.size[0])
     }

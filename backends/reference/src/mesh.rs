@@ -107,7 +107,7 @@ struct Caster<'a> {
 }
 
 impl<'a> Caster<'a> {
-    /// Prepares the triangles of a mesh, except those nearer than the near plane.
+    /// Prepares the triangles of a mesh, except triangles nearer than the near plane.
     fn new(mesh: &'a Mesh, camera: &'a Camera, rules: &Rules) -> Self {
         let near = rules.near;
         let middle = [camera.width, camera.height].map(|side| 0.5 * (f64::from(side) - 1.0));

@@ -38,8 +38,8 @@ impl View {
     /// Computes the view depth of a point, used for culling and sorting.
     ///
     /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the rasteriser's compiler contracts
-    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h), so that the same splats tie as there. The rasteriser does not
-    /// handle positions beyond f32's precision: their depth is computed in f64, then rounded.
+    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h), so that the same splats tie. The rasteriser does not handle
+    /// positions beyond f32's precision: their depth is computed in f64, then rounded.
     pub(crate) fn depth(&self, p: [f64; 3], rule: Depth) -> f64 {
         match rule {
             Depth::F64 => self.point(p)[2],
@@ -89,7 +89,8 @@ pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rul
     keys.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Sorts pairs of a key and a value by key, stably; returns the keys and the values. Every radix sort must give the same.
+/// Sorts pairs of a key and a value by key, stably; returns the keys and the values. Radix sorts must give the same
+/// result.
 pub fn sort_pairs(mut pairs: Vec<(u32, u32)>) -> (Vec<u32>, Vec<u32>) {
     pairs.sort_by_key(|(key, _)| *key);
     pairs.into_iter().unzip()

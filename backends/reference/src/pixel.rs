@@ -235,7 +235,7 @@ mod tests {
         }
     }
 
-    /// A scene whose positions f32 cannot hold, although one of its splats is where f32 can.
+    /// Checks that [`project`] and [`fragments`] use the same precision for the depths of a wide scene.
     #[test]
     fn a_splat_is_as_deep_as_its_fragment_however_precise_its_scene_is() {
         struct Wide(Vec<Gaussian>);

@@ -1,5 +1,5 @@
-//! PSNR in JSON. JSON has no infinity: the PSNR of equal pictures is the text `inf`, and `null` is one that was not
-//! measured.
+//! Reads and writes PSNR in JSON. JSON has no infinity: the PSNR of equal pictures is the text `inf`. A PSNR that was
+//! not measured is `null`.
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -20,7 +20,7 @@ impl Serialize for Decibels {
 /// Writes a PSNR; `None`, identical pictures, is infinite.
 ///
 /// # Errors
-/// Those of the serializer.
+/// The serializer's errors.
 pub fn serialize<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
     Decibels(psnr_db.unwrap_or(f64::INFINITY)).serialize(serializer)
 }
@@ -48,7 +48,7 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<
 /// Writes a PSNR that may be infinite.
 ///
 /// # Errors
-/// Those of the serializer.
+/// The serializer's errors.
 pub fn serialize_number<S: Serializer>(psnr_db: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     Decibels(*psnr_db).serialize(serializer)
 }
@@ -56,7 +56,7 @@ pub fn serialize_number<S: Serializer>(psnr_db: &f64, serializer: S) -> Result<S
 /// Writes a PSNR that may be infinite; `None`, not measured, is `null`.
 ///
 /// # Errors
-/// Those of the serializer.
+/// The serializer's errors.
 pub fn serialize_measured<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
     psnr_db.map(Decibels).serialize(serializer)
 }
@@ -64,7 +64,7 @@ pub fn serialize_measured<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -
 /// Writes the PSNR of several views, which may be infinite.
 ///
 /// # Errors
-/// Those of the serializer.
+/// The serializer's errors.
 pub fn serialize_views<S: Serializer>(psnr_db: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_seq(psnr_db.iter().map(|db| Decibels(*db)))
 }
