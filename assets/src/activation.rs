@@ -8,7 +8,7 @@ use std::cmp::Ordering;
 /// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Converts a colour to harmonics of band 0 alone.
+/// Converts a colour to harmonics of band 0 only.
 #[inline]
 pub(crate) fn flat(color: [f64; 3]) -> [f32; 48] {
     let mut sh = [0.0; 48];
@@ -38,15 +38,15 @@ pub(crate) fn sigmoid(logit: f32) -> f32 {
     if logit.is_finite() { (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32 } else { f32::NAN }
 }
 
-/// Computes the inverse of the sigmoid, clamped to -104 and 18, whose sigmoids round to 0 and 1 in f32. Opacities are clamped
-/// to 0..1.
+/// Computes the inverse of the sigmoid, clamped to -104 and 18, whose sigmoids round to 0 and 1 in f32. Opacities are
+/// clamped to 0..1.
 pub(crate) fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity).clamp(0.0, 1.0);
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
 }
 
-/// Normalises a quaternion, and returns its original length. A zero quaternion is returned unchanged, and so is one that
-/// was normalised before: a scene that is saved and loaded again has the same bits.
+/// Normalises a quaternion; also returns its original length. Leaves a zero quaternion unchanged. Also leaves a unit
+/// quaternion unchanged, so that a scene that is saved and loaded again has the same bits.
 #[inline]
 pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
     // A unit quaternion that is rounded to f32 has a length within half an epsilon of 1.
@@ -69,8 +69,8 @@ pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
     })
 }
 
-/// Omits the component with the largest absolute value, as [`with_omitted`] inserts it. Returns its index, and the others,
-/// negated if it is negative.
+/// Removes the component with the largest absolute value, which [`with_omitted`] restores. Returns its index and the
+/// other components, negated if it is negative.
 pub(crate) fn omit_largest(quaternion: [f32; 4]) -> (usize, [f64; 3]) {
     let larger = |best: usize, at: usize| {
         if quaternion[at].abs() > quaternion[best].abs() { at } else { best }

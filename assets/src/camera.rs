@@ -79,7 +79,7 @@ impl Camera {
         }
     }
 
-    /// Makes a camera that frames most of a scene.
+    /// Creates a camera that frames most of a scene.
     ///
     /// It looks along +z and 12 degrees down (+y), rotated so that [`Scene::up`] is up, from a distance at which the
     /// box [`Scene::robust_bounds`] fits with a margin of 8 %. The field of view is 60 degrees across the longer side.

@@ -9,7 +9,7 @@
 //!
 //! A scene is scaled first, then rotated about an axis through its origin, and then translated. Its harmonics rotate
 //! with it. Paths are relative to the folder of this file. The splats of all scenes are joined into one scene, so that
-//! a single sort orders them. A `Scene` can also name a mesh, if another one has splats.
+//! a single sort orders them. A `Scene` can also name a mesh, but at least one must have splats.
 
 use crate::error::SceneError;
 use crate::scene::{Scene, ScenePart, sh_floats};

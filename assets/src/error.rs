@@ -75,8 +75,8 @@ pub enum SceneError {
         message: String,
     },
 
-    /// The header or the length of a PLY file is wrong, or a composition is. The text states what was expected and found, and
-    /// where.
+    /// A PLY file has a wrong header or length, or a composition is malformed. The text states what was expected and
+    /// found, and where.
     #[error("{0}")]
     Invalid(String),
 
@@ -139,7 +139,7 @@ impl SceneError {
         advice: "only 3D Gaussians are drawn",
     };
 
-    /// Makes the error of loading the file at `path`.
+    /// Creates the error for loading the file at `path`.
     pub(crate) fn of(self, path: &Path) -> LoadError {
         LoadError { path: path.to_owned(), problem: self }
     }

@@ -5,21 +5,22 @@ use crate::input::{Source, grow};
 use crate::memory::{self, display};
 use std::collections::BTreeSet;
 
-/// Most bytes of memory that an object of glTF takes: a node of splats was measured at 1137, an accessor of a mesh at 696.
-/// A list that grows exists twice for a moment.
+/// Upper bound of the memory for a parsed object of glTF, in bytes. A node of splats was measured at 1137, an accessor
+/// of a mesh at 696. A growing list briefly exists twice.
 pub(crate) const GLTF_OBJECT: u64 = 1200;
 
-/// Most bytes of memory that an object of a streamed SOG takes: a map with one run, or a list with one node. An object of a
-/// `.rad` takes less.
+/// Upper bound of the memory for a parsed object of a streamed SOG, in bytes: a map with one run, or a list with one
+/// node. An object of a `.rad` takes less.
 pub(crate) const STREAMED_OBJECT: u64 = 320;
 
-/// Most bytes of memory that any other byte outside of strings takes: an error in a list of indices takes 76 for each. A
-/// string, such as a buffer in base 64, takes no more memory than its text.
+/// Upper bound of the memory for any other byte outside of strings, in bytes: an error in a list of indices takes 76
+/// for each. A string, such as a buffer in base 64, takes no more memory than its text.
 const OTHER_BYTE: u64 = 80;
 
-/// Reads a document of `length` bytes at an offset of a source, and checks that it can be parsed within the available memory.
+/// Reads a document of `length` bytes at offset `at` of a source.
 ///
-/// The document has `most` bytes at most. `object` is the memory that an object takes.
+/// Fails if it has more than `most` bytes, or may need more than the available memory to parse. `object` is the memory
+/// for a parsed object, in bytes.
 pub(crate) fn read(
     source: &Source,
     (at, length): (u64, u64),
@@ -36,8 +37,8 @@ pub(crate) fn read(
     Ok(text)
 }
 
-/// Checks that a document can be parsed within the available memory. `object` is the memory that an object takes. The error
-/// is the message.
+/// Checks that a document can be parsed within the available memory. `object` is the memory for a parsed object, in
+/// bytes. The error is the message.
 pub(crate) fn check(text: &[u8], object: u64) -> Result<(), String> {
     check_against(text, object, memory::available())
 }
@@ -55,7 +56,7 @@ fn check_against(text: &[u8], object: u64, available: Option<u64>) -> Result<(),
     }
 }
 
-/// Counts the objects, and the other bytes outside of strings, without blanks. Quotation marks count.
+/// Counts the objects, and the other bytes outside of strings: blanks do not count, quotation marks do.
 fn structure(text: &[u8]) -> (u64, u64) {
     let (mut objects, mut others) = (0, 0);
     for (outside, string) in parts(text) {
@@ -74,7 +75,8 @@ pub(crate) fn strings(text: &[u8], most: usize) -> BTreeSet<String> {
     raw.iter().filter_map(|raw| serde_json::from_slice(&[b"\"", *raw, b"\""].concat()).ok()).collect()
 }
 
-/// Divides a text into the bytes before each string, and the string without its quotation marks. The last part has no string.
+/// Splits a text into pairs: the bytes before a string, and the string without its quotation marks. The last pair has
+/// no string.
 fn parts(text: &[u8]) -> impl Iterator<Item = (&[u8], Option<&[u8]>)> {
     let mut rest = Some(text);
     std::iter::from_fn(move || {

@@ -113,7 +113,7 @@ pub struct DepthRange {
 }
 
 impl Report {
-    /// Examines a scene. Without `cameras`, depths are those of [`Camera::framing`].
+    /// Examines a scene. Without `cameras`, depths are for the camera of [`Camera::framing`].
     pub fn new(scene: &Scene, cameras: &[Camera]) -> Self {
         let robust_bounds = scene.robust_bounds();
         let robust_extent = robust_bounds.extent();

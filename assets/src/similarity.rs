@@ -25,7 +25,7 @@ impl Similarity {
     /// distance between two such positions is within the range of f32.
     pub(crate) const FARTHEST: f64 = 1e18;
 
-    /// Scales in a file.
+    /// Range of the scales that a file may have.
     pub(crate) const SCALES: RangeInclusive<f64> = 1e-9..=1e9;
 
     /// Decomposes a matrix. Fails with a message if it skews, mirrors or projects, or if its numbers are out of range.

@@ -49,7 +49,7 @@ pub struct FieldSize {
 }
 
 impl SizeBreakdown {
-    /// Creates the breakdown of a file. The bytes beside header and elements are trailing ones.
+    /// Creates the breakdown of a file. Bytes that belong to neither header nor elements count as trailing.
     pub(crate) fn new(
         format: String,
         file_bytes: u64,

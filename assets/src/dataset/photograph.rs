@@ -20,8 +20,8 @@ pub(super) fn stem(name: &str) -> &str {
 
 /// Finds the file of a photograph.
 ///
-/// A dataset can come from a stranger, so its names lead only into `folder` and the folder around it. The latter is
-/// common in a `transforms.json`: `../images/a.png`.
+/// A dataset can come from a stranger, so its names may lead only into `folder` and its parent. The parent is common in
+/// a `transforms.json`: `../images/a.png`.
 pub(super) fn find(folder: &Path, name: &str) -> Result<PathBuf> {
     let named = folder.join(name);
     if !is_near(folder, Path::new(name)) {
@@ -43,12 +43,12 @@ pub(super) fn find(folder: &Path, name: &str) -> Result<PathBuf> {
     })
 }
 
-/// Returns true if a name leads into `folder`, or up from it by one folder.
+/// Returns true if a name leads into `folder` or its parent.
 pub(super) fn is_near(folder: &Path, name: &Path) -> bool {
     let inside = |part: Component| matches!(part, Component::Normal(_));
     if name.is_absolute() {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        // The name may lead through a symbolic link to the folder, or the folder's path through one that the name avoids.
+        // Either path may contain symbolic links that the other avoids, so both are compared resolved and unresolved.
         let real = name.parent().and_then(|parent| Some(parent.canonicalize().ok()?.join(name.file_name()?)));
         let within = |around: &Path| {
             let names = [Some(name), real.as_deref()];

@@ -17,7 +17,7 @@ pub struct View {
 /// The views of a capture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dataset {
-    /// The views, in the order of the dataset's file. Of Blender's two files, that of the test views comes first.
+    /// The views, in the order of the dataset's file. Blender's test views, which have their own file, come first.
     pub views: Vec<View>,
     /// Folder that the photographs' paths are relative to, if the dataset specifies it.
     pub photographs: Option<PathBuf>,

@@ -188,8 +188,8 @@ impl SceneHeader {
         }
     }
 
-    /// Returns false for a mesh, for a scene without levels, and for a composition of these. Errors of other kinds give
-    /// true: a load reports them.
+    /// Returns true unless the file is a mesh, a scene without levels, or a composition of these. Also returns true if
+    /// the file cannot be read: a load reports the error.
     pub fn has_levels(path: impl AsRef<Path>) -> bool {
         match Self::load_level(path, Some(0)).map_err(|error| error.problem) {
             Err(SceneError::Placed(error)) => !matches!(error.problem, SceneError::NoLevels),
@@ -213,7 +213,7 @@ impl SceneHeader {
     }
 }
 
-/// Reads a part of a composition at a level; without the level, and with false, if the part has no levels.
+/// Reads a part of a composition at a level. If the part has no levels, reads it without one and returns false.
 fn at_level<T>(
     level: Option<u32>,
     read: impl Fn(Option<u32>) -> Result<T, LoadError>,

@@ -1,7 +1,7 @@
 //! Chooses the codebooks of SOG: 256 codes that approximate many numbers.
 //!
-//! The sorted numbers are split into intervals, always the interval with the largest error, so that rare numbers far
-//! from all others get codes of their own. Lloyd's algorithm (k-means) then moves the borders of all intervals.
+//! The interval with the largest error is split repeatedly, so that rare numbers far from all others get codes of their
+//! own. Lloyd's algorithm (k-means) then moves the borders of all intervals.
 
 use super::meta::CODES;
 use rayon::prelude::*;
@@ -106,7 +106,7 @@ impl Sorted {
         (squares - sum * sum / weight).max(f64::MIN_POSITIVE)
     }
 
-    /// Splits the numbers into at most `count` intervals, always the interval with the largest error.
+    /// Splits the numbers into at most `count` intervals, by splitting the interval with the largest error repeatedly.
     fn intervals(&self, count: usize) -> Vec<Range<usize>> {
         let whole = 0..self.numbers.len();
         let mut intervals = vec![(self.error(&whole), whole)];

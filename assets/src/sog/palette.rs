@@ -1,7 +1,7 @@
 //! Chooses the palette of the harmonics: few entries that approximate many points.
 //!
-//! The points are split into groups, always the groups with the largest error, until every entry has a group. Entries
-//! go where points are dense or far apart, and equal points share one.
+//! The groups of points with the largest errors are split repeatedly, until every entry has a group. Entries thus go
+//! where points are dense or far apart, and equal points share an entry.
 //!
 //! Everything is deterministic: sums run in the order of the points, whatever the number of threads.
 

@@ -16,11 +16,12 @@ const TEXEL: usize = 4;
 
 const ENTRIES_PER_ROW: u32 = 64;
 
-/// Memory that a file of equal splats may need on a system that does not tell the available memory: a few kB can hold
-/// hundreds of millions of such splats.
+/// Memory limit of a file of equal splats if the available memory is unknown: a few kB can encode hundreds of millions
+/// of equal splats.
 const UNKNOWN_MEMORY: u64 = 4 << 30;
 
-/// Maximum number of splats per byte of a file of other splats: 20 bytes of texels per splat, compressed 1032 to 1.
+/// Maximum number of splats per byte of a file, unless the splats are equal: 20 bytes of texels per splat, compressed
+/// 1032 to 1.
 const MAX_PER_BYTE: u64 = 1032 / 20;
 
 /// Maximum number of splats: the texels of the largest lossless WebP image.

@@ -19,7 +19,7 @@ impl Frame {
     /// Number of the coordinate system right, up, back, which SPZ uses by default.
     pub(super) const RUB: u32 = 4;
 
-    /// Makes the change from a coordinate system to the scene's axes; `None` for a number outside 1 to 16.
+    /// Creates the change from a coordinate system to the scene's axes; `None` for a number outside 1 to 16.
     ///
     /// A number is 1 plus a sum of flags: 1 for right, 2 for up and 4 for front instead of left, down and back. The
     /// flag 8 exchanges the last two axes: the second is then along the view, and the third vertical.

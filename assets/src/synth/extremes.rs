@@ -10,12 +10,12 @@ use crate::scene::{Scene, Splat};
 
 pub(super) type Made = Result<Scene, SceneMemoryError>;
 
-/// Makes a camera at the origin that looks along +z, so that view depth is exactly z.
+/// Creates a camera at the origin that looks along +z, so that view depth is exactly z.
 pub(super) fn camera() -> Camera {
     Camera { img_name: "origin".into(), ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 79.0, (960, 540)) }
 }
 
-/// Makes a camera that looks at the unit ball from outside.
+/// Creates a camera that looks at the unit ball from outside.
 pub(super) fn outside() -> Camera {
     Camera { img_name: "outside".into(), ..Camera::looking_at([0.0, -0.6, -2.6], [0.0; 3], 60.0, (960, 540)) }
 }
@@ -207,7 +207,7 @@ pub(super) fn harmonics(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Makes layer `i` across the whole view, close behind the previous one.
+/// Creates layer `i` across the whole view, close behind the previous one.
 fn layer(i: usize, color: [f64; 3]) -> Splat {
     Splat {
         position: [0.0, 0.0, 2.0 + i as f32 / 1024.0],
@@ -242,8 +242,8 @@ pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates layers without falloff, so that a single float of the opacity decides at the alpha floor. Three of eight
-/// opacities are below it.
+/// Generates layers without falloff, whose opacities differ from the alpha floor by a few units in the last place. Three
+/// of eight opacities are below it.
 pub(super) fn floor(count: u32, seed: u64) -> Made {
     let floor = (1.0f32 / 255.0).to_bits();
     Scene::try_generate(count, 0, |i| {
@@ -310,7 +310,7 @@ pub(super) fn remote(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Makes a camera in front of the cloud of [`remote`], at a position that f32 cannot represent exactly.
+/// Creates a camera in front of the cloud of [`remote`], at a position that f32 cannot represent exactly.
 pub(super) fn remote_camera() -> Camera {
     Camera { img_name: "remote".into(), ..camera().relative_to(REMOTE.map(|v| -v - 0.012_345_678_9)) }
 }
@@ -321,7 +321,7 @@ pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
 }
 
-/// Two thirds of the splats are in one cloud, the other third in the cloud in front of [`two_clouds_camera`].
+/// Generates two distant clouds: one with two thirds of the splats, and one in front of [`two_clouds_camera`].
 pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate_wide(count, 0, |i| {
         let splat = small_cloud(&mut Random::new(seed, i as u64), count / 3);
@@ -341,7 +341,7 @@ pub(super) fn two_clouds_camera() -> Camera {
     Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
 }
 
-/// Makes a distant camera whose field of view is 1.5 times as wide as a ball of this radius at the origin.
+/// Creates a distant camera whose field of view is 1.5 times as wide as a ball of this radius at the origin.
 pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
     let degrees = 3.0 * (radius / distance).atan().to_degrees();
     let eye = [0.28 * distance, -0.3 * distance, -0.911_921 * distance];
@@ -358,7 +358,7 @@ pub(super) fn millionth(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Makes a camera at the origin, askew to all axes.
+/// Creates a camera at the origin, askew to all axes.
 pub(super) fn askew_camera() -> Camera {
     Camera { img_name: "askew".into(), ..Camera::looking_at([0.0; 3], [-3.1, 4.3, 5.98], 60.0, (960, 540)) }
 }

@@ -76,7 +76,7 @@ pub(super) fn diffuse(
 pub(super) struct Material([DVec3; 16]);
 
 impl Material {
-    /// Makes a material of one display colour, the same from every direction.
+    /// Creates a material of one display colour, the same from every direction.
     pub(super) fn new(color: DVec3) -> Self {
         let mut material = Self([DVec3::ZERO; 16]);
         // The reference adds 0.5 to the sum.

@@ -9,8 +9,8 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_null::{Call, Config, Null, Object, limits};
 use splatgraph_runtime::{Limits, Location};
 
-/// Bytes of `splats`, and below of `sums` (and of the `table` computed from them). Here only the prologue uses `splats`
-/// and `sums`.
+/// Size of `splats` in bytes. [`SUM_BYTES`] is the size of `sums`, and of the `table` computed from them. Only the
+/// prologue uses `splats` and `sums` here.
 const SPLAT_BYTES: u64 = 8 << 20;
 const SUM_BYTES: u64 = 4 << 20;
 

@@ -304,7 +304,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// Makes a picture by integer arithmetic, so that another program can reproduce it exactly.
+    /// Computes a picture in integer arithmetic, so that another program can reproduce it exactly.
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
         Image::from_fn(width, height, |x, y| {
             std::array::from_fn(|c| ((x * 7 + y * 13 + c * 29 + x * y * seed) % 101) as f32 / 100.0)

@@ -251,7 +251,7 @@ fn a_picture_is_its_executors_memory_until_it_has_another_and_then_of_the_frames
     let words_ = BufferContents::Bytes(Arc::new(vec![0; 4]));
     let buffers = ["frame.left", "frame.right"].map(|name| (name.to_string(), words_.clone()));
     for _ in 0..2 {
-        // Gives both slots memory for words.
+        // Makes both slots allocate their buffers for host bytes.
         frame(&mut window, &FrameInputs { buffers: buffers.clone().into(), ..with_output() });
     }
     let before = total(&window);

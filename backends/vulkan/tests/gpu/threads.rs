@@ -23,7 +23,7 @@ fn scene(values: &[u32]) -> Scene {
     Scene::new(1, "numbers", 0, values.iter().flat_map(|v| v.to_le_bytes()).collect())
 }
 
-/// Runs `work` in threads, each with an executor of its own and its index.
+/// Runs `work` in `count` threads, each with its index and its own executor.
 fn in_threads(vulkan: &Vulkan, count: u32, work: impl Fn(u32, &mut Vulkan) + Sync) {
     let executors: Vec<Vulkan> = thread::scope(|scope| {
         let start = |index| {
@@ -242,7 +242,7 @@ fn messages_are_the_devices_and_closing_one_executor_leaves_the_others_open() {
     finish(second);
 }
 
-/// A stress test: without the lock, one run in some ten ends in the loader or in the validation layer.
+/// A stress test: without the lock, about one run in ten crashes in the loader or in the validation layer.
 #[test]
 fn devices_are_opened_and_closed_while_objects_of_others_are_named() {
     let done = AtomicBool::new(false);
