@@ -19,7 +19,7 @@ use std::time::Duration;
 
 const COUNT: u32 = 1_000_000;
 
-/// The first build reads the files and compiles the shaders.
+/// The inputs of repeated builds. The first build reads the files and compiles the shaders.
 struct Bench {
     files: SourceMap,
     compiler: Glslang,

@@ -3,7 +3,7 @@
 //! A [`Plan`] lists every resource with its size and memory, every pass with its bindings, and two sequences of passes:
 //! the prologue runs once after the plan or the scene changes, and the frame runs for every rendered frame.
 //!
-//! Synchronization is two lists: [`Dependency`]s between passes, and [`LayoutChange`]s of images. `solve` derives both
+//! Synchronisation is two lists: [`Dependency`]s between passes, and [`LayoutChange`]s of images. `solve` derives both
 //! from the accesses of the passes; no other code looks for conflicts. Each backend lowers the lists to the primitives
 //! of its API: barriers in Vulkan; encoders, fences and barriers in Metal.
 
@@ -265,7 +265,7 @@ pub struct Resource {
     pub block: Option<BlockId>,
     /// Name under which the contents persist across frames; `None` if they do not persist. The next plan of the same
     /// scene inherits the contents if it has a history of the same name and shape, unless its prologue writes the
-    /// resource after zeroing it. In a ping-pong resource, only the final front has the name.
+    /// resource after zeroing it. Of a ping-pong resource, only the half in front at the end of a frame has the name.
     pub history: Option<String>,
     /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
@@ -325,7 +325,7 @@ pub struct Cause<P = PassId, R = ResourceId> {
     pub before: P,
     /// The resource that the waiting pass accesses.
     pub resource: R,
-    /// The passes that are waited for. Empty if an image was never accessed.
+    /// The passes to wait for. Empty if an image was never accessed.
     pub after: Vec<P>,
     /// True if the passes of `after` ran one frame before the pass `before`.
     pub previous_frame: bool,

@@ -3,8 +3,8 @@
 //! A shader's text has one line per block: `r Keys 4` (reads a storage buffer of 4-byte elements), `w`, `rw`, `rwa`
 //! (read and write by atomics), `uniform Camera 256`, `image r Color rgba16f`. Further lines are `push shift`,
 //! `out color`, `live stop` (names of live parameters), and `local 8 4 1` (workgroup size, by default 64 in x). Other
-//! lines declare nothing. Every word counts as a use of the define of that name, but words in lines that begin with
-//! `#if 0` as code that is not compiled.
+//! lines declare nothing. Every word is a use of the define of that name. Lines that begin with `#if 0` count as code
+//! that is not compiled.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -176,7 +176,7 @@ const SIZE: (u32, u32) = (64, 32);
 
 /// Returns a compiler in a separate process.
 fn compiler() -> Glslang {
-    // The default memory limit: a worker ends after each shader if it uses over a quarter of its limit.
+    // Not a lower memory limit: a worker that uses over a quarter of its limit ends after each shader.
     worker::compiler(Limits { time: Duration::from_secs(1), ..Limits::default() })
 }
 

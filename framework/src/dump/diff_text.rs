@@ -78,7 +78,7 @@ fn write_only(out: &mut String, side: &str, names: &[String]) -> fmt::Result {
     writeln!(out, "  only in {side} ({count}): {}", ranges(names).join(", "))
 }
 
-/// Writes one entry for all iterations of a member that differ in the same properties.
+/// Writes changed passes or resources, with one entry for all iterations that differ in the same properties.
 fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
     let mut lines: IndexMap<(String, Vec<&str>), Vec<&NamedChange>> = IndexMap::new();
     for change in changed {

@@ -236,7 +236,7 @@ pub struct DumpPass {
     pub topology: Option<Topology>,
     /// Colour targets of a draw.
     pub targets: Vec<Target<String>>,
-    /// Depth attachment of a draw; left out without one.
+    /// Depth attachment of a draw; omitted if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthTarget<String>>,
     /// Resources that the pass reads.
@@ -417,7 +417,7 @@ pub struct EncoderBarrier {
     pub reasons: Vec<Cause<Declared, Declared>>,
 }
 
-/// Counts of the synchronization in one part of a plan.
+/// Counts of the synchronisation in one part of a plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncoderTotals {
     /// Number of encoders.
@@ -433,8 +433,8 @@ pub struct EncoderTotals {
 }
 
 impl Dump {
-    /// Adds a run's times, in milliseconds by pass name; unknown names are ignored. Returns the number of passes with a
-    /// time.
+    /// Adds measured GPU times, in milliseconds by pass name; unknown names are ignored. Returns the number of passes
+    /// with a time.
     pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
         let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
         for pass in &mut self.passes {

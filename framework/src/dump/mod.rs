@@ -2,7 +2,7 @@
 //!
 //! [`Dump`] is the plan with names in place of numbers. All forms come from it: [`json`], the canonical one, [`text`]
 //! for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to compare two dumps. A
-//! backend adds its synchronization: barriers ([`Dump::with_barriers`]) or encoders ([`DumpEncoders`], shown by
+//! backend adds its synchronisation: barriers ([`Dump::with_barriers`]) or encoders ([`DumpEncoders`], shown by
 //! [`encoders_text`]).
 //!
 //! Tests check that the fields here, in `docs/dump.md` and in `docs/dump.schema.json` agree.

@@ -48,7 +48,7 @@ impl Expr {
         Ok(Expr { root: parse::parse(text)? })
     }
 
-    /// Changes `/` to divide integers as floats: `1 / 2` is 0.5. In graphs, which count things, it truncates.
+    /// Changes `/` to divide integers as floats: `1 / 2` is 0.5 instead of 0. Graphs compute counts, so they truncate.
     #[must_use]
     pub fn dividing_as_floats(mut self) -> Expr {
         self.root.divide_as_floats();

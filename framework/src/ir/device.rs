@@ -32,7 +32,7 @@ pub struct DeviceFacts {
     pub rounds_half: bool,
     /// True if `fma` in shaders is known to round once; false if it may also round the product.
     pub fused_fma: bool,
-    /// Optional features that the device was opened with, or would be.
+    /// Optional features that the device was, or would be, opened with.
     pub features: Features,
 }
 

@@ -42,7 +42,8 @@ impl Format {
         }
     }
 
-    /// Finds the format by its name in another API, such as `Rgba16Float`, `R16G16B16A16_SFLOAT` or `RGBA16F`.
+    /// Finds the format by its name in another API, such as `Rgba16Float`, `R16G16B16A16_SFLOAT` or `RGBA16F`. `None`
+    /// for other names.
     pub fn meant_by(name: &str) -> Option<Format> {
         let kept = |text: &str| -> String {
             text.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()

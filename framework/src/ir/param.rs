@@ -89,7 +89,7 @@ impl fmt::Display for Domain {
 pub enum ParamBinding {
     /// A constant of the plan and a define of the shaders.
     Const,
-    /// A member of the live uniform block, of 4 bytes: a float, an int, or a uint for a bool or a choice.
+    /// A 4-byte member of the live uniform block: a float, an int, or a uint for a bool or a choice.
     Live {
         /// Byte offset in the block.
         offset: u32,
@@ -115,6 +115,6 @@ pub struct Effect {
     pub passes: Vec<PassId>,
     /// True if a condition or a repeat count depends on the parameter, so that the value decides which passes exist.
     pub shape: bool,
-    /// Why there is no effect, a phrase such as `nothing in this plan depends on it`; `None` if there is one.
+    /// Why the parameter has no effect, such as `nothing in this plan depends on it`; `None` if it has one.
     pub none: Option<String>,
 }

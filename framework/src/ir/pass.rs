@@ -90,7 +90,8 @@ pub enum Work<S = ShaderId, G = Groups> {
         /// The number of workgroups.
         groups: G,
     },
-    /// Draws into `targets` and `depth`, which all have one size. Viewport and scissor cover it; faces are not culled.
+    /// Draws into `targets` and `depth`, which all have one size. Viewport and scissor have this size, too. Faces are
+    /// not culled.
     Draw {
         /// The vertex shader.
         vertex: S,

@@ -95,7 +95,7 @@ impl Linker<'_> {
         depth: Option<DepthTarget>,
         uses: &mut Vec<Use>,
     ) {
-        // The last span is that of the depth attachment.
+        // The depth attachment's span is the last one.
         let (Some(DepthTarget { image, access }), Some(&span)) = (depth, pass.target_spans.last()) else {
             return;
         };

@@ -1,4 +1,4 @@
-//! Finds the parameters that each pass depends on through its shaders, including removed passes.
+//! Finds the parameters that each pass, kept or removed, depends on through its shaders.
 
 use std::collections::{BTreeMap, BTreeSet};
 

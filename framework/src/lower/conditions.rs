@@ -46,7 +46,7 @@ impl Lowering<'_> {
                 pair.swaps += 1;
             }
             Some(None) => {}
-            // The usual look-up distinguishes a plain resource from an unknown one.
+            // Looking up the front reports the right error: the resource is unknown, or not a ping-pong resource.
             _ => {
                 let front = ResourceName { name: name.into(), part: Part::Front, range: 0..name.len() };
                 self.look_up_name(level, Some(&front), at, at.span())?;

@@ -7,7 +7,7 @@ use crate::ir::{FileId, Span};
 use crate::schema::{Document, Expression, GRAPH_VERSION, Graph, Number};
 use crate::source::{Diagnostic, Kind, Outline, Place, SourceMap, ron_error};
 
-/// A graph with the changes of presets.
+/// A graph with the settings of its presets.
 #[derive(Clone, Debug)]
 pub(super) struct Opened {
     pub file: FileId,

@@ -86,7 +86,7 @@ impl Names {
         self.define_param(name, value, params, domain);
     }
 
-    /// Copies a parameter from the includer's names: its value, or that it is live.
+    /// Copies a parameter from the includer's names: its value or, if it is live, its name.
     pub fn adopt(&mut self, name: &str, from: &Names) {
         if let Some(value) = from.values.get(name) {
             self.define(name, value.clone(), from.params.get(name).cloned().unwrap_or_default());

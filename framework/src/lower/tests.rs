@@ -374,7 +374,7 @@ fn a_settings_text_is_read_as_the_parameters_domain() {
     );
 }
 
-/// Asks a question about `graph.ron` of these files, with these outputs requested.
+/// Calls `question` with a request for `graph.ron` of `files`, and with `outputs` requested.
 fn asked<T>(
     files: &[(&str, &str)],
     set: &[(&str, &str)],

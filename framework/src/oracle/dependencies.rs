@@ -315,7 +315,7 @@ impl<'a> Check<'a> {
             if dependency.changes_layout && !change {
                 say("the layout change", String::new());
             }
-            // For a layout change, the target is the pass's access to the image, which no pair has.
+            // The pair of a layout change has no target access, so the target masks are not checked.
             let change_alone = dependency.hazard == Hazard::LayoutChange;
             let Masks { source_stages, source_accesses, target_stages, target_accesses } =
                 dependency.masks.without(*used);

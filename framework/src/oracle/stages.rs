@@ -28,7 +28,7 @@ pub fn with_later(stages: Stages) -> Stages {
     scope
 }
 
-/// Returns the stages that cover a command's work at `stage` when a source mask names them.
+/// Returns the stages that, in a source mask, cover a command's work at `stage`.
 ///
 /// They are `stage` itself and the later stages of the command's pipeline: compute if `dispatch`, otherwise graphics.
 /// Only `INDIRECT` is in both pipelines. The specification leaves open whether `COMPUTE` in a source mask covers the

@@ -33,7 +33,7 @@ pub struct Access {
 }
 
 impl Access {
-    /// Returns the cells in a copy of the resource.
+    /// Returns the cells of the access in the copy with index `copy`.
     pub fn cells(&self, copy: u32) -> Range<usize> {
         let offset = self.stride * copy as usize;
         self.cells.start + offset..self.cells.end + offset
@@ -83,7 +83,7 @@ pub struct ResourceCells {
 }
 
 impl ResourceCells {
-    /// Returns the resource's own cells in a copy.
+    /// Returns the resource's own cells in the copy with index `copy`.
     pub fn cells(&self, copy: u32) -> Range<usize> {
         let offset = self.stride * copy as usize;
         self.own.start + offset..self.own.end + offset
@@ -202,7 +202,7 @@ fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     extents
 }
 
-/// Returns the byte ranges that one access covers: the whole resource, unless the work limits them.
+/// Returns the byte ranges that one access covers: the whole resource, unless the command uses only a part.
 fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<u64>> {
     const WORD: u64 = 4;
     let words = |offset: u64, count: u64| offset..offset.saturating_add(WORD * count);

@@ -63,7 +63,7 @@ fn layout_changes(
                 let first = !std::mem::replace(&mut touched[at], true);
                 let uses = || group.accesses.iter().map(|access| &access.touch);
                 let Some(new) = uses().find_map(|touch| touch.layout) else { continue };
-                // An alias may have used the memory since the image's last use, which loses the layout.
+                // An alias may have used the memory since the image's last use, so the layout is lost.
                 let lost = first && shared[at] && !kept[at];
                 if new == layouts[at] && !lost {
                     continue;

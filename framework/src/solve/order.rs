@@ -202,7 +202,7 @@ fn never_written(
         uses.any(|u| u.resource == resource && u.accesses.contains(Accesses::COLOR_READ))
     };
     let keeps = keeps_it(reader);
-    // A pass that keeps a target also writes it, but that gives no other pass contents to keep.
+    // A pass that keeps a target also writes it, but cannot provide contents for another pass to keep.
     let first = writers.iter().find(|writer| !(keeps && keeps_it(**writer)));
     let (reader, span) = match stat {
         Some((stat, span)) => (format!("the statistic `{}`", stat.name), *span),

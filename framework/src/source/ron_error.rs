@@ -2,7 +2,7 @@
 //!
 //! The crate reports the position of its cursor. Depending on the error, the cursor is before an unexpected value,
 //! after an unknown name, or at the end of a struct that lacks a field. This module uses the [`Outline`] to find the
-//! element at fault. It is not used for texts that the outline's parser rejects: that error is precise already.
+//! element at fault. The outline's parser runs first, so texts that it rejects do not get here.
 
 use std::ops::Range;
 

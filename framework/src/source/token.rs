@@ -116,7 +116,7 @@ impl<'a> Lexer<'a> {
                 TokenKind::Text(self.raw(start)?)
             }
             'r' if rest.starts_with("r#") => {
-                // `r#type` is a raw identifier; more characters are allowed in it.
+                // `r#type` is a raw identifier, which may also contain `.`, `+` and `-`.
                 self.at += 2;
                 self.take_while(|c| continues_identifier(c) || matches!(c, '.' | '+' | '-'));
                 TokenKind::Identifier

@@ -15,12 +15,12 @@ const PAGE: &str = include_str!("../../../../docs/dump.md");
 /// Validates JSON against the part of JSON Schema (2020-12) that this schema uses.
 struct Validator<'a> {
     root: &'a Value,
-    /// Schema places of the fields found with a value other than null or an empty list.
+    /// Schema paths of the fields seen with a value other than null or an empty list.
     seen: BTreeSet<String>,
 }
 
 impl<'a> Validator<'a> {
-    /// Checks a value; `at` is the schema's place in the file, `path` the value's.
+    /// Checks a value. `at` is the path of `schema` in the schema file, `path` the path of `value` in the dump.
     fn check(&mut self, schema: &'a Value, at: &str, value: &Value, path: &str) -> Result<(), String> {
         let fail = |what: String| Err(format!("{path}: {what} (by {at}): {value:.80}"));
         for (keyword, rule) in schema.as_object().expect("a schema is an object") {
@@ -117,7 +117,7 @@ fn of_type(rule: &Value, value: &Value) -> bool {
     }
 }
 
-/// Lists the places of the schema that describe fields.
+/// Lists the schema paths that describe fields.
 fn described(schema: &Value, at: &str, found: &mut BTreeSet<String>) {
     match schema {
         Value::Object(map) => {

@@ -437,7 +437,7 @@ impl<Wake: Fn()> LookOut<Wake> {
 /// watching `/` would send the events of the whole machine, so changes further up wait for the next regular look.
 const EVERY_FOLDER: bool = !cfg!(target_os = "macos");
 
-/// Normalizes a path for comparison with the paths of events: to lower case on systems that ignore case.
+/// Normalises a path for comparison with the paths of events: to lower case on systems that ignore case.
 fn spelling(path: &Path) -> std::borrow::Cow<'_, Path> {
     if cfg!(any(target_os = "macos", windows)) {
         PathBuf::from(path.to_string_lossy().to_lowercase()).into()

@@ -35,7 +35,7 @@ pub(super) struct Key {
 pub(super) enum Failure {
     /// The log of glslang, or the limit that it exceeded.
     Log(String),
-    /// The compiler could not be started, or gave no answer. A second attempt may succeed.
+    /// The compiler could not be started, crashed or gave no answer. A second attempt may succeed.
     Crash(String),
     Includes(Vec<IncludeFailure>),
     Cancelled,

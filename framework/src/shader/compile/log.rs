@@ -430,7 +430,7 @@ fn spelling(quoted: &str) -> &str {
     }
 }
 
-/// Rewrites types in a message in GLSL's notation: `' temp highp 3-component vector of float'` becomes `` `vec3` ``.
+/// Rewrites types in a message to GLSL's notation: `' temp highp 3-component vector of float'` becomes `` `vec3` ``.
 fn plain_types(message: &str) -> String {
     let parts: Vec<&str> = message.split('\'').collect();
     // An even number of parts means an odd number of quotes, one of which is an apostrophe.

@@ -108,7 +108,7 @@ pub(super) fn lex(text: &str) -> Vec<Token> {
                 TokenKind::Foreign
             }
             _ => {
-                // Most symbols are followed by no other, so the table is rarely searched.
+                // Few symbols are followed by another, so the table is rarely searched.
                 let longer = rest.get(1).is_some_and(u8::is_ascii_punctuation);
                 let operator = OPERATORS.iter().find(|o| longer && rest.starts_with(o.as_bytes()));
                 at += operator.map_or(1, |o| o.len());

@@ -308,7 +308,7 @@ fn check(text: &str, tree: &Tree, place: Place) {
         Tree::Text(value) => {
             let place = place.index(0);
             let written = place.span();
-            // For each character, the text before it, unescaped, is the value before it.
+            // For each character: unescaping the text before it gives the value before it.
             let raw = text[..written.start].ends_with("#\"");
             for (offset, _) in value.char_indices().chain([(value.len(), ' ')]) {
                 let prefix = &text[written.start..place.string_offset(offset)];
