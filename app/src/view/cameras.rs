@@ -1,7 +1,6 @@
 //! Keeps the user's saved views, and writes cameras to files.
 //!
-//! Cameras are stored in the world's coordinates, as in a `cameras.json`, so they stay valid when another part of the
-//! world is opened.
+//! Cameras are stored in world coordinates, as in a `cameras.json`, so they stay valid for a scene with another offset.
 
 use crate::io::output::{OutputError, harmless, names};
 use splatgraph_assets::Camera;
@@ -12,12 +11,12 @@ use std::sync::Arc;
 /// The user's saved views. A view's name is its camera's `img_name`, and is unique.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Views {
-    /// Shared with the steps that can be undone.
+    /// Shared with the undo history.
     list: Arc<Vec<Camera>>,
 }
 
 impl Views {
-    /// Returns the saved views, in the world's coordinates.
+    /// Returns the saved views, in world coordinates.
     pub fn list(&self) -> &[Camera] {
         &self.list
     }
@@ -44,7 +43,7 @@ impl Views {
     }
 }
 
-/// Writes cameras in the world's coordinates to a new file in `folder`: `STEM-1.cameras.json`, or the next free number.
+/// Writes cameras in world coordinates to a new file in `folder`: `STEM-1.cameras.json`, or the next free number.
 /// Returns the path.
 ///
 /// # Errors

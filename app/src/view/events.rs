@@ -48,7 +48,7 @@ pub enum Cause {
     Prologue,
     /// The device was lost and opened again.
     Device,
-    /// A frame overflowed a list; this parameter sets the list's capacity, and was raised.
+    /// A frame overflowed a list, so this parameter, the list's capacity, was raised.
     Room(String),
     /// The last build failed for lack of something that may be available now, such as memory.
     Retry,
@@ -72,7 +72,7 @@ impl fmt::Display for Cause {
     }
 }
 
-/// Causes of a build without duplicates, in the order of the changes. In JSON, they are a list of texts.
+/// Causes of a build without duplicates, in the order of the changes; a list of strings in JSON.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Causes(IndexSet<Cause>);
 
@@ -91,12 +91,12 @@ impl Causes {
         self.0.extend(later.0);
     }
 
-    /// Returns true if there are causes, and all are overflowed lists.
+    /// Returns true if there are causes, and all are overflows.
     pub(super) fn is_room_alone(&self) -> bool {
         !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
     }
 
-    /// Returns true if all causes are the renderer's own: another attempt, or an overflowed list.
+    /// Returns true if no cause is external: all are overflows or retries.
     pub(super) fn are_own(&self) -> bool {
         self.0.iter().all(|cause| matches!(cause, Cause::Room(_) | Cause::Retry))
     }
@@ -191,7 +191,7 @@ pub enum Event {
         renderer: RendererId,
         /// Names of the parameters.
         parameters: Vec<String>,
-        /// The reasons.
+        /// Reasons, as text for the user.
         text: String,
     },
     /// Dropped settings apply again, because the new graph accepts them.
@@ -200,7 +200,7 @@ pub enum Event {
         renderer: RendererId,
         /// Names of the parameters.
         parameters: Vec<String>,
-        /// The values.
+        /// Restored values, as text for the user.
         text: String,
     },
     /// A scene was loaded.
@@ -283,7 +283,7 @@ pub enum Event {
         /// Name of the pass or frame.
         place: String,
     },
-    /// A and B were exchanged: what earlier events report of A is now B's, and the reverse.
+    /// A and B were exchanged: earlier events about A now apply to B, and vice versa.
     Exchanged,
     /// A and B were compared.
     Compared {
@@ -335,7 +335,7 @@ impl fmt::Display for Event {
                 write!(f, "{name} was reopened at attempt {attempts}")
             }
             Event::Screenshot { path } | Event::Saved { path } => {
-                // Files that are named automatically are in the working directory.
+                // Generated names are relative to the working directory.
                 let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
                 write!(f, "{} written", path.display())
             }

@@ -1,5 +1,5 @@
-//! Writes splats to a new file on another thread: as a scene, in the format of the file's extension, or as a list of
-//! their indices (`.json`).
+//! Writes splats to a new file, on another thread. The extension selects a scene format or, if it is `.json`, a list of
+//! the splats' indices.
 //!
 //! Only one file is written at a time, and no existing file is replaced.
 
@@ -82,12 +82,12 @@ impl Exporter {
         })
     }
 
-    /// Returns true while a file is being written.
+    /// Returns true while a file is being written, and until its result is taken.
     pub fn busy(&self) -> bool {
         self.work.busy()
     }
 
-    /// Describes the file that is being written; `None` without one.
+    /// Describes the file that is being written; `None` if there is none.
     pub fn progress(&self) -> Option<String> {
         let percent = match self.percent.load(Ordering::Relaxed) {
             0 => String::new(),

@@ -1,7 +1,8 @@
 //! Records the times of recent frames, for the rolling plot and the table of medians and 99th percentiles.
 //!
 //! The newest [`WINDOW`] frames are kept across changes of the plan, so that the plot shows the effect of a change. The
-//! table covers only frames of the newest measured plan, without prologues; the plan on the screen may be newer.
+//! table covers only frames of the newest measured plan that did not run the prologue; the plan on the screen may be
+//! newer.
 
 use crate::draw::stats::quantile;
 use splatgraph_api::FrameResult;
@@ -127,7 +128,8 @@ impl History {
         Quantiles::of(self.steady().filter_map(|s| s.total_ms))
     }
 
-    /// Lists the GPU times of the newest `count` frames that have one, in milliseconds, oldest first, across all plans.
+    /// Lists the GPU times of the newest `count` frames, in milliseconds, oldest first, across all plans. Frames
+    /// without a time are skipped.
     pub fn recent(&self, count: usize) -> Vec<f64> {
         let skipped = self.samples.len().saturating_sub(count);
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
@@ -170,7 +172,7 @@ impl History {
                 if pass.phase != *phase || pass.run == Run::Once {
                     continue;
                 }
-                // All frames of a plan run the same passes.
+                // The covered frames run the same passes, so an index identifies a pass.
                 let of_pass =
                     |s: &Sample| s.passes.get(index).filter(|(i, _)| *i == id).and_then(|(_, ms)| *ms);
                 let ms = Quantiles::of(self.steady().filter_map(of_pass));
@@ -185,7 +187,7 @@ impl History {
         collect(&self.samples, |sample| sample.phases.clone())
     }
 
-    /// Collects the milliseconds per pass of one phase over the frames of the newest plan.
+    /// Collects the milliseconds per pass of one phase over the frames that the table covers.
     pub fn pass_series(&self, phase: &str) -> Vec<Series> {
         let passes = |sample: &Sample| {
             let timed = sample.passes.iter().map(|(id, ms)| (sample.plan.pass(*id), *ms));

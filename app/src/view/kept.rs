@@ -1,4 +1,4 @@
-//! Saves the window's arrangement for the next start: tools, theme, and recently opened scenes.
+//! Saves the window's layout for the next start: tools, theme, text size, and recently opened scenes.
 //!
 //! The state is a JSON file in the user's state folder.
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Version of the file format; files of other versions are not read.
+/// Version of the file format; files of other versions are rejected.
 const VERSION: u32 = 1;
 
 #[derive(Serialize, Deserialize)]

@@ -1,7 +1,7 @@
 //! Runs work on another thread. A new request cancels the previous one.
 //!
 //! Two requests of one worker never run at once: two copies of a scene may not fit in memory. A request cancelled while
-//! it waits for its turn is skipped. A panic of the work is its error.
+//! it waits for its turn is skipped. A panic in the work is returned as its error.
 
 use super::renderer::Wake;
 use splatgraph_framework::reload::panic_message;
@@ -85,7 +85,7 @@ impl<T: Send + 'static> Latest<T> {
 
     /// Takes the result of the newest request; `None` without a request, while it runs, or if it has no result.
     ///
-    /// The error is that of the work, or its panic.
+    /// The error is the work's own, or the message of its panic.
     pub fn take(&mut self) -> Option<Result<T, String>> {
         let result = self.request.as_ref()?.result.try_recv();
         if !matches!(result, Err(TryRecvError::Empty)) {

@@ -1,4 +1,4 @@
-//! Implements the viewer: a window on a scene in which everything can be changed live.
+//! Implements the viewer: a window that draws a scene while its graph, shaders and parameters are edited.
 //!
 //! The main modules, from the lowest layer to the highest:
 //!

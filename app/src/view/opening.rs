@@ -28,11 +28,11 @@ pub struct Opened {
 pub enum Content {
     /// A scene for a viewport.
     Scene(RendererId, Result<OpenedScene, String>),
-    /// Cameras, in the world's coordinates.
+    /// Cameras, in world coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),
 }
 
-/// Path of the file of cameras beside a scene, with the cameras or the error of reading them.
+/// Path of the camera file beside a scene, with its cameras or the error of reading it.
 pub type CamerasBeside = (PathBuf, Result<Vec<Camera>, String>);
 
 /// A scene, with the cameras beside it.
@@ -52,7 +52,7 @@ pub enum CameraRole {
     Selectable,
     /// Saved views.
     Views,
-    /// Keys of a path.
+    /// Keys of the camera path.
     Path,
 }
 
@@ -74,7 +74,7 @@ impl<T: Send + 'static> Slot<T> {
         path: &Path,
         read: impl FnOnce(&Path, &(dyn Fn() -> bool + Sync)) -> Result<T, String> + Send + 'static,
     ) -> Result<(), String> {
-        // The previous file must not appear after a later one was opened, even if the later one fails.
+        // The previous file must not appear after a later one was requested, even if the later request fails.
         self.reader.cancel();
         (self.number, self.path) = (number, path.to_owned());
         let path = path.to_owned();
@@ -89,7 +89,7 @@ impl<T: Send + 'static> Slot<T> {
 
 /// Reader of files on other threads, with its requests in progress.
 pub struct Opening {
-    /// Options of loading scenes.
+    /// Options for loading scenes.
     pub load: LoadOptions,
     /// Number of the newest request.
     newest: u64,
@@ -110,7 +110,7 @@ impl Opening {
         }
     }
 
-    /// Returns the path of the scene that is being read for a viewport.
+    /// Returns the path of the scene that is being read for a viewport; `None` if none is.
     pub fn scene(&self, id: RendererId) -> Option<&Path> {
         let slot = &self.scenes[index(id)];
         slot.reader.busy().then_some(&slot.path)
@@ -164,7 +164,7 @@ impl Opening {
     /// Takes the next result; `None` if there is none. Results of cancelled requests are dropped.
     pub fn take(&mut self) -> Option<Opened> {
         use CameraRole::{Path, Selectable, Views};
-        // Cameras first: those of a scene that was opened later replace them.
+        // Camera files first, so that the cameras of a scene that was opened later replace theirs.
         let mut cameras = [Selectable, Views, Path].into_iter().zip(&mut self.cameras);
         let mut scenes = [RendererId::A, RendererId::B].into_iter().zip(&mut self.scenes);
         cameras

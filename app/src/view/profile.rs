@@ -71,7 +71,7 @@ pub struct GpuTrack {
 }
 
 impl GpuTrack {
-    /// Adds the passes of a finished frame. `name` is the track's, used on the first call.
+    /// Adds the passes of a finished frame. `name` names the track on the first call; later calls ignore it.
     pub fn push(&mut self, name: &str, plan: &Plan, result: &FrameResult) {
         #[cfg(feature = "tracy")]
         if let Some(client) = tracy_client::Client::running() {

@@ -2,9 +2,10 @@
 //!
 //! A [`Recovery`] draws the frames of a [`Shell`]. If the device or the window's surface is lost, everything on the
 //! device is dropped, another device is opened, and the scene, which is still in host memory, is uploaded again. The
-//! contents of histories are lost.
+//! contents of history resources are lost.
 //!
-//! If the new device is lost soon after, the graph is the likely cause. It is not built again until something changes.
+//! If the new device is lost soon after, the graph is the likely cause. The graph is not built again until its files,
+//! its parameters or the scene change.
 
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};
@@ -24,14 +25,15 @@ const BUILDS: Duration = Duration::from_secs(5);
 /// A loss within this time after a device was reopened is assumed to have the same cause as the loss before.
 const SOON: Duration = Duration::from_secs(30);
 
-/// A function that opens two devices for a window of this size: the window's and the scene's. The flag turns vsync on.
+/// A function that opens the window's and the scene's device. Its arguments are the window's size in pixels, and true
+/// for vsync.
 pub type Open = Box<dyn FnMut((u32, u32), bool) -> Result<(Backend, Backend), BackendError>>;
 
 /// A device was lost, and no other could be opened.
 #[derive(Debug, thiserror::Error)]
 #[error("{loss}; no device can be opened in its place: {error}")]
 pub struct Unrecovered {
-    /// Error that lost the device.
+    /// Error that reported the loss.
     pub loss: BackendError,
     /// Error of the last attempt to open another device.
     pub error: BackendError,
@@ -46,7 +48,7 @@ struct Loss {
     again: bool,
 }
 
-/// Opener of devices, and the state of a loss; see the module's documentation.
+/// Device opener with the state of the current loss; see the module's documentation.
 pub struct Recovery {
     open: Open,
     loss: Option<Loss>,
@@ -68,7 +70,7 @@ impl Recovery {
         (self.open)(size, vsync)
     }
 
-    /// Returns the error that lost the device; `None` while there is a device.
+    /// Returns the error that reported the loss; `None` while there is a device.
     pub fn loss(&self) -> Option<&BackendError> {
         self.loss.as_ref().map(|loss| &loss.error)
     }
@@ -105,7 +107,7 @@ impl Recovery {
     /// Tries to open another device if one was lost; returns true if there is a device now.
     fn reopen(&mut self, shell: &mut Shell, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
-        // A running build holds the previous device, and some window systems allow only one.
+        // A running build holds the previous device, and some window systems allow only one per window.
         let released = shell.is_released() || loss.since.elapsed() > BUILDS;
         if !released || Instant::now() < loss.next {
             return Ok(false);

@@ -72,8 +72,8 @@ pub struct Frame {
     pub next: Option<Instant>,
     /// Pixels of the window, if this frame or an earlier one was to be read back and its picture is ready.
     pub picture: Option<Pixels>,
-    /// Error that lost the device or its window surface. Nothing is drawn until [`Shell::release`] and [`Shell::give`]
-    /// were called.
+    /// Error that reported the loss of the device or of its window surface. Nothing is drawn until [`Shell::release`]
+    /// and [`Shell::give`] were called.
     pub lost: Option<BackendError>,
 }
 
@@ -103,7 +103,7 @@ pub struct Shell {
     seen: u64,
 }
 
-/// Numbers and arrangement of the pictures in the window; a change requires drawing the window again.
+/// Numbers and composition of the pictures in the window; the window is drawn again if they change.
 #[derive(PartialEq)]
 struct Content {
     pictures: [Option<u64>; 2],
@@ -298,7 +298,7 @@ impl Shell {
         self.collect_window(Duration::ZERO);
     }
 
-    /// Returns the submission time of the newest frame in flight.
+    /// Returns the submission time of the newest frame in flight; `None` if there is none.
     pub fn in_flight(&self) -> Option<Instant> {
         self.viewer.newest().max(self.canvas.newest())
     }
@@ -409,7 +409,7 @@ impl Shell {
         std::mem::take(&mut self.events)
     }
 
-    /// Reports an event that occurred outside the shell.
+    /// Logs an event, and queues it for [`Shell::take_events`].
     pub fn report(&mut self, event: Event) {
         self.panels.log_event(&event);
         self.reported += 1;
@@ -436,7 +436,7 @@ impl Shell {
         }
     }
 
-    /// See [`Renderer::stalled`].
+    /// Returns the pass or frame that the device did not finish in time; see [`Renderer::stalled`].
     pub fn stalled(&self) -> Option<&Running> {
         self.viewer.stalled().or_else(|| self.canvas.stalled())
     }

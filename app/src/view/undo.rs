@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 const STEPS: usize = 200;
 
-/// Settings of a viewer that can be undone.
+/// The undoable settings of a viewer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     scene: PathBuf,
@@ -174,7 +174,7 @@ impl History {
         }
     }
 
-    /// Forgets the marks of a scene whose splats got other indices: all steps get the current ones.
+    /// Replaces a scene's marks in all steps by the current ones, because its splats' indices changed.
     pub fn forget_marks(&mut self, scene: &Path) {
         let Some(now) = &self.now else { return };
         let of = |settings: &Settings| [settings.scene == scene, settings.other.as_deref() == Some(scene)];
@@ -186,7 +186,7 @@ impl History {
                     marks.clone_from(&now.marks[side]);
                 }
             }
-            // Steps that only selected or hid splats are gone.
+            // Steps that differed only in these marks are now equal.
             steps.dedup();
             steps.pop_if(|step| step == now);
         }
@@ -207,8 +207,8 @@ impl History {
         !self.future.is_empty()
     }
 
-    /// Undoes the newest step; returns a description of the change, or `None` if there is no step. A step without
-    /// effect, such as a value of a parameter that the file no longer declares, is dropped.
+    /// Undoes the newest step; returns a description of the change, or `None` if there is no step. Steps without
+    /// effect, such as a change of a parameter that the file no longer declares, are dropped.
     pub fn undo(&mut self, viewer: &mut Viewer) -> Option<String> {
         go(&mut self.past, &mut self.now, &mut self.future, viewer)
     }

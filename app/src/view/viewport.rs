@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Weak};
 use std::time::Instant;
 
-/// An inspection of a resource after a pass.
+/// A request to read a resource back after a pass, with its result.
 #[derive(Clone, Debug)]
 pub struct Inspection {
     /// Name of the resource, as for [`inspect::resolve`].
@@ -37,9 +37,9 @@ pub struct Inspection {
     /// Latest finding, or the reason why there is none; `None` before the first reading.
     pub found: Option<Result<Finding, String>>,
     asked: bool,
-    /// Plan of the last reading, which may be in flight. Every other plan is read again.
+    /// Plan of the last reading, which may be in flight. A change of plan requests another reading.
     read: Weak<Plan>,
-    /// Plan of `found`.
+    /// Plan that `found` was read from.
     found_in: Weak<Plan>,
 }
 
@@ -61,7 +61,7 @@ impl Inspection {
         self.found_in = Arc::downgrade(plan);
     }
 
-    /// Records that the inspection was read in a frame of `plan`, or cannot be read in it.
+    /// Records that the inspection is read in a frame of `plan`, or cannot be.
     fn set_read(&mut self, plan: &Arc<Plan>) {
         self.asked = false;
         self.read = Arc::downgrade(plan);
@@ -165,8 +165,8 @@ impl Viewport {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes choices that depend on facts: the graph behind a preset, and constants with their reasons; `None` if
-    /// there are none.
+    /// Describes choices that depend on facts: the graphs that a preset or choice resolves to, and constants with their
+    /// reasons; `None` if there are none.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
@@ -188,7 +188,7 @@ impl Viewport {
         (!short.is_empty()).then(|| format!("partially drawn: {}", short.join(", ")))
     }
 
-    /// Describes the newest finished frame if it was incomplete, and capacity cannot grow to complete the next ones.
+    /// Describes the newest finished frame if it was incomplete, and capacity cannot grow any further.
     pub fn stays_in_part(&self) -> Option<String> {
         let ended = self.short.iter().any(|short| short.room >= short.most);
         let reason = match self.renderer.crowded() {
@@ -251,7 +251,7 @@ impl Viewport {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
-    /// Returns true if the window does not show this scene and graph yet: no frame has ended, or all overflowed.
+    /// Returns true if the window does not show this scene and graph yet: no frame has finished, or all overflowed.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
@@ -397,7 +397,7 @@ impl Viewport {
         }
         match inspect::resolve(&plan, &inspection.resource, &inspection.pass) {
             Ok(target) if inspect::in_prologue(&plan, &target) && !first => {
-                // The prologue runs once per load, so the plan must be loaded again.
+                // The prologue has already run; only a new plan runs it again.
                 if inspection.asked && !self.renderer.busy() {
                     self.renderer.want(Cause::Prologue, Instant::now());
                 }

@@ -1,4 +1,4 @@
-//! Distinguishes a mouse's wheel from two fingers on a touchpad.
+//! Distinguishes a mouse wheel from a two-finger scroll on a touchpad.
 //!
 //! Window systems send both as scrolling: a wheel in lines, a touchpad in points. (A touchpad that sends lines counts
 //! as a wheel.) A wheel zooms. Two fingers drag, as the left button does; a pinch, or two fingers with Ctrl, zooms.
@@ -11,7 +11,7 @@ use egui::{Event, InputState, MouseWheelUnit, Vec2};
 pub struct Scrolled {
     /// Notches of a wheel, or the equivalent zoom of a pinch; positive zooms in.
     pub notches: f64,
-    /// Motion of two fingers, in points: positive is right and down, as the content should move.
+    /// Two-finger motion, in points, in the direction in which the content moves: positive is right and down.
     pub swiped: [f64; 2],
 }
 

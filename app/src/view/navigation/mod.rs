@@ -5,15 +5,15 @@
 //!
 //! | input | effect |
 //! |---|---|
-//! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon stays as it is |
-//! | Shift + drag | pan: what lies at the pivot's depth follows the pointer |
+//! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon keeps its tilt |
+//! | Shift + drag | pan: points at the pivot's depth follow the pointer |
 //! | scroll, Ctrl + drag up and down | zoom: move towards the pivot or away from it, never through it |
 //! | hold the right button | fly: look around; W A S D, E up, Q down; Shift faster, Ctrl slower, scroll for the speed |
 //! | double click, F | frame the scene, seen from the same direction |
 //! | Home | return to the first camera |
 //!
-//! Positions are in world units, in f64. The axes follow [`splatgraph_assets::Camera`]: x right, y down, z forward.
-//! Everything stays finite and orthonormal for every input.
+//! Positions are in world units, in f64. The axes follow [`splatgraph_assets::Camera`]: x right, y down, z forward. The
+//! camera stays finite and orthonormal for any input.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Bounds, Camera, NEAR, Projection};
@@ -22,14 +22,14 @@ use std::ops::RangeInclusive;
 #[cfg(test)]
 mod tests;
 
-/// Default direction up: in the camera convention of the 3DGS reference, y points down.
+/// Default up direction: in the camera convention of the 3DGS reference, y points down.
 pub const DEFAULT_UP: DVec3 = DVec3::NEG_Y;
 
 /// Range of the vertical field of view that can be set, in degrees.
 pub const FIELDS_OF_VIEW: RangeInclusive<f64> = 5.0..=150.0;
 
 const FLIGHT_SECONDS: f64 = 0.35;
-/// Angle of orbiting and looking around, in radians per point of pointer motion.
+/// Rotation by a drag (orbiting or looking around), in radians per point of pointer motion.
 const TURN_PER_POINT: f64 = 0.3 * std::f64::consts::PI / 180.0;
 /// Angular speed of orbiting with the arrow keys, in radians per second.
 const TURN_PER_SECOND: f64 = std::f64::consts::FRAC_PI_3;
@@ -126,7 +126,7 @@ impl Pose {
         let (yaw, pitch) = (sense * yaw, sense * pitch);
         let (pivot, forward) = (self.pivot(), self.forward());
         let elevation = forward.dot(up).clamp(-1.0, 1.0).asin();
-        // A camera beyond the limit cannot move further away, but its first step back is unrestricted.
+        // Clamps the new elevation: a camera that starts beyond the limit moves back to it.
         let pitch = (elevation + pitch).clamp(-STEEPEST, STEEPEST) - elevation;
         // Axis to the right along the horizon. If the camera looks straight up or down, the image's right is used.
         let horizontal = forward.cross(up);
@@ -150,8 +150,8 @@ impl Pose {
         self
     }
 
-    /// Interpolates from this pose at `t = 0` to another at `t = 1`, with the projection of the latter. The pivot moves
-    /// in a straight line, the distance geometrically.
+    /// Interpolates from this pose at `t = 0` to another at `t = 1`, with the projection of `to`. The pivot moves in a
+    /// straight line; the distance is interpolated geometrically.
     fn towards(&self, to: &Pose, t: f64) -> Pose {
         let geometric = |a: f64, b: f64| a * (b / a).powf(t);
         let pivot = self.pivot().lerp(to.pivot(), t);
@@ -195,9 +195,9 @@ pub struct Navigation {
     own_field_of_view: bool,
     up: DVec3,
     bounds: Bounds,
-    /// Size of the scene, in world units; the unit of all lengths that are not in pixels.
+    /// Size of the scene, in world units. [`DISTANCES`], [`FARTHEST`] and [`FLY_SPEED`] are multiples of it.
     scale: f64,
-    /// Factor of [`FLY_SPEED`].
+    /// Factor on [`FLY_SPEED`], set by the wheel.
     speed: f64,
     animated: bool,
 }
@@ -240,7 +240,7 @@ impl Navigation {
         navigation
     }
 
-    /// Returns the direction up, of length 1.
+    /// Returns the up direction, of length 1.
     pub fn up(&self) -> DVec3 {
         self.up
     }
@@ -339,8 +339,8 @@ impl Navigation {
         Pose { distance: pose.distance, ..self.goal_of(camera).pose } == *pose
     }
 
-    /// Frames the whole scene, with the same direction and field of view. Only the aspect ratio of `size`, the view's,
-    /// counts.
+    /// Frames the whole scene, with the same direction and field of view. `size` is the view's; only its aspect ratio
+    /// matters.
     pub fn frame(&mut self, size: [f64; 2]) {
         let goal = Goal { pose: self.framing(size), camera: None };
         self.go_to(goal);
@@ -426,7 +426,7 @@ impl Navigation {
         let middle = DVec3::from(self.bounds.center());
         let farthest = (FARTHEST * self.scale).max((self.pose.position - middle).length());
         let away = pose.position - middle;
-        // The square of a very long vector would overflow.
+        // Not the Euclidean length: the square of a very long vector would overflow.
         let length = away.abs().max_element();
         if !away.is_finite() {
             pose.position = self.pose.position;
@@ -512,7 +512,7 @@ impl Navigation {
     }
 }
 
-/// Computes the mean direction up of the cameras' images, of length 1. `None` without cameras, or if they cancel out.
+/// Computes the mean up direction of the cameras, of length 1. `None` without cameras, or if they cancel out.
 pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
     let sum: DVec3 = ups.sum();

@@ -28,7 +28,7 @@ fn wait(seconds: f64) -> Input {
     Input { size: SIZE, seconds, ..Input::default() }
 }
 
-/// A drag that looks around if `button` is the right one, and else orbits.
+/// Makes a drag: the right button (`r`) looks around, any other one orbits.
 fn drag(button: char, x: f64, y: f64) -> Input {
     Input { moved: [x, y], drags: button != 'r', flies: button == 'r', ..wait(0.01) }
 }
@@ -335,7 +335,7 @@ fn the_arrow_keys_orbit_and_the_camera_goes_where_they_point() {
     }
 }
 
-/// Computes the share of the view that the box takes; `None` if a corner is too near.
+/// Computes the share of the view that a box fills; `None` if a corner is too near.
 fn filled(camera: &Camera, bounds: &Bounds) -> Option<f64> {
     let mut most = 0.0f64;
     for corner in bounds.corners() {

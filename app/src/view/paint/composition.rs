@@ -11,7 +11,8 @@ pub const WINDOW: &str = "frame.window";
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
-/// Name of the buffer with the arguments of the view's draws: one for each part of picture A, and one for the rest.
+/// Name of the buffer with the view's indirect draw arguments: one draw for each part of an unscaled picture A, and one
+/// for every other composition.
 pub const VIEW_DRAW: &str = "frame.view_draw";
 /// Names of the buffers with the pixels of pictures A and B, packed. Each picture is split into parts of whole rows, so
 /// that no part exceeds the maximum size of a storage binding.
@@ -22,7 +23,8 @@ pub const PICTURES: [[&str; PARTS]; 2] = [
 /// Maximum number of parts that a picture is split into.
 pub const PARTS: usize = 4;
 
-/// Largest storage binding that every device supports, in bytes: the least `maxStorageBufferRange` of Vulkan.
+/// Largest storage binding that every device supports, in bytes: the minimum that Vulkan guarantees for
+/// `maxStorageBufferRange`.
 const BINDING: usize = 128 << 20;
 
 /// A picture to show, drawn by a plan or packed by the host (as [`BufferContents::Bytes`]).
@@ -80,7 +82,7 @@ pub struct Composition {
     pub amplification: f32,
 }
 
-/// The block of `shaders/window/window.glsl`, in the layout std140.
+/// The uniform block of `shaders/window/window.glsl`, in std140 layout.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Block {
@@ -117,7 +119,7 @@ impl Composition {
         bytemuck::bytes_of(&block).to_vec()
     }
 
-    /// Packs the arguments of the view's draws: one per part of an unscaled picture, and one for everything else.
+    /// Packs the view's indirect draw arguments; see [`VIEW_DRAW`].
     pub(super) fn draws(&self) -> [[u32; 4]; PARTS + 1] {
         let [_, _, width, height] = self.view;
         let plain = self.a.as_ref().filter(|a| {

@@ -1,7 +1,7 @@
 //! Finds the areas of a window that must be redrawn: its damage.
 //!
-//! The view is drawn in every frame, since its pictures are new. Around it are four strips: above, left of, right of
-//! and below it. In each strip, one rectangle is redrawn: the bounds of the meshes that were added, removed or
+//! The view is drawn in every frame, because its pictures usually changed. Around it are four strips: above, left of,
+//! right of and below it. In each strip, one rectangle is redrawn: the bounds of the meshes that were added, removed or
 //! changed. So areas never overlap, and each pixel is blended once.
 
 use super::Composition;

@@ -20,7 +20,7 @@ fn changes(list: Vec<(TextureId, ImageDelta)>, free: &[TextureId]) -> TexturesDe
     changes
 }
 
-/// The texels encode their index.
+/// Makes an image whose texels contain their index and `tag`.
 fn image([width, height]: [usize; 2], tag: u8) -> ColorImage {
     let pixels = (0..width * height).map(|i| Color32::from_rgba_premultiplied(i as u8, tag, 0, 255));
     ColorImage::new([width, height], pixels.collect())
@@ -30,7 +30,7 @@ fn whole(size: [usize; 2], tag: u8) -> ImageDelta {
     ImageDelta::full(image(size, tag), TextureOptions::LINEAR)
 }
 
-/// The view is the whole window, so that the interface is drawn in one piece.
+/// Makes a composition whose view is the whole window, so that the interface is packed as one area.
 fn whole_view() -> Composition {
     Composition { window: [1000, 800], view: [0, 0, 1000, 800], ..composition() }
 }

@@ -1,4 +1,4 @@
-//! Draws the tool for cameras: field of view, saved views, the path through keys, and the picture as a command.
+//! Draws the cameras tool: field of view, saved views, the keyframe path, and export of the picture as a command line.
 
 use super::controls::{Command, Controls};
 use super::theme::{self, GRID, ROW};
@@ -20,7 +20,7 @@ enum Act {
     Down,
 }
 
-/// Draws the tool. Its command line draws the picture of the viewport `selected`.
+/// Draws the tool. The copied command line is that of the viewport `selected`.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId, controls: &mut Controls) {
     field_of_view(ui, viewer, controls);
     ui.horizontal_wrapped(|ui| {

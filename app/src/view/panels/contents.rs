@@ -41,7 +41,7 @@ const MAX_WIDTH: usize = 512;
 #[derive(Default)]
 pub struct State {
     first: usize,
-    /// Type that the user chose for a resource; another resource has its declared type.
+    /// Resource for which the user chose a type, and the type. All other resources are read as declared.
     read: Option<(String, ReadAs)>,
     channel: usize,
     picture: Option<TextureHandle>,
@@ -52,7 +52,7 @@ pub struct State {
 }
 
 impl State {
-    /// Draws the choice of resource and pass, and the contents that were read back.
+    /// Draws the selectors of resource and pass, and the contents that were read back.
     pub fn show(&mut self, ui: &mut Ui, viewport: &mut Viewport, plan: &Plan, target: &mut Target) {
         ui.horizontal_wrapped(|ui| {
             let sorted = sorted_keys(plan);
@@ -123,7 +123,7 @@ impl State {
         if let Some(reason) = &finding.unknown_order {
             ui.label(reason);
         }
-        // An element is a pixel of an image (two outer dimensions), or an element of a buffer (one).
+        // An image has two outer dimensions, a buffer one. The inner dimensions make up an element.
         let inner = if finding.is_image { 2 } else { 1 };
         let per_element = finding.shape.iter().skip(inner).product::<u64>().max(1) as usize;
         let elements = finding.words.len() / per_element;

@@ -1,6 +1,6 @@
 //! Shows errors over the last good picture until they are corrected.
 //!
-//! The text is that of the terminal, with its colours, and has buttons to copy it and to edit the file.
+//! The text and its colours are the terminal's. Buttons copy the text and open the file in an editor.
 
 use super::controls::{Command, Controls};
 use super::theme::{HEADING, Palette, TEXT, strong};
@@ -105,7 +105,7 @@ impl State {
     }
 }
 
-/// Names the viewport before each problem; A and B may have the same one.
+/// Prefixes each problem with its viewport, and merges equal problems of A and B.
 fn named(problems: Vec<(RendererId, String)>) -> Vec<String> {
     match problems.as_slice() {
         [(_, one), (_, other)] if one == other => vec![format!("A and B: {one}")],

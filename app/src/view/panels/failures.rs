@@ -1,4 +1,4 @@
-//! Converts text with terminal colours to egui's layout.
+//! Converts text with ANSI colours to egui layouts.
 
 use egui::text::{LayoutJob, TextFormat};
 use egui::{Color32, FontId};
@@ -15,7 +15,7 @@ const PALETTE: [Color32; 8] = [
     Color32::from_rgb(235, 235, 235),
 ];
 
-/// Number of characters before the first caret that a cut line keeps.
+/// Minimum number of characters that a cut line keeps before the first caret.
 const BEFORE: usize = 8;
 
 const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
@@ -99,7 +99,7 @@ fn narrow(lines: &mut [Line], columns: usize) {
     }
 }
 
-/// Breaks a long line at spaces, unless it is a source line or a note below one. A continued line is indented.
+/// Breaks a long line at spaces, unless it is a source line or a note below one. Continuation lines are indented.
 fn wrapped(line: Line, columns: usize) -> Vec<Line> {
     if line.len() <= columns || gutter(&line).is_some() {
         return vec![line];

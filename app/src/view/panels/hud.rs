@@ -14,7 +14,7 @@ use splatgraph_assets::grouped;
 use std::time::{Duration, Instant};
 
 const STAY: Duration = Duration::from_secs(5);
-/// Display time of a toast about a failure, or about dropped parameters.
+/// Display time of a toast about a failure, or about dropped or restored parameters.
 const STAY_LONG: Duration = Duration::from_secs(12);
 const MAX_TOASTS: usize = 4;
 const FRAMES: usize = 120;
@@ -126,7 +126,7 @@ impl Toasts {
     }
 }
 
-/// Returns the rectangle in which cards are placed: the picture's, or the window's if the picture is hidden behind a tool.
+/// Returns the rectangle in which cards are placed: the picture's, or the window's if a tool hides the picture.
 pub fn space_for_cards(ctx: &Context, view: Rect) -> Rect {
     if view.is_positive() { view } else { ctx.content_rect() }
 }

@@ -148,8 +148,8 @@ fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass,
     }
 }
 
-/// Draws the time of copying as many bytes as the pass binds; without the device's copy limit, a button that measures
-/// it.
+/// Draws the time of copying as many bytes as the pass binds or, before the device's copy limit is measured, a button
+/// to measure it.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     match target.copy {
         Copy::Known(rate) => {

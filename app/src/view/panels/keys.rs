@@ -24,7 +24,7 @@ impl Panels {
                 (Key::O, true) => self.controls.commands.push(Command::Open),
                 (key, command) if self.select.key(key, command, viewer, self.selected) => {}
                 (_, true) => {}
-                // Tab and Shift + Tab are taken: egui moves the focus between controls.
+                // Not Tab: egui uses it to move the focus between controls.
                 (Key::H, _) => self.hidden = !self.hidden,
                 (Key::F12, _) if modifiers.shift => self.controls.commands.push(Command::SavePicture),
                 (Key::F12, _) => self.controls.commands.push(Command::Screenshot),

@@ -1,4 +1,4 @@
-//! Draws the tools around the picture, and the cards over it.
+//! Draws the user interface: tools around the picture, and cards over it.
 //!
 //! `layout` docks the tools around the picture. All tools share one [`Selection`]. Panels read and change a [`Viewer`].
 //! They do not depend on a window, so tests can operate them.
@@ -51,7 +51,7 @@ pub use controls::{Command, Controls};
 pub use layout::Tool;
 pub use params::set_line;
 
-/// Height of the status line, in points; the same if it is empty.
+/// Fixed height of the status line, in points.
 const STATUS_HEIGHT: f32 = 24.0;
 
 const LOG: usize = 200;
@@ -144,7 +144,7 @@ pub struct Panels {
     newest: Instant,
     /// Number of A's frames at the last draw of the panels.
     drawn: u64,
-    /// Plan to compare with after the next change of a parameter, and its renderer.
+    /// Plan with which the next one is compared after a parameter changed, and its renderer.
     compared: Option<(Arc<Plan>, RendererId)>,
     /// Constants changed since that plan, and their renderer; `None` once the effect was reported.
     changed: Option<(RendererId, Vec<String>)>,
@@ -207,7 +207,7 @@ impl Panels {
         self.toasts.tell(event);
         match event {
             Event::Dropped { .. } | Event::Restored { .. } | Event::Scene { .. } => self.by_program = true,
-            // Both would compare the plans of different graphs.
+            // After the exchange, a comparison with the former plan would be between different graphs.
             Event::Exchanged => {
                 (self.compared, self.changed) = (None, None);
                 self.frame_ms.clear();
@@ -253,7 +253,7 @@ impl Panels {
         if !layout.is_sound() {
             return false;
         }
-        // A SOG can be a folder.
+        // Not `is_file`: a SOG scene can be a folder.
         recent.retain(|scene| scene.exists());
         (self.layout, self.hud, self.recent, self.restored) = (layout, hud, recent, true);
         self.restored_zoom = Some(zoom.clamp(0.2, 5.0));
@@ -281,7 +281,7 @@ impl Panels {
         self.layout.reveal(Tool::Inspector);
     }
 
-    /// Selects an item of A's plan that is to be shown: see [`Panels::missing`].
+    /// Selects an item that A's plan is required to contain; see [`Panels::missing`].
     pub fn select_requested(&mut self, selection: Selection) {
         self.requested = Some(selection.clone());
         self.select(selection);
@@ -417,8 +417,8 @@ impl Panels {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Shows the effect of a constant on the plan above the list of parameters, if it alone has changed. Another
-    /// change of the passes removes the effect.
+    /// Shows the effect of a constant on the plan above the list of parameters, if only that constant changed. Any
+    /// other change of the passes removes the text.
     fn tell_effect(&mut self, viewer: &mut Viewer) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
@@ -436,10 +436,10 @@ impl Panels {
             self.compared = Some((plan, selected));
         } else if let Some((_, parameters)) = changed {
             match parameters.as_slice() {
-                // This plan replaced the event's before the event was reported, and its effect is already shown.
+                // `plan` replaced the event's plan before the event was reported, and its effect is already shown.
                 [_] if Arc::ptr_eq(former, &plan) => {}
                 [parameter] => self.params.tell(Some((parameter.clone(), difference(former, &plan)))),
-                // A plan of the same passes, such as that of another size.
+                // The passes are the same, such as after a resize.
                 [] if former.frame.len() == plan.frame.len() => {}
                 _ => self.params.tell(None),
             }
@@ -524,7 +524,7 @@ impl Panels {
 
 /// Describes how a plan differs from the previous one, such as `63 → 75 passes: sort 12 → 24`.
 fn difference(former: &Plan, plan: &Plan) -> String {
-    // The phase of each pass.
+    // Returns the phase of each pass of a frame.
     fn phases(plan: &Plan) -> Vec<&str> {
         plan.frame.iter().map(|pass| plan.pass(*pass).phase.as_str()).collect()
     }

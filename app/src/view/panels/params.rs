@@ -1,7 +1,7 @@
 //! Draws a row for each parameter of the graph.
 //!
-//! The code knows no parameter by name: label, help, range, step and choices come from the graph's file. A slider edits
-//! a position from 0 to 1, not the value itself, so that drawing a row never rounds or clamps the value.
+//! No parameter is hard-coded: label, help, range, step and choices come from the graph's file. A slider edits a
+//! position from 0 to 1, not the value itself, so that drawing a row never rounds or clamps the value.
 
 use super::controls::Controls;
 use super::theme::{self, Palette, ROW};
@@ -140,7 +140,8 @@ fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     }
 }
 
-/// Groups of parameters, from a graph's first plan, so that rows do not move when effects change.
+/// Groups of parameters. A parameter keeps the group of its first plan, so that rows do not move when its effects
+/// change.
 #[derive(Default)]
 struct Groups {
     graph: String,

@@ -1,4 +1,4 @@
-//! Converts pointer and key input over the picture to camera motion, splits and splat selection.
+//! Converts pointer and key input over the picture to camera motion, moves of the split line, and splat selection.
 
 use super::{hud, select, widgets};
 use crate::view::events::RendererId;
@@ -21,8 +21,8 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Applies the input of the last frame. Returns a click's viewport and its position, in pixels of the picture;
-    /// `None` without a click, or if the brush used it.
+    /// Applies the input of this frame. Returns a click's viewport and its position, in pixels of the picture; `None`
+    /// without a click, or if the brush used it.
     pub fn act(
         &mut self,
         ui: &mut Ui,

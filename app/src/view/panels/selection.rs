@@ -1,4 +1,4 @@
-//! Holds the selection that all tools share, and the dump of the plan that its items are looked up in.
+//! Holds the selection that all tools share, and the plan's dump, which contains the selected item.
 
 use crate::draw::backend;
 use splatgraph_framework::dump::{Dump, DumpBarrier, DumpPass, DumpResource};

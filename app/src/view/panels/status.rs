@@ -34,7 +34,7 @@ impl Panels {
         if watching != WatchKind::Events {
             ui.colored_label(palette.caution, format!("files are watched by {watching}"));
         }
-        // A failure that persists is among the states.
+        // A failure that persists is already shown as a state.
         let persists = |line: &&String| {
             viewer.viewports().any(|shown| {
                 shown

@@ -214,11 +214,11 @@ fn arrange(style: &mut Style) {
     spacing.icon_width = 16.0;
     spacing.icon_width_inner = 10.0;
     style.interaction.tooltip_delay = 0.4;
-    // An animation would cost frames without showing anything new.
+    // An animation would cost frames without showing new information.
     style.animation_time = 0.0;
 }
 
-/// Returns Inter for text, egui's monospace font for code, and egui's other fonts as fallbacks.
+/// Returns the fonts: Inter for text, egui's monospace font for code, and egui's other fonts as fallbacks.
 pub fn fonts() -> FontDefinitions {
     let mut fonts = FontDefinitions::default();
     let files: [(&str, &'static [u8]); 2] = [

@@ -1,5 +1,5 @@
-//! Draws the plan as a timeline: bars for passes, as wide as their times; diamonds for barriers between them; and
-//! memory below. The lanes match the dump page.
+//! Draws the plan as a timeline: bars for passes, with widths proportional to their times; diamonds for barriers
+//! between them; and memory below. The lanes match the dump page.
 //!
 //! The wheel over the passes zooms (elsewhere with Ctrl), and dragging pans. Clicking a pass, a barrier or a resource
 //! selects it for all tools; Tab and Enter do the same from the keyboard.
@@ -164,8 +164,8 @@ impl State {
         });
     }
 
-    /// Reserves an area beside the lanes' names, in which the pointer zooms and pans. `plain` is true if the wheel zooms
-    /// without Ctrl.
+    /// Reserves an area to the right of the lanes' names, in which the pointer zooms and pans. `plain` is true if the
+    /// wheel zooms without Ctrl.
     fn area(&mut self, ui: &mut Ui, id: &str, height: f32, whole: f32, width: f32, plain: bool) -> Rect {
         let (rect, _) = ui.allocate_exact_size(vec2(ui.available_width(), height), Sense::hover());
         let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
@@ -342,7 +342,7 @@ impl View<'_> {
             let font = FontId::new(TEXT, theme::strong());
             painter.text(inner.center(), egui::Align2::CENTER_CENTER, mark, font, ink);
         } else if text_area.width() > 24.0 {
-            // Drop the name's prefix, the part of the graph; the phase above shows it.
+            // Drop the prefix (the part of the graph): the phase above shows it.
             let name = pass.name.rsplit('.').next().unwrap_or(&pass.name);
             text_in(ui, painter, text_area, name, ink);
         }

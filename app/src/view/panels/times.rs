@@ -82,8 +82,8 @@ pub fn show(
     memory(ui, &viewport.renderer.device().map(Device::memory).unwrap_or_default());
 }
 
-/// Lists phases in the order of their colours: the newest plan's as in the timeline, which also shows the prologue, then
-/// those that only earlier plans have.
+/// Lists phases in the order of their colours: first the newest plan's, prologue included, as in the timeline; then
+/// phases of earlier plans only.
 fn phases(history: &History) -> IndexSet<String> {
     let of_plan = |plan: &Arc<Plan>| plan.order().map(|pass| plan.pass(pass).phase.clone()).collect();
     let mut phases: IndexSet<String> = history.plan().map(of_plan).unwrap_or_default();
@@ -126,7 +126,7 @@ fn cell(ui: &mut Ui, text: String, grey: bool) {
     });
 }
 
-/// Draws text at the left of `reserved` points, truncated to what remains of the width.
+/// Draws text, truncated so that `reserved` points stay free to its right.
 fn label_beside(ui: &mut Ui, reserved: f32, text: impl Into<WidgetText>) -> Response {
     let size = vec2((ui.available_width() - reserved).max(40.0), ui.available_height());
     let layout = Layout::left_to_right(Align::Center);
@@ -146,7 +146,7 @@ fn choose(ui: &mut Ui, phases: &[Series], plotted: &mut Option<String>) {
     });
 }
 
-/// `series` are with the numbers of their colours.
+/// Plots series, each with its colour index. `changes` are the numbers of the frames with a new plan.
 fn plot(ui: &mut Ui, series: Vec<(usize, Series)>, changes: &[f64]) {
     let palette = Palette::of(ui);
     let plot = widgets::time_plot("phases", 140.0).grid_spacing(16.0..=120.0).y_axis_min_width(48.0);

@@ -26,8 +26,8 @@ const TITLE: f32 = 132.0;
 const TIME: f32 = 120.0;
 const DEVICE: f32 = 320.0;
 
-/// Draws a button that opens a list below it. The list stays open until a click outside. `text` is shortened to its end,
-/// which usually distinguishes files.
+/// Draws a button that opens a list below it. The list stays open until a click outside. The title is `start` followed
+/// by `text`, which is truncated at its start: file names usually differ at the end.
 fn drop_down(ui: &mut Ui, start: &str, text: &str, width: f32, contents: impl FnOnce(&mut Ui)) -> Response {
     let room = width - 2.0 * ui.spacing().button_padding.x;
     let font = TextStyle::Button.resolve(ui.style());

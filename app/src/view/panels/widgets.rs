@@ -52,7 +52,7 @@ pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     });
 }
 
-/// Describes a switch in a word.
+/// Formats a switch as `on` or `off`.
 pub fn on_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
@@ -84,8 +84,8 @@ pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Control
     text.trim().to_lowercase()
 }
 
-/// Ranks an item of a searched list: first an equal name, then names that begin with the text, names that contain it, and
-/// descriptions that do. Returns `None` if nothing matches. `wanted` must be in lower case.
+/// Ranks an item of a searched list: first an equal name, then names that begin with `wanted`, names that contain it,
+/// and descriptions that contain it. Returns `None` if nothing matches. `wanted` must be in lower case.
 pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     let of = |text: &str| {
         let text = text.to_lowercase();
@@ -148,7 +148,7 @@ pub fn search_or_open(ui: &mut Ui, text: &mut String, name: &str, controls: &mut
     row.inner
 }
 
-/// Returns a plot of times in milliseconds that the pointer does not move.
+/// Creates a plot of times in milliseconds, without zooming and panning. `height` is in points.
 pub fn time_plot<'a>(name: &str, height: f32) -> Plot<'a> {
     Plot::new(name)
         .height(height)

@@ -31,7 +31,8 @@ impl Renderer {
         self.info.is_cpu()
     }
 
-    /// Returns the error that lost the device or its window surface; `None` also after [`Renderer::release`].
+    /// Returns the error that reported the loss of the device or its window surface; `None` also after
+    /// [`Renderer::release`].
     pub fn lost(&self) -> Option<&BackendError> {
         match &self.device.fault {
             Some(Fault::Lost(error)) => Some(error),

@@ -1,4 +1,4 @@
-//! Defines why a build failed.
+//! Defines the reasons for a failed build.
 
 use crate::draw::planner::GraphErrors;
 use splatgraph_api::{BackendError, Recovery};
@@ -12,8 +12,8 @@ pub enum Failure {
     Backend(BackendError),
     /// The build panicked, which is a bug in this program.
     Panicked(String),
-    /// The device was lost repeatedly with this graph, which is not built again before something changes. The field is
-    /// the text of the loss.
+    /// The device was lost repeatedly with this graph, so the graph is not built again before something changes. The
+    /// field is the error text of the loss.
     Held(String),
 }
 

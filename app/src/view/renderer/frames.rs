@@ -16,7 +16,7 @@ impl Renderer {
     /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced by the
     /// controls'.
     ///
-    /// Returns false without a plan, while the renderer is paused or its device is lost, before the next attempt after
+    /// Returns false without a plan, while the renderer is paused or its device is lost, before the retry that follows
     /// a [`Renderer::trouble`], or if the device does not finish an older frame within [`Renderer::patience`].
     ///
     /// # Errors
@@ -145,8 +145,8 @@ impl Renderer {
                     pause = (2 * pause).min(MAX_PAUSE);
                 }
                 Err(error) => {
-                    // After a transient error, the frame stays in flight and can be awaited again. After others, its
-                    // results are lost.
+                    // After a transient error, the frame stays in flight and can be awaited again. After any other
+                    // error, its results are lost.
                     let stays = matches!(error, BackendError::OutOfMemory { .. });
                     if !stays && error.recovery() != Recovery::Retry {
                         self.in_flight.remove(index);
@@ -169,7 +169,7 @@ impl Renderer {
 
 /// Takes the results of finished frames of all renderers of a device. If [reads block](Renderer::reads_block), first
 /// waits up to `patience` for the newest frame: reading an older result would block just as long. Returns false if that
-/// frame is still in flight; no other must be submitted then.
+/// frame is still in flight; the caller must not submit another one then.
 pub(in crate::view) fn collect(renderers: &mut [&mut Renderer], patience: Duration) -> bool {
     let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
     if let Some(newest) = newest.filter(|newest| newest.reads_block()) {

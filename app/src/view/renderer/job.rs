@@ -33,7 +33,7 @@ pub(super) struct Job {
 }
 
 pub(super) struct Built {
-    /// The new plan; or the failure, `None` if the build took long and was cancelled in favour of a newer request.
+    /// The new plan, or the failure; `Err(None)` if a newer request cancelled the build.
     pub outcome: Result<(Plan, Vec<Control>, Ready), Option<Failure>>,
     pub wanted: Vec<Wanted>,
     pub capacities: Capacities,

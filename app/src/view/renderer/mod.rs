@@ -13,8 +13,8 @@
 //! or, if memory was short, until the next attempt.
 //!
 //! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]). A build that lacked memory is retried
-//! less and less often. A frame that the device does not finish in time is awaited again with the next frame
-//! ([`Renderer::patience`]). A lost device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
+//! with exponential backoff. A frame that the device does not finish within [`Renderer::patience`] is awaited again
+//! with the next frame. A lost device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
 //!
 //! A renderer acts only when called: `Renderer::next` returns the time at which it must be polled even if nothing
 //! called its [`Wake`].
@@ -111,7 +111,7 @@ pub struct Renderer {
     builder: Rebuilder<Job, Built>,
     watcher: Watcher,
     build: BuildState,
-    /// Number of failed builds that are retried, since the last change or plan.
+    /// Number of retried build failures since the last change or plan.
     attempts: u32,
     asked: Option<PlanInputs>,
     state: LastGood<Arc<Plan>, Failure>,
@@ -206,7 +206,8 @@ impl Renderer {
         }
     }
 
-    /// Describes the failures of the newest build and of the last frame, formatted for a terminal; `None` without any.
+    /// Describes the failures of the newest build and of the last frame, with ANSI colours if `colour`; `None` if there
+    /// are none.
     pub fn problem(&self, colour: bool) -> Option<String> {
         let mut texts: Vec<String> = self.failure().map(|failure| failure.text(colour)).into_iter().collect();
         texts.extend(self.trouble().map(|error| Failure::Backend(error.clone()).text(colour)));
@@ -532,7 +533,7 @@ impl Renderer {
         self.apply_set();
     }
 
-    /// Sets aside the settings that the new plan's graph rejects, and takes back those that it accepts again.
+    /// Sets aside the settings that the new plan's graph rejects, and restores rejected settings that it accepts again.
     fn sort_settings(&mut self) {
         let control = |name: &str| self.controls.iter().find(|control| control.param.name == name);
         let fits = |name: &String, text: &mut String| {

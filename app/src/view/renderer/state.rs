@@ -10,19 +10,19 @@ use splatgraph_framework::reload::Attempt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval between attempts to draw, and the first between attempts to build, after a transient failure, such as too
-/// little memory.
+/// Interval between attempts to draw, and first interval between attempts to build, after a transient failure such as a
+/// lack of memory.
 pub const RETRY: Duration = Duration::from_millis(250);
 
-/// Maximum interval between attempts to build. It doubles with each, because a plan may never fit.
+/// Maximum interval between attempts to build. The interval doubles with each attempt, because a plan may never fit.
 const RARELY: Duration = Duration::from_secs(10);
 
-/// Returns the interval before an attempt to build, after `failed` ones.
+/// Returns the interval before the next attempt to build, after `failed` failed retries.
 pub(super) fn pause_after(failed: u32) -> Duration {
     RETRY.saturating_mul(1 << failed.min(16)).min(RARELY)
 }
 
-/// A callback that announces new content to draw; any thread may call it.
+/// A callback that wakes the window's owner for new content to draw; any thread may call it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
 
 /// A graph and its changed parameters.
@@ -98,7 +98,7 @@ pub(super) fn ends_device(error: &BackendError) -> bool {
     error.recovery() == Recovery::DeviceEnded || window
 }
 
-/// The requested and the running build. Without either, the newest plan is built, or has errors.
+/// The requested and the running build. If there is neither, the newest build has succeeded or failed.
 #[derive(Default)]
 pub(super) struct BuildState {
     /// The next build, for the changes since the running one began.

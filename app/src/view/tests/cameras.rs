@@ -1,4 +1,4 @@
-//! Tests picking, playback of a path, and saved views, on a device that executes nothing.
+//! Tests picking, playback of a path, and saved views, on the null device.
 
 use super::script::{Script, arranged};
 use crate::draw::pick;

@@ -6,8 +6,8 @@ use splatgraph_framework::ir::Value;
 use splatgraph_null::{Config, Fault, Point};
 use std::time::Duration;
 
-/// Opens a viewer that has drawn its first plan, on a device whose driver hangs in the next pipeline. Waits for it time
-/// out after `patience`.
+/// Opens a viewer that has drawn its first plan, on a device whose driver hangs in the next pipeline. Waits for that
+/// pipeline time out after `patience`.
 fn hanging(patience: Duration) -> Script {
     let mut made = None;
     loop {

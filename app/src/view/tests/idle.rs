@@ -1,4 +1,4 @@
-//! Tests that an unchanged viewer submits no frames, and one per change; and that a slow picture does not block it.
+//! Tests that the viewer submits frames only for changes, and that a slow picture does not block it.
 
 use super::script::{Script, arranged};
 use crate::view::events::{Event, RendererId};
@@ -39,7 +39,7 @@ fn nothing_is_submitted_while_nothing_changes() {
 fn a_frame_that_the_window_did_not_show_is_drawn_again_until_it_is_shown() {
     let mut script = resting();
     let size = script.window_size();
-    // The device finds a window without pixels.
+    // The window's surface has no pixels.
     script.resize_swapchain((0, 0));
     for _ in 0..3 {
         let frame = script.redraw().expect("the device is not lost");
@@ -201,7 +201,7 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
     assert_eq!(save(&mut script, "digits", "digits"), ["A: digits is 5 again"]);
     assert_eq!(digits(&mut script), ("5".to_owned(), Some("5".to_owned())));
     assert_eq!(save(&mut script, "digits", "figures"), ["A: this graph has no parameter digits"]);
-    // Another setting of the parameter, or a reset, is the newer wish.
+    // A reset overrides the setting that was dropped earlier, which is not restored.
     script.viewer().a.renderer.reset_params();
     assert!(save(&mut script, "digits", "digits").is_empty());
     assert_eq!(digits(&mut script), ("4".to_owned(), None));

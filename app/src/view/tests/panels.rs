@@ -33,7 +33,7 @@ fn click_at(script: &mut Script, pos: Pos2) {
     }
 }
 
-/// Clicks a control; returns its place.
+/// Clicks a control; returns its position.
 fn click(script: &mut Script, name: &str) -> Pos2 {
     let place = script.panels().controls.find(name).unwrap_or_else(|| panic!("{name} is not shown")).center();
     click_at(script, place);

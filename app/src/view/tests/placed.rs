@@ -1,4 +1,4 @@
-//! Tests editing a placement file while the viewer shows its scenes.
+//! Tests editing a list of scenes while the viewer shows its scenes.
 
 use super::script::Script;
 use crate::draw::splat_set::SplatSet;

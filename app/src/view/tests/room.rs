@@ -1,4 +1,5 @@
-//! Tests frames that need more capacity than their plan has: they are shown incomplete until a larger plan is built.
+//! Tests frames that need more capacity than their plan has: they are held back or shown incomplete until a larger plan
+//! is built.
 
 use super::script::{Script, arranged};
 use crate::draw::{backend::Backend, facts};

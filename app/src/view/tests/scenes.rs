@@ -1,4 +1,4 @@
-//! Tests the scenes of A and B, on a device that executes nothing.
+//! Tests the scenes of A and B, on the null device.
 
 use super::script::Script;
 use crate::draw::splat_set::SplatSet;

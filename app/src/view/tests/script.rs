@@ -1,4 +1,4 @@
-//! Simulates a user's visit to the viewer on a device that executes nothing.
+//! Simulates a user's visit to the viewer on the null device, which executes nothing.
 
 use crate::draw::backend::Backend;
 use crate::view::events::Event;
@@ -472,8 +472,8 @@ impl Script {
         self.settle();
     }
 
-    /// Draws a last frame, records the state, closes everything, and checks that nothing is left. Also returns how
-    /// often each call of the first device was reached.
+    /// Draws a last frame, closes everything, and checks that no device object is leaked. Returns the final state, the
+    /// events, and how often each call of the first device was reached.
     pub fn close(mut self, faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<splatgraph_null::Point, u64>) {
         self.viewer().continuous = true;
         // A frame that was never waited for may be hanging unnoticed.

@@ -1,5 +1,5 @@
-//! Moves the viewer's camera, saves views, and plays paths. Views and keys are in the world's coordinates; the
-//! navigation is in the scene's.
+//! Moves the viewer's camera, saves views, and plays paths. Views and keys are in world coordinates; the navigation is
+//! in the scene's.
 
 use super::Viewer;
 use crate::draw::camera_path::KeyError;
@@ -15,7 +15,7 @@ use std::path::Path;
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl Viewer {
-    /// Returns the camera of the last frame's pictures in the world's coordinates, as in files, at the pictures' size.
+    /// Returns the camera of the last frame's pictures in world coordinates, as in files, at the pictures' size.
     pub fn world_camera(&self) -> Camera {
         self.world_camera_of(self.asked)
     }
@@ -34,9 +34,9 @@ impl Viewer {
         projection::shown(&self.camera_of(id, self.asked), graph, self.loaded(id))
     }
 
-    /// Returns the camera for a viewport's pictures of this size. It is converted to the world's coordinates and back,
-    /// which rounds it if the scene is far from the world's origin. A command that reads the camera from a file thus
-    /// draws exactly the same picture.
+    /// Returns the camera for a viewport's pictures of this size. It is converted to world coordinates and back, which
+    /// rounds it if the scene is far from the world's origin. A command that reads the camera from a file thus draws
+    /// exactly the same picture.
     pub(super) fn camera_of(&self, id: RendererId, size: (u32, u32)) -> Camera {
         self.world_camera_of(size).relative_to(self.scene_of(id).offset())
     }

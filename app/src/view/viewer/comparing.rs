@@ -19,7 +19,7 @@ pub struct Comparison {
     pub size: [usize; 2],
 }
 
-/// The inputs of a comparison; if they change, its result is outdated.
+/// The inputs of a comparison; if they change, its result is out of date.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Compared {
     pub camera: Camera,

@@ -1,7 +1,7 @@
 //! Compares A and B: reads both pictures back, and computes their differences on another thread.
 //!
-//! A comparison starts once both viewports draw the requested state. Its result is outdated when the camera or a
-//! setting has changed since.
+//! A comparison starts once both viewports draw the requested state. Its result is out of date once the camera, a scene
+//! or a setting changes.
 
 use super::comparing::{Compared, Comparison, Step};
 use super::{Viewer, Viewport};

@@ -1,4 +1,4 @@
-//! Measures the device's bandwidth for buffer copies, to which the times of passes are compared.
+//! Measures the device's bandwidth for buffer copies, the reference for judging the times of passes.
 //!
 //! The copies are made by a separate graph, whose frames alternate with the frames of the pictures.
 
@@ -87,7 +87,8 @@ impl Viewer {
     }
 }
 
-/// Computes the bandwidth in the pass, or in the whole frame if the passes' times are unreliable.
+/// Computes the bandwidth in 10^9 bytes per second, from the time of the pass or, if pass times are unreliable, of the
+/// frame.
 fn rate(viewport: &Viewport) -> Option<f64> {
     let plan = viewport.renderer.plan()?;
     let pass = plan.passes.iter().find(|pass| pass.name == PASS)?;

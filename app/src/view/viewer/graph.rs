@@ -1,4 +1,4 @@
-//! Selects graphs, and keeps the settings that apply to the new graph, too.
+//! Selects graphs, and carries parameter settings over to the new graph.
 
 use super::Viewer;
 use crate::draw::builtin;
@@ -7,12 +7,12 @@ use indexmap::IndexMap;
 use splatgraph_framework::schema::Document;
 use splatgraph_framework::source::Kind;
 
-/// Presets based on each other that are read; a longer chain may be a cycle.
+/// Maximum length of a chain of presets; a longer chain may be a cycle.
 const MAX_PRESETS: usize = 8;
 
 impl Viewer {
-    /// Draws a viewport with another graph. Parameters keep their settings, except those that the graph is a preset for.
-    /// The renderer drops, and reports, settings that the graph rejects.
+    /// Draws a viewport with another graph. Parameters keep their settings, except parameters that a preset `graph`
+    /// sets itself. The renderer drops, and reports, settings that the graph rejects.
     pub fn choose_graph(&mut self, id: RendererId, graph: &str) {
         let Some(viewport) = self.viewport(id) else { return };
         let renderer = &mut viewport.renderer;

@@ -59,15 +59,15 @@ pub struct Viewer {
     subject: Subject,
     /// B's scene; `None` if B draws A's.
     other: Option<Subject>,
-    /// Selectable cameras, in the scene's coordinates.
+    /// Selectable cameras, in scene coordinates.
     pub cameras: Vec<Camera>,
     /// Index of the last selected camera in `cameras`; `None` before a selection.
     pub camera: Option<usize>,
     /// Position and controls of the camera.
     pub navigation: Navigation,
-    /// Saved views, in the world's coordinates.
+    /// Saved views, in world coordinates.
     pub views: Views,
-    /// Path of the camera, in the world's coordinates.
+    /// Camera path, in world coordinates.
     pub path: CameraPath,
     /// Playback of the path.
     pub play: Playback,
@@ -312,7 +312,7 @@ impl Viewer {
             "ron" if !path.is_dir() && !names_scenes(path) => {
                 self.choose_graph(id, &path.to_string_lossy());
             }
-            // A SOG and a glTF can also be JSON.
+            // SOG and glTF scenes can also be `.json` files.
             "json" if self.opening.load.header(path).is_err() => {
                 self.open_cameras_as(CameraRole::Selectable, path);
             }
@@ -328,7 +328,7 @@ impl Viewer {
         }
     }
 
-    /// Replaces the selectable cameras, given in the scene's coordinates, and selects the first.
+    /// Replaces the selectable cameras, given in scene coordinates, and selects the first.
     ///
     /// The mean of their up directions becomes the navigation's.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
@@ -443,7 +443,7 @@ impl Viewer {
         self.step_copy(now);
     }
 
-    /// Returns the error that lost the device; `None` while it works, and after [`Viewer::release`].
+    /// Returns the error that reported the loss of the device; `None` while it works, and after [`Viewer::release`].
     pub fn lost(&self) -> Option<&BackendError> {
         self.viewports().find_map(|viewport| viewport.renderer.lost())
     }
@@ -533,7 +533,7 @@ impl Viewer {
         self.all().all(|viewport| viewport.renderer.is_idle())
     }
 
-    /// See [`Renderer::stalled`].
+    /// Returns the pass or frame that the device did not finish in time; see [`Renderer::stalled`].
     pub fn stalled(&self) -> Option<&Running> {
         self.all().find_map(|viewport| viewport.renderer.stalled())
     }

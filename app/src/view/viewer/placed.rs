@@ -1,4 +1,5 @@
-//! Watches placement files, which place several scenes in one world. A changed file is loaded again; the camera stays.
+//! Watches lists of scenes (`.ron`), which place several scenes in one world. A changed list is loaded again; the
+//! camera stays.
 
 use crate::view::events::RendererId;
 use crate::view::opening;
@@ -11,11 +12,11 @@ use std::path::{Path, PathBuf};
 pub(super) struct PlacedFiles {
     /// `None` until the first file is watched.
     watcher: Option<Watcher>,
-    /// Placement files of A and B.
+    /// Lists of scenes of A and B.
     lists: [Lists; 2],
 }
 
-/// A viewport's placement files: the one on the screen, the one whose error is shown, and any that are being loaded.
+/// A viewport's watched lists of scenes: the shown one, the one whose error is shown, and any that are being loaded.
 #[derive(Clone, Default)]
 struct Lists {
     /// Contents when last read.
@@ -25,7 +26,7 @@ struct Lists {
 }
 
 impl PlacedFiles {
-    /// Watches a scene file that is about to be loaded, if it is a placement file.
+    /// Watches a scene file that is about to be loaded, if it is a list of scenes.
     ///
     /// The file on the screen stays watched until [`PlacedFiles::settle`], because the load may fail.
     pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> std::io::Result<()> {
@@ -42,7 +43,8 @@ impl PlacedFiles {
         Ok(())
     }
 
-    /// Sets the contents that a watched file had when it was read. If it has others by now, it counts as changed.
+    /// Sets the contents that a watched file had when it was read. If the contents differ by now, the file counts as
+    /// changed.
     pub fn read_as(&mut self, id: RendererId, path: &Path, content: Content) {
         if let Some(read) = self.lists[opening::index(id)].read.get_mut(path) {
             *read = content;
@@ -50,8 +52,8 @@ impl PlacedFiles {
         }
     }
 
-    /// Ends the watch of all files of a viewport but `shown` and `failed`, after a load has ended. Returns the file of
-    /// the two that changed during the load of another scene.
+    /// Stops watching a viewport's files after a load, except `shown` and `failed`. Returns the one of them that
+    /// changed during the load of another scene.
     pub fn settle(&mut self, id: RendererId, shown: &Path, failed: Option<&Path>) -> Option<PathBuf> {
         let lists = &mut self.lists[opening::index(id)];
         lists.read.retain(|path, _| path == shown || Some(path.as_path()) == failed);
@@ -60,13 +62,13 @@ impl PlacedFiles {
         changed
     }
 
-    /// Ends the watch of all files of a viewport.
+    /// Stops watching all files of a viewport.
     pub fn forget(&mut self, id: RendererId) {
         self.lists[opening::index(id)] = Lists::default();
         self.watch();
     }
 
-    /// Returns true if the placement file at `path` is watched for a viewport.
+    /// Returns true if the list of scenes at `path` is watched for a viewport.
     pub fn follows(&self, id: RendererId, path: &Path) -> bool {
         self.lists[opening::index(id)].read.contains_key(path)
     }
@@ -80,7 +82,7 @@ impl PlacedFiles {
         self.lists.swap(0, 1);
     }
 
-    /// Watches A's files for B too, which has got a copy of A's scene.
+    /// Watches A's files for B, too, after B got a copy of A's scene.
     pub fn copy_to_b(&mut self) {
         let [a, b] = &mut self.lists;
         b.read.extend(a.read.clone());

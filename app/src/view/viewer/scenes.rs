@@ -1,6 +1,6 @@
 //! Manages the viewer's scenes: A's, and B's if it has its own.
 //!
-//! The camera is in the coordinates of A's scene. B's pictures use the same camera in the world.
+//! The camera is in the coordinates of A's scene. B's pictures use the same camera in world coordinates.
 
 use super::Viewer;
 use super::subject::{Marks, Subject};
@@ -44,8 +44,8 @@ impl Viewer {
         &self.subject_of(id).path
     }
 
-    /// Returns the error of the list of scenes that was read last for a viewport, with its place; `None` once a scene is
-    /// loaded.
+    /// Returns the error of the list of scenes that was read last for a viewport, with its location; `None` once a
+    /// scene is loaded.
     pub fn list_error(&self, id: RendererId) -> Option<&str> {
         self.list_errors[opening::index(id)].as_ref().map(|(_, text)| text.as_str())
     }
@@ -87,8 +87,8 @@ impl Viewer {
         }
     }
 
-    /// Sets the contents that the list of scenes had before A's scene was loaded from it, so that a save during the load
-    /// is not missed.
+    /// Sets the contents that A's list of scenes had before its scenes were loaded, so that a save during the load is
+    /// not missed.
     pub fn set_list_read(&mut self, content: FileContent) {
         let path = self.scene_path().to_owned();
         self.placed.read_as(RendererId::A, &path, content);
@@ -112,7 +112,7 @@ impl Viewer {
         }
     }
 
-    /// Ends a load, successful or not: from now on, only the scene on the screen is watched, and the list with an error.
+    /// Ends a load, successful or not: from now on, only the shown list of scenes and a list with an error are watched.
     fn settle(&mut self, id: RendererId) {
         let (shown, failed) = (self.scene_path_of(id).to_owned(), self.failed_list(id).map(Path::to_owned));
         if let Some(changed) = self.placed.settle(id, &shown, failed.as_deref())
@@ -122,7 +122,8 @@ impl Viewer {
         }
     }
 
-    /// Returns true if a change of the list of scenes at `path` loads it: a viewport shows the list, or its error.
+    /// Returns true if a change of the list of scenes at `path` must load it again: the viewport shows the list or its
+    /// error.
     fn awaits(&self, id: RendererId, path: &Path) -> bool {
         self.reloads(id, path) || self.failed_list(id) == Some(path)
     }
@@ -137,12 +138,13 @@ impl Viewer {
         }
     }
 
-    /// Exchanges graphs, parameters and scenes of A and B, if there is a B. The camera stays at its place in the world.
+    /// Exchanges graphs, parameters and scenes of A and B, if there is a B. The camera keeps its position in the world.
     ///
-    /// If B shares A's scene, it gets its own while another is being loaded for it: A shows that one once it is loaded.
+    /// If B shares A's scene while another is being loaded for B, B keeps the shared scene as its own, and A shows the
+    /// other one once it is loaded.
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
-        // What happened before the exchange is reported with the former names.
+        // Events from before the exchange keep the former names.
         for viewport in [&mut self.a, &mut *b] {
             self.events.extend(viewport.renderer.take_events());
         }
@@ -166,7 +168,7 @@ impl Viewer {
         }
     }
 
-    /// Replaces A's scene, and returns the previous one. All cameras stay at their places in the world.
+    /// Replaces A's scene, and returns the previous one. All cameras keep their positions in the world.
     fn replace_subject(&mut self, subject: Subject) -> Subject {
         let camera = self.world_camera();
         let offset = self.scene().offset();
@@ -228,7 +230,8 @@ impl Viewer {
         }
     }
 
-    /// Takes the marks for a scene that was loaded for a viewport. Reports marks of scenes that changed.
+    /// Takes the marks for a scene that was loaded for a viewport. Reports marks that were dropped because their file
+    /// changed.
     fn marks_for(&mut self, id: RendererId, subject: &Subject) -> Option<Marks> {
         let restored = self.restored[opening::index(id)].take();
         if restored.is_some() || !self.reloads(id, &subject.path) {
@@ -252,7 +255,8 @@ impl Viewer {
         is_its_own && self.scene_path_of(id) == path && self.placed.follows(id, path)
     }
 
-    /// Shows the scene of a request, with the cameras beside it or, if some were opened later, with those.
+    /// Shows the scene of request `number` with the cameras beside it, or with the selectable cameras of a later
+    /// request.
     fn show_scene(&mut self, subject: Subject, number: u64, beside: Option<CamerasBeside>) {
         // The file was edited: keep the view while the user adjusts the placement.
         if self.reloads(RendererId::A, &subject.path) {
@@ -275,8 +279,8 @@ impl Viewer {
     }
 }
 
-/// Adds the place to the error of a list of scenes, as in the errors of graphs: the line and column that the text names,
-/// or the start of the file.
+/// Adds the location to the error of a list of scenes, as in the errors of graphs: the line and column that the text
+/// names, or the start of the file.
 fn placed_error(text: &str, path: &Path) -> String {
     let number = |name: &str| {
         let after = text.split_once(name)?.1;

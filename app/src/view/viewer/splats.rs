@@ -135,7 +135,7 @@ impl Viewer {
         begun.is_ok()
     }
 
-    /// Describes the file that is being written; `None` without one.
+    /// Describes the file that is being written; `None` if there is none.
     pub fn exporting(&self) -> Option<String> {
         self.exporter.progress()
     }
@@ -154,7 +154,8 @@ impl Viewer {
         }
     }
 
-    /// Takes the paths of lists that were loaded again since the last call, with other indices for their splats.
+    /// Takes the paths of lists of scenes that were loaded again since the last call and whose splats got other
+    /// indices.
     pub(in crate::view) fn take_reindexed(&mut self) -> Vec<PathBuf> {
         std::mem::take(&mut self.reindexed)
     }

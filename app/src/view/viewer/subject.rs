@@ -47,8 +47,8 @@ impl Marks {
     }
 
     /// Converts marks of a list of scenes, loaded as `former`, to the list as loaded again. A scene's marks follow it
-    /// to its new place in the list if its file has the same splats; otherwise they are dropped, and its file is
-    /// returned. A file that the list names several times is matched in order.
+    /// to its new position in the list if its file has the same splats; otherwise the marks are dropped, and the file
+    /// is returned. A file that the list names several times is matched in order.
     pub(super) fn carried(&self, former: &Scene, scene: &Scene) -> (Marks, Vec<PathBuf>) {
         let (mut carried, mut dropped) = ([Vec::new(), Vec::new()], Vec::new());
         let mut left: Vec<&ScenePart> = scene.parts().iter().collect();
@@ -95,7 +95,7 @@ pub enum Part {
 }
 
 pub(super) struct Search {
-    /// Camera of the picture, in the scene's coordinates.
+    /// Camera of the picture, in scene coordinates.
     pub camera: Camera,
     pub region: Region,
     pub reach: Reach,
@@ -121,7 +121,7 @@ pub(super) struct Subject {
     /// The scene as loaded.
     pub whole: Arc<Scene>,
     pub path: PathBuf,
-    /// The requested marks; `scene` shows them once it is made.
+    /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
     maker: Latest<MarkedScene>,
     /// The running search for splats in a region.
@@ -216,7 +216,7 @@ impl Subject {
         Ok(())
     }
 
-    /// Takes the marked scene once it is made. If it did not fit in memory, all splats are shown, and none is selected.
+    /// Takes the marked scene once it is made. If it did not fit in memory, all marks are dropped.
     pub fn take_drawn(&mut self) -> Result<(), String> {
         match self.maker.take() {
             None => {}

@@ -10,13 +10,13 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The chosen file, and the role of the request.
+/// The chosen file, and the role of its cameras; `None` if the request was for any file.
 type Chosen = (PathBuf, Option<CameraRole>);
 
-/// The chosen file, `None` if the user cancelled; and the time that the dialog took.
+/// The chosen file (`None` if the user cancelled), and how long the dialog was open.
 type Answer = (Option<Chosen>, Duration);
 
-/// Time within which no user can cancel a dialog. A dialog that ends earlier was never shown.
+/// Time within which no user can cancel a dialog; one that ends earlier was never shown.
 const SHOWN: Duration = Duration::from_millis(500);
 
 /// File dialog; at most one is open.
@@ -25,7 +25,7 @@ pub struct Dialog {
 }
 
 impl Dialog {
-    /// `wake` is called when the user has chosen a file or cancelled.
+    /// Creates a closed dialog. It calls `wake` when the user has chosen a file or cancelled.
     pub fn new(wake: Wake) -> Dialog {
         Dialog { answer: Latest::new("choose a file", wake) }
     }
@@ -72,8 +72,8 @@ impl Dialog {
     }
 }
 
-/// Tells a dialog that was never shown from one that was cancelled `after` this time; returns the error. On Linux, the
-/// dialog is a desktop portal's, or else zenity's, which is searched in `path`.
+/// Returns an error if a dialog that ended without a file `after` this time was never shown; `None` if it was
+/// cancelled. On Linux, a desktop portal or else zenity shows the dialog; zenity is searched for in `path`.
 fn lacking(after: Duration, path: &OsStr) -> Option<String> {
     let has_zenity = || env::split_paths(path).any(|folder| folder.join("zenity").is_file());
     let is_lacking = cfg!(target_os = "linux") && after < SHOWN && !has_zenity();

@@ -151,7 +151,7 @@ fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
 pub struct Handle(Arc<Window>);
 
 impl Handle {
-    /// Fails if the display server refuses the window.
+    /// Opens a window. Fails if the display server refuses it.
     pub fn open(target: &ActiveEventLoop, attributes: WindowAttributes) -> Result<Handle> {
         let window = library(|| target.create_window(attributes)).context("the window cannot be opened")?;
         Ok(Handle(Arc::new(window)))
@@ -161,7 +161,7 @@ impl Handle {
         library(|| call(&self.0))
     }
 
-    /// For a device to create its surface.
+    /// Returns the window, for a device to create its surface on.
     pub fn surface(&self) -> Arc<Window> {
         self.0.clone()
     }
@@ -210,7 +210,7 @@ pub fn at_most(target: &ActiveEventLoop, size: (u32, u32)) -> (u32, u32) {
 
 fn fitted(size: (u32, u32), monitor: (u32, u32)) -> (u32, u32) {
     let height = (f64::from(monitor.1) * USABLE_HEIGHT) as u32;
-    // A size equal to the monitor's was chosen for it, so panels are ignored.
+    // A size equal to the monitor's was chosen on purpose, so it is kept.
     let height = if size == monitor { monitor.1 } else { height };
     (size.0.min(monitor.0), size.1.min(height.max(1)))
 }

@@ -1,7 +1,7 @@
 //! Opens a source location in the user's editor.
 //!
 //! `VISUAL` or `EDITOR` names the editor. An editor that is not in `EDITORS`, such as one that needs a terminal, is
-//! replaced by a `vscode://` link. If that fails, the user is told the place.
+//! replaced by a `vscode://` link. If that fails, the error message names the location.
 
 use crate::draw::builtin;
 use crate::io::uri;
@@ -14,10 +14,11 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-/// Time after its start within which a program that fails has not opened the file. Later, the user may have closed it.
+/// A program that fails within this time of its start has not opened the file. After a longer time, the user may have
+/// closed it.
 const STARTING: Duration = Duration::from_secs(10);
 
-/// Arguments that name a place, where the words in braces stand for its parts.
+/// Arguments that open a location; `{file}`, `{line}` and `{column}` are replaced.
 const GOTO: &[&str] = &["--goto", "{file}:{line}:{column}"];
 const COLONS: &[&str] = &["{file}:{line}:{column}"];
 const PLUS: &[&str] = &["+{line}", "{file}"];
@@ -45,7 +46,7 @@ pub struct Editor {
 }
 
 impl Editor {
-    /// `wake` is called when a program that was started has failed.
+    /// Creates a starter of editors. It calls `wake` when a started program has failed.
     pub fn new(wake: Wake) -> Editor {
         Editor { failures: channel(), wake }
     }
@@ -85,13 +86,13 @@ impl Editor {
         Ok(())
     }
 
-    /// Takes the description of a program that failed after its start; `None` if there is none.
+    /// Takes the error message of a program that failed after its start; `None` if there is none.
     pub fn take_failure(&self) -> Option<String> {
         self.failures.1.try_recv().ok()
     }
 }
 
-/// Says what to do if the program for `editor` fails.
+/// Advises the user what to do if the program for `editor` fails.
 fn advice(editor: &str) -> String {
     let known = EDITORS.map(|(name, _)| name).join(", ");
     match editor.split_whitespace().next() {
@@ -121,7 +122,7 @@ fn chosen(variable: impl Fn(&str) -> Option<String>) -> String {
     ["VISUAL", "EDITOR"].into_iter().find_map(set).unwrap_or_default()
 }
 
-/// Returns the arguments of an editor in [`EDITORS`].
+/// Returns the arguments of an editor in [`EDITORS`]; `None` for other editors.
 fn arguments_of(program: &str) -> Option<&'static [&'static str]> {
     let name = Path::new(program).file_stem().unwrap_or_default();
     EDITORS.iter().find(|(known, _)| name == *known).map(|(_, arguments)| *arguments)

@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// An entry of the log that is no event: changes of the window and its controls, in pixels, and its frames.
+/// A log entry that is not an [`Event`]: a change of the window or its controls, in pixels, or a frame.
 #[derive(Clone, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Seen {

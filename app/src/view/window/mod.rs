@@ -38,20 +38,20 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-/// A function that sets the initial state of the shell. The pair is the window's size, in pixels.
+/// A function that sets the initial state of the shell, given the window's size in pixels.
 pub type Setup<'a> = Box<dyn FnOnce(&mut Shell, (u32, u32)) -> Result<()> + 'a>;
 
 /// Options of the window.
 pub struct WindowOptions<'a> {
     /// The scene to open and the path of its file.
     pub scene: (Scene, PathBuf),
-    /// Contents of a list of scenes before the scene was loaded from it; `None` for other files.
+    /// Contents of the list of scenes, read before its scenes were loaded; `None` for other files.
     pub list: Option<Content>,
     /// Built-in name or path of the graph.
     pub pipeline: String,
     /// Names and values of parameters to change.
     pub set: Vec<(String, String)>,
-    /// Selectable cameras, in the scene's coordinates.
+    /// Selectable cameras, in scene coordinates.
     pub cameras: Vec<Camera>,
     /// Size of the window's content, in pixels; reduced to fit on the display unless `exact_size`.
     pub size: (u32, u32),

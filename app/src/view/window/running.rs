@@ -71,7 +71,7 @@ pub struct Running {
     pub kept: Option<PathBuf>,
     pub open: dialog::Dialog,
     pub editor: editor::Editor,
-    /// The picture of the window to save with the next frame: its file, or `None` for a numbered one.
+    /// Request to save the window's picture with the next frame: the path, or `Some(None)` for a numbered name.
     pub save: Option<Option<PathBuf>>,
     /// True to save A's picture once it is read back.
     pub save_a: bool,
@@ -104,7 +104,7 @@ impl Running {
             return Ok(false);
         }
         if self.shows_nothing() {
-            // What was asked for is drawn with the first frame after the window is visible again.
+            // The first frame after the window is visible again covers the request.
             self.asked = false;
             (self.next, self.look) = (Some(now + IDLE), None);
             return Ok(false);
@@ -127,8 +127,8 @@ impl Running {
         [asked, self.next, self.look].into_iter().flatten().min().map(|time| time.max(self.earliest))
     }
 
-    /// Returns the minimum interval between frames: with vsync on Wayland, a refresh of the display. There, presenting
-    /// must not wait for the display, because a hidden window would wait forever.
+    /// Returns the minimum interval between frames: one refresh of the display with vsync on Wayland, otherwise zero.
+    /// On Wayland, presentation must not wait for the display, because a hidden window would wait forever.
     fn interval(&self) -> Duration {
         if !self.shell.panels.vsync {
             return Duration::ZERO;
@@ -189,7 +189,7 @@ impl Running {
         {
             self.save_a = false;
             match picture {
-                // The window shows any error.
+                // An error is reported as an event.
                 Ok(pixels) => _ = self.save_picture(&pixels, None, "splatgraph"),
                 Err(error) => {
                     self.shell.report(Event::FileFailed { path: fresh_name("splatgraph", "png"), error })
@@ -230,7 +230,7 @@ impl Running {
     }
 
     /// Updates the window's title, which names the pass or the error that delays the next picture. Fails if the
-    /// window's own graph never could be drawn.
+    /// window's own graph could never be drawn.
     fn show_state(&mut self) -> Result<()> {
         if let Some(failure) = self.shell.is_blind() {
             let since = *self.blind.get_or_insert_with(Instant::now);
@@ -360,7 +360,7 @@ impl Running {
         let still = match finished {
             Err(BackendError::Stuck { place, .. }) if !place.is_empty() => Some(place),
             Err(BackendError::Stuck { .. }) => Some("a frame".to_owned()),
-            // After an error of the device, there is nothing left to wait for.
+            // After a device error, no frames are left to wait for.
             Ok(()) | Err(_) => (!self.shell.is_idle(end)).then(|| "a build".to_owned()),
         };
         self.finish_export();
