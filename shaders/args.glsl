@@ -13,13 +13,13 @@ const uint ARGS_VISIBLE = 3u;
 const uint ARGS_DRAW = 4u;
 const uint ARGS_DRAWN = 8u;
 
-// The buffer `pair_counts` of tile_splats.ron: the pairs that the projection wrote, modulo 2^32; 1 if they were more; the visible splats.
+// The buffer `pair_counts` of tile_splats.ron: the pairs that the frame needs, modulo 2^32; 1 if that sum wrapped; the visible splats.
 const uint COUNTED_PAIRS = 0u;
 const uint COUNTED_WRAPPED = 1u;
 const uint COUNTED_VISIBLE = 2u;
 
-// The buffer `counts` of tile_bins.ron, the frame's statistics: the visible splats; the splats drawn; the pairs that the frame needs; the tied
-// pairs that order_ties.comp could not order.
+// The buffer `counts` of tile_bins.ron, the frame's statistics: the visible splats; the splats drawn; the pairs that the frame needs; the
+// tied pairs that order_ties.comp could not order.
 const uint COUNTS_VISIBLE = 0u;
 const uint COUNTS_DRAWN = 1u;
 const uint COUNTS_NEEDED = 2u;

@@ -10,10 +10,10 @@ layout(set = 0, binding = 30, std140) uniform Camera {
     vec4 position_low; // the rest of `position`, which f32 cannot hold; w unused
     uint frame;       // number of the frame, from 0
     // Positions in camera space are computed relative to this world point: the camera, or for a telephoto view of a distant
-    // scene a point on the camera's axis in the middle of the scene. Four vectors of three; w unused.
+    // scene a point on the camera's axis in the middle of the scene. w unused.
     vec4 origin;      // rounded to f32
     vec4 origin_low;  // the rest, which f32 cannot hold
-    vec4 to_origin;   // from the camera to it, in world space
-    vec4 view_origin; // from the camera to it, in camera space
+    vec4 to_origin;   // from the camera to `origin`, in world space
+    vec4 view_origin; // from the camera to `origin`, in camera space
     vec4 reserved;
 } camera;

@@ -45,8 +45,8 @@ float with_sign(float x, bool negative) {
     return uintBitsToFloat(floatBitsToUint(x) | (negative ? 0x80000000u : 0u));
 }
 
-// Computes the triangle. Row 0 of L belongs to the longest row of M, so that a needle is in column 0 and its width in the
-// others; the rest follow cyclically. The diagonal is not negative, so its signs can encode which row is the first.
+// Computes the triangle. Row 0 of L belongs to the longest row of M, so that a needle's length is in column 0 and its width
+// in the others; the other rows follow cyclically. The diagonal is not negative, so its signs can encode which row is first.
 Covariance3 triangle(mat3 r, vec3 s) {
     float unit = max(s.x, max(s.y, s.z));
     if (!(unit > 0.0)) {

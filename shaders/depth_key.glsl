@@ -2,8 +2,8 @@
 //
 // `float_bits` takes the bits of the float, which sort like the number if it is positive: exact at 32 bits, and still
 // exact below that if the scene's depth range has at most 2^KEY_BITS floats. `linear` gives equal steps of depth,
-// `logarithmic` equal ratios. `equalised` gives each class of depths as many keys as it has splats in this frame, in proportion,
-// and equal steps within it: at most 31 bits. Depths outside of the scene's range are clamped to it.
+// `logarithmic` equal ratios. `equalised` assigns keys to the classes of depths in proportion to their splats in this frame, in
+// equal steps within a class, and uses at most 31 bits. Depths outside of the scene's range are clamped to it.
 //
 // Every step is monotone in floating point too: integer arithmetic, or one correctly rounded operation by a constant.
 // That excludes log2() and division by the range, which need not be monotone on every device.
@@ -33,8 +33,8 @@ uint stretch(uint x, uint range) {
     const float SHARE = 1.0;
 #endif
     if (is_scaled) {
-        // x / range in units of 2^-32, times 2^KEY_BITS: the factor is rounded, but it is the same for every key. Where the range fits, it is
-        // rounded down, so that no key is clamped.
+        // x / range in units of 2^-32, times 2^KEY_BITS: the factor is rounded, but it is the same for every key. If the range fits, it
+        // is rounded down, so that no key is clamped.
         uint up = 31u - uint(findMSB(max(range, 1u)));
         float factor = exp2(float(KEY_BITS)) * (4294967296.0 / (float(range << up) + 1.0));
         factor *= is_wide ? 1.0 : SHARE;

@@ -22,7 +22,7 @@ const uint SUBGROUPS = THREADS / uint(DEVICE_SUBGROUP_SIZE);
 #include "workgroup_sum.glsl"
 
 // Returns the key before which `count` of `all` splats come. Like `stretch` of depth_key.glsl: the factor is rounded, but it is the
-// same for every class. 32 bits are taken for 31, so that it fits.
+// same for every class. A width of 32 bits counts as 31, so that `1u << bits` is defined.
 uint key_after(uint count, uint all) {
     if (all == 0u) {
         return 0u;

@@ -38,8 +38,8 @@ ImagePoint project_point(vec3 p) {
 }
 #else
 
-// Minimum of the sine of the angle from the axis in the Jacobian of a fisheye camera, beyond 90 degrees. Straight behind the camera, a splat
-// covers a ring, which no ellipse approximates.
+// Minimum of the sine of the angle from the axis in the Jacobian of a fisheye camera, beyond 90 degrees. Straight behind the camera, a
+// splat covers a ring, which no ellipse approximates.
 const float LEAST_SINE = 0.25;
 // Minimum of the cosine of the latitude in the Jacobian of an equirectangular camera.
 const float LEAST_COSINE = 1e-3;
@@ -54,8 +54,8 @@ ImagePoint project_point(vec3 p) {
     float from_axis = length(p.xy);
     vec2 around = from_axis > 0.0 ? p.xy / from_axis : vec2(1.0, 0.0);
     float angle = angle_of(from_axis, p.z);
-    // Pixels per unit of length, over the focal length: outwards, across, and along the axis. The sum of the first two, weighted by
-    // `around`, is the same in all directions on the axis.
+    // Pixels per unit of length, over the focal length: outwards, across, and along the axis. On the axis, the first two are equal,
+    // so the arbitrary `around` has no effect.
     float t = from_axis / max(p.z, 1e-30);
     float across = t < 1.0 && p.z > 0.0 ? arc_ratio(t * t) / p.z : angle / max(from_axis, LEAST_SINE * sqrt(square));
     float outwards = p.z / square;

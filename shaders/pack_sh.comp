@@ -52,7 +52,7 @@ void store(uint i) {
     vec3 constant = clamp(planes[0].xyz, -LARGEST, LARGEST);
     uvec2 head = uvec2(packHalf2x16(constant.xy), packHalf2x16(vec2(constant.z, min(most, LARGEST))));
     packed_sh[i] = head;
-    // The scale as the reader gets it. If it is 0, all coefficients are stored as 0.
+    // The scale as it is read back, rounded to a half float. If it is 0, all coefficients are stored as 0.
     float scale = unpackHalf2x16(head.y).y;
     for (uint word = 0u; word < uint(SH_WORDS); word += 2u) {
         uvec2 bytes = scale > 0.0 ? uvec2(bytes_of(word, scale), bytes_of(word + 1u, scale)) : uvec2(0u);

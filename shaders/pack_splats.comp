@@ -88,7 +88,7 @@ float cost_of_band(uint band, uint size) {
     return sum;
 }
 
-// Finds the colour that contains most of a band, or keeps `colour`, and splits the coefficients.
+// Finds the principal colour of a band, or keeps `colour`, and splits the coefficients into components along and across it.
 void split(uint band, inout vec3 colour) {
     uint bits = DIRECTION_BITS[band - 1u];
     if (bits > 0u) {

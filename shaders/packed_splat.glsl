@@ -1,15 +1,15 @@
 // The layout of packed splats, written by pack_splats.comp and read by unpack_splat.glsl.
 //
-// A splat is a record of RECORD_PLANES times 64 bits. Its fields follow one another from the lowest bit on: opacity, three scales, the
-// rotation, the constant colour, and then for each band of harmonics how large it is and its coefficients. The planes lie one
-// after the other: plane p of splat i is element p SCENE_COUNT + i.
+// A splat is a record of RECORD_PLANES times 64 bits. Its fields are packed from the lowest bit on: opacity, three scales, the
+// rotation, the constant colour, and then for each band of harmonics its size and its coefficients. The records are stored by
+// planes: plane p of splat i is element p SCENE_COUNT + i.
 //
 // - The opacity, the constant coefficients and the logarithms of the scales have steps of equal size.
 // - The rotation is the index of its largest quaternion element, and the three others, from -1/sqrt(2) to 1/sqrt(2).
 // - The three channels of a band mostly differ by factors: the band is close to one colour times one pattern over the sphere. The record
 //   has the direction of that colour, and each coefficient as its part along the colour and two parts across it (or one, at an
-//   angle). They have 2^bits steps in -s to s, and none at 0, which suits few bits best. s is the block's largest part times
-//   2^(-size / 2), with the size that costs the splat least.
+//   angle). They have 2^bits steps in -s to s, with no step at 0, which suits few bits best. s is the block's largest part times
+//   2^(-size / 2), with the size of the least squared error.
 // - A direction is the index of its largest element, and the others as shares of it.
 //
 // Scales, colours and bands have the ranges of their block of 256 consecutive splats: RANGES floats per block.

@@ -30,11 +30,11 @@ const float MARGIN = 1.0 / 64.0;
 // extent of 0 would drop a wide splat that shading keeps. Beyond the ellipse, shading drops every pixel.
 const float LEAST_LOG = 1e-6;
 
-// The largest distance of a centre from the picture, in pixels. A scene can have larger ones, up to infinity, where f32 holds
-// no picture: splats farther away are dropped.
+// The largest coordinate of a centre, in pixels. A scene can have larger ones, up to infinity, for which f32 arithmetic has no
+// meaning: these splats are dropped.
 const float FARTHEST = 9223372036854775808.0;  // 2^63
 
-// The largest half axis of a sigma, in pixels: its square is finite, and the picture is a point to it.
+// The largest semi-axis of one sigma, in pixels. Its square is finite, and such a splat is constant over the picture.
 const float LARGEST = 4611686018427387904.0;  // 2^62
 
 #include "exact_fma.glsl"
@@ -116,7 +116,7 @@ vec3 direction_of(vec3 v) {
 
 // A splat in the picture, in pixels with pixel centres at integers.
 struct Projection {
-    float depth;        // decides about the order: view z, or the distance from the camera
+    float depth;        // the order's key: view z, or the distance from the camera
     float alpha;        // opacity at the centre
     vec2 centre;
     vec2 bounds;        // half width and half height of the ellipse at the alpha floor

@@ -1,7 +1,8 @@
 // Evaluates view-dependent colour: real spherical harmonics up to degree SH_DEGREE, in the basis and the sign convention
 // of 3D Gaussian Splatting. The coefficients are in planes of four floats per splat; float 3 k + c of a splat is channel c
-// of coefficient k, so four coefficients fill three planes. Half floats have the planes one after the other in a buffer, and so
-// have 8-bit coefficients, whose planes pack_sh.comp describes. Packed splats hold theirs in their records. With LONG_SH, four half floats are loaded as a word of 64 bits.
+// of coefficient k, so four coefficients fill three planes. Half floats and 8-bit coefficients have all planes in one buffer, one
+// after the other (see pack_sh.comp). Packed splats have them in their records. With LONG_SH, four half floats are loaded as a
+// 64-bit word.
 //
 // Source of the basis: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013; signs as in Kerbl et al. 2023.
 

@@ -18,7 +18,7 @@ layout(location = 1) out vec4 blended_depth;
 #endif
 
 void main() {
-    // Distance from the centre in sigmas, along both axes. It is real, so the power is never above 0.
+    // Distance from the centre in sigmas, along both axes. The power is minus a sum of squares, so it is never above 0.
     vec2 from_centre = gl_FragCoord.xy - 0.5 - centre;
     vec2 sigmas = vec2(dot(from_centre, inverse_axes.xy), dot(from_centre, inverse_axes.zw));
     float power = -0.5 * dot(sigmas, sigmas);

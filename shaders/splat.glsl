@@ -1,5 +1,5 @@
 // A projected splat, written by project.comp for splat.vert. Its colour is in a buffer of its own (display-encoded r, g, b, not
-// below 0; w unused): a storage buffer of the smallest devices has 128 MiB.
+// below 0; w unused), because the smallest devices limit storage buffers to 128 MiB.
 struct Splat {
     vec2 centre;      // in pixels, pixel centres at integers
     vec2 major;       // half axis of the ellipse of one sigma, in pixels

@@ -3,8 +3,8 @@
 // Two alternating sets, so that one barrier per round is enough.
 shared uint subgroup_sum[2][SUBGROUPS];
 
-// Sums `value` over lower invocations, and adds the sum over all to `carry`. Must be called by the whole workgroup, in rounds that
-// count up.
+// Returns `carry` plus the sum of `value` over lower invocations, and adds the sum over all invocations to `carry`. Must be called by
+// the whole workgroup, with a `round` that increases by 1 from call to call.
 uint exclusive_sum(uint value, uint round, inout uint carry) {
     uint inclusive = subgroupInclusiveAdd(value);
     if (gl_SubgroupInvocationID == gl_SubgroupSize - 1u) {

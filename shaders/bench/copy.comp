@@ -13,7 +13,7 @@ layout(set = 0, binding = 1, std430) writeonly buffer To { uvec4 to[]; };
 
 void main() {
     uint first = group_index() * gl_WorkGroupSize.x * uint(VECTORS_EACH) + gl_LocalInvocationIndex;
-    // The number of vectors is a multiple of what a workgroup copies, so that a workgroup copies all of it or nothing.
+    // The number of vectors is a multiple of a workgroup's, so a workgroup copies its whole range or nothing.
     if (first >= uint(VECTORS)) {
         return;
     }

@@ -1,6 +1,6 @@
 #version 460
 
-// Reads a part of the copy, and makes an image of it, as every graph must.
+// Writes one vector of the copy to the graph's output image, so that the copy is not culled.
 
 layout(local_size_x = 1) in;
 

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Counts the pairs that a stable sort would not leave where they are.
+// Checks that pairs are sorted as by a stable sort, and counts the wrong ones.
 //
 // Pair i is right if its value is an index, its key belongs to this value, and pair i - 1 is less, by key and then by value. If all
 // pairs are right, they are all different, so that none was lost, and their order is the only stable one.
@@ -27,7 +27,7 @@ void main() {
         uint former = keys[i - 1u];
         right = right && (former < key || former == key && values[i - 1u] < value);
     } else {
-        // Every graph makes an image.
+        // Every graph has an output image.
         imageStore(result, ivec2(0), vec4(float(key), float(value), 0.0, 1.0));
     }
     if (!right) {

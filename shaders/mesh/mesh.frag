@@ -31,7 +31,7 @@ const float PI = 3.14159265358979;
 // Minimum roughness: the highlights of smoother surfaces are smaller than a pixel.
 const float LEAST_ROUGHNESS = 0.045;
 
-// Returns the normal of the surface, with the material's image of normals, on the camera's side.
+// Returns the surface normal with the material's normal map applied, facing the camera.
 vec3 surface_normal(Material m, vec3 to_camera) {
     vec3 n = normalize(normal);
     vec3 t = along_u - n * dot(n, along_u);

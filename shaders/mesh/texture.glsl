@@ -1,5 +1,5 @@
-// Images of materials, in one storage buffer. An image is the index of its first texel, and its width and height (the upper 16 bits).
-// Images repeat, and are interpolated between four texels.
+// Textures of materials, in one storage buffer. A texture is the index of its first texel, and its width (lower 16 bits) and height
+// (upper 16 bits). Addressing repeats, and filtering is bilinear.
 
 layout(set = 0, binding = 6, std430) readonly buffer Texels { uint texels[]; };
 
@@ -24,7 +24,7 @@ vec4 texel(uvec2 image, ivec2 at, bool is_colour) {
     return is_colour ? vec4(decode(c.r), decode(c.g), decode(c.b), c.a) : c;
 }
 
-// Returns where uv falls among the texels.
+// Converts uv to texel coordinates, with texel centres at integers.
 vec2 place_in(uvec2 image, vec2 uv) {
     return (uv - floor(uv)) * vec2(image.y & 0xffffu, image.y >> 16) - 0.5;
 }

@@ -31,7 +31,7 @@ const uint WORDS_PER_THREAD = (WORDS + THREADS - 1u) / THREADS;
 #define REORDER (DIGIT_BITS <= 10 && 4 * BLOCK_KEYS + (4 << DIGIT_BITS) <= 16384)
 
 #if REORDER
-// First the counters with the subgroups' sums behind them, then the block's keys, then its values.
+// Used three times: for the counters followed by the subgroups' sums, then for the block's keys, then for its values.
 shared uint words[max(COUNTER_WORDS + SUBGROUPS, uint(BLOCK_KEYS))];
 // The place of each bin's run, minus its offset in the block.
 shared uint bin_place[BINS];

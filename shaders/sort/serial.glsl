@@ -1,6 +1,6 @@
 // The shape of the serial sort: one block per invocation. It needs no shared memory, no barrier and no subgroup operation,
-// so it suits devices with narrow subgroups, above all those that run on the CPU: there the cache is the shared memory, and
-// communication between lanes costs more than the work.
+// so it suits devices with narrow subgroups, above all CPUs: there, the cache replaces shared memory, and communication
+// between lanes costs more than the work.
 
 #include "blocks.glsl"
 #include "digit.glsl"

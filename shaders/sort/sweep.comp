@@ -9,12 +9,12 @@
 // A digit in one dispatch: a workgroup takes a block of keys by a ticket, counts its bins, publishes the counts, and sums those of earlier
 // blocks ("decoupled look-back", Merrill and Garland 2016). Then it moves every pair to its place.
 //
-// A workgroup may not rely on others to run: Vulkan promises no progress between workgroups. One that has polled a predecessor POLLS times
-// in vain counts the predecessor's keys itself ("decoupled fallback", Smith, Levien and Owens, SPAA 2025). A word of the table holds a count
-// together with its kind, and nothing else is read because of it, so relaxed atomics of device scope suffice.
+// A workgroup must not wait for another: Vulkan guarantees no forward progress between workgroups. After POLLS polls without a result, a
+// workgroup counts the predecessor's keys itself ("decoupled fallback", Smith, Levien and Owens, SPAA 2025). A word of the table holds a
+// count and its kind, and publishes no other memory, so relaxed atomics of device scope suffice.
 //
-// The place of a key in its block is that of its bin, plus the number of keys of the same bin before it: those of lower subgroups, of earlier
-// steps of its own, and of lower lanes in the same step. The order is deterministic, so the sort is stable.
+// The place of a key in its block is that of its bin, plus the number of keys of the same bin before it: those of lower subgroups, of
+// earlier steps of its own, and of lower lanes in the same step. The order is deterministic, so the sort is stable.
 
 #include "sweep.glsl"
 #include "digit.glsl"
@@ -39,7 +39,7 @@ const uint BINS_PER_THREAD = (BINS + THREADS - 1u) / THREADS;
 const uint WINDOW = uint(LOOK_BACK);
 const uint PAIRS = (STEPS + 1u) / 2u;
 
-// First the counters of each subgroup and bin, then the block's keys in the order of the digit, then its values.
+// Used three times: for the counters of each subgroup and bin, then for the block's keys in the order of the digit, then for its values.
 shared uint words[max(COUNTERS, STEPS * THREADS)];
 // The place of each bin's run, minus its offset in the block.
 shared uint bin_place[BINS];
@@ -138,7 +138,7 @@ void main() {
     }
     barrier();
 #if STARVE
-    // Every predecessor is missing.
+    // Reverses the blocks, so that predecessors have not published yet.
     uint block = blocks - 1u - ticket;
 #else
     uint block = ticket;

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Composites the segments of each bin that has several, near to far, and adds the background. An invocation takes a pixel, in the
-// order in which the rasteriser leaves them.
+// order in which the rasteriser stores them.
 
 #include "../camera.glsl"
 #include "../groups.glsl"

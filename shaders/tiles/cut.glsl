@@ -1,5 +1,5 @@
-// Cuts the ellipse of a splat at the alpha floor by rows of pixels: its leftmost and rightmost points within some rows are those of
-// the whole ellipse if they are there, and on the nearer edge of the rows otherwise.
+// Intersects the ellipse of a splat at the alpha floor with rows of pixels. Within some rows, the leftmost point is the whole
+// ellipse's if that is in the rows, and otherwise on the nearer edge of the rows; likewise the rightmost point.
 
 // A splat relative to a square of the picture: positions in pixels from the square's first pixel.
 struct Cut {

@@ -10,8 +10,8 @@ shared uint splat_bins[BLOCK];
 shared uint splat_word[BLOCK];
 
 #if !SORTS_SPLATS
-// Writes a pair at `place`: the bin, with as many bits of the depth's key as fit below it, and the splat, with some more above its index. A
-// sort of the pairs then makes a list for each bin, near to far.
+// Writes a pair at `place`: the bin, with as many bits of the depth's key as fit below it, and the splat, with further bits of the key
+// above its index. A sort of the pairs then makes a list for each bin, near to far.
 void write_pair(uint place, uint bin, uint key, uint splat) {
     pair_keys[place] = (bin << HELD_BITS) | (key >> (KEY_BITS - HELD_BITS));
 #if REST_BITS > 0
@@ -22,7 +22,7 @@ void write_pair(uint place, uint bin, uint key, uint splat) {
 }
 #endif
 
-// Writes the block's `total` pairs, from place `start`. Invocations take equal shares of them, whatever a splat's bins.
+// Writes the block's `total` pairs, from place `start`. Invocations take equal shares of them, however many bins a splat touches.
 void write_pairs(uint start, uint total) {
     for (uint pair = thread_index(); pair < total; pair += THREADS) {
         // The splat of the pair: the first whose end exceeds the pair's number.

@@ -1,10 +1,10 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Last pass of the sort of pairs, where they are sorted once: the radix sort leaves out the lowest bits of the keys, and those bits of
-// the depth that do not fit in a key stand above the splat's index. Pairs that agree in all sorted bits stand side by side, in a *run*;
-// each counts the pairs of its run that come before it, which is its place there. A run is a few pairs long; one of more than RUN stays as
-// it is, in no particular order, and its pairs are counted. The pass also finds each bin's list.
+// Last pass of the sort of pairs, if they are sorted once. The radix sort leaves out the lowest bits of the keys, and the bits of the
+// depth that do not fit in a key are above the splat's index. Pairs that agree in all sorted bits are adjacent: a *run*. A pair's place in
+// its run is the number of the run's pairs that come before it. A run is usually a few pairs long; one of more than RUN stays in no
+// particular order, and its pairs are counted. The pass also finds each bin's list.
 
 #include "../args.glsl"
 #include "../groups.glsl"

@@ -11,8 +11,8 @@
 #endif
 
 // Projects Gaussians for the tiled rasterisers: cull, project, colour. Each invocation takes one splat. A visible splat gets
-// a record. If splats are sorted, it also gets the bins that it may touch, and its depth at its own index, an invisible one the depth -1.
-// Otherwise workgroups write the pairs of their splats and bins, and depths only for outputs.
+// a record. If splats are sorted, it also gets the bins that it may touch, and its depth; an invisible splat gets the depth -1. Otherwise
+// workgroups write the pairs of their splats and bins, and depths only for outputs.
 
 #include "../camera.glsl"
 #include "../groups.glsl"
@@ -35,7 +35,7 @@ const float ROOT_SCALE = 0.8493218002880191;
 
 // Returns the published rasteriser's radius of a splat, in pixels: three standard deviations, rounded up.
 float published_radius(Projection p) {
-    // There, the difference of the eigenvalues has a floor: the root of 0.1 square pixels.
+    // The published rasteriser bounds half of the eigenvalues' difference from below, by sqrt(0.1) square pixels.
     float least = sqrt(0.1) / (p.unit * p.unit);
     float spread = max(length(vec2(0.5 * (p.xx - p.yy), p.xy)), least);
     return ceil(3.0 * sqrt(0.5 * (p.xx + p.yy) + spread) * p.unit);

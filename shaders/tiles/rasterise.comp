@@ -5,7 +5,8 @@
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
-// Loops that end for a whole subgroup contain loops that end for a lane: the subgroup operations after these need all lanes again.
+// Loops that a whole subgroup leaves at once contain loops that lanes leave one by one. Subgroup operations after the inner loops need all
+// lanes reconverged.
 #if DEVICE_SUBGROUP_UNIFORM_CONTROL_FLOW
 #extension GL_EXT_subgroup_uniform_control_flow : require
 #define RECONVERGES [[subgroup_uniform_control_flow]]
@@ -71,12 +72,12 @@ shared uvec2 chunk_seen[THREADS];
 #define INDEX_OF_CHUNK(at) chunk_seen[at].y
 #endif
 #endif
-// A row for each 32 splats of the chunk: for each of the workgroup's cells, a bit for each of them that touches it. Rows are not a multiple
-// of the memory's banks long, because the invocations of a cell each read another row.
+// A row for each 32 splats of the chunk, with a word for each of the workgroup's cells: a bit for each splat that touches it. The row
+// length is not a multiple of the number of memory banks, because the invocations of a cell read different rows.
 const uint ROW = CELLS + 4u;
 shared uint touching[WORDS * ROW];
-// A part of each cell's list, walked at a time: positions in the chunk, a byte each. Every invocation has a word of its
-// cell's part.
+// The part of each cell's list that is walked at a time: positions in the chunk, one byte each. Every invocation has one word of
+// its cell's part.
 const uint LISTED = 4u * CELL_LANES;
 shared uint listed[THREADS];
 // Words of `touching` for each invocation of a cell.
@@ -98,7 +99,7 @@ uint bin_of(uint number, uint lane) {
     return bin;
 }
 
-// Returns the splat that this invocation takes of the chunk that starts with entry `first`; any other where it takes none.
+// Returns the splat that this invocation takes of the chunk that starts with entry `first`; an arbitrary splat if it takes none.
 uint splat_of_chunk(uint first, uint end, uint thread) {
     uint entry = first + thread - 1u;
     return lists[thread > 0u && entry < end ? entry : end - 1u];
@@ -190,8 +191,8 @@ void main() RECONVERGES {
     uint begin = range.x + segment * uint(SEGMENT_ENTRIES);
     uint end = min(begin + uint(SEGMENT_ENTRIES), range.y);
 
-    // Colour and transmittance of each pixel; its alpha floor, which no alpha reaches when it is done; whether all of an
-    // invocation's pixels in a cell are.
+    // Colour and transmittance of each pixel; its alpha floor, which is above every alpha once the pixel is done; whether all of an
+    // invocation's pixels in a cell are done.
     vec3 colours[OWN][CELL_PIXELS];
     float lights[OWN][CELL_PIXELS];
     float floors[OWN][CELL_PIXELS];
@@ -214,7 +215,7 @@ void main() RECONVERGES {
         }
     }
 
-    // Loaded a chunk ahead: a record can be loaded only when its index is there.
+    // Loaded a chunk ahead, because the load of a record has to wait for its index.
     uint next_index = begin < end ? splat_of_chunk(begin, end, thread) : 0u;
     uint round = 0u;
     for (uint first = begin; first < end; first += CHUNK, round++) {
@@ -231,7 +232,7 @@ void main() RECONVERGES {
             is_open[(round + 1u) & 1u] = 0u;
         }
         Record r = COPY_NEAR(unpack_record(stored), corner.x + 0.5 * float(BIN));
-        // Any shape, in the bin, so that mark_cells converts small numbers.
+        // An arbitrary ellipse in the bin, so that mark_cells converts small numbers.
         if (!is_entry) {
             r.centre = corner;
             r.root = vec3(1.0, 0.0, 1.0);

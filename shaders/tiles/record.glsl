@@ -1,8 +1,8 @@
 // The record of a projected splat, written by tiles/project.comp and read by the rasterisers.
 //
-// Its falloff is a square root of the inverse covariance, which is triangular: with d the distance from the centre in pixels,
-// alpha = exp2(log_alpha - u^2 - v^2), u = root.x d.x + root.y d.y, v = root.z d.y. The power is a sum of squares, so that
-// no rounding makes it grow; the factor log2(e) / 2 is part of the root.
+// Its falloff is a triangular square root of the inverse covariance: with d the vector from the centre in pixels,
+// alpha = exp2(log_alpha - u^2 - v^2), u = root.x d.x + root.y d.y, v = root.z d.y. A sum of squares is subtracted, so
+// rounding never raises alpha above the opacity. The factor log2(e) / 2 is part of the root.
 
 struct Record {
     vec2 centre;      // in pixels, pixel centres at integers
@@ -41,7 +41,7 @@ Record unpack_record(StoredRecord s) {
 #endif
 
 #if WRAPS
-// Moves a splat of a panorama by a picture's width, to its copy nearest to column `x`.
+// Moves a splat of a panorama by multiples of the picture's width, to its copy nearest to column `x`.
 Record copy_near(Record r, float x) {
     const float ROUND = float(VIEWPORT_WIDTH);
     r.centre.x += ROUND * floor((x - r.centre.x) / ROUND + 0.5);

@@ -4,8 +4,8 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Counts the pairs that the frame needs, in one workgroup. If there are more than the lists hold, only that many are sorted. If splats are
-// sorted, also turns the blocks' counts of pairs into places, by an exclusive scan.
+// Counts the pairs that the frame needs, in one workgroup. Pairs beyond the capacity of the lists are not sorted. If splats are sorted,
+// also turns the blocks' counts of pairs into places, by an exclusive scan.
 
 #include "../args.glsl"
 #include "../fold_groups.glsl"
@@ -36,7 +36,7 @@ void main() {
     bool is_wrapped = false;
 #if SORTS_SPLATS
     uint blocks = (amounts[ARGS_DRAWN] + uint(PAIR_BLOCK) - 1u) / uint(PAIR_BLOCK);
-    // This invocation's part of the sum in units of 4,096, which does not overflow.
+    // This invocation's part of the sum, in units of 4,096 to avoid overflow.
     uint coarse_part = 0u;
     uint round = 0u;
     for (uint first = 0u; first < blocks; first += THREADS * PER_THREAD) {

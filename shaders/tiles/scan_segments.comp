@@ -16,9 +16,9 @@ layout(local_size_x = SCAN_THREADS) in;
 #include "scan.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
-// The number of each bin's second segment. Word BIN_COUNT is their sum.
+// The number of each bin's second segment. Word BIN_COUNT is the count of all further segments.
 layout(set = 0, binding = 1, std430) writeonly buffer Further { uint further[]; };
-// The bins with several segments, numbered, and the number of each.
+// The bins with several segments, by number; and the number of each such bin.
 layout(set = 0, binding = 2, std430) writeonly buffer Composited { uint composited_bins[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Numbers { uint numbers[]; };
 // Two indirect dispatches, for all segments and for the pixels of bins with several segments; then the number of these bins.

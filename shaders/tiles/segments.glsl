@@ -20,7 +20,7 @@ const uint ROWS_AT_ONCE = CELL_LANES / CELL;
 const uint CELLS_AT_ONCE = RASTER_THREADS / CELL_LANES;
 const uint BIN_PIXELS = BIN * BIN;
 
-// The place of the sums of further segments, behind those of the first segments, which are placed by the numbers of their bins.
+// The place of the sums of further segments, after the sums of first segments, which are indexed by the number of their bin.
 const uint FURTHER_SUMS = uint(MOST_SEVERAL);
 
 // Returns the place, in the sums of a bin, of pixel `p` of an invocation in the cell that it takes in `turn`: neighbouring

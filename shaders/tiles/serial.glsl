@@ -1,8 +1,8 @@
 // The shape of the serial tiles, for devices on which lanes communicate slowly and barriers cost more than the work, above all
-// those that run on the CPU. No invocation waits for another: a workgroup is one subgroup, and its cache is the shared memory.
+// CPUs. No invocation waits for another: a workgroup is one subgroup, and relies on the cache instead of shared memory.
 //
 // The pairs of a splat and a bin, in the order of depth and within a splat row by row, are cut into blocks of equal length, one per
-// invocation. So an invocation's work is bounded whatever the splats' sizes: lavapipe ends its loops after 65,535 rounds in all.
+// invocation. So an invocation's work is bounded whatever the splats' sizes: lavapipe ends its loops after 65,535 iterations in all.
 
 #include "serial_lanes.glsl"
 #include "bins.glsl"

@@ -1,6 +1,6 @@
-// Blends splats over blocks of pixels, for the serial rasterisers. A tile of 16 x 16 pixels has BLOCKS blocks of 8 x 8. The lanes of
-// a subgroup are pixels of a block, VECTORS times over, so the sums of a pixel are in registers; and they are splats of the list
-// when these are loaded and tested against the tile, LOADERS at a time.
+// Blends splats over blocks of pixels, for the serial rasterisers. A tile of 16 x 16 pixels has BLOCKS blocks of 8 x 8. To blend, each
+// lane has VECTORS pixels of a block, with their sums in registers. To load splats and test them against the tile, each of LOADERS lanes
+// has one splat.
 
 #if BIN_SIDE % 16 != 0
 #error "expected bins of whole tiles of 16 x 16 pixels"
@@ -21,8 +21,8 @@ const uint ROWS = LANES < 8 ? 1u : LANES / 8u;
 // Vectors of a column, one below the other.
 const uint STEPS = VECTORS / COLUMNS;
 
-// 1 if the falloff goes from row to row by products (see `blend_column`): where many rows share the cost, and rounding and the
-// splats' least width allow it. Outputs besides the picture are more accurate than that.
+// 1 if the falloff is multiplied from row to row (see `blend_column`): where many rows share the cost, and rounding and the splats'
+// minimum width allow it. Outputs besides the picture need more accuracy.
 #define ACCURATE (RECORD == RECORD_F32 || WITH_OUTPUTS)
 #define FALLOFF_BY_PRODUCTS (LANES <= 8 && !ACCURATE && LOW_PASS != LOW_PASS_NONE && LOW_PASS != LOW_PASS_MIP)
 // Tiles along a bin's side.
@@ -66,9 +66,9 @@ float power_of_2(float x) {
 struct Splat {
     vec2 at;          // u and v of the falloff (record.glsl) at the tile's first pixel
     vec3 root;
-    float log_alpha;  // binary logarithm of the opacity; where the falloff goes by products, of its ratio to the alpha floor
+    float log_alpha;  // binary logarithm of the opacity; with FALLOFF_BY_PRODUCTS, of its ratio to the alpha floor
     vec3 colour;
-    float bend;       // factor from one vector's alpha ratio to the next one's down, if the falloff uses products
+    float bend;       // factor from one vector's alpha ratio to the next one's down, for FALLOFF_BY_PRODUCTS
 #if WITH_OUTPUTS
     Seen seen;
 #endif
@@ -105,7 +105,7 @@ Splat seen_from(vec2 corner, Record r, Limits limits AND(uint index)) {
 #else
     float log_alpha = r.log_alpha;
 #endif
-    // 1 if no float lies between: exp2() of a small number may be one step too low.
+    // Exactly 1 if no float is between: exp2() near 0 may be one float too low.
     float bend = -2.0 * dot(down, down);
     bend = bend > -4e-8 ? 1.0 : exp2(bend);
     return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, log_alpha, r.colour, bend AND(seen_splat(index)));
@@ -139,18 +139,18 @@ void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits AND(inout Pix
 #endif
 }
 
-// Returns the power of 2 of a splat's alpha at a pixel with `u` and `v` of its falloff.
+// Returns log2 of a splat's alpha (see `log_alpha`) at a pixel with `u` and `v` of its falloff.
 float power_at(Splat s, vec2 uv) {
     return s.log_alpha - (uv.x * uv.x + uv.y * uv.y);
 }
 
 #if FALLOFF_BY_PRODUCTS
-// The power that counts as far away: no row of a block's column that it is the middle of comes to the alpha floor. The
-// length of u and v changes by at most 1.551 from row to row, the root of log2(e) / 2 / 0.3, since the low pass leaves no splat
-// narrower: four rows nearer it is at least 3.28, which is 0.0006 of the alpha floor.
+// If the power in the middle row of a block's column is below this, no row of the column reaches the alpha floor. The length of
+// (u, v) changes by at most 1.551 per row, the root of log2(e) / 2 / 0.3, since the low pass leaves no splat narrower. Four rows
+// nearer, it is at least 3.28: 0.0006 of the alpha floor.
 const float FAR = -90.0;
-// An invisible alpha, from which no alpha returns to the alpha floor. None falls below it, so that no product is a denormal
-// float: arithmetic with those is slow.
+// The minimum of alpha products: arithmetic with denormal floats is slow. From this value, no row of the column returns to the
+// alpha floor.
 const float UNSEEN = 1e-20;
 
 // Blends a splat over a column of a block, from the middle up and down. `uv` are u and v of the falloff in its first row.
@@ -158,7 +158,7 @@ const float UNSEEN = 1e-20;
 // The power is a quadratic function of the row, so the ratio of a row's alpha to the last one's changes by a constant factor. That takes
 // two products a row instead of a power of 2.
 //
-// Alphas are powers of 2 times the alpha floor: a splat whose opacity is the floor has that alpha to the bit, not one below it.
+// Alphas are powers of 2 times the alpha floor: a splat whose opacity is the floor has exactly that alpha, not one rounded below it.
 void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits) {
     const uint MIDDLE = STEPS / 2u;
     uv += float(MIDDLE) * down;
@@ -183,7 +183,7 @@ void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 
 #else
 // Blends a splat over a column of a block. `uv` are u and v of the falloff in its first row.
 //
-// u and v step from row to row, and not their squares: a power that is no sum of squares can be rounded to one far above 0.
+// u and v advance from row to row, not the power: only a sum of squares cannot be rounded to a power far above 0.
 void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits AND(inout Pixel pixels_of[VECTORS])) {
     // Counts from 0, so that drivers unroll the loop.
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {

@@ -5,9 +5,9 @@
 #extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Goes on with the tiles that serial_rasterise.comp has left with light: up to DEEP_ENTRIES more entries of their lists. A workgroup
-// takes one block of a tile. All splats of a chunk are blended in one round of the loop, so that lavapipe's limit of 65,535
-// rounds is out of reach.
+// Continues the tiles that serial_rasterise.comp has left with light: up to DEEP_ENTRIES more entries of their lists. A workgroup
+// takes one block of a tile. All splats of a chunk are blended in one iteration of the loop, so that lavapipe's limit of 65,535
+// iterations is out of reach.
 
 #include "../camera.glsl"
 #include "serial.glsl"

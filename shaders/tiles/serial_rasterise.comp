@@ -7,9 +7,9 @@
 
 // Blends the first SERIAL_SEGMENT entries of a tile's list, near to far, and writes the tile. A workgroup is one subgroup, without
 // barriers or shared memory. It takes the entries CHUNK at a time: each lane loads splats and finds the blocks that they touch.
-// Then each block walks the splats that touch it, which lanes hand each other by shuffles. On a CPU only loops branch: what an
-// `if` leaves out is computed all the same. So each block has its own loop, and its first round is never wasted if a splat
-// touches it. A round blends two splats, because at its end a CPU writes all sums, with a mask.
+// Then each block walks the splats that touch it, which lanes share by shuffles. A CPU driver executes both sides of an `if`, and
+// branches only for loops. So each block has its own loop, and its first iteration is never wasted if a splat touches it. An
+// iteration blends two splats, because at its end a CPU writes all sums, with a mask.
 //
 // If a list is longer and the pixel is not opaque, the picture holds colour and transmittance, and serial_deep.comp continues.
 
@@ -23,18 +23,18 @@
 layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Lists { uint lists[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Records { StoredRecord records[]; };
-// Words 0 to 2: the indirect dispatch of serial_deep.comp; 3: the tiles left to it, and then these.
+// Words 0 to 2: the indirect dispatch of serial_deep.comp; 3: the number of tiles left to it; then these tiles.
 layout(set = 0, binding = 3, std430) buffer Deep { uint deep[]; };
 layout(set = 0, binding = 4, rgba32f) writeonly uniform image2D picture;
 
 // Splats that a lane loads at a time. More would make the blocks' loops longer, and a CPU mispredicts their ends.
 const uint OWN = LOADERS <= 16 ? 2u : 1u;
 const uint CHUNK = OWN * uint(LOADERS);
-// The bits of the chunk's splats for each block.
+// Masks of the chunk's splats, one per block, are packed PER_WORD to a word.
 const uint PER_WORD = 32u / CHUNK;
 const uint WORDS = BLOCKS / PER_WORD;
 
-// Returns the index of the lowest bit; there may be none.
+// Returns the index of the lowest set bit; an arbitrary index below CHUNK if there is none.
 uint lowest_bit(uint bits) {
 #if LOADERS < 16
     // Through a float: AVX2 has no vector instruction for finding bits.
@@ -50,7 +50,7 @@ Splat choose(bool first, Splat a, Splat b) {
                  first ? a.bend : b.bend AND(first ? a.seen : b.seen));
 }
 
-// Clears the lowest bit and returns its splat; a splat without light if no bit is left.
+// Clears the lowest set bit and returns its splat; an invisible splat if no bit is set.
 Splat next_splat(Splat own[OWN], inout uint bits) {
     uint next = lowest_bit(bits);
     Splat s = splat_of_lane(own[0], next & uint(LOADERS - 1));
@@ -64,9 +64,9 @@ Splat next_splat(Splat own[OWN], inout uint bits) {
 
 // Returns the tile of workgroup `index`, which may be to the right of the picture.
 //
-// A CPU hands each of its threads a range of workgroups of the same length, finds records in its caches if the last tiles have
-// used them, and must work as long in the upper part of a picture as in the lower. So tiles go row by row through strips of STRIP
-// columns, and strips in an order whose every part goes all over the picture: that of their bits, reversed.
+// A CPU driver gives each thread an equal range of consecutive workgroups. Tiles go row by row through strips of STRIP columns,
+// because neighbouring tiles share records in the cache. Strips are in bit-reversed order, which spreads every range over the whole
+// width of the picture, to balance the threads' load.
 uvec2 tile_at(uint index) {
     const uint STRIP_TILES = uint(STRIP) * TILES_Y;
     uint strip = index / STRIP_TILES;

@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Second pass of binning, serial: turns the pairs of each run into the place of its first one, in one invocation, and cuts all
-// pairs into blocks.
+// Second pass of binning, serial: turns the number of pairs of each run into the place of its first pair, in one invocation, and
+// cuts all pairs into blocks.
 
 #include "../args.glsl"
 #include "serial.glsl"

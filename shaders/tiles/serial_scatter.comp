@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Last pass of binning, serial: writes the lists. An invocation takes the pairs of its block in order and advances its place in the
-// bin's list by one each time, so lists are near to far, and the same in every run.
+// bin's list by one each time, so lists are near to far and deterministic.
 
 #include "../args.glsl"
 #include "serial.glsl"

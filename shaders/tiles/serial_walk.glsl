@@ -7,7 +7,7 @@ struct Walk {
     uvec2 bin;
 };
 
-// Returns the position of pair `pair`, which exists.
+// Returns the position of pair `pair`, which must exist.
 Walk walk_from(uint pair, uint count) {
     // The run of the pair: the last that starts at or before it.
     uint run = 0u;
@@ -36,8 +36,7 @@ Walk walk_from(uint pair, uint count) {
 
 // Advances to the next pair; there are `count` splats.
 //
-// Loads a splat's bins in every round: a load under a condition would cost a CPU a branch for each lane, which it cannot
-// predict.
+// Loads a splat's bins for every pair: a conditional load would cost a CPU an unpredictable branch for each lane.
 void walk_on(inout Walk w, uint count) {
     bool row_ends = w.bin.x == w.bins.last.x;
     w.bin.x = row_ends ? w.bins.first.x : w.bin.x + 1u;

@@ -15,7 +15,7 @@ const uint FORMAT_RGBA16F = 2u;
 const uint FORMAT_RGBA32F = 3u;
 const uint FORMAT_R32F = 4u;  // shown as grey
 
-// Unpacks a pixel from the last of its words that hold r, g and b, and clamps it to 0..1 as on a display.
+// Unpacks a pixel from its words with r, g and b, the last of which is `words.z`, and clamps it to 0..1 as on a display.
 vec3 unpack(uint format, uvec3 words) {
     vec3 colour;
     switch (format) {
@@ -40,7 +40,7 @@ uint words_of(uint format) {
     return format == FORMAT_RGBA16F ? 2u : format == FORMAT_RGBA32F ? 4u : 1u;
 }
 
-// Places a corner of a rectangle, of two triangles with six vertices, in the window. Lengths are in pixels.
+// Returns the clip-space position of vertex 0 to 5 of a rectangle that is drawn as two triangles. Lengths are in pixels.
 vec4 corner(vec2 first, vec2 beyond, int vertex) {
     vec2 share = vec2(vertex == 1 || vertex >= 4 ? 1.0 : 0.0, vertex >= 2 && vertex != 4 ? 1.0 : 0.0);
     return vec4(2.0 * mix(first, beyond, share) / window.size - 1.0, 0.0, 1.0);

@@ -215,7 +215,7 @@ fn keep(
 
 /// Measures every setting in the views whose rows are missing, and sends the rows to [`keep`].
 ///
-/// `ms` are the exact settings' milliseconds in each view, if known. `have` has the setting and camera of existing rows.
+/// `ms` are the exact settings' milliseconds per view, if known. `have` has the setting and camera of existing rows.
 /// With `kept`, waits after each row until it is written.
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
