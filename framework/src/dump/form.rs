@@ -491,7 +491,7 @@ impl Dump {
 }
 
 impl DumpPass {
-    /// Returns true if a run may have no time for the pass: it has no work on the device, or a backend may skip it.
+    /// Returns true if the time of the pass may be missing: it has little or no work, or a backend may skip it.
     pub fn needs_no_time(&self) -> bool {
         matches!(self.kind.as_str(), "export" | "host" | "start")
     }

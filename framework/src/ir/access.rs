@@ -1,7 +1,7 @@
 //! Defines pipeline stages, memory accesses, image layouts and hazards.
 //!
 //! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. The Vulkan backend maps
-//! them one to one; the Metal backend maps them to the two stages of a draw.
+//! them one to one; the Metal backend reduces the stages of a draw to vertex and fragment.
 
 use std::fmt;
 

@@ -93,7 +93,7 @@ pub struct LoweredInclude {
     pub span: Span,
     /// The include that contains this one, as an index into [`Lowered::includes`]; `None` in the root graph.
     pub parent: Option<usize>,
-    /// For each port, the includer's name for what it binds, and the resources: both halves for a ping-pong buffer.
+    /// For each port, the includer's name of the bound resource, and its ids: both halves of a ping-pong buffer.
     pub given: Vec<(String, Vec<ResourceId>)>,
 }
 

@@ -98,7 +98,8 @@ impl Names {
         }
     }
 
-    /// Refuses a name that is in use or not an identifier. `what` describes the named thing, `taken` the present use.
+    /// Refuses a name that is in use or not an identifier. `what` describes the named thing, and `taken` says that the
+    /// name is in use.
     pub fn check_new(&self, name: &str, what: &str, taken: &str, span: Span) -> Result<(), Diagnostic> {
         if self.values.contains_key(name) || self.live.contains(name) {
             return Err(Diagnostic::new(format!("`{name}` is declared twice"), span, taken));

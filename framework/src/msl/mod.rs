@@ -155,7 +155,6 @@ struct Translation {
     draw_index: bool,
 }
 
-/// Calls SPIRV-Cross.
 fn call(
     spirv: &[u32],
     stage: ExecutionModel,

@@ -347,7 +347,7 @@ pub enum ResourceDecl {
     },
 }
 
-// For the lint, see `Document`.
+// As for `Document`, the sizes of the variants do not matter.
 /// A pass, or a construct that generates passes.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
@@ -368,7 +368,7 @@ pub enum PassDecl {
         when: Option<Number>,
         /// File name of the compute shader, or an expression that chooses one.
         shader: Expression,
-        /// Number of workgroups.
+        /// Number of invocations or workgroups.
         size: Size,
         /// Resource for each GLSL block or image variable, by its name.
         #[serde(default)]
@@ -462,8 +462,8 @@ fn every_frame() -> Run {
     Run::Frame
 }
 
-// For the lint, see `Document`.
-/// The number of workgroups of a dispatch.
+// As for `Document`, the sizes of the variants do not matter.
+/// The size of a dispatch, in invocations or workgroups.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Size {
@@ -524,7 +524,7 @@ pub enum Call {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Target")]
 pub struct TargetDecl {
-    /// Image that is drawn to.
+    /// Image to draw into.
     pub image: Reference,
     /// Contents of the target before the draw.
     pub load: Load,
