@@ -222,7 +222,7 @@ fn names_given_twice_are_errors() {
     value_is(text, |root| root.field("a"), "2");
 }
 
-/// `framework/tests/golden/in/syntax.ron` has more.
+/// `framework/tests/golden/in/syntax.ron` has more cases.
 #[test]
 fn missing_and_wrong_punctuation_is_pointed_at() {
     fails("[1 2]", "a comma is missing", "");
