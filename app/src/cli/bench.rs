@@ -181,7 +181,8 @@ fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     }
 }
 
-/// Prints the tables, beside JSON on standard output to standard error, and writes all files. Plots have their names.
+/// Prints the tables, to standard error if the JSON goes to standard output, and writes all files. `plots` are pairs of
+/// file name and plot.
 fn finish(
     args: &Args,
     (text, csv): (&str, &str),

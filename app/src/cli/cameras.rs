@@ -51,7 +51,7 @@ pub fn load_sized(
     Ok(given)
 }
 
-/// Refuses a camera whose picture is larger than [`MAX_SIDE`] a side.
+/// Rejects a camera whose picture is wider or higher than [`MAX_SIDE`].
 pub fn check_size(camera: &Camera) -> Result<()> {
     if camera.width.max(camera.height) > MAX_SIDE {
         bail!(
@@ -135,7 +135,7 @@ pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     for (folder, view) in
         photographs.iter().flat_map(|(folder, views)| views.iter().map(move |view| (folder, view)))
     {
-        // A name that leads too far is not read, but can lead to a picture of the user.
+        // A photograph outside of the dataset is refused as an input, but no output may overwrite it either.
         let named = || Some(folder.join(&view.photograph)).filter(|path| path.is_file());
         if let Some(file) = Dataset::photograph_in(folder, view).ok().or_else(named) {
             guard.input("a photograph of the dataset", &file)?;

@@ -55,7 +55,7 @@ pub struct Args {
     by_number: bool,
 }
 
-/// Parses a PSNR. Infinity is that of equal pictures.
+/// Parses a PSNR, which may be infinite: equal pictures have an infinite PSNR.
 fn least_psnr(text: &str) -> Result<f64, String> {
     let db = text.parse().ok().filter(|db: &f64| !db.is_nan());
     db.ok_or_else(|| "expected a number of decibels, for instance 70".into())
@@ -272,7 +272,7 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
     let headers = [Image::header(&pair.a)?, Image::header(&pair.b)?];
     let [(a_width, a_height), (b_width, b_height)] = headers.map(|header| header.size);
     if (a_width, a_height) != (b_width, b_height) {
-        // Before either picture is decoded.
+        // Reject pictures of two sizes before either is decoded.
         let error = MetricError::Sizes { a_width, a_height, b_width, b_height };
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }

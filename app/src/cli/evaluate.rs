@@ -90,7 +90,7 @@ pub struct Args {
 struct View {
     name: String,
     photograph: std::io::Result<PathBuf>,
-    /// As in the dataset.
+    /// Camera as in the dataset, at its own picture size.
     camera: Camera,
 }
 
@@ -102,14 +102,15 @@ impl View {
     /// Returns the camera of the picture to draw: at `1/downscale` of the photograph's size.
     ///
     /// # Errors
-    /// The photograph cannot be read, or has another shape than the camera, up to one pixel or one percent.
+    /// The photograph cannot be read, or its aspect ratio differs from the camera's by more than one pixel and one
+    /// percent.
     fn drawn(&self, downscale: u32) -> Result<Camera> {
         let path = self.photograph()?;
         let (width, height) = Image::photograph_size(path)?;
         let (own_width, own_height) = (f64::from(self.camera.width), f64::from(self.camera.height));
         let expected = own_height * width as f64 / own_width;
         let off = (expected - height as f64).abs();
-        // A pixel of the width, too, where the height is larger.
+        // Tolerate a pixel of height; in a portrait, also a pixel of width.
         if off > f64::max(1.0, own_height / own_width) && off > 0.01 * expected {
             bail!(
                 "{}: expected a photograph of {own_width} x {own_height} pixels, or of that shape, found {width} x {height}",
@@ -304,7 +305,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (mut scores, mut missing) = (Vec::with_capacity(views.len()), Vec::new());
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
         progress.set(index as u64, views.len() as u64, &view.name);
-        // Other errors, such as a lost device or a full disk, would repeat for each view.
+        // Errors of the device and the disk end the run: they would repeat for each view.
         let score = match view.load(downscale, args.background) {
             Ok((camera, photograph)) => {
                 let drawn = drawer.draw(&camera, args.background)?;
@@ -460,7 +461,7 @@ fn check_scales(origin: &job::Origin, parts: &[Part], missing: &[usize]) -> Resu
     for (part, (_, camera)) in parts.iter().zip(present) {
         let own = camera["width"].as_f64().context("the width of a camera")?;
         let width = part.score.width as f64;
-        // Widths are rounded, and photographs cut: see `View::drawn`.
+        // Widths are rounded, and photographs may be cropped; see `View::drawn`.
         let slack = f64::max(1.0, 0.01 * width);
         let (least, most) = ((width - slack) / own, (width + slack) / own);
         low = if least > low.0 { (least, Some(part)) } else { low };
@@ -481,7 +482,8 @@ fn check_scales(origin: &job::Origin, parts: &[Part], missing: &[usize]) -> Resu
     Ok(())
 }
 
-/// Prints the scores that several processes computed, and writes them as JSON. `missing` has the views without scores.
+/// Prints the scores that several processes computed, and writes them as JSON. `missing` has the indices of the views
+/// without scores.
 ///
 /// # Errors
 /// The origin has no request, the sizes of the photographs differ, or the file cannot be written.

@@ -67,7 +67,7 @@ struct Common {
     load: LoadOptions,
 }
 
-/// Default width of the pictures, in pixels. A page holds many.
+/// Maximum width of the pictures without `--size`, in pixels. It is small because a page embeds many pictures.
 const WIDTH: u32 = 640;
 
 impl Args {

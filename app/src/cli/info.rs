@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Wanted { graph: &args.drawing.pipeline, set: &set, scene: scene_facts, catalog: &catalog, size };
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device, built)?;
     let mut fits = vec![fit];
-    // Another machine may have the smallest supported device.
+    // Also report the least capable supported device, if the scene does not fit it.
     if args.device.is_none()
         && limit.is_none()
         && device != Target::nominal()

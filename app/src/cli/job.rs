@@ -1,9 +1,9 @@
 //! Shares the views of a command among processes, through a folder.
 //!
-//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each leaves files, which are either
+//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each writes its own files, which are either
 //! complete or absent. Therefore, any number of processes may share the views, in any order: `--shard 2/8` does every
-//! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with all its
-//! files is not done again.
+//! eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view that has all its
+//! files is skipped.
 //!
 //! `job.json` in the folder names the views and all inputs that determine their results, independent of how a command
 //! line spells them. A job with another description is rejected. `merge` reads the description, joins the results, and
@@ -64,7 +64,7 @@ pub struct ShardArgs {
     pub shard: Option<Shard>,
 }
 
-/// Inputs that determine the results of views, by the name that messages show; and [`REQUEST`].
+/// Inputs that determine the results of views, by their names in messages. Also contains [`REQUEST`].
 pub type Origin = Map<String, Json>;
 
 /// Entry of an [`Origin`] with the words of the command line that merged documents repeat, such as the scene's path. It
@@ -76,8 +76,8 @@ pub struct Outputs {
     pub folder: PathBuf,
     /// File names of the views, unique and without extension.
     pub views: Vec<String>,
-    /// Files of each view, relative to the folder, or absolute if they lie outside. The first is the result, which
-    /// `merge` reads.
+    /// Files of each view, relative to the folder, or absolute if outside of it. The first is the result, which `merge`
+    /// reads.
     pub files: Vec<Vec<PathBuf>>,
 }
 
@@ -106,7 +106,7 @@ pub trait Work: Send {
     /// A view failed. Close and reopen the work before the next call.
     fn draw(&mut self, views: &[usize]) -> Result<()>;
 
-    /// Returns true if a view's files are those of its present inputs, as far as the [`Origin`] does not cover them.
+    /// Returns true if a view's files match the inputs that the [`Origin`] does not contain.
     fn is_current(&self, _view: usize) -> bool {
         true
     }
@@ -182,8 +182,8 @@ impl Manifest {
         }
     }
 
-    /// Names the inputs that differ from another description's. Of files outside the folder, only the names are
-    /// compared: each folder has its own.
+    /// Names the inputs that differ from another description's. Files outside of the folder are compared by file name
+    /// only, because each folder has its own.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
@@ -285,7 +285,7 @@ impl Job {
         is_present(&self.outputs.folder, &self.outputs.files[view]) && self.work.is_current(view)
     }
 
-    /// Removes a view's results of earlier inputs, which would count as results of the present ones.
+    /// Removes a view's files from earlier inputs, which would otherwise count as results of the present inputs.
     fn remove(&self, view: usize) -> Result<()> {
         for file in self.outputs.files[view].iter().map(|file| self.outputs.folder.join(file)) {
             match fs::remove_file(&file) {
@@ -321,7 +321,10 @@ impl Job {
     }
 }
 
-/// Does the views of a shard and reports the failures. Has the errors of [`Job::run`].
+/// Does the views of a shard and reports the failures.
+///
+/// # Errors
+/// See [`Job::run`].
 pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome> {
     let mut job = Job::new(work);
     let views = shard.views(job.views().len());
@@ -343,12 +346,13 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
-/// True if all files of a view exist and are whole, as far as their ends tell; `folder` is that of the job.
+/// Returns true if all files of a view exist and do not look truncated. `folder` is the job's folder.
 pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
     files.iter().all(|file| is_whole(&folder.join(file)).unwrap_or(false))
 }
 
-/// Files are written whole; but a full disk or a copy that was interrupted can cut them later.
+/// Detects truncated files. Files are written atomically, but an interrupted copy or a full disk can truncate them
+/// later.
 fn is_whole(path: &Path) -> Result<bool> {
     /// The last chunk of a PNG file, with its checksum.
     const PNG_END: &[u8] = b"IEND\xae\x42\x60\x82";

@@ -17,7 +17,7 @@ pub fn catalogue() -> Vec<(Target, &'static str)> {
     let integers =
         |device: DeviceFacts| DeviceFacts { features: device.features | Features::INT64, ..device };
     let device = |name: &str, facts, storage_buffers, source| {
-        // WebGPU is the only one that lists less than other devices.
+        // Only WebGPU's limit of storage images is below the other devices' limits.
         let storage_images = name.starts_with("webgpu").then_some(4);
         (Target { storage_buffers, storage_images, ..Target::new(name, facts) }, source)
     };
@@ -102,7 +102,7 @@ pub fn find(wanted: &str) -> Result<Option<Target>> {
     from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
 }
 
-/// Parses device facts: a list, of which the first device is read, one device, or the facts alone.
+/// Parses device facts from a list of devices (the first one counts), from one device, or from the facts alone.
 fn from_json(name: &str, text: &[u8]) -> Result<Target> {
     let value: Value = serde_json::from_slice(text)?;
     let device = match &value {

@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let first = &manifests[0];
     let (mut found, mut missing) = (Vec::new(), Vec::new());
     for (view, name) in first.views.iter().enumerate() {
-        // Files outside a folder are where its own description says.
+        // The paths of files outside of a folder are in the folder's own description.
         let result = |(folder, own): (&PathBuf, &Manifest)| {
             let files = own.files.get(view).filter(|files| is_present(folder, files))?;
             Some(folder.join(files.first()?))

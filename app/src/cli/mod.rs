@@ -205,7 +205,7 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     let parsed = command(&arguments)
         .try_get_matches_from(&arguments)
         .and_then(|matches| Cli::from_arg_matches(&matches));
-    // clap reports an option that the command does not have.
+    // If the command has no --json, clap's error says so.
     let unknown = parsed.as_ref().err().and_then(|error| error.get(ContextKind::InvalidArg));
     if !unknown.is_some_and(|option| *option == ContextValue::String("--json".into()))
         && let Err(error) = options::refuse_json_apart(&arguments)
@@ -214,7 +214,7 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     }
     let cli = match parsed {
         Ok(cli) => cli,
-        // clap does not say which word it means.
+        // clap's error does not name the invalid word.
         Err(error) if error.kind() == ErrorKind::InvalidUtf8 => return report(&not_utf_8(&arguments).into()),
         Err(error) => return terminal::say_usage(&error, colour()),
     };

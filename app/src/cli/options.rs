@@ -77,7 +77,8 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
         &[r, g, b] if text.split(',').count() == 3 && values.iter().all(|v| v.is_finite()) => {
-            // Float pictures keep any value: -1 or 1000 can mark the background. Integers from 2 to 255 are mistakes.
+            // Float pictures keep any value, for example -1 or 1000 to mark the background. But integers of which one
+            // is from 2 to 255 are probably 8-bit values.
             let is_byte = |value: &f32| value.fract() == 0.0 && (0.0..=255.0).contains(value);
             match values.iter().find(|value| **value >= 2.0) {
                 Some(value) if values.iter().all(is_byte) => {
@@ -93,7 +94,7 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
 /// Cancel flag that is never set.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 
-/// Opens a device while `load` loads its scene on another thread. Returns both.
+/// Opens a device while another thread runs `load`, which loads the scene. Returns both results.
 ///
 /// If `open` fails, the load is cancelled, and its error is not reported. Drivers free memory when a thread that called
 /// them ends, so the device is not opened on a thread that ends here.
@@ -154,7 +155,7 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
     Ok(content)
 }
 
-/// Reports the tags that a merged scene lost because the scenes differ, and that pictures of it do not follow.
+/// Reports the tags that a merged scene ignores, because the scenes differ in them.
 pub fn tell_mixed_tags(name: &str, scene: &Scene) {
     if let Some(tags) = scene.notes().mixed_tags() {
         say(format!("{name}: tags that are ignored, because the scenes differ in them: {tags}"));
@@ -189,7 +190,7 @@ pub fn scene_or_demo(
                 say(format!("the demo scene was generated into {}", path.display()));
                 load_scene(&path, load)?
             }
-            // Loading a level would be an error.
+            // With a level, loading the file would have been an error, too.
             Err(error) if load.level.is_some() => return Err(error.into()),
             Err(error) => {
                 say(format!("the demo scene is generated at each use, because {error}"));
@@ -292,7 +293,7 @@ pub fn cameras_of(
     cameras
 }
 
-/// Scales a camera's picture down to at most `width` pixels. Smaller pictures stay unchanged.
+/// Scales a camera's picture down to at most `width` pixels across. Smaller pictures stay unchanged.
 pub fn at_most(camera: &Camera, width: u32) -> Camera {
     if camera.width <= width {
         return camera.clone();
@@ -406,7 +407,7 @@ pub fn that_is_changed(pipeline: clap::Arg) -> clap::Arg {
     pipeline.help("The graph whose parameters are changed: the name of a built-in one, or a path; presets are measured unchanged")
 }
 
-/// Describes `--set` of the same commands.
+/// Describes `--set` of the commands that measure the settings of one graph.
 pub fn that_is_fixed(set: clap::Arg) -> clap::Arg {
     set.help("Fix a parameter of the graph in every setting; may be repeated")
 }
@@ -440,7 +441,7 @@ impl Drawing {
     }
 }
 
-/// Returns the number of pictures in work at once: `wanted`, or two for each core.
+/// Returns the maximum number of unfinished pictures: `wanted`, or by default two per worker thread.
 pub fn jobs(wanted: Option<u16>) -> usize {
     wanted.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
 }

@@ -23,13 +23,13 @@ impl From<output::guard::Conflict> for Usage {
     }
 }
 
-/// Refuses the first of some options that is given. Each entry is an option, and true if it is given.
+/// Rejects given options. Each entry is an option, and true if it is given; the error names the first.
 pub fn refuse(options: &[(&str, bool)], why: impl FnOnce(&str) -> String) -> Result<(), Usage> {
     let given = options.iter().find(|(_, is_given)| *is_given);
     given.map_or(Ok(()), |(option, _)| Err(Usage(why(option))))
 }
 
-/// Refuses options that each need the option `required`, which is not given.
+/// Rejects options that need the option `required`, which is not given.
 ///
 /// clap checks this by itself, except where `required` conflicts with another argument that is present.
 pub fn refuse_without(required: &str, options: &[(&str, bool)]) -> Result<(), Usage> {

@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Returns the `wanted` or the default device, or else the least capable supported one.
+/// Returns the device `wanted`. `None` is the default device, or without one the least capable supported device.
 fn device(wanted: Option<&str>) -> Result<Target> {
     match options::target(wanted) {
         Err(_) if wanted.is_none() => {

@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     measure::check(&cameras)?;
     let name = options::scene_name(args.scene.as_deref());
     let subject = Subject { device: &device, name, scene: scene.into(), cameras };
-    // Drawing the true pictures takes time, so errors in the graphs are reported first.
+    // Report errors in the graphs before the exact pictures are drawn, which takes long.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
     let tracks = study(&subject, &variants, &mut Console::default())?;
     let origin = json!({

@@ -41,7 +41,7 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.scene("a further scene", path)?))
     }
 
-    /// Returns the load options of one of the scenes. `--level` applies to the scenes that have levels, if any does.
+    /// Returns the load options of one scene. If any scene has levels, `--level` applies only to scenes with levels.
     fn options_of(&self, path: Option<&Path>) -> LoadOptions {
         let has_levels = |path: Option<&Path>| path.is_some_and(SceneHeader::has_levels);
         let others = || self.more.iter().map(|path| Some(path.as_path())).chain([self.scene.as_deref()]);
@@ -59,7 +59,8 @@ impl ScenesArgs {
         self.scene.iter().try_for_each(|path| fit::check_header(path, &load, device, pipeline, set))
     }
 
-    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera if it is drawn.
+    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera if that scene is
+    /// drawn.
     ///
     /// # Errors
     /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.

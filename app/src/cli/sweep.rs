@@ -106,7 +106,7 @@ impl Request {
     }
 }
 
-/// Maximum length of a camera's file name, in bytes, without what is added to it.
+/// Maximum length of a camera's file name, in bytes, without suffixes.
 const ROOM: usize = MAX_NAME_BYTES - 40;
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -249,7 +249,7 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
         guard.output("--output", &args.output.join(name))?;
     }
     PLOTS.iter().try_for_each(|name| options::claim_plot(&mut guard, &args.output, name))?;
-    // The numbers of splats are not known yet: this checks the folder.
+    // The numbers of splats are not known yet, so any number serves to check the folder.
     guard.output("--output", &args.output.join(picture_of(None, 0)))?;
     Ok(guard)
 }

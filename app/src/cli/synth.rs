@@ -120,8 +120,8 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Refuses a folder with files of another dataset: its photographs would stay among the new ones, and its model could be
-/// read instead of the new one. The same command may run again.
+/// Rejects a folder with files of another dataset: its photographs would stay among the new ones, and its model could
+/// be read instead of the new one. The same command may run again.
 fn refuse_other(folder: &Path, photographs: &[PathBuf], model: &[(PathBuf, String)]) -> Result<(), Usage> {
     let entries = |below: &str| {
         let entries = fs::read_dir(folder.join(below)).into_iter().flatten().flatten();
@@ -191,7 +191,7 @@ fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     let model =
         Dataset::colmap_text(&world, "png")?.map(|(name, text)| (folder.join("sparse/0").join(name), text));
     refuse_other(folder, &paths, &model)?;
-    // A run that is stopped leaves no model, because its photographs may be of two scenes.
+    // Remove the old model first: an interrupted run must not leave one, because its photographs may be of two scenes.
     for (path, _) in model.iter().filter(|(path, _)| path.exists()) {
         fs::remove_file(path).with_context(|| path.display().to_string())?;
     }
@@ -237,7 +237,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         note(format!("its cameras, which other commands find beside it: add --cameras {}", path.display()));
     }
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
-        // The scene file is in world coordinates, and so are COLMAP cameras.
+        // The scene file is in world coordinates, so its cameras must be, too.
         let world = cameras.iter().map(|camera| camera.in_world(scene.offset()));
         options::write_json(path, &serde_json::to_value(world.collect::<Vec<_>>())?)?;
         stdout.line(&format!("{}: {} cameras", path.display(), cameras.len()))?;

@@ -285,7 +285,7 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     }
     options::claim_plot(&mut guard, &args.output, PLOT)?;
     let pictures = args.output.join(pictures::FOLDER);
-    // The settings are not known yet: this checks the folder.
+    // The settings are not known yet, so any name serves to check the folder.
     guard.output("--output", &pictures.join("defaults.png"))?;
     let canonical = |path: &Path| path.canonicalize().ok();
     if let Some(truth) = &args.truth

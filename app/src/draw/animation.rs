@@ -1,4 +1,5 @@
-//! Detects plans whose frames may differ for equal inputs: those with a history, or that read the frame number.
+//! Detects plans whose frames may differ for equal inputs: plans with a history, and plans whose shaders read the frame
+//! number.
 
 use crate::draw::camera::{CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source};
@@ -39,7 +40,7 @@ mod tests {
         testing::plan(graph, &[], 8)
     }
 
-    /// Returns true if a graph reads the frame number when its shader computes `expression`, which may read `Camera`.
+    /// Builds a graph whose shader computes `expression`. Returns true if the plan reads the frame number.
     fn of(expression: &str) -> bool {
         let folder = tempfile::tempdir().expect("a folder");
         let shader = format!(

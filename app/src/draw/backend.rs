@@ -1,6 +1,6 @@
-//! Chooses the graphics backend: a [`Backend`] is a device of the chosen API, and forwards every call to it.
+//! Chooses the graphics backend: a [`Backend`] holds a device of the chosen API, and forwards every call to it.
 //!
-//! The program contains the APIs that its operating system supports; `--backend` chooses among them.
+//! Each build contains the APIs of its operating system; `--backend` selects one.
 
 use splatgraph_api::{
     BackendError, Compiled, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap,
@@ -178,7 +178,7 @@ macro_rules! each {
     };
 }
 
-/// Wraps the result for an API's own type in the variant of `$to` for the same API.
+/// Matches a `$from`, evaluates `$call` on its contents, and wraps the result in the variant of `$to` for the same API.
 macro_rules! wrapped {
     ($value:expr, $from:ident => $to:ident, $own:ident => $call:expr) => {
         match $value {
@@ -261,7 +261,7 @@ fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, Backen
     }
     let devices = Null::devices()?;
     splatgraph_runtime::choose(&devices.iter().collect::<Vec<_>>(), options.device.as_deref())?;
-    // On a busy machine, even the null device's threads wait for a processor.
+    // Generous: on a busy machine, even the null device's threads wait for a processor.
     const PATIENCE: Duration = Duration::from_secs(60);
     let config = Config {
         window,

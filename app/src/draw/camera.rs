@@ -41,7 +41,7 @@ struct Block {
     /// Vector from the camera to the origin: `to_origin` in world axes, `view_origin` in camera axes.
     to_origin: [f32; 4],
     view_origin: [f32; 4],
-    /// For future members, without a change of the block's size.
+    /// Space for future members, so that the block keeps its size.
     reserved: [f32; 4],
 }
 

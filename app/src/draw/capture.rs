@@ -30,7 +30,7 @@ pub enum CaptureError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The graph's output is no picture.
+    /// The graph's output is not a picture.
     #[error(transparent)]
     Pixels(#[from] PixelsError),
 }

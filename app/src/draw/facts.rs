@@ -108,7 +108,7 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
 
 /// Maximum number of storage buffers in a shader of the built-in graphs.
 ///
-/// `project` for tiles binds them, with harmonics of degree 3 and an output of depths.
+/// The maximum is reached by `project` for tiles, with harmonics of degree 3 and the output `depth`.
 pub const MAX_STORAGE_BUFFERS: usize = 20;
 
 /// Subgroup sizes of devices, ascending; 128 is Adreno's. The built-in graphs are checked for each.

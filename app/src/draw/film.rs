@@ -83,8 +83,8 @@ pub fn draw<T: Send + 'static>(
 ) -> Result<Option<f64>> {
     let mut pictures = Pictures::new(options.jobs);
     let (mut exposure, mut ms) = (Exposure::default(), Some(0.0));
-    // Waits for a frame in flight. `samples` is the number of samples of its picture, if it is the last of them: starts to
-    // encode the picture.
+    // Waits for a sample in flight. The last sample of a picture comes with the picture's number of samples, and starts
+    // its encoding.
     let mut land =
         |session: &mut Session, (id, frame, samples): (FrameId, u32, Option<usize>)| -> Result<()> {
             let result = session.wait(id)?;

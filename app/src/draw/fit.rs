@@ -63,7 +63,7 @@ impl Target {
         Target { name: name.to_owned(), facts, heap: Heap::default(), storage_buffers, storage_images }
     }
 
-    /// Returns an opened device.
+    /// Describes an opened device: its name, facts and memory.
     pub fn of(device: &DeviceInfo) -> Target {
         Target { heap: device.heap, ..Target::new(&device.name, device.facts) }
     }
@@ -153,7 +153,8 @@ fn usual_bytes(count: u64, (width, height): (u32, u32)) -> u64 {
     splats.saturating_add(pixels).saturating_add(48 << 20)
 }
 
-/// Returns the free bytes of the device's memory, or its total if that is unknown; `None` if both are.
+/// Returns the free bytes of the device's memory, or its size if the free bytes are unknown; `None` if both are
+/// unknown.
 pub fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }
@@ -225,7 +226,7 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Option<u64> 
     (fit > 0).then_some(fit)
 }
 
-/// Rejects a scene that cannot fit the device from its file's header, before its splats are loaded.
+/// Reads the header of a scene file, and rejects a scene that cannot fit the device before its splats are loaded.
 ///
 /// The header does not show which bands of harmonics are used, so only band 0 is counted.
 ///

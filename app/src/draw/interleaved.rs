@@ -1,8 +1,8 @@
 //! Draws frames of several sessions interleaved, and summarises their times.
 //!
-//! A device changes its clock with its temperature and its load. Therefore, sessions to compare draw one frame each,
-//! alternately, so that a drift affects all of them equally. The frames are divided into rounds; the medians of the
-//! rounds show the noise. Only one frame is in flight at a time.
+//! A device changes its clock with its temperature and its load. Therefore, sessions to compare draw one frame each in
+//! turn, so that a drift affects all of them equally. The frames are divided into rounds; the medians of the rounds
+//! show the noise. Only one frame is in flight at a time.
 
 use crate::draw::session::{FrameOptions, Session, SessionError};
 use crate::draw::stats::median;
@@ -117,7 +117,9 @@ fn draw(session: &mut Session, camera: &Camera, timestamps: Timestamps) -> Resul
     Ok(Timed { result, submit_ms, wall_ms: ms() })
 }
 
-/// Draws frames of several sessions interleaved, and returns their rounds. They must be prepared at the camera's size.
+/// Draws frames of several sessions interleaved, and returns the rounds of each session.
+///
+/// The sessions must be prepared at the camera's size.
 ///
 /// # Errors
 /// The device fails.
@@ -143,7 +145,9 @@ pub fn rounds(
 /// Duration of a warm-up: an idle device may run at a lower clock.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws interleaved frames for at least `least`, and returns the time of a frame of each together, in milliseconds.
+/// Draws interleaved frames for at least `least`.
+///
+/// Returns the host time of the last turn, one frame of each session, in milliseconds.
 ///
 /// # Errors
 /// The device fails.
@@ -155,14 +159,15 @@ pub fn warm_up(sessions: &mut [&mut Session], camera: &Camera, least: Duration) 
         let turn_begun = Instant::now();
         rounds(sessions, camera, turn, Timestamps::Passes)?;
         turns += 1;
-        // At least two: a graph may use the order of the previous frame.
+        // At least two turns: a graph may use the order of the previous frame.
         if turns >= 2 && begun.elapsed() >= least {
             return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
         }
     }
 }
 
-/// Computes the fraction of the frames' time on the host that the GPU draws, at most 1; `None` without timestamps.
+/// Computes the GPU's utilisation: its time divided by the host time of the frames, at most 1; `None` without
+/// timestamps.
 pub fn busy(frames: &[Timed]) -> Option<f64> {
     let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;
     let all: f64 = frames.iter().map(|frame| frame.wall_ms).sum();

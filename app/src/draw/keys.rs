@@ -262,7 +262,7 @@ struct Ties<'a> {
 }
 
 impl Ties<'_> {
-    /// Counts the wrong pairs in a run of equal keys: those whose farther splat comes first in the file.
+    /// Counts the wrong pairs in a run of equal keys: pairs whose farther splat comes first in the file.
     fn count(&mut self, run: Range<usize>) {
         let splats = &self.view.visible[run.clone()];
         let area = |splat: &Visible| {
@@ -315,7 +315,7 @@ impl Ties<'_> {
     fn find_one(&mut self, run: Range<usize>) {
         if self.greatest.is_empty() {
             let [across, down] = self.view.tiles.map(|count| count as usize);
-            // Zeros: the system provides the memory of a tile when a splat touches it.
+            // Zeroed memory is committed page by page, when a splat first touches a tile of the page.
             self.greatest = vec![(0, 0); across * down];
         }
         for at in run.clone() {

@@ -1,8 +1,8 @@
 //! Reads the images that a frame has besides its picture (alpha, depths, normals and others) as arrays and files.
 //!
-//! A graph declares them under `outputs`. [`Session::set_outputs`] requests some of them; a plan without a request does
-//! no work for them. [`draw`] draws a frame and returns its colours with its outputs. docs/splatting.md defines the
-//! built-in graphs' outputs.
+//! A graph declares them under `outputs`. [`Session::set_outputs`] requests some of them; a plan does no work for the
+//! others. [`draw`] draws a frame and returns its colours with its outputs. docs/splatting.md defines the built-in
+//! graphs' outputs.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -85,7 +85,7 @@ pub fn draw(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Res
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }
 
-/// Lists the plan's outputs as inspections after the frame's last pass, in plan order.
+/// Lists the plan's outputs as inspections after the export of the picture, in plan order.
 pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     let mut ids = (0..plan.passes.len() as u32).map(PassId);
     let after = ids.rfind(|id| plan.pass(*id).work == Work::Export);

@@ -4,9 +4,9 @@
 //! [`Picked::selected`] is first the splat with the largest share; [`Picked::step`] then selects its neighbours in
 //! depth.
 //!
-//! Whichever graph draws, the rules are [`Rules::of`] the scene, in f64: the published rasteriser's, unless the scene's
-//! file has tags. A graph with other rules (another `low_pass`, a `cutoff`, culling, an inexact order) draws a
-//! different picture, so its shares differ.
+//! Whichever graph draws, the rules are those of [`Rules::of_view`], in f64: the published rasteriser's, adapted to the
+//! tags of the scene's file and to the projection. A graph with other rules (another `low_pass`, a `cutoff`, culling,
+//! an inexact order) draws a different picture, so its shares differ.
 //!
 //! Positions on the picture are in pixels from its top left corner, right and down. The middle of the first pixel is
 //! (0.5, 0.5).

@@ -50,13 +50,14 @@ impl<T: Send + 'static> Pictures<T> {
         }
         let (sender, receiver) = channel();
         let work = move || {
-            // The pool would abort the process.
+            // rayon aborts the process if spawned work panics.
             let result = catch_unwind(AssertUnwindSafe(work));
             let result = result.unwrap_or_else(|panic| bail!("internal error: {}", panic_message(panic)));
             // After an error, nobody receives the result.
             _ = sender.send(result);
         };
-        // A thread of the pool does the work itself: it may be the only one, and the pool runs nothing while it draws.
+        // On a thread of the pool, does the work at once: the pool may have no other thread to do it while this one
+        // draws.
         if rayon::current_thread_index().is_some() {
             work();
         } else {

@@ -31,8 +31,8 @@ static SETTINGS: RwLock<Settings> =
 
 /// Sets the settings of later planners from [`Planner::default`].
 ///
-/// The first compiler and the first store stay, because planners share compiled shaders. Folders of several calls add
-/// up, and stay allowed for the process.
+/// The first compiler and the first store stay, because planners share compiled shaders. Folders accumulate over
+/// several calls, and stay allowed until the process ends.
 pub fn configure(settings: Settings) {
     let mut all = SETTINGS.write().unwrap_or_else(PoisonError::into_inner);
     all.worker = all.worker.take().or(settings.worker);
@@ -115,7 +115,7 @@ impl Planner {
         self.plan_candidate(graph, None, set, facts, catalog)
     }
 
-    /// Like [`Planner::plan`], but builds the graph at an index of [`lower::candidates`], if given.
+    /// Builds a plan like [`Planner::plan`], for the graph at index `candidate` of [`lower::candidates`], if given.
     ///
     /// # Errors
     /// The graph or its shaders have errors, or its requirements are not met.
@@ -144,7 +144,7 @@ impl Planner {
         error.map_or(Ok(plan), |error| Err(GraphErrors::new(&self.files, &[error])))
     }
 
-    /// Returns the span of the token that is declared at a place in a graph; `None` if the file is not open.
+    /// Returns the span of the token at an origin; `None` if the file is not open.
     fn token_at(&self, origin: &Origin) -> Option<Span> {
         let (file, ..) = self.files.opened().find(|(_, path, _)| *path == origin.file)?;
         let text = self.files.text(file);
@@ -326,9 +326,9 @@ impl std::error::Error for GraphErrors {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// The graph has no plan.
+    /// No plan can be built.
     Error,
-    /// The graph can be drawn all the same.
+    /// A plan can still be built.
     Warning,
 }
 

@@ -97,7 +97,7 @@ pub fn convert(camera: &Camera, graph: Projection, scene: &Scene) -> Result<Came
     Ok(camera.projected(graph, scene))
 }
 
-/// Converts a camera of any projection to a graph's, for a window, which shows every camera.
+/// Converts a camera of any projection to the graph's projection, for a window, which must show every camera.
 ///
 /// `scene` is the scene as loaded, so that hiding splats does not change the scale of an orthographic view.
 pub fn shown(camera: &Camera, graph: Projection, scene: &Scene) -> Camera {

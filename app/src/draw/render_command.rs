@@ -33,7 +33,7 @@ impl<'a, S: IntoIterator<Item = (&'a str, &'a str)>> RenderCommand<'a, S> {
         let mut words = vec!["splatgraph".to_owned(), "render".to_owned(), file(scene)];
         let mut add = |option: &str, value: String| words.extend([option.to_owned(), value]);
         add("--cameras", camera_json);
-        // The camera already has this size, which the user may edit.
+        // Redundant, because the camera has this size, but easier to edit than the JSON.
         add("--size", format!("{}x{}", camera.width, camera.height));
         add("--pipeline", graph.to_owned());
         set.into_iter().for_each(|(name, value)| add("--set", format!("{name}={value}")));

@@ -1,6 +1,6 @@
 //! Finds devices and scenes that meet the requirements of graphs.
 //!
-//! `check` and the language server use them to check the graphs of a choice that a device does not draw.
+//! `check` and the language server use them to check also the graphs of a choice that no given device draws.
 
 use crate::draw::facts::{self, SUBGROUP_SIZES, SceneFacts, set_device_fact};
 use crate::draw::planner::{GraphErrors, Planner};
@@ -70,8 +70,8 @@ pub fn builds(
 
 /// Finds cases for the graphs of `graph` whose indices are not in `drawn`.
 ///
-/// If a given case does not meet a graph's requirements, facts that they read are changed until it does. Each result
-/// differs from the others. `catalog` has the imports of a graph that draws the scene.
+/// If a given case does not meet a graph's requirements, the facts that they read are changed until it does. Equal
+/// cases of a graph are listed once. `catalog` has the imports of a graph that draws the scene.
 ///
 /// # Errors
 /// Errors of the graphs' files and of their `require`.
@@ -109,7 +109,8 @@ pub fn undrawn(
 }
 
 impl Build {
-    /// Builds the plan; `None` without a case. `set` is used for a graph alone: another graph may lack its parameters.
+    /// Builds the plan; `None` without a case. `set` is used only for a graph alone: graphs of a choice may lack its
+    /// parameters.
     pub fn plan(
         &self,
         planner: &mut Planner,
@@ -171,7 +172,7 @@ impl Case {
         self.search(&condition, &choices, &mut 10_000)
     }
 
-    /// Tries the combinations of values, at most `tries`.
+    /// Searches the combinations of values for one with which the condition holds. Tests at most `tries`.
     fn search(&self, condition: &Expr, choices: &[(&str, Vec<Value>)], tries: &mut u32) -> Option<Case> {
         let Some(((name, values), others)) = choices.split_first() else {
             *tries = tries.checked_sub(1)?;
@@ -213,7 +214,8 @@ impl Case {
                 let Some(key) = all.into_iter().find(|key| key.name() == text) else { return false };
                 scene.key_of = key;
             }
-            // No graph can require the remaining facts, so they are not changed.
+            // Not changed: values out of range, and `scene.stored_sh_degree`, on which the strides of the imports
+            // depend.
             _ => return self.facts().named().get(name) == Some(value),
         }
         true
@@ -244,7 +246,7 @@ fn values(name: &str, present: Option<&Value>, constants: &[Value]) -> Vec<Value
             let names = ["dilated", "compensated", "mip", "depth", "distance"];
             [present.clone()].into_iter().chain(names.map(|name| Value::Text(name.to_owned()))).collect()
         }
-        // An output that is not requested, or no fact.
+        // No such fact, for example an output that is not requested. No fact is a float.
         Some(Value::Float(_)) | None => present.cloned().into_iter().collect(),
     }
 }

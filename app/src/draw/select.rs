@@ -1,9 +1,8 @@
 //! Finds the splats in a region of the picture.
 //!
 //! [`Reach::Through`] selects the splats with their centres in the region, at any depth. [`Reach::Front`] selects the
-//! splats that contribute most to at least one pixel of the region, wherever their centres are. As in [`super::pick`],
-//! the rules are the published rasteriser's or those in the file's tags, in f64. A splat that the rules cull, or whose
-//! opacity is below 1/255, is in no region.
+//! splats that contribute most to at least one pixel of the region, wherever their centres are. The rules are those of
+//! [`super::pick`], in f64. A splat that the rules cull, or whose opacity is below 1/255, is in no region.
 
 use super::splat_set::{Masked, SplatSet};
 use rayon::prelude::*;

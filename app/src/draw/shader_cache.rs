@@ -19,7 +19,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
 /// Size of the cache, in bytes, above which the oldest files are deleted before another is written.
 const MAX_BYTES: u64 = 64 << 20;
-/// Number of bytes after which a file is no longer read.
+/// Maximum number of bytes that are read from a file.
 const MAX_FILE_BYTES: u64 = 16 << 20;
 /// Magic number at the start of a file. It changes with the file's layout.
 const MAGIC: &[u8; 8] = b"sgspv001";
@@ -114,7 +114,7 @@ impl SpirvStore for ShaderCache {
     }
 
     fn store(&self, key: &[u8], spirv: &[u32]) {
-        // A cache that cannot be written just stays empty.
+        // A failed write only costs a compilation in the next run.
         let _ = self.write(key, spirv);
     }
 }

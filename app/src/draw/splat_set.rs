@@ -12,7 +12,7 @@ use std::path::Path;
 /// A set of splats, by their indices in the scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SplatSet {
-    /// One bit per splat. The last word is not zero, so that equal sets have equal words.
+    /// One bit per splat. The last word is never zero, so that equal sets have equal words.
     words: Vec<u64>,
 }
 

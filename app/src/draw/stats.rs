@@ -32,7 +32,7 @@ pub struct CameraStats {
     pub driver: String,
     /// Values of all parameters of the graph, in the order of the file.
     pub parameters: Map<String, Json>,
-    /// The reason for each parameter value that comes from an expression over facts or other parameters.
+    /// Reasons of parameter values, by parameter; only for values of expressions over facts or other parameters.
     pub reasons: BTreeMap<String, Reason>,
     /// Counts by name: `loaded`, the scene's splats, and the last frame's statistics, such as `visible` and `drawn`. A
     /// statistic of the graph named `loaded` takes the place of the scene's splats.

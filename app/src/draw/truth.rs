@@ -137,7 +137,7 @@ pub fn image_of(picture: &Picture) -> Image {
     Image { width: picture.width as usize, height: picture.height as usize, rgb }
 }
 
-/// Applies changes, as pairs of name and value, to rules such as [`Rules::PUBLISHED`] or [`Rules::of`] a scene.
+/// Applies changes, as pairs of name and value, to rules such as [`Rules::PUBLISHED`] or those of [`Rules::of_view`].
 ///
 /// # Errors
 /// A name is not in [`RULES`], or a value is invalid for its rule.

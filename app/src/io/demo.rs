@@ -30,7 +30,7 @@ pub fn path() -> Option<PathBuf> {
 /// Generates the demo scene, as the bytes of its file.
 ///
 /// # Errors
-/// The memory is too small.
+/// There is not enough memory.
 pub fn generate() -> Result<Vec<u8>, Cause> {
     let generator = synth::generators().iter().find(|g| g.name == NAME);
     let scene = synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// Options of loading scenes.
 ///
-/// They may stand before or after the name of a command.
+/// They may come before or after the name of a command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, clap::Args)]
 pub struct LoadOptions {
     /// Draw scenes by the published rules, regardless of the tags in their files

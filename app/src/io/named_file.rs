@@ -1,4 +1,4 @@
-//! Reads files that options name. A pipe there is intended: `--keep <(jq ...)`.
+//! Reads files named by options. A pipe is allowed, for example `--keep <(jq ...)`.
 
 use splatgraph_assets::file;
 use std::fs::File;
@@ -8,7 +8,7 @@ use std::path::Path;
 /// Reads a file of at most `limit` bytes: a regular file, or a pipe until its last writer closes it.
 ///
 /// # Errors
-/// The errors of [`file::read`], except that of a pipe.
+/// See [`file::read`]; a pipe is not an error.
 pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>> {
     if !is_pipe(path) {
         return file::read(path, limit);

@@ -112,7 +112,7 @@ pub struct Original {
     unread: Option<String>,
 }
 
-/// Opacity, of the logit 9.9, above which the logit of the nearest float can be off by almost 0.001.
+/// Opacity (logit 9.9) above which rounding to f32 can change the logit by almost 0.001.
 const NEARLY_OPAQUE: f32 = 0.99995;
 
 /// Maximum number of properties to name.
@@ -154,7 +154,7 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     let farthest = most.corners().map(world).as_flattened().iter().fold(0.0, |far: f64, v| v.abs().max(far));
     let finer = |largest: f64| SpzVersion::position_step(largest).filter(|finer| *finer < step);
     let advice = if let Some(finer) = finer(farthest) {
-        // The step is a power of two, and so is the largest coordinate that it allows, but for one step.
+        // The step is a power of two. So is the largest coordinate that it allows, except for one step.
         let limit = finer / finest * 2048.0;
         let beyond = |index: &u32| scene.world_position(*index as usize).iter().any(|v| v.abs() >= limit);
         let count = (0..scene.count()).filter(beyond).count() as u64;
@@ -187,7 +187,8 @@ fn fraction(step: f64) -> String {
 
 /// Counts the values that a format clips.
 fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
-    // The logarithms of scales, the harmonics of band 0 and those above: what is within half a step is only rounded.
+    // Limits of the scales' logarithms, of band 0, and of the higher bands. Values within half a step of a limit are
+    // rounded to it, not clipped.
     let byte = 0.5 + 0.5 / 255.0;
     let (scales, band_0, above) = match format {
         SceneFormat::Spz => ((-10.0, 5.9375, 0.5 / 16.0), byte / 0.15, 1.0),
@@ -285,7 +286,7 @@ impl Original {
         losses
     }
 
-    /// Lists what activation loses, which changes no picture: it matters to training that goes on from the file.
+    /// Lists what activation loses. Pictures do not change, but training that continues from the file may.
     fn activated(&self, written: &Scene) -> Vec<String> {
         let mut losses = Vec::new();
         let QuaternionNorms { min, max, far_from_unit } = self.norms;

@@ -40,7 +40,7 @@ pub struct Cursor {
     pub inside: Range<usize>,
 }
 
-/// A group in `()`, `[]` or `{}`, or the whole file.
+/// A bracket with its contents: `()`, `[]` or `{}`; or the whole file.
 #[derive(Clone, Debug, Default)]
 pub struct Group {
     /// The name before the opening parenthesis, such as `Dispatch`; empty if there is none.
@@ -167,8 +167,8 @@ fn scan(text: &str, stop: Option<usize>) -> Scan {
 }
 
 /// Returns the byte offset of the quote that ends a string, or of the string's end if the quote is missing. A string
-/// may span several lines. A string that begins in the line of byte `offset` may be unfinished, though, and would
-/// swallow the rest of the file, so it ends with that line.
+/// may span several lines. But if it begins in the line of byte `offset`, it may be unfinished, and ends with that line
+/// at the latest, so that it does not swallow the rest of the file.
 fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     let last = match offset {
         Some(offset) if !text[start..offset].contains('\n') => {

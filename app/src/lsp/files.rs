@@ -28,9 +28,8 @@ pub fn canonical(path: &Path) -> PathBuf {
     if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
 }
 
-/// Lists the open graphs, and the graphs below those of the editor's `folders` that contain the file `path`. If no such
-/// folder contains it, searches the file's own folder instead, and `pipelines` in that folder and in the two folders
-/// above it.
+/// Lists the open graphs, and all graphs below the editor's `folders` that contain the file `path`. If no such folder
+/// contains it, searches the file's own folder instead, and `pipelines` in that folder and in the two folders above it.
 pub fn graphs_near(path: &Path, open: &BTreeMap<PathBuf, String>, folders: &[PathBuf]) -> Vec<String> {
     let path = canonical(path);
     let mut searched: Vec<PathBuf> =

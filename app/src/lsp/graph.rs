@@ -41,7 +41,8 @@ struct Known {
     resources: BTreeMap<String, String>,
     names: ExpressionNames,
     controls: Vec<Control>,
-    /// Facts with which the names have their values, if the nominal ones do not meet the requirements.
+    /// Facts that were changed to meet the requirements, such as `device.int64 = true`; empty if the nominal facts meet
+    /// them.
     changed: String,
     /// Dump of the first plan; `None` if none could be built.
     dump: Option<Dump>,
@@ -72,8 +73,8 @@ impl Workspace {
         found
     }
 
-    /// Builds a graph for a GPU and for a CPU, and the graphs of a choice that neither draws for devices that meet their
-    /// requirements. Returns the first errors, or the warnings if there are no errors.
+    /// Builds a graph for a GPU and for a CPU. Graphs of a choice that neither draws are built for devices that meet
+    /// their requirements. Returns the first errors, or the warnings if there are no errors.
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
         self.known.entry(path.to_owned()).or_default().dump = None;
@@ -144,7 +145,7 @@ impl Workspace {
                 Ok(Document::Graph(graph)) => {
                     let scan = Scan::of(&text);
                     for place in scan.texts.iter().filter(|place| scan.groups[place.group].lead == "let") {
-                        // Which resource it is may depend on facts: one that the plan has is described.
+                        // The choice may depend on facts: describe a resource that the plan has.
                         let chosen =
                             text[place.inside.clone()].split('\'').skip(1).step_by(2).find_map(described);
                         if let Some((key, shape)) = place.key.as_ref().zip(chosen) {
@@ -171,11 +172,11 @@ impl Workspace {
         let (path, _) = self.planner.path_and_text(file);
         let (facts, catalog) = (nominal_case(LANES[0]).facts(), facts::nominal_catalog());
         let mut of = |graph: &str| self.planner.controls(graph, &[], &facts, &catalog);
-        // The path of a built-in graph is not that of a file.
+        // The path of a built-in graph is not a file's path, so try its name.
         of(&path).or_else(|_| of(included)).unwrap_or_default()
     }
 
-    /// Returns true for a graph without an output or with ports, which is made to be included.
+    /// Returns true for a part: a graph without an output or with ports, which is made to be included.
     fn is_part(&mut self, graph: &str) -> bool {
         match self.planner.graph_text(graph).map(|text| Document::parse(&text)) {
             Some(Ok(Document::Graph(graph))) => graph.output.is_none() || !graph.ports.is_empty(),
@@ -438,7 +439,7 @@ fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
 }
 
-/// Messages of the errors that a graph made to be included always has when it is built alone.
+/// Messages of the errors that every part has when it is built alone.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
 /// Describes the resources of a plan, by the names in its graph.

@@ -78,7 +78,7 @@ pub struct Index {
 }
 
 impl Index {
-    /// Indexes the graphs at these paths, and the files that they name, directly or not.
+    /// Indexes the graphs at these paths, and the files that they name, directly or indirectly.
     pub fn of(planner: &mut Planner, paths: &[String]) -> Index {
         let mut index = Index {
             paths: HashMap::new(),
@@ -255,7 +255,7 @@ impl Index {
                 let shaders = shaders.iter().filter_map(|shader| graph.shaders.get(shader));
                 shaders.filter_map(|shader| self.first_word(*shader, name)).collect()
             }
-            // Not a name of its own: a rename of the output must leave it.
+            // `picture` is not the output's own name, so renaming the output must not change it.
             Role::Resource(within) if declarations.is_empty() && is_picture(within, name) => {
                 let outputs = self.inside(file, within).into_iter().flat_map(|file| self.output(file, 0));
                 outputs.map(|declared| self.place_of(&self.declarations[declared])).collect()
@@ -430,7 +430,7 @@ impl Index {
         })
     }
 
-    /// Iterates over shaders and the files that they include, directly or not, each once.
+    /// Iterates over shaders and the files that they include, directly or indirectly, each once.
     fn with_includes(
         &self,
         shaders: impl IntoIterator<Item = FileId>,

@@ -1,4 +1,4 @@
-//! Lists the names in a graph file or a shader: their positions, and the declaration or reference that each is.
+//! Lists the names in a graph file or a shader, with their positions and roles: declarations and references.
 
 use super::cursor::{Group, Meaning, Scan, shaders};
 use splatgraph_framework::schema::{ResourceName, is_choice};

@@ -17,8 +17,8 @@ pub type Edit = (std::ops::Range<usize>, String);
 /// `open` holds the editor's texts. They are restored in the planner after the check.
 ///
 /// # Errors
-/// The byte has no name that a graph declares, the new name is not valid, the name occurs in a built-in file, or the
-/// new name would break a graph or change its plan.
+/// There is no name at the byte that a graph declares, the new name is not valid, the name occurs in a built-in file,
+/// or the new name would break a graph or change its plan.
 pub fn rename(
     planner: &mut Planner,
     index: &Index,
@@ -106,11 +106,11 @@ impl NamelessPlan {
         }
     }
 
-    /// Describes the first difference; `None` if the plans do the same.
+    /// Describes the first difference; `None` if the plans are equivalent.
     fn change(&self, after: &NamelessPlan) -> Option<String> {
         let shader = self.shaders.iter().zip(&after.shaders).find(|(before, after)| before != after);
         if let Some(((shader, _), _)) = shader {
-            // The usual cause: the new name is already that of a variable, a function or a constant.
+            // The usual cause: a variable, a function or a constant of the shader already has the new name.
             return Some(format!(
                 "expected {shader} to compile to the same code, found other code; choose a name that the shader \
                  does not use"
@@ -144,8 +144,8 @@ fn nameless(spirv: &[u32]) -> Vec<u32> {
     code
 }
 
-/// Builds each graph for a GPU and for a CPU, and the graphs of a choice that neither draws. Returns the plans of each
-/// graph, or the first error.
+/// Builds each graph for a GPU and for a CPU. Graphs of a choice that neither draws are built, too. Returns the plans
+/// of each graph, or the first error.
 fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<NamelessPlan>, String>> {
     let build = |graph: &String| {
         let first = |errors: GraphErrors| {

@@ -210,7 +210,7 @@ type CheckResult = Result<Verdict, GraphErrors>;
 enum Warning {
     /// Warnings about a plan, as rendered text with source lines and as plain data.
     Plan { text: String, plain: Vec<PlainDiagnostic> },
-    /// A setting without an effect, with the devices.
+    /// A setting without an effect, after the subgroup widths to which this applies.
     Setting(String),
 }
 
@@ -289,13 +289,13 @@ fn check(
     Ok(Verdict::Right(verdict.to_owned() + &checked.lines.0.into_iter().map(line).collect::<String>()))
 }
 
-/// Writes the subgroup widths of a line: `16, 32 lanes: `. A named device has none.
+/// Formats the subgroup widths of a line: `16, 32 lanes: `. Empty for a named device.
 fn lanes_of(lanes: &[String], is_named: bool) -> String {
     let lanes: Vec<&str> = lanes.iter().map(String::as_str).filter(|lanes| !lanes.is_empty()).collect();
     if is_named || lanes.is_empty() { String::new() } else { format!("{} lanes: ", lanes.join(", ")) }
 }
 
-/// Lines of text, each with the subgroup widths that it is about.
+/// Lines of text, each with the subgroup widths to which it applies.
 #[derive(Default)]
 struct Lines(Vec<(String, Vec<String>)>);
 

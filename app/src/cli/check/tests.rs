@@ -74,7 +74,8 @@ fn a_scene_too_large_for_the_smallest_device_is_answered_with_one_that_fits() {
     assert_eq!(too_large(planner, "unsorted", &[], 1_000_000, &Target::nominal()), None);
 }
 
-/// Writes graphs into a new folder: the files of each name, with their texts. `GOOD` and `BAD` are names of shaders.
+/// Creates a folder with these files (name and text), and with the shaders good.comp and bad.comp, which does not
+/// compile.
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let shader = |value: &str| {
@@ -92,7 +93,7 @@ fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     folder
 }
 
-/// The text of a graph with one pass.
+/// Formats a graph with one pass.
 fn graph(require: &str, shader: &str, size: &str) -> String {
     format!(
         "Graph(version: 1, summary: \"\", output: \"image\", require: [{require}],\n  \

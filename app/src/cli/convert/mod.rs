@@ -123,7 +123,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let splats = scene_file::splats(before.count);
     stdout.line(&format!("{path}: {from}, {splats} of degree {}, {size} bytes", before.degree))?;
     if bytes == 0 {
-        // Every format has a header.
+        // Every format has a header, so 0 bytes mean a closed pipe.
         let output = output.display();
         stdout.line(&format!("{output}: the reader closed the pipe before the end of the scene"))?;
         return Ok(Outcome::Done);

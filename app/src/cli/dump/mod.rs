@@ -144,7 +144,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .into());
     }
     let mut guard = guard(args)?;
-    // Building the plan takes longer.
+    // Read the times first, because building the plan takes longer.
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = options::scene_facts(args.scene.as_deref(), &args.load)?;
     let (device, note) = match &args.device {
@@ -184,7 +184,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds GPU times to a dump. Fails if no time is of a pass of the plan, and warns if some are not.
+/// Adds GPU times to a dump. Fails if no time belongs to a pass of the plan, and warns if some times or passes are
+/// unmatched.
 fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();

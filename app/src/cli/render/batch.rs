@@ -167,7 +167,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits until no picture needs the device's memory any more.
+    /// Waits until no unfinished picture uses the device's readback memory.
     pub fn wait_for_pixels(&mut self) {
         let _span = info_span!("wait for pixels").entered();
         let (sender, receiver) = std::mem::replace(&mut self.pixels, channel());

@@ -139,7 +139,7 @@ impl Drawer {
         Ok(Some(session))
     }
 
-    /// Draws the views with these camera indices. Their files may still be being written afterwards.
+    /// Draws the views with these camera indices. May return before all files are written; see [`Drawer::finish`].
     pub fn draw(&mut self, args: &Args, views: &[usize]) -> Result<()> {
         let Drawer { loaded: Loaded { scene, cameras }, stems, with } = self;
         let mut progress = Progress::new("drawing");
@@ -185,7 +185,7 @@ impl Drawer {
         let device = session.into_device();
         let name = |name: &str| thread::Builder::new().name(name.into());
         thread::scope(|scope| {
-            // Without a thread, the scene is dropped here.
+            // If the thread cannot be started, the scene is freed here.
             _ = name("free").spawn_scoped(scope, || info_span!("free the scene").in_scope(|| drop(loaded)));
             let finishing = name("files")
                 .spawn_scoped(scope, || {

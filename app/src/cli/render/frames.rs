@@ -60,8 +60,8 @@ pub fn draw(
         kept.add(result, plan, counts);
         Ok(())
     };
-    // If several frames are measured, they follow warm-up frames, because an idle device may run at a lower clock. Their
-    // number depends on the time, so the picture must not depend on it.
+    // If several frames are measured, they follow warm-up frames, because an idle device may run at a lower clock.
+    // Their number varies from run to run, so there are none if the picture depends on the number of frames.
     let begun = Instant::now();
     let mut warm = args.repeat == 1 || is_animated(&plan);
     let (mut counted, mut first) = (0, true);

@@ -55,7 +55,7 @@ impl Kept {
 
     /// Computes the fraction of time that the device spends drawing, at most 1; `None` if it cannot be known.
     ///
-    /// The last frame is left out, because it also reads the picture back.
+    /// Measured from the end of the first frame to the end of the last but one: the last also reads the picture back.
     fn busy(&self) -> Option<f64> {
         let (between, times) = match (self.counted.as_slice(), self.done.as_slice()) {
             ([_, between @ .., _], [first, .., end, _]) if between.len() > 1 => (between, (*first, *end)),

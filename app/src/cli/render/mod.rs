@@ -30,7 +30,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut drawer = Drawer::open(args, &work, None)?;
     let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
     let closed = drawer.close();
-    // A camera that fails does not cost the statistics of those before it.
+    // If a camera fails, the statistics of the cameras before it are still written.
     if let (Some(path), Ok((stats, _))) = (&args.json, &closed)
         && (drawn.is_ok() || stats.as_array().is_some_and(|stats| !stats.is_empty()))
     {

@@ -38,7 +38,7 @@ impl Views {
     }
 }
 
-/// Returns a file's path relative to `folder`, or its absolute path if it lies outside.
+/// Returns a file's path relative to `folder`, or its absolute path if it is outside.
 fn relative(file: &Path, folder: &Path) -> PathBuf {
     let (Ok(file), Ok(folder)) = (absolute(file), absolute(folder)) else { return file.to_owned() };
     file.strip_prefix(folder).map_or(file.clone(), Path::to_owned)
@@ -62,7 +62,7 @@ impl job::Work for Views {
         let cameras = serde_json::to_value(&loaded.cameras)?;
         let Args { rule, background, backend, .. } = &self.args;
         let mut origin = match drawer.prepared()? {
-            // Includes the chosen storage: a device with less memory chooses another, and draws other pictures.
+            // Includes the chosen storage: a device with less memory chooses a smaller one, and draws other pictures.
             Some(session) => job::origin_of(session, &cameras, session.graph())?,
             None => job::origin(loaded.scene.identity(), &cameras)?,
         };
@@ -82,7 +82,7 @@ impl job::Work for Views {
 
     fn close(&mut self) -> Vec<String> {
         let closed = self.drawer.take().map(Drawer::close);
-        // All files are written, so nothing can fail.
+        // `draw` has already written all files, so there is no error to report.
         closed.and_then(Result::ok).map(|(_, messages)| messages).unwrap_or_default()
     }
 }

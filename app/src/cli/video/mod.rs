@@ -106,7 +106,7 @@ enum Destination {
 /// Properties of a film that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// From `--cameras`.
+    /// Cameras of `--cameras`; `None` for a circle.
     keys: Option<Vec<Camera>>,
     frames: u32,
     destination: Destination,
@@ -116,11 +116,11 @@ pub(super) struct Work {
 /// Reads the keys, and determines the output format.
 ///
 /// # Errors
-/// The command line is invalid, or the cameras cannot be read or make no path.
+/// The command line is invalid, or the cameras cannot be read or do not form a path.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
-    // With an option of the circle, which --cameras conflicts with, clap would waive that --closed requires --cameras.
+    // clap cannot check this: it waives `requires` if an option of the circle is given, which conflicts with --cameras.
     if args.closed && args.drawing.cameras.is_none() {
         bail!(Usage(
             "expected --cameras with --closed, found none; a circle always returns to its start".into()
@@ -173,7 +173,7 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
                 true => ", or a program built with `--features av1`",
                 false => "",
             };
-            // A film would replace an existing file, which may be the scene.
+            // Do not suggest a command that overwrites an existing file, which may be the scene.
             let film = if path.exists() { "FILM".into() } else { path.display().to_string() };
             Err(Usage(format!(
                 "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {film}`{feature}",
@@ -334,7 +334,7 @@ impl Job<'_> {
             }
         });
         match failure {
-            // Not `written`, which would report it as an error of the file.
+            // `written` would report this as an error of the file.
             Some(error) => Err(error),
             None => {
                 written?;

@@ -94,7 +94,7 @@ impl View {
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     from: View,
-    /// Second key. Its quaternion's sign gives a rotation between the keys of at most 180 degrees.
+    /// Second key. The sign of its quaternion is chosen so that the rotation from the first key is at most 180 degrees.
     to: View,
     /// Slopes at both ends.
     position: [DVec3; 2],
@@ -128,7 +128,7 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// Makes the curve through these views, back to the first if it is closed.
+    /// Makes a curve through views; a closed curve returns to the first. `radian` is that of [`View::distance`].
     pub(super) fn new(views: &[View], closed: bool, radian: f64) -> Curve {
         let noise = NOISE * views.iter().map(|view| view.rounding(radian)).fold(0.0, f64::max);
         // Consecutive equal keys share one knot.
@@ -198,7 +198,7 @@ impl Curve {
         }
     }
 
-    /// In the unit of [`View::distance`].
+    /// Returns the length of the curve, in the unit of [`View::distance`].
     pub(super) fn length(&self) -> f64 {
         self.table.last().map_or(0.0, |(length, _)| *length)
     }
@@ -260,7 +260,8 @@ fn exp(v: DVec3) -> DQuat {
     DQuat::from_xyzw(vector.x, vector.y, vector.z, cosine)
 }
 
-/// Interpolates along the great circle: along the longer arc if the signs require it, as squad does.
+/// Interpolates along the great circle. Unlike the usual slerp, does not flip signs to take the shorter arc: squad
+/// needs the arc that the signs give.
 fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
     from * exp(t * log(from.inverse() * to))
 }

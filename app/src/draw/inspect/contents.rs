@@ -12,13 +12,13 @@ pub enum Words {
     Float(Vec<f32>),
 }
 
-/// Type as which a buffer's words are read; an image's texels have the type of its format.
+/// Type of a buffer's words; an image's texels have the type of its format.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReadAs {
     /// Unsigned integers.
     #[default]
     Uint,
-    /// Floats with the bits of the words.
+    /// Floats, from the bits of the words.
     Float,
 }
 

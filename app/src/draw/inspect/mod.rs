@@ -129,7 +129,7 @@ pub struct Finding {
     /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]) and the order is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
-    /// Says why the order of the keys is unknown.
+    /// Reason why the order of the keys is unknown; `None` if it is known, or if there are no keys.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknown_order: Option<String>,
     /// Number of compared keys, as in [`KeyOrder::keys`]; `None` like `order`.

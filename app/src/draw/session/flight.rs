@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tracing::info_span;
 
-/// Maximum number of frames whose inputs are kept: as many as a device keeps the results of.
+/// Maximum number of frames whose inputs are kept. A device keeps the results of as many frames.
 const MAX_FLYING: usize = 64;
 
 impl Session {

@@ -48,12 +48,12 @@ pub enum SessionError {
     /// The camera has another projection than the graph.
     #[error(transparent)]
     Projection(#[from] ProjectionError),
-    /// The scene has no splats, and the graph cannot be planned without.
+    /// The scene has no splats, and the graph cannot be planned without splats.
     #[error(
         "expected a scene with splats, found one without ({dropped} dropped), which the graph cannot draw:\n{errors}"
     )]
     NoSplats {
-        /// Number of splats of the file or the arrays that cannot be drawn.
+        /// Number of splats in the file or the arrays that were dropped because they cannot be drawn.
         dropped: u64,
         /// Errors of the graph. Their text is part of this error's message, so they are not a `source`.
         errors: GraphErrors,
@@ -288,8 +288,8 @@ impl Session {
 
     /// Chooses the most accurate storage that fits in the device's memory, for pictures of this size.
     ///
-    /// See [`Choice::within`]. `None`, with unchanged storage, also if there is no limit and the scene is small for the
-    /// device.
+    /// Returns `None` like [`Choice::within`], and if there is no limit and the scene is small for the device. The
+    /// storage is then unchanged.
     ///
     /// # Errors
     /// There is a limit, and the graph has errors, or no storage fits.
@@ -359,8 +359,11 @@ impl Session {
 
     /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
-    /// Returns true if it loaded a plan; the next frame then runs the prologue. Prints to standard error the warnings
-    /// of plans, equal ones once, and, whenever these change, the graphs of a choice that the device cannot run.
+    /// Returns true if it loaded a plan; the next frame then runs the prologue. Prints to standard error each warning
+    /// about a plan once, and the graphs of a choice that the device cannot run, whenever that list changes.
+    ///
+    /// # Errors
+    /// The graph or its shaders have errors, or the device rejects the plan.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -408,7 +411,8 @@ impl Session {
         Ok(())
     }
 
-    /// Lists the settings that have no effect in the current plan, as lines with reasons. Returns each line once.
+    /// Lists the settings that have no effect in the current plan, as lines with reasons. Each setting is listed once
+    /// per session.
     ///
     /// An unused mesh is listed as well. Call this for settings of the user: measurements set parameters regardless of
     /// their effect.

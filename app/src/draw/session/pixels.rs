@@ -6,13 +6,13 @@ use half::slice::HalfFloatSliceExt;
 use splatgraph_api::Pixels;
 use splatgraph_framework::ir::Format;
 
-/// The reason why a graph's output is no image.
+/// The reason why a graph's output is not an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PixelsError {
     /// The device returned no picture.
     #[error("expected a picture from the device, found none")]
     Missing,
-    /// The output has a format without colours, which has this name.
+    /// The output has a format without colours; the name is that of the format.
     #[error("expected colours in the graph's output, found the format {0}")]
     NoColours(&'static str),
     /// The bytes do not match the size.

@@ -11,7 +11,7 @@ const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/growin
 
 const SIZE: (u32, u32) = (32, 16);
 
-/// Makes a session on a device whose every frame needs this many entries.
+/// Makes a session on a device on which every frame needs this many entries.
 fn session(needed: u32, config: Config) -> (Session, Journal, Camera) {
     let (null, journal) = open(&Config { read: needed, ..config });
     let scene = synth::generate("demo", 10, 0).expect("a scene");

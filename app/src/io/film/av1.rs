@@ -25,7 +25,7 @@ pub(super) struct Film<'a> {
     out: &'a mut dyn Write,
     context: Context<u8>,
     muxer: Mp4FileMuxer,
-    /// Encoded packets so far.
+    /// The file so far: its initial boxes, then the encoded packets.
     bytes: Vec<u8>,
     size: (u32, u32),
     rate: Rate,

@@ -56,7 +56,7 @@ impl Format {
     /// # Errors
     /// A GIF has more than 50 frames per second.
     pub fn check_rate(self, rate: Rate) -> Result<(), String> {
-        // The delays of a GIF are hundredths of a second, and browsers replace those below 0.02 s by 0.1 s.
+        // The delays of a GIF are hundredths of a second, and browsers replace delays below 0.02 s by 0.1 s.
         if self == Format::Gif && rate.per_second() > 50.0 {
             return Err(format!(
                 "expected at most 50 frames per second in a .gif, found {rate}: players show shorter frames for 0.1 s; an .apng keeps the rate"

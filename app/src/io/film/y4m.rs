@@ -66,7 +66,7 @@ impl<'a> Film<'a> {
         rate: Rate,
     ) -> Result<Self, Cause> {
         let Rate { frames, seconds } = rate;
-        // FFmpeg reads the last two words, which are comments by the format.
+        // FFmpeg reads the last two words, which the format defines as comments.
         writeln!(
             out,
             "YUV4MPEG2 W{width} H{height} F{frames}:{seconds} Ip A1:1 C420jpeg XYSCSS=420JPEG XCOLORRANGE=LIMITED"

@@ -65,8 +65,8 @@ pub fn save_values(
     })?)
 }
 
-/// The layer of a file that is read as the picture: the first one with R, G and B, else the first one with the only
-/// channel of a layer.
+/// The layer that is read as the picture: the first one with R, G and B. If there is none, the first single-channel
+/// layer decides: the first layer with a channel of that name is read.
 struct Found {
     header: Header,
     /// Name of the only channel; `None` for R, G and B.

@@ -100,7 +100,7 @@ pub(super) fn member_header(archive: &Path, array: &str) -> Result<Header, Image
     header_of(archive, &begin(member).map_err(|e| ImageError::new(archive, e))?)
 }
 
-/// Finds an array in an archive, to be read as far as its own header says.
+/// Opens an array of an archive. The array's own header, not the archive, determines how much is read.
 fn member<'a>(
     archive: &Path,
     npz: &'a mut ZipArchive<BufReader<File>>,
@@ -165,7 +165,7 @@ fn read<R: Read>(path: &Path, npy: NpyFile<R>) -> Result<(Image<f64>, Depth), Im
             let level = |v: u8| f64::from(f32::from(v) / 255.0);
             Ok((pixels(path, npy, size, level)?, Depth::Levels(u8::MAX.into())))
         }
-        // Counts and indices.
+        // uint32: counts and indices.
         Some((TypeChar::Uint, 4)) if channels == 1 => {
             Ok((pixels(path, npy, size, |value: u32| value.into())?, Depth::Double))
         }

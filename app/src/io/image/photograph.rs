@@ -68,7 +68,7 @@ impl Image {
         Ok(Image { width, height, rgb })
     }
 
-    /// Shrinks the picture to a size by averaging. A pixel counts in each new pixel by its overlap.
+    /// Shrinks the picture to a size by averaging. Each pixel is weighted by its overlap with the new pixel.
     pub fn averaged(&self, width: usize, height: usize) -> Image {
         let across = weights(self.width, width);
         let down = weights(self.height, height);

@@ -111,7 +111,7 @@ impl Image {
         self.rgb.as_flattened().iter().map(|&value| level(value)).collect()
     }
 
-    /// Shrinks the picture to at most `width` columns, as [`Image::averaged`] does. Its proportions stay.
+    /// Shrinks the picture to at most `width` columns, as [`Image::averaged`] does. Keeps the aspect ratio.
     pub fn reduced(&self, width: usize) -> Image {
         let width = width.min(self.width);
         self.averaged(width, (self.height * width).div_ceil(self.width))

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::Path;
 
-/// Writes a picture. Unless its values are `colors`, the file does not declare them as sRGB.
+/// Writes a picture. The file declares sRGB only if its values are `colors`.
 pub(super) fn write(image: &Image, colors: bool, out: &mut dyn Write) -> Result<(), Cause> {
     let mut encoder = png::Encoder::new(out, image.width as u32, image.height as u32);
     encoder.set_color(png::ColorType::Rgb);
@@ -47,7 +47,8 @@ pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     load_over(path, None)
 }
 
-/// Loads a file, and blends it over the background if both exist. Also returns the level of white: 255 or 65535.
+/// Loads a file. If it has alpha and a background is given, blends it over the background. Also returns the level of
+/// white: 255 or 65535.
 pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {
     let fail = |e: png::DecodingError| ImageError::new(path, e);
     let (decoder, (width, height)) = decoder(path)?;

@@ -1,4 +1,4 @@
-//! Injects faults in tests: the nth step of writing files on a thread fails. In programs, no step fails.
+//! Injects faults in tests: the nth step of writing files on a thread fails. Outside of tests, no step fails.
 
 #[cfg(test)]
 pub use injected::*;

@@ -40,7 +40,7 @@ fn shown(path: &Path) -> std::path::Display<'_> {
 }
 
 impl OutputError {
-    /// Returns true if a new file was not written because something has its name.
+    /// Returns true if a new file was not written because its name is taken.
     pub fn is_taken(&self) -> bool {
         let cause = self.cause.downcast_ref::<io::Error>();
         cause.is_some_and(|error| error.kind() == ErrorKind::AlreadyExists)
@@ -71,8 +71,8 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
 /// Writes a new file, as [`write()`] does, and replaces nothing: of two programs that write one file, one fails.
 ///
 /// # Errors
-/// Those of [`write()`]. If anything has the name, even a link that leads nowhere, the cause is an [`io::Error`] of the
-/// kind [`ErrorKind::AlreadyExists`].
+/// Those of [`write()`]. If anything has the name, even a dangling link, the cause is an [`io::Error`] of the kind
+/// [`ErrorKind::AlreadyExists`].
 pub fn write_new(
     path: &Path,
     body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>,
@@ -97,7 +97,7 @@ pub fn is_standard_output(path: &Path) -> bool {
     matches!(Target::of(path), Ok(Target::StandardOutput))
 }
 
-/// Checks that [`write()`] could create or replace this file. Its folder exists.
+/// Checks that [`write()`] could create or replace this file. Its folder must exist.
 pub(super) fn check(target: PathBuf) -> io::Result<()> {
     Unfinished::create(target).map(drop)
 }
@@ -123,7 +123,7 @@ fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>)
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Existing {
     Replaced,
-    /// Writing the new file fails.
+    /// The existing file is kept, and writing the new one fails.
     Kept,
 }
 
@@ -244,7 +244,7 @@ pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 
 /// Removes unfinished files. No file can be named while the returned guard lives.
 ///
-/// `None` if a thread holds the lock for half a second: it then waits for the reader of a full pipe.
+/// `None` if another thread holds the lock for half a second, because the reader of a full pipe blocks it.
 #[cfg(unix)]
 pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     for _ in 0..100 {

@@ -2,7 +2,7 @@
 //!
 //! A command lists the files that it reads and the files that it will write. Two paths to one file count as the same
 //! file. An output must not be an input, another output or a folder. It must not lie inside a file, its name must not
-//! be too long for the file system, and its folder must be writable. Nothing is created, not even its folder.
+//! be too long for the file system, and its folder must be writable. The checks leave no file and no folder behind.
 
 use super::file::{self, Target, folder_of, refuse_protected};
 use super::names::MAX_NAME_BYTES;
@@ -17,7 +17,7 @@ use std::path::{Component, Path, PathBuf};
 /// Maximum length of a path, in bytes, including its terminator.
 const MAX_PATH_BYTES: usize = 4096;
 
-/// An error: the output cannot be written, or would destroy a file.
+/// Error about an output that cannot be written, or would destroy a file.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Conflict(String);
@@ -127,7 +127,7 @@ impl OutputGuard {
         target.map_or(Ok(()), |target| self.check(target)).map_err(|error| unreachable(what, path, &error))
     }
 
-    /// Checks that a file can be created or replaced. Its folder exists.
+    /// Checks that a file can be created or replaced. Its folder must exist.
     fn check(&mut self, target: PathBuf) -> io::Result<()> {
         let folder = folder_of(&target);
         let folder = existing(folder, &fs::metadata(folder)?)?;

@@ -1,4 +1,4 @@
-//! Writes a file of lines that others read while it grows.
+//! Writes a log: a file of lines that other programs read while it grows.
 
 // Only this module and `file` create files. The lint forbids it elsewhere.
 #![allow(clippy::disallowed_methods)]
@@ -9,7 +9,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// A file of lines that others read while it grows, such as the viewer's events.
+/// A file of lines that other programs read while it grows, such as the viewer's events.
 ///
 /// It is written in place, by whole lines. A failure ends the log, but not the program.
 pub struct Log {

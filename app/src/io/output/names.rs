@@ -18,7 +18,7 @@ pub const MAX_NAME_BYTES: usize = 255;
 /// Minimum length that is left for a camera's name, in bytes: for its hash, its index, and a recognisable part.
 pub const MIN_ROOM_BYTES: usize = 48;
 
-/// Returns true if the path ends in a separator, which makes it a folder's whatever its extension.
+/// Returns true if the path ends in a separator, and therefore names a folder, whatever its extension.
 pub fn ends_in_separator(path: &Path) -> bool {
     path.as_os_str().as_encoded_bytes().last().is_some_and(|byte| is_separator(char::from(*byte)))
 }

@@ -1,4 +1,4 @@
-// Sorts the tables of the page by a column, shows the rows that hold a text, and shows the pictures of a row.
+// Sorts the tables of the page by a column, filters their rows by a text, and shows the pictures of a row.
 for (const box of document.querySelectorAll(".sortable")) {
   const body = box.querySelector("tbody");
   const rows = [...body.rows];
@@ -6,7 +6,7 @@ for (const box of document.querySelectorAll(".sortable")) {
   const value = (row, at) => {
     const text = row.cells[at].textContent;
     const number = parseFloat(text);
-    // Equal pictures have no error at all.
+    // Equal pictures have an infinite PSNR.
     return text === "equal" ? Infinity : Number.isNaN(number) ? text : number;
   };
   const compare = (a, b) =>

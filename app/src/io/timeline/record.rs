@@ -123,7 +123,7 @@ pub fn start(begun: Instant, before: &'static str) {
     *running = Some(Running { begun, threads, open: HashMap::new(), flying: HashMap::new(), recording });
     drop(running);
     ACTIVE.store(true, Ordering::Relaxed);
-    // Fails for later recordings of the process.
+    // Fails if an earlier recording of the process has already set it.
     let _ = tracing::subscriber::set_global_default(Recorder);
 }
 
