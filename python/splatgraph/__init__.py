@@ -28,7 +28,7 @@ from ._rasterization import rasterization
 from ._renderer import Param, Params, Renderer
 from ._studies import Advice, Ledger, Line, Share, Tried, advise, trade
 
-# Shaders are compiled in a second process, so that a broken one cannot end this one.
+# Shaders are compiled in a second process, so that a crash of the compiler cannot end this one.
 if _sys.executable:
     _native._set_process(_sys.executable, _native.__file__)
 

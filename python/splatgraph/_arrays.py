@@ -20,7 +20,7 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
 def picture(value: Any, name: str, shape: Sequence[int | None]) -> np.ndarray:
     """Returns a picture as `array` does, in float32. Integers of 8 and 16 bits are divided by their maximum, which is white.
 
-    Other integers have no such maximum. Taken as they are, they would be black, white, and values far above.
+    Other integers are refused, because it is unknown which value is white.
     """
     found = _found(value, name, shape)
     if found.dtype.kind not in "iu":

@@ -27,8 +27,8 @@ def compare(a: Any, b: Any) -> Comparison:
     """Measures the difference between two pictures of the same size.
 
     Args:
-        a: display-encoded colours, [height, width, 3]: floats of which 0 is black and 1 is white, uint8 or uint16.
-        b: the same.
+        a: display-encoded colours, [height, width, 3]: floats (0 is black, 1 is white), uint8 or uint16.
+        b: like `a`.
     """
     found = _native.compare(a, b)
     worst = found["worst"]
@@ -39,6 +39,6 @@ def png(picture: Any) -> bytes:
     """Returns the bytes of a PNG file, 8 bits per channel, for a file or `IPython.display.Image`.
 
     Args:
-        picture: display-encoded colours, [height, width, 3]: floats of which 0 is black and 1 is white, uint8 or uint16.
+        picture: display-encoded colours, [height, width, 3]: floats (0 is black, 1 is white), uint8 or uint16.
     """
     return _native.png(picture)

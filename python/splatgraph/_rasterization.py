@@ -2,7 +2,7 @@
 
 gsplat's rules differ in two numbers from the published rasteriser's, which the graphs follow by default: the near plane is a parameter,
 and a fragment's alpha is capped at 0.999. The alpha cap is also a parameter of the graphs. For the near plane, the world is scaled so that
-`near_plane` lies at the graphs' own near plane; the picture is the same at any scale. Other camera models are the graphs' projections, with
+`near_plane` is at the graphs' own near plane; the picture is the same at any scale. Other camera models are the graphs' projections, with
 gsplat's order: by z, not by the distance from the camera.
 """
 
@@ -26,7 +26,7 @@ from ._renderer import Renderer, pair_of_sides
 NEAR = 0.2
 #: The graphs' largest scale, in world units.
 LARGEST = 1e18
-#: Spacing of the origins of worlds that are moved.
+#: Spacing of the possible origins of a world with float64 means, in world units.
 STEP = 1024.0
 #: The constant spherical harmonic.
 SH_0 = 0.28209479177387814
@@ -45,7 +45,7 @@ _renderers_lock = threading.Lock()
 
 
 class Meta(dict[str, Any]):
-    """The entries of gsplat's `meta` that splatgraph knows."""
+    """The entries of gsplat's `meta` that splatgraph provides."""
 
     def __missing__(self, key: str) -> Any:
         raise KeyError(f"{key}: intermediate results stay on the device; available: {', '.join(self)}")
@@ -265,7 +265,7 @@ def _refuse_unsupported(arguments: dict[str, Any]) -> None:
 
 
 def _origin(means: np.ndarray) -> np.ndarray:
-    """Returns a point near doubles that are far from 0, like `Scene.offset`; 0 for floats."""
+    """Returns the origin of a world with float64 means, near their median, like `Scene.offset`; 0 for other types."""
     finite = np.isfinite(means).all(axis=1)
     if means.dtype != np.float64 or not finite.any():
         return np.zeros(3, means.dtype)
@@ -331,14 +331,14 @@ def _harmonics(colors: np.ndarray, sh_degree: int | None, is_shown: bool) -> Ite
     for first in range(0, max(channels, 1), 3):
         three = np.zeros((len(colors), 3), np.float32)
         three[:, : channels - first] = colors[:, first : first + 3] if is_shown else 0.0
-        # Splats have no negative colours.
+        # Colours of splats are clamped at 0, so negative ones are shifted.
         least = three.min(axis=0, initial=0.0)
         yield first, ((three - least - 0.5) / SH_0)[:, None], least
 
 
 @contextlib.contextmanager
 def _renderer(device: str | int | None, params: dict[str, Any]) -> Iterator[Renderer]:
-    """Lends the device's renderer, which stays open for the next call."""
+    """Yields the device's renderer, locked for this call. It stays open for the next call."""
     name = None if device is None else str(device)
     with _renderers_lock:
         if name not in _renderers:
@@ -352,7 +352,7 @@ def _renderer(device: str | int | None, params: dict[str, Any]) -> Iterator[Rend
 
 
 def _like(given: Any, values: np.ndarray) -> Any:
-    """Converts to an array of `given`'s library, if that can import numpy's."""
+    """Converts to an array of `given`'s library, if that has `from_dlpack`."""
     library = sys.modules.get(type(given).__module__.partition(".")[0])
     convert = None if isinstance(given, np.ndarray) else getattr(library, "from_dlpack", None)
     return values if convert is None else convert(values)

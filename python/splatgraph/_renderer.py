@@ -18,7 +18,7 @@ from . import _native
 from ._native import Camera, Plan, Scene
 
 Value = bool | int | float | str
-#: What a parameter may be set to.
+#: The types of values that a parameter may be set to.
 Setting = Value | np.generic
 
 
@@ -28,25 +28,25 @@ class Param:
 
     name: str
     value: Value
-    #: The value if it is not set.
+    #: The value if the parameter is not set.
     default: Value
     #: The value that costs no accuracy, if the graph names one.
     exact: Value | None
     #: "bool", "int", "float" or "str".
     kind: str
-    #: Minimum and maximum.
+    #: Minimum and maximum; None if the parameter is not a number.
     range: tuple[float, float] | None
-    #: Step of a slider.
+    #: Step of a slider; None if the graph names none.
     step: float | None
-    #: The allowed names.
+    #: The allowed values; None if the parameter is not a choice of names.
     choices: tuple[str, ...] | None
     #: True if a change needs no new plan.
     live: bool
-    #: True if the value is raised when a frame needs more.
+    #: True if the parameter is a capacity that grows when a frame overflows it.
     grows: bool
-    #: A short name.
+    #: Short name for user interfaces.
     label: str
-    #: A sentence; may be empty.
+    #: Explanation; may be empty.
     help: str
 
 
@@ -160,7 +160,7 @@ class Renderer:
         self._pipeline = graph_name(pipeline)
         self._set = dict(params or {})
         #: Held while the scene, the graph or its parameters change, so that concurrent changes are all kept.
-        # A signal handler may set parameters while this thread waits for the engine.
+        # Reentrant, because a signal handler may set parameters while this thread waits for the engine.
         self._changing = threading.RLock()
         name = None if device is None else str(device)
         self._engine = _native.Engine(scene, self._pipeline, texts(self._set), backend=backend, device=name, validation=validation)
@@ -184,7 +184,7 @@ class Renderer:
 
         With `outputs`, returns the picture and a dict of the graph's other outputs: arrays [height, width], or [height, width, 3] for
         "normal". The built-in graphs have "alpha", "depth", "expected_depth", "median_depth", "normal", and, as uint32,
-        "contributors" and "index"; docs/splatting.md defines them. A change of the outputs from one picture to the next takes a new plan.
+        "contributors" and "index"; docs/splatting.md defines them. Pictures with other outputs than the last one need a new plan.
 
         Raises:
             GraphError: the graph or a shader has errors, or the graph lacks an output.

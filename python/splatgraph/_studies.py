@@ -23,7 +23,7 @@ Progress = Callable[[str, int, int, str], object]
 class Share:
     """A share of the exact settings' time."""
 
-    #: The median over the frames: each time is divided by that of the exact settings' frame right before it.
+    #: Median over the frames of a frame's time divided by the time of the exact settings' frame right before it.
     median: float
     #: 99 % confidence interval of the median; None with fewer than 8 frames in all rounds, or without a noise floor.
     range: tuple[float, float] | None
@@ -43,7 +43,7 @@ class Line:
     share: Share | None
     #: PSNR of the mean squared error of all views, in dB; infinite for equal pictures.
     psnr_db: float
-    #: The same over the pixels that a splat covers.
+    #: PSNR over the pixels that a splat covers, in dB; infinite for equal pictures.
     covered_psnr_db: float
     #: Lowest SSIM of a view; None for pictures below 11 x 11 pixels.
     ssim: float | None
@@ -55,13 +55,13 @@ class Line:
     off: float
     #: Pairs of visible splats in the wrong order, in all views; None if the graph has no order.
     inversions: int | None
-    #: Lowest share of the host's time during which the device drew, 0 to 1.
+    #: Share of the host's frame time during which the device draws, 0 to 1, the lowest of the views; None without timestamps.
     busy: float | None
-    #: Most bytes on the device.
+    #: Device memory in bytes, the largest of the views.
     gpu_bytes: int
     #: Each phase: a name, the mean of the views' milliseconds, and the largest spread of a view.
     phases: tuple[tuple[str, float, float], ...]
-    #: On the Pareto front: "best", "likely" (too noisy to tell), "unlikely", "beaten"; "hidden" if still views hide the cost.
+    #: "best" is on the Pareto front, "beaten" is not; "likely" and "unlikely" are too noisy to tell; "hidden": still views hide the cost.
     mark: Literal["best", "likely", "unlikely", "beaten", "hidden"]
 
 
@@ -71,7 +71,7 @@ class Ledger:
 
     #: One for each setting.
     lines: tuple[Line, ...]
-    #: Names of settings that cannot be drawn, with the reason.
+    #: Names of settings that cannot be drawn, or are not measured in every view, with the reason.
     failed: dict[str, str]
     #: Every setting in every view: dicts as in the command line's ledger.json. An infinite PSNR is "inf", as JSON has no infinity.
     rows: tuple[dict[str, Any], ...]
@@ -128,7 +128,7 @@ class Advice:
     tried: tuple[Tried, ...]
     #: Settings that may be better: too noisy to tell.
     hidden: tuple[Tried, ...]
-    #: Names of settings that may save time within the noise, and were not combined.
+    #: Names of settings with a saving within the noise; they were not combined.
     unsure: tuple[str, ...]
     #: Settings that were not measured, each with the reason, such as a plan that equals another's.
     notes: tuple[str, ...]
@@ -169,7 +169,7 @@ def trade(
         cameras: one view, or several, in the size of the pictures.
         pipeline: the graph whose parameters are changed.
         params: values that parameters have in every setting.
-        only: a prefix of the names of the settings to measure, such as "key_bits", or several; the exact ones are always measured.
+        only: a prefix of the names of the settings to measure, such as "key_bits", or several; the exact settings are always measured.
         truths: true pictures, one for each camera, display-encoded, as for `compare`; by default, the exact renderer's.
         rounds: maximum number of rounds of frames; with fewer than 8 frames in all rounds, all differences in time count as noise.
         frames: frames per round; by default 1 to 3, from the frame time.

@@ -202,7 +202,7 @@ class Run:
             self._retry(scene, view, reason)
 
     def _bury(self, worker: Any, reference: Any, reason: str | None) -> None:
-        """Removes a worker and reassigns its batches. The view of a started batch of one counts as an attempt."""
+        """Removes a worker and reassigns its batches. If the started batch has one view, this counts as an attempt of the view."""
         own = self.workers.pop(worker)
         begun = next(iter(own))
         lost = sum(len(running.views) for running in own.values())
@@ -212,7 +212,7 @@ class Run:
             if reason is not None and other == begun and len(running.views) == 1:
                 self._retry(running.scene, running.views[0], reason)
             elif reason is not None and other == begun:
-                # If one view kills workers, a batch of one finds it. Views that were written are not drawn again.
+                # Batches of one view isolate a view that kills workers. Views that were written are not drawn again.
                 running.scene.todo.extendleft([view] for view in reversed(running.views))
             else:
                 running.scene.todo.appendleft(running.views)

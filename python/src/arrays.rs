@@ -55,7 +55,7 @@ pub fn take_picture(value: &Bound<'_, PyAny>, name: &str, size: Option<(usize, u
     Ok(Image { width, height, rgb: buffer.to_vec(py)?.as_chunks::<3>().0.to_vec() })
 }
 
-/// Makes a numpy array of values.
+/// Copies row-major values to a new numpy array.
 ///
 /// # Errors
 /// Errors of numpy, such as `MemoryError`.

@@ -226,7 +226,7 @@ impl FromPyObject<'_, '_> for Side {
     type Error = PyErr;
 
     fn extract(value: Borrowed<'_, '_, PyAny>) -> PyResult<Side> {
-        // Not an integer at all: the error names the type.
+        // Fails for anything but an integer, with an error that names the type.
         let number = value.py().import("operator")?.call_method1("index", (value,))?;
         match number.extract::<u32>() {
             Ok(side) if side > 0 => Ok(Side(side)),

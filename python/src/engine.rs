@@ -124,7 +124,7 @@ impl Engine {
         background: [f32; 3],
         mut outputs: Vec<String>,
     ) -> PyResult<Pending> {
-        // In another order, they would need another plan.
+        // The plan depends on the order of the outputs.
         outputs.sort_unstable();
         outputs.dedup();
         let (reply, receiver) = channel();

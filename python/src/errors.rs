@@ -74,7 +74,7 @@ pub fn device(error: &BackendError) -> PyErr {
     DeviceError::new_err(error.to_string())
 }
 
-/// The framework's names for the command line's parts, with those of the arguments in Python.
+/// The file names that the framework gives to command-line arguments, with the Python arguments that replace them.
 const ARGUMENTS: [(&str, &str); 2] = [("--set", "params"), ("command line", "pipeline")];
 
 fn in_python(file: &str) -> &str {

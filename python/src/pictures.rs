@@ -26,7 +26,7 @@ pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bo
     errors::to_python(py, &json!(comparison))
 }
 
-/// Encodes a picture, floats, uint8 or uint16 [height, width, 3], display-encoded, as the bytes of an 8-bit PNG file.
+/// Encodes a display-encoded picture [height, width, 3] of floats, uint8 or uint16 as the bytes of an 8-bit PNG file.
 #[pyfunction]
 pub fn png<'py>(picture: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
     let py = picture.py();

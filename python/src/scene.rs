@@ -31,7 +31,7 @@ impl Scene {
     /// Makes a scene from arrays: objects with `__dlpack__`, or any that numpy converts.
     ///
     /// Args:
-    ///     means: centres in world units, [N, 3]. If they are not float32 and lie far from 0, the scene gets an `offset`.
+    ///     means: centres in world units, [N, 3]. If they are float64 and far from 0, the scene gets an `offset`.
     ///     quats: rotations w, x, y, z, of any length but 0, [N, 4].
     ///     scales: standard deviations along the axes in world units (not their logarithms), [N, 3].
     ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
@@ -61,8 +61,8 @@ impl Scene {
         let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
         let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
         let sh = take::<f32>(sh, "sh", &[Some(count), None, Some(3)])?;
-        // Without the check, for gsplat's function: opacities above 1 are capped like alphas, those below 0 are invisible, and
-        // negative scales count as positive.
+        // Without the check, which is for gsplat's function, opacities above 1 are capped like alphas, opacities below 0
+        // are invisible, and negative scales count as positive.
         if _checked {
             let hint = "logarithms: numpy.exp gives the scales";
             check(&scales, |scale| scale < 0.0, "scales: expected no negative values", hint)?;

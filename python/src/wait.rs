@@ -23,7 +23,7 @@ pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 
     receive(py, &mut receiver)
 }
 
-/// The process that started a thread. A fork copies handles and channels, but not the thread: to wait for it would hang.
+/// The process that started a thread. A fork copies handles and channels, but not the thread: a wait for it would hang.
 #[derive(Clone, Copy)]
 pub struct Owner(u32);
 
@@ -36,6 +36,8 @@ impl Owner {
         self.0 == std::process::id()
     }
 
+    /// Checks that this process is the owner.
+    ///
     /// # Errors
     /// This process is a fork of the owner.
     pub fn check(self) -> PyResult<()> {

@@ -12,7 +12,7 @@ from conftest import captured, intrinsics, psnr, random_splats
 from definition import fisheye, ortho, picture, pinhole
 from splatgraph import rasterization
 
-#: Least agreement, in dB.
+#: Minimum PSNR against the definition, in dB.
 LEAST = 75.0
 
 #: The definition of each camera model.
