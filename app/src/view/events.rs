@@ -9,9 +9,9 @@ use std::path::PathBuf;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
-    /// The renderer of the scene: it fills the view, or the part left of the split line.
+    /// The renderer of the scene: its picture fills the view, or the part left of the split line.
     A,
-    /// The renderer of the comparison.
+    /// The renderer that A is compared with: its picture is right of the split line.
     B,
     /// The renderer of the window's own graph, which draws the pictures and the user interface.
     Window,

@@ -27,7 +27,7 @@ struct Sample {
     passes: Vec<(PassId, Option<f64>)>,
 }
 
-/// Quantiles over the frames of the current plan, in milliseconds.
+/// Quantiles of a time over the frames that the table covers, in milliseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quantiles {
     /// Median, in milliseconds.

@@ -22,7 +22,7 @@ impl<T> Drop for Request<T> {
     }
 }
 
-/// A worker that runs one request at a time on another thread, and holds the newest request's result until it is taken.
+/// A worker that runs one request at a time on another thread. It holds the newest request's result until it is taken.
 pub struct Latest<T> {
     name: &'static str,
     request: Option<Request<T>>,
@@ -68,7 +68,7 @@ impl<T: Send + 'static> Latest<T> {
         };
         let thread = std::thread::Builder::new().name(self.name.to_owned()).spawn(work);
         thread.map_err(|error| format!("no thread can be started to {}: {error}", self.name))?;
-        // Cancels the previous request.
+        // Dropping the previous request cancels it.
         self.request = Some(request);
         Ok(())
     }

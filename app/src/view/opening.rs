@@ -116,7 +116,7 @@ impl Opening {
         slot.reader.busy().then_some(&slot.path)
     }
 
-    /// Returns true while a file is being read.
+    /// Returns true while a file is being read, and until its result is taken.
     pub fn busy(&self) -> bool {
         self.scenes.iter().any(|slot| slot.reader.busy())
             || self.cameras.iter().any(|slot| slot.reader.busy())

@@ -251,7 +251,8 @@ impl Viewport {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
-    /// Returns true if the window does not show this scene and graph yet: no frame has finished, or all overflowed.
+    /// Returns true if the window does not show this scene and graph yet: no frame of them was drawn yet, or all
+    /// overflowed.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())

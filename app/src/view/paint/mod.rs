@@ -164,7 +164,7 @@ struct Meshes {
 }
 
 impl Meshes {
-    /// Adds the triangles of a mesh that may cover a pixel of the area, and their vertices.
+    /// Adds the triangles that may cover a pixel of the area, and their vertices.
     fn add(&mut self, piece: &Piece, area: Area) {
         let visible = piece.bounds.and(area);
         if visible.is_empty() {

@@ -1,7 +1,7 @@
 //! Packs the texels of all of egui's textures into one buffer.
 //!
 //! A texture occupies consecutive texels, row by row from the top, in the first gap that is large enough. The [`Arc`]
-//! of the bytes is replaced only when a texel changes, so an upload of the same [`Arc`] can be skipped.
+//! of the bytes is replaced only when textures are set, so an upload of the same [`Arc`] can be skipped.
 
 use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TextureFilter;

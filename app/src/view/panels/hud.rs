@@ -142,8 +142,8 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
         .shadow(ui.visuals().popup_shadow)
 }
 
-/// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner, once a frame is measured
-/// and if they fit.
+/// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner. Draws nothing before a
+/// frame is measured, or if the texts do not fit.
 pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, controls: &mut Controls) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
@@ -221,7 +221,8 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     }
 }
 
-/// Draws a running comparison or its result at the bottom of the split line, with a button that marks the worst pixel.
+/// Draws the comparison card at the bottom of the split line: progress or result, and a button that marks the worst
+/// pixel.
 pub fn comparison(
     ctx: &Context,
     viewer: &mut Viewer,

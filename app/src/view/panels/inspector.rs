@@ -148,8 +148,8 @@ fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass,
     }
 }
 
-/// Draws the time of copying as many bytes as the pass binds or, before the device's copy limit is measured, a button
-/// to measure it.
+/// Compares a pass's time with a copy of as many bytes as it binds. Draws a button that measures the device's copy
+/// limit if it is unknown.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     match target.copy {
         Copy::Known(rate) => {

@@ -97,8 +97,8 @@ impl Default for Layout {
 }
 
 impl Layout {
-    /// Returns true if the tiles form a tree that contains the picture and each tool exactly once, and all lengths are
-    /// finite and not negative.
+    /// Returns true if the arrangement is valid. The tiles form a tree that contains the picture and each tool exactly
+    /// once, and all lengths are finite and not negative.
     pub fn is_sound(&self) -> bool {
         let mut panes: Vec<Tool> = Vec::new();
         let mut seen: HashSet<TileId> = HashSet::new();

@@ -119,8 +119,8 @@ pub struct Panels {
     undo: undo::History,
     undo_now: bool,
     redo_now: bool,
-    /// True if the program changed settings since the last frame: it dropped parameters, or loaded a changed list of
-    /// scenes, in which the selected and hidden splats have other indices.
+    /// True if the program itself may have changed settings since the last frame: it dropped or restored parameters, or
+    /// loaded a scene, whose selected and hidden splats may have new indices.
     by_program: bool,
     /// The newest first.
     recent: Vec<PathBuf>,

@@ -47,7 +47,7 @@ pub struct State {
     /// Viewport of the last drag; see [`State::take_touched`].
     touched: Option<RendererId>,
     path: String,
-    /// See [`State::select_first`].
+    /// Box to select once there is a picture; see [`State::select_first`].
     first: Option<[f32; 4]>,
 }
 
@@ -66,7 +66,7 @@ impl Default for State {
 }
 
 impl State {
-    /// See [`super::Panels::select_first`].
+    /// Requests the selection of a box; see [`super::Panels::select_first`].
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.first = Some(corners);
     }

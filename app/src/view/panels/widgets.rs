@@ -57,7 +57,7 @@ pub fn on_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// Returns true if keys belong to a control or to an open list or menu, so that they must not act as shortcuts.
+/// Returns true if a control or an open list or menu takes the keys. They must not act as shortcuts then.
 pub fn takes_keys(ctx: &Context) -> bool {
     ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx)
 }

@@ -3,7 +3,7 @@
 use crate::draw::planner::GraphErrors;
 use splatgraph_api::{BackendError, Recovery};
 
-/// A reason why a build failed.
+/// A reason for a failed build.
 #[derive(Debug)]
 pub enum Failure {
     /// The graph or its shaders have errors.

@@ -93,7 +93,7 @@ pub struct Renderer {
     /// Number of devices released so far; identifies the current device.
     epoch: u64,
     choice: Choice,
-    /// Settings that the graph rejects since its files changed. Each build tries them again.
+    /// Settings that the current graph rejects. Each build tries them again.
     rejected: IndexMap<String, String>,
     /// Minimum values of the parameters that grow with overflows.
     capacities: Capacities,
@@ -350,7 +350,7 @@ impl Renderer {
         }
     }
 
-    /// Removes the settings of all parameters.
+    /// Returns all parameters to their defaults, and drops rejected settings.
     pub fn reset_params(&mut self) {
         self.rejected.clear();
         let names: Vec<String> = self.choice.set.keys().cloned().collect();
@@ -476,7 +476,7 @@ impl Renderer {
         }
     }
 
-    /// Returns the time of the next attempt to build after a failure that may pass.
+    /// Returns the time of the next attempt to build after a transient failure.
     fn next_attempt(&mut self) -> Instant {
         self.attempts += 1;
         self.now + pause_after(self.attempts - 1)

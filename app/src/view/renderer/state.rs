@@ -10,8 +10,8 @@ use splatgraph_framework::reload::Attempt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval between attempts to draw, and first interval between attempts to build, after a transient failure such as a
-/// lack of memory.
+/// Interval between attempts to draw, and first interval between attempts to build. It follows a transient failure,
+/// such as a lack of memory.
 pub const RETRY: Duration = Duration::from_millis(250);
 
 /// Maximum interval between attempts to build. The interval doubles with each attempt, because a plan may never fit.

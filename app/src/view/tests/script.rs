@@ -87,7 +87,7 @@ type Devices = Vec<(Option<Backend>, Journal)>;
 pub struct Outcome {
     /// Commands of the last frames of A and of the window, without numbers that depend on time.
     pub last: Vec<String>,
-    /// Names and sizes in bytes of A's memory.
+    /// Names and sizes, in bytes, of A's device memory.
     pub memory: Vec<(String, u64)>,
     /// Everything else that the visit changed, as text.
     pub state: Vec<String>,

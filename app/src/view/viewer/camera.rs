@@ -1,5 +1,5 @@
 //! Moves the viewer's camera, saves views, and plays paths. Views and keys are in world coordinates; the navigation is
-//! in the scene's.
+//! in scene coordinates.
 
 use super::Viewer;
 use crate::draw::camera_path::KeyError;
@@ -20,13 +20,13 @@ impl Viewer {
         self.world_camera_of(self.asked)
     }
 
-    /// Returns the camera of the last frame's pictures, in the coordinates of A's scene and the pictures' size.
+    /// Returns the camera of the last frame's pictures, in the coordinates of A's scene and at the pictures' size.
     pub fn picture_camera(&self) -> Camera {
         self.picture_camera_of(RendererId::A)
     }
 
-    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene, with the projection
-    /// of the viewport's graph.
+    /// Returns the camera of a viewport's last picture, in the coordinates of its scene, with the projection of its
+    /// graph.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());

@@ -87,7 +87,7 @@ impl Viewer {
     }
 }
 
-/// Computes the bandwidth in 10^9 bytes per second, from the time of the pass or, if pass times are unreliable, of the
+/// Computes the bandwidth in 10^9 bytes per second. Uses the time of the pass or, if pass times are unreliable, of the
 /// frame.
 fn rate(viewport: &Viewport) -> Option<f64> {
     let plan = viewport.renderer.plan()?;

@@ -94,7 +94,7 @@ pub struct Viewer {
     /// Result of the last completed [`Viewer::pick`], without splats for a pixel of the background. `None` before the
     /// viewport's first result, after a pick outside the picture, and after [`Viewer::forget_picked`].
     pub picked: Option<Picked>,
-    /// Viewport of `picked` and of the search.
+    /// Viewport of `picked`, and of the search in progress.
     picked_in: RendererId,
     picker: Latest<Picked>,
     /// Marks to apply to the scenes that are being loaded for A and B.
@@ -109,7 +109,7 @@ pub struct Viewer {
     asked: (u32, u32),
     opening: Opening,
     placed: PlacedFiles,
-    /// Errors of A's and B's lists of scenes, with the path of the list, until a scene is loaded for the viewport.
+    /// Paths and errors of A's and B's lists of scenes. An error stays until a scene is loaded for the viewport.
     list_errors: [Option<(PathBuf, String)>; 2],
     /// Number of the last request that opened selectable cameras separately from a scene; 0 before the first.
     cameras_number: u64,

@@ -87,8 +87,8 @@ impl Viewer {
         }
     }
 
-    /// Sets the contents that A's list of scenes had before its scenes were loaded, so that a save during the load is
-    /// not missed.
+    /// Sets the contents that A's list of scenes had before its scenes were loaded. Without them, a save during the
+    /// load would be missed.
     pub fn set_list_read(&mut self, content: FileContent) {
         let path = self.scene_path().to_owned();
         self.placed.read_as(RendererId::A, &path, content);

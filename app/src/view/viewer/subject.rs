@@ -145,7 +145,7 @@ impl Subject {
         }
     }
 
-    /// Makes a subject of the same scene with the same marks, but without its searches.
+    /// Creates a subject with the same scene and marks, but without searches.
     ///
     /// Also returns an error if marks are being applied, and no thread can be started to apply them to the copy.
     pub fn copied(&self, wake: Wake) -> (Subject, Result<(), String>) {
@@ -185,7 +185,7 @@ impl Subject {
     }
 
     /// Selects and hides splats, and starts making the marked scene on another thread. Fails, without changes, if all
-    /// splats would be hidden, the marks are of a larger scene, or the system cannot start a thread.
+    /// splats would be hidden, a mark is out of range, or the system cannot start a thread.
     pub fn set_marks(&mut self, marks: Marks) -> Result<(), String> {
         let count = self.whole.count();
         let end = marks.selected.end().max(marks.hidden.end());

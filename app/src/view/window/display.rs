@@ -1,4 +1,4 @@
-//! Connects to the display, and survives its loss.
+//! Connects to the display, and reports its loss as an error.
 //!
 //! Winit panics if its connection to an X server breaks, and libX11 exits the process with code 1 and a line on
 //! standard error. This module converts both to an error. A panic of this program in a winit callback is instead an

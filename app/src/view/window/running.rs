@@ -75,7 +75,7 @@ pub struct Running {
     pub save: Option<Option<PathBuf>>,
     /// True to save A's picture once it is read back.
     pub save_a: bool,
-    /// True once every graph has a plan, or the error of one was written to standard error.
+    /// True once every shown graph has a plan, or the error of one was written to standard error.
     pub has_begun: bool,
 }
 
