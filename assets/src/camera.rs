@@ -17,7 +17,7 @@ pub struct Camera {
     /// Number that the trainer assigned to the camera.
     #[serde(default)]
     pub id: i64,
-    /// The name of the camera's photograph.
+    /// Name of the camera's photograph, without its extension.
     #[serde(default)]
     pub img_name: String,
     /// Image width, in pixels.
@@ -28,9 +28,9 @@ pub struct Camera {
     pub position: [f64; 3],
     /// Camera-to-world rotation, row by row; the columns are right, down and forward.
     pub rotation: [[f64; 3]; 3],
-    /// Horizontal focal length, in pixels; see [`Projection`] for its meaning.
+    /// Horizontal focal length, in the unit that [`Projection`] lists: pixels for a pinhole.
     pub fx: f64,
-    /// Vertical focal length, in pixels.
+    /// Vertical focal length, in the same unit.
     pub fy: f64,
     /// Mapping from view space to the picture; pinhole if the file does not name it.
     #[serde(default, skip_serializing_if = "Projection::is_pinhole")]

@@ -101,9 +101,9 @@ impl Scene {
         Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh).with_dropped(dropped))
     }
 
-    /// Returns true if f32 would store the transformed positions, relative to `offset`, more than 4 bits more coarsely
-    /// than it stores this scene's: the transformation moves the scene farther than 16 times its distance from the
-    /// origin.
+    /// Returns true if the transformed positions, relative to `offset`, are too far from 0 for f32.
+    ///
+    /// The limit is 16 times the scene's own distance from 0, scaled by the transform: f32 then loses more than 4 bits.
     fn is_far_after(&self, by: &Similarity, offset: DVec3) -> bool {
         let farthest = |point: &dyn Fn(DVec3) -> DVec3| {
             self.robust_bounds().corners().into_iter().map(|v| point(v.into()).length()).fold(0.0, f64::max)
@@ -114,8 +114,8 @@ impl Scene {
 
     /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's.
     ///
-    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is the first mesh's. Counts of dropped
-    /// splats are summed.
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is the first mesh's. Counts of
+    /// dropped splats are summed.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are 2^32 splats or more.

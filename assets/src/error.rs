@@ -158,7 +158,7 @@ pub(crate) fn field(at: u64, name: impl Into<String>, message: impl Into<String>
     SceneError::Field { at, field: name.into(), message: message.into() }
 }
 
-/// The error for a named part of the scene: see [`SceneError::Part`].
+/// Creates the error for a named part of the scene: see [`SceneError::Part`].
 pub(crate) fn wrong(part: impl Into<String>, message: impl Into<String>) -> SceneError {
     SceneError::Part { part: part.into(), message: message.into() }
 }

@@ -9,11 +9,11 @@ use std::collections::BTreeSet;
 /// of a mesh at 696. A growing list briefly exists twice.
 pub(crate) const GLTF_OBJECT: u64 = 1200;
 
-/// Upper bound of the memory for a parsed object of a streamed SOG, in bytes: a map with one run, or a list with one
-/// node. An object of a `.rad` takes less.
+/// Upper bound of the memory for a parsed object of a streamed SOG, in bytes. The largest are a map with one run and a
+/// list with one node. An object of a `.rad` takes less.
 pub(crate) const STREAMED_OBJECT: u64 = 320;
 
-/// Upper bound of the memory for any other byte outside of strings, in bytes: an error in a list of indices takes 76
+/// Upper bound of the memory for any other byte outside of strings, in bytes. An error in a list of indices takes 76
 /// for each. A string, such as a buffer in base 64, takes no more memory than its text.
 const OTHER_BYTE: u64 = 80;
 

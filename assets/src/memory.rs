@@ -89,7 +89,7 @@ fn of_address_space(limits: &str, statm: &str) -> Option<u64> {
     Some(limit.saturating_sub(used))
 }
 
-/// Computes the unused memory of the control group: the least over it and its ancestors. `None` if none has a limit.
+/// Computes the unused memory of the control group: the minimum over it and its ancestors. `None` if none has a limit.
 fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
     let mut least: Option<u64> = None;
     for line in groups.lines() {

@@ -17,7 +17,7 @@ const MAX_JSON: u64 = 64 << 20;
 /// Maximum length of a file's name in a document, in bytes. Longer texts are data.
 const MAX_NAME: usize = 4096;
 
-/// Number of documents between a scene and its last file: a composition, a streamed SOG and one of its folders.
+/// Maximum nesting of documents: a composition, a streamed SOG, and one of its folders.
 const MAX_DEPTH: u32 = 3;
 
 /// Finds the JSON document of a folder with a SOG scene; `None` for a file or another folder.

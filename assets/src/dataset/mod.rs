@@ -129,7 +129,7 @@ impl Dataset {
     /// Finds the file of a view's photograph in `folder`. The name's extension may be missing or differ.
     ///
     /// # Errors
-    /// There is no such file, or its name leads beyond `folder` and the folder around it.
+    /// There is no such file, or its name leads neither into `folder` nor into its parent.
     pub fn photograph_in(folder: &Path, view: &View) -> std::io::Result<PathBuf> {
         photograph::find(folder, &view.photograph)
     }

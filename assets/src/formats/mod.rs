@@ -111,8 +111,8 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     Ok(!text.windows(name.len()).any(|window| window == name))
 }
 
-/// Refuses a mesh's file of more than [`MAX_MESH`] bytes, or one that does not fit twice in the `available` memory: the
-/// parser copies its binary chunk.
+/// Refuses a mesh's file of more than [`MAX_MESH`] bytes, or one that does not fit twice in the `available` memory.
+/// The parser copies its binary chunk.
 fn check_mesh(length: u64, available: Option<u64>) -> Result<(), SceneError> {
     let most = available.map_or(MAX_MESH, |bytes| MAX_MESH.min(bytes / 2));
     if length > most {

@@ -256,7 +256,7 @@ impl Header {
     }
 }
 
-/// The error for a line of the header, counted from 1.
+/// Creates the error for a line of the header, counted from 1.
 pub(super) fn wrong_line(line: u32, message: &str) -> SceneError {
     SceneError::Invalid(format!("line {line} of the header: {message}"))
 }

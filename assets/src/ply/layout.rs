@@ -100,7 +100,7 @@ impl Layout {
         Ok(Self { degree, stride, slots, slot_of })
     }
 
-    /// Returns, for each axis, true if the file's type has more precision than f32.
+    /// Returns for each axis true if the file's type has more precision than f32.
     pub(crate) fn wide(&self) -> [bool; 3] {
         std::array::from_fn(|axis| matches!(self.slots[axis].scalar, Scalar::F64 | Scalar::I32 | Scalar::U32))
     }

@@ -16,7 +16,7 @@ const TEXEL: usize = 4;
 
 const ENTRIES_PER_ROW: u32 = 64;
 
-/// Memory limit of a file of equal splats if the available memory is unknown: a few kB can encode hundreds of millions
+/// Memory limit of a file of equal splats if the available memory is unknown. A few kB can encode hundreds of millions
 /// of equal splats.
 const UNKNOWN_MEMORY: u64 = 4 << 30;
 

@@ -24,7 +24,7 @@ pub enum SpzVersion {
 /// Fractional bits of positions, unless the scene is too large.
 const FRACTIONAL_BITS: u32 = 12;
 
-/// Largest 24-bit integer.
+/// Largest signed 24-bit integer.
 pub(super) const MAX_FIXED: f64 = 8_388_607.0;
 
 /// Returns the largest number of fractional bits, at most [`FRACTIONAL_BITS`], with which a coordinate fits; `None` if

@@ -242,7 +242,7 @@ pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates layers without falloff, whose opacities differ from the alpha floor by a few units in the last place. Three
+/// Generates layers without falloff, whose opacities are within a few units in the last place of the alpha floor. Three
 /// of eight opacities are below it.
 pub(super) fn floor(count: u32, seed: u64) -> Made {
     let floor = (1.0f32 / 255.0).to_bits();

@@ -374,8 +374,8 @@ pub trait Loader: Send + 'static {
     #[must_use]
     fn sharing_results(self) -> Self;
 
-    /// Creates only a plan's pipelines. While the result is kept, plans with equal pipelines are prepared faster: Vulkan
-    /// reuses the pipelines, and on Metal the system has already compiled their shaders.
+    /// Creates only a plan's pipelines. While the result is kept, plans with equal pipelines are prepared faster:
+    /// Vulkan reuses the pipelines, and on Metal the system has already compiled their shaders.
     ///
     /// # Errors
     /// As [`Loader::prepare`], for pipelines.
@@ -492,7 +492,7 @@ pub trait Device: Sized {
     /// Lists device memory by name, in bytes: the plan's resources, then scene attributes, then the backend's own.
     ///
     /// The sum is the allocated memory. Memory that contexts share is listed by each of them. Resources that share
-    /// memory form one entry, with names joined by ` + `. The copies of a resource per frame in flight form one entry, too.
+    /// memory form one entry, with names joined by ` + `. The copies of a resource per frame in flight form one entry.
     fn memory(&self) -> Vec<(String, u64)>;
 
     /// Returns the size and the available bytes of the largest device-local heap, as of now.
@@ -505,12 +505,13 @@ pub trait Device: Sized {
 /// A device that shows its frames in a window.
 ///
 /// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts
-/// them: with vsync, once per refresh of the display, except on Wayland, where it never waits for the display. While the
-/// window is hidden, they are drawn and not shown.
+/// them: with vsync, once per refresh of the display, except on Wayland, where it never waits for the display. While
+/// the window is hidden, frames are drawn but not shown.
 pub trait Windowed: Device {
     /// Sets the window's size in pixels; a window of size 0 is hidden.
     fn resize_window(&mut self, width: u32, height: u32);
 
-    /// Enables vsync (the default). Without it, frames are shown as soon as they are drawn, if the window system allows it.
+    /// Enables vsync (the default). Without it, frames are shown as soon as they are drawn, if the window system
+    /// allows it.
     fn set_vsync(&mut self, vsync: bool);
 }

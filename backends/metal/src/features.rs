@@ -67,7 +67,8 @@ pub fn limits(reported: &ReportedLimits) -> Limits {
             selectable: false,
             max_per_group: reported.max_threads[0] / LANES,
         },
-        // Not documented; docs/metal-mac.md says how to measure it. A plan built for `false` is correct on every device.
+        // Not documented; docs/metal-mac.md says how to measure it. A plan built for `false` is correct on every
+        // device.
         rounds_half: false,
         fused_fma: true,
         features: features(),

@@ -19,7 +19,7 @@ pub struct Gaussian {
 
 /// A list of splats that several threads can read.
 pub trait Splats: Sync {
-    /// Number of splats.
+    /// Returns the number of splats.
     fn count(&self) -> usize;
 
     /// Returns splat `index`, which must be below [`Splats::count`].

@@ -1,4 +1,4 @@
-//! Lists the splats that one pixel blends ([`fragments`]), exactly as [`render`](crate::render) blends them, and
+//! Lists the splats that one pixel blends ([`fragments`]), exactly as [`render`](crate::render) blends them. Also
 //! returns a splat's Gaussian on the image ([`project`]), to draw its outline.
 
 use crate::gaussian::Splats;

@@ -142,8 +142,8 @@ pub enum LowPass {
     None,
     /// Adds this variance, in square pixels, to the diagonal of the 2D covariance.
     Dilate(f64),
-    /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det') to conserve the splat's energy
-    /// (Mip-Splatting, Yu et al., CVPR 2024, equation 9).
+    /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det') to conserve the splat's energy. Source:
+    /// Mip-Splatting, Yu et al., CVPR 2024, equation 9.
     Compensated(f64),
 }
 

@@ -114,8 +114,8 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Makes this the executor's current plan, with this number, before its first frame. Adopts the previous plan's
-    /// `histories` that it can continue.
+    /// Sets the plan's number, and adopts the previous plan's `histories` that it can continue. Call it when the plan
+    /// becomes the current one, before its first frame.
     pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
         self.number = number;
         for id in self.ids() {

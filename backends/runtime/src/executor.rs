@@ -23,8 +23,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// leak.
 const MAX_RESULTS: usize = 64;
 
-/// Name of the memory entry for objects that only frames in flight still need: former plans, readback buffers of
-/// inspected resources, and replaced shared outputs.
+/// Name of the memory entry for objects that only frames in flight still need. They are former plans, readback buffers
+/// of inspected resources, and replaced shared outputs.
 const IN_FLIGHT: &str = "frames in flight";
 
 /// An open device and the plan that it executes.

@@ -155,8 +155,8 @@ impl<G: Gpu> Slot<G> {
         Ok(Some((pending.frame, result)))
     }
 
-    /// Returns, for each pass of the pending frame, whether it is known to be complete; `None` if no frame is pending
-    /// or its passes' timestamps are unavailable.
+    /// Returns for each pass of the pending frame whether it is known to be complete. `None` if no frame is pending, or
+    /// its passes' timestamps are unavailable.
     pub fn finished(&self, gpu: &G, timestamps: Option<&G::Timestamps>) -> Option<Vec<bool>> {
         let pending = self.pending.as_ref().filter(|pending| !pending.untimed_passes)?;
         let passes = pending.passes.len();

@@ -80,8 +80,9 @@ impl SubgroupLimits {
             && invocations <= u64::from(self.size) * u64::from(self.max_per_group)
     }
 
-    /// Returns true if workgroups of this size always run in subgroups of [`SubgroupLimits::size`] lanes: a pipeline
-    /// can request them, or the device has no other size.
+    /// Returns true if workgroups of this size always run in subgroups of [`SubgroupLimits::size`] lanes.
+    ///
+    /// This holds if a pipeline can request the size, or if the device has no other size.
     pub fn has_certain_size(&self, local_size: [u32; 3]) -> bool {
         let only_one = self.min_size == self.max_size && self.size == self.max_size;
         only_one || self.can_request_size(local_size)

@@ -3,8 +3,8 @@
 use crate::gpu::Gpu;
 use splatgraph_api::{BackendError, FrameId};
 
-/// Returns the number of timestamps of a frame with `passes` passes: the frame's start and end, then two for each pass,
-/// before and after it.
+/// Returns the number of timestamps of a frame with `passes` passes: the frame's start and end, then each pass's start
+/// and end.
 pub(crate) fn queries(passes: usize) -> u32 {
     2 + 2 * passes as u32
 }
@@ -32,7 +32,7 @@ impl Times {
         Ok(Times { ticks, bits: limits.timestamp_bits, period: limits.timestamp_period as f64 })
     }
 
-    /// Returns, for each pass, whether it is known to be complete; `None` without a timer.
+    /// Returns for each pass whether it is known to be complete; `None` without a timer.
     pub fn finished(&self, passes: usize) -> Option<Vec<bool>> {
         let done = |pass| self.ticks[queries(pass) as usize + 1].is_some();
         (!self.ticks.is_empty()).then(|| (0..passes).map(done).collect())

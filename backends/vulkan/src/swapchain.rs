@@ -143,7 +143,7 @@ impl splatgraph_runtime::Swapchain<VulkanGpu> for Swapchain {
         }
     }
 
-    /// The export left the output in the transfer-source layout.
+    /// Records the blit. The export has left the output in the transfer-source layout.
     fn record_blit(
         &mut self,
         image: u32,

@@ -35,8 +35,8 @@ fn kind(work: &Work) -> Option<EncoderKind> {
     }
 }
 
-/// Returns true if a draw can join the group's encoder: it has the same targets, keeps their contents, and depends on
-/// the group's draws only by blending and depth tests.
+/// Returns true if a draw can join the group's encoder. It must have the same targets, keep their contents, and depend
+/// on the group's draws only by blending and depth tests.
 fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
         Work::Draw { targets, depth, .. } => (targets.as_slice(), *depth),

@@ -17,7 +17,7 @@ pub struct Encoders {
     /// Encoders that run once, after the plan or the scene has changed. With a [`handover`](Encoders::handover), all
     /// later submissions wait for all of them.
     pub prologue: Vec<Encoding>,
-    /// True if the first frame must wait for the whole prologue, by an event, because a pass of the frame accesses
+    /// True if the first frame must wait for the whole prologue, by an event. It must if a pass of the frame accesses
     /// memory that the prologue accessed.
     pub handover: bool,
     /// Encoders that run every frame. Only fences order one frame after another.

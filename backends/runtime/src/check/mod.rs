@@ -486,8 +486,8 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Checks that histories are cleared only in the prologue, and that the frame ends with its only export, followed
-    /// by the host's pass if the plan has statistics.
+    /// Checks the order of passes: histories are cleared only in the prologue, and the frame ends with its only export.
+    /// If the plan has statistics, the host's pass follows the export.
     fn order(&self) -> Result<(), BackendError> {
         let work = |pass: &PassId| &self.plan.pass(*pass).work;
         if self.plan.frame.iter().any(|pass| matches!(work(pass), Work::ClearHistory { .. })) {

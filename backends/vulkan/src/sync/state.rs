@@ -42,8 +42,8 @@ pub(super) struct SyncState<'a> {
     changed: Vec<Option<Changed>>,
     /// The last barrier call, if later passes may extend it.
     call: Option<Call>,
-    /// Passes at the start of a frame whose requirements a call at the end of the previous frame must meet, each with
-    /// the index of the call's step.
+    /// Passes at the start of a frame that rely on a call at the end of the previous frame. Each has the index of that
+    /// call's step.
     ahead: Vec<(usize, PassId)>,
 }
 

@@ -34,7 +34,7 @@ fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
         .expect("these tests need lavapipe and the Khronos validation layer")
 }
 
-/// Returns a plan that outputs a picture of `SIZE` whose pixels all differ: red grows to the right, green grows
+/// Returns a plan that outputs a picture of `SIZE` whose pixels all differ. Red grows to the right, green grows
 /// downwards, and blue is a frame input.
 fn gradients(format: Format) -> Plan {
     let (width, height) = SIZE;

@@ -27,10 +27,10 @@ pub struct Rules {
     ///
     /// Otherwise the first need only be available, as in the memory model (Vulkan 1.3, appendix B).
     pub writes_see_writes: bool,
-    /// If true, the barrier of a layout change must have the preceding write in its source masks, even if an earlier
-    /// barrier made the write available.
+    /// If true, the barrier of a layout change must have the preceding write in its source masks.
     ///
-    /// Validation layers require this; the specification does not. It is not required after a read in between.
+    /// Validation layers require this even if an earlier barrier made the write available; the specification does not. It
+    /// is not required after a read in between.
     pub changes_name_writes: bool,
 }
 
