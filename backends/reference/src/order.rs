@@ -52,7 +52,7 @@ impl View {
         }
     }
 
-    /// Computes a splat's sort key, by the rules. `None` if it is nearer than the near plane.
+    /// Computes a splat's sort key, by the rules. `None` if it is not beyond the near plane.
     pub(crate) fn key(&self, p: [f64; 3], rules: &Rules) -> Option<f64> {
         let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
         let depth = self.depth(p, rules.depth);

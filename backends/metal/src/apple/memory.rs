@@ -1,7 +1,7 @@
 //! Allocates buffers, images and their memory.
 //!
 //! Device memory is a placement heap. Its objects (several if the plan lets them alias) are at offset 0 of the heap.
-//! Host-visible memory is a single buffer, and has no other object. All resources are untracked.
+//! Host-visible memory is a single buffer, which is itself the only object in it. All resources are untracked.
 
 use crate::apple::gpu::{MetalGpu, private};
 use crate::apple::objc;
