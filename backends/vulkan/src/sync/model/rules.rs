@@ -29,8 +29,8 @@ pub struct Rules {
     pub writes_see_writes: bool,
     /// If true, the barrier of a layout change must have the preceding write in its source masks.
     ///
-    /// Validation layers require this even if an earlier barrier made the write available; the specification does not. It
-    /// is not required after a read in between.
+    /// Validation layers require this even if an earlier barrier made the write available; the specification does not.
+    /// It is not required after a read in between.
     pub changes_name_writes: bool,
 }
 
