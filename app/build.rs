@@ -1,6 +1,6 @@
 //! Lists the files that are built into the binary: every graph under `pipelines/` and every shader under `shaders/`.
 
-// A build script speaks to cargo on standard output, and writes files of its own.
+// A build script passes instructions to cargo on standard output, and creates files.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 
 use std::fmt::Write as _;

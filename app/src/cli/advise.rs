@@ -21,19 +21,21 @@ use std::path::{Path, PathBuf};
 
 /// Recommend settings for a scene: depth keys, harmonics, and the fastest setting within a budget
 ///
-/// Without a budget, this needs no graphics device. It reports dropped and unusual splats; a width of depth keys, for each
-/// mapping, that is sufficient to keep all splats that overlap on the screen in order; and how much each band of spherical
-/// harmonics changes the colours. Narrower keys may draw the same picture. The change of the colours is the root mean square over
-/// all directions and splats. Splats are weighted by opacity times area, so a few large ones can outweigh the others. Splats below
-/// the alpha floor of 1/255 are never visible, and are ignored for keys and harmonics.
+/// Without a budget, this needs no graphics device. It reports dropped and unusual splats; a width of depth keys, for
+/// each mapping, that is sufficient to keep all splats that overlap on the screen in order; and how much each band of
+/// spherical harmonics changes the colours. Narrower keys may draw the same picture. The change of the colours is the
+/// root mean square over all directions and splats. Splats are weighted by opacity times area, so a few large ones can
+/// outweigh the others. Splats below the alpha floor of 1/255 are never visible, and are ignored for keys and
+/// harmonics.
 ///
-/// With --psnr or --ms, it changes one parameter at a time, predicts combinations, draws the most promising ones, and prints a
-/// command with the best setting that it measured to be within the budget. PSNR is measured for each view against the exact
-/// renderer (`render --backend reference`), as in `compare`. The exit code is 1 if no setting is within the budget.
+/// With --psnr or --ms, it changes one parameter at a time, predicts combinations, draws the most promising ones, and
+/// prints a command with the best setting that it measured to be within the budget. PSNR is measured for each view
+/// against the exact renderer (`render --backend reference`), as in `compare`. The exit code is 1 if no setting is
+/// within the budget.
 ///
-/// If the times of several settings differ only within the noise, it recommends the most accurate of them, and lists the others
-/// as too noisy to tell. If the defaults are within the budget, it recommends them unless another setting is better beyond the
-/// noise.
+/// If the times of several settings differ only within the noise, it recommends the most accurate of them, and lists
+/// the others as too noisy to tell. If the defaults are within the budget, it recommends them unless another setting is
+/// better beyond the noise.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("backend", options::that_draws))]
 #[command(mut_arg("pipeline", options::that_is_changed))]

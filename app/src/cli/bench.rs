@@ -22,19 +22,20 @@ use std::path::{Path, PathBuf};
 
 /// Measure the time and memory of graphs, pass by pass
 ///
-/// Draws the scene with all graphs interleaved, frame by frame, so that a change of the device's clock affects all of them. Each
-/// time is the median of the rounds' medians, and its spread is their maximum minus their minimum. The mean over the cameras is
-/// the mean of their medians. Warm-up frames do not count.
+/// Draws the scene with all graphs interleaved, frame by frame, so that a change of the device's clock affects all of
+/// them. Each time is the median of the rounds' medians, and its spread is their maximum minus their minimum. The mean
+/// over the cameras is the mean of their medians. Warm-up frames do not count.
 ///
-/// First, a copy from buffer to buffer measures how many bytes per second the device can move. Each pass is compared with this
-/// copy. The bytes of a pass are the declared sizes of all buffers and images that it reads, plus those of all that it writes. A
-/// pass that reads data several times moves more. A pass over only the visible splats moves less.
+/// First, a copy from buffer to buffer measures how many bytes per second the device can move. Each pass is compared
+/// with this copy. The bytes of a pass are the declared sizes of all buffers and images that it reads, plus those of
+/// all that it writes. A pass that reads data several times moves more. A pass over only the visible splats moves less.
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 ///
 /// A graph that cannot be drawn is a row with the reason. The exit code is 1 only if nothing could be measured.
 ///
-/// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32 bits.
+/// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32
+/// bits.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("rounds", |arg| arg.help("Number of rounds")))]
 #[command(mut_arg("frames", |arg| arg.help("Frames of each graph per round [default: 1 to 30, from the frame time]")))]
@@ -62,11 +63,12 @@ pub struct Args {
     /// Sizes of the pictures [default: the cameras']
     #[arg(long, visible_alias = "size", value_name = "WIDTHxHEIGHT,...", value_delimiter = ',', value_parser = options::size)]
     sizes: Vec<(u32, u32)>,
-    /// Numbers of splats: the scene is enlarged by copies inside its splats (see `synth --enlarge`), or cut [default: unchanged]
+    /// Numbers of splats: the scene is enlarged by copies inside its splats (see `synth --enlarge`), or cut [default:
+    /// unchanged]
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
     splats: Vec<u32>,
-    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one. With several scenes, give one
-    /// for all, or one for each in the same order
+    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one. With
+    /// several scenes, give one for all, or one for each in the same order
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Vec<String>,
     /// Print all numbers as JSON, or write them to FILE after each size and number of splats

@@ -17,7 +17,7 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
 
 /// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene.
 ///
-/// Tells the user which file beside the scene is used, or why it is not. Returns `None` if no camera is usable.
+/// Prints which file beside the scene is used, or why it is not. Returns `None` if no camera is usable.
 ///
 /// # Errors
 /// The file of `--cameras` cannot be read, or holds no cameras.
@@ -64,7 +64,7 @@ pub fn check_size(camera: &Camera) -> Result<()> {
     Ok(())
 }
 
-/// Loads all cameras of a file beside the scene. Tells the user and returns `None` if they are not usable.
+/// Loads all cameras of a file beside the scene. If they are not usable, prints why and returns `None`.
 pub fn load_beside(file: &Path) -> Option<Vec<Camera>> {
     let told = |error: &CameraError| say(format!("the cameras beside the scene are not used: {error}"));
     load_file(file).inspect_err(told).ok()

@@ -14,16 +14,18 @@ use std::path::{Path, PathBuf};
 
 /// Compare pictures: PSNR, SSIM, FLIP and the worst pixel
 ///
-/// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts as a folder of
-/// arrays. Pictures of two folders are matched by name without extension. A picture without a partner is an error.
+/// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts as a
+/// folder of arrays. Pictures of two folders are matched by name without extension. A picture without a partner is an
+/// error.
 ///
-/// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian window of
-/// 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the pixels, 0 for equal
-/// pictures. It is computed from the values themselves and from the values in 8 bits, as in `trade`. The worst pixel has the largest
-/// difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are clamped to 0..1.
+/// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian
+/// window of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the
+/// pixels, 0 for equal pictures. It is computed from the values themselves and from the values in 8 bits, as in
+/// `trade`. The worst pixel has the largest difference of a channel, unclamped. If one picture has only 8 or 16 bits,
+/// values are clamped to 0..1.
 ///
-/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey: depths, for instance, whose values
-/// beyond 0..1 count only for the worst pixel.
+/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey: depths, for instance, whose
+/// values beyond 0..1 count only for the worst pixel.
 ///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]

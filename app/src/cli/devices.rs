@@ -11,9 +11,9 @@ use std::path::PathBuf;
 
 /// List this machine's devices
 ///
-/// Pass --device an index within the command's backend, or a part of a name. By default, commands prefer a discrete GPU, then an
-/// integrated GPU, then any other device. Devices that run on the CPU come last. The device `null` executes nothing. The exit
-/// code is 1 if the default backend has no device, or cannot list its devices.
+/// Pass --device an index within the command's backend, or a part of a name. By default, commands prefer a discrete
+/// GPU, then an integrated GPU, then any other device. Devices that run on the CPU come last. The device `null`
+/// executes nothing. The exit code is 1 if the default backend has no device, or cannot list its devices.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph devices

@@ -35,12 +35,12 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Score a scene against photographs: PSNR, SSIM and FLIP per test view, and their means
 ///
-/// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own (Blender,
-/// nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. PSNR and SSIM are computed as
-/// in `compare`. Their means over the views are comparable with published tables.
+/// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own
+/// (Blender, nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. PSNR and
+/// SSIM are computed as in `compare`. Their means over the views are comparable with published tables.
 ///
-/// A view does not stop the others if its photograph is missing, damaged or of another shape, or if its picture has values that are
-/// not finite. The JSON lists it in `missing`, there are no means, and the exit code is 1.
+/// A view does not stop the others if its photograph is missing, damaged or of another shape, or if its picture has
+/// values that are not finite. The JSON lists it in `missing`, there are no means, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

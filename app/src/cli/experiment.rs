@@ -18,8 +18,8 @@ use std::path::PathBuf;
 
 /// Write a page that illustrates an equation of splatting with measurements of a scene
 ///
-/// An experiment changes one thing, draws pictures, and compares them with the exact renderer's. The page contains pictures,
-/// differences, tables and the equation, in one file.
+/// An experiment changes one thing, draws pictures, and compares them with the exact renderer's. The page contains
+/// pictures, differences, tables and the equation, in one file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph experiment order                     # the demo scene: experiment-order.html
@@ -34,15 +34,15 @@ pub struct Args {
 enum Kind {
     /// Blend the splats in four ways, and with depth keys of 8 to 32 bits
     ///
-    /// The ways are unsorted, back to front, front to back with the operator for back to front, and front to back. The page shows
-    /// pictures, differences, the number of pairs of splats in the wrong order, and the term of the sum that differs. Only the
-    /// first camera is drawn.
+    /// The ways are unsorted, back to front, front to back with the operator for back to front, and front to back. The
+    /// page shows pictures, differences, the number of pairs of splats in the wrong order, and the term of the sum that
+    /// differs. Only the first camera is drawn.
     Order(Common),
     /// Omit bands of the spherical harmonics in the glossiest part of the scene
     ///
-    /// Draws bands up to 0, 1, 2 and 3 in the part of the picture whose colours depend most on the direction. It is drawn from
-    /// three directions, or from the given cameras if there are several. Compares the error with the sum of the squared
-    /// coefficients.
+    /// Draws bands up to 0, 1, 2 and 3 in the part of the picture whose colours depend most on the direction. It is
+    /// drawn from three directions, or from the given cameras if there are several. Compares the error with the sum of
+    /// the squared coefficients.
     Sh(Common),
 }
 
@@ -52,7 +52,8 @@ enum Kind {
 struct Common {
     #[arg(help = options::optional_scene_help())]
     scene: Option<PathBuf>,
-    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
+    /// Cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one
+    /// [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras', at most 640 pixels wide]

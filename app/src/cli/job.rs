@@ -255,7 +255,8 @@ impl Job {
             false => true,
         });
         while !missing.is_empty() {
-            // Several frames are in flight, so an error does not identify its view. After one, views are drawn singly.
+            // Several frames are in flight, so an error does not identify its view. After an error, views are drawn one
+            // at a time.
             if missing.len() > 1 && self.draw(&missing).is_ok() {
                 ran.done.append(&mut missing);
                 break;

@@ -21,7 +21,8 @@ pub struct LookAtArgs {
     /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
     fov: Option<f64>,
-    /// Height of an orthographic view, in world units [default: that of the perspective view, at the middle of the scene]
+    /// Height of an orthographic view, in world units [default: that of the perspective view, at the middle of the
+    /// scene]
     #[arg(long, value_name = "UNITS", value_parser = height, conflicts_with = "fov")]
     ortho_height: Option<f64>,
     /// Draw N pictures along a circle through --eye with the axis --up, starting at --eye

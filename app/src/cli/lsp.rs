@@ -11,8 +11,8 @@ const EXAMPLES: &str = "Examples:
 
 /// Run the language server for editors: errors, completion, values, barriers and renaming
 ///
-/// Speaks the Language Server Protocol on standard input and output, and ends with the editor. No GPU is needed: graphs are
-/// built for the least capable supported device and a million splats, as `check` does.
+/// Speaks the Language Server Protocol on standard input and output, and ends with the editor. No GPU is needed: graphs
+/// are built for the least capable supported device and a million splats, as `check` does.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

@@ -11,12 +11,12 @@ use std::path::PathBuf;
 
 /// Join the results of a command that several processes shared (--shard), and name missing views
 ///
-/// For `trade` and `sweep`, the folder gets the files of the command; for `evaluate`, scores.json, as --json prints it. They
-/// equal the files of a single process, except for times, which each process measured. For `render`, the views with all their
-/// files are counted.
+/// For `trade` and `sweep`, the folder gets the files of the command; for `evaluate`, scores.json, as --json prints it.
+/// They equal the files of a single process, except for times, which each process measured. For `render`, the views
+/// with all their files are counted.
 ///
-/// Processes that do not share a disk have a folder each: name all of them. If views are missing, the files contain the others,
-/// scores.json lists the missing ones and has no means, and the exit code is 1.
+/// Processes that do not share a disk have a folder each: name all of them. If views are missing, the files contain the
+/// others, scores.json lists the missing ones and has no means, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph render scene.ply -c garden/ -o out/ --shard 0/2   # on one machine

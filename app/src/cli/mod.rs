@@ -97,8 +97,8 @@ fn examples() -> String {
 
 /// Draw 3D Gaussian Splatting scenes with renderers that are text files, and measure the cost of every choice
 ///
-/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph source` lists the built-in
-/// ones, and `splatgraph new` writes one to start from. Pass the path of a graph to `--pipeline`.
+/// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph source` lists
+/// the built-in ones, and `splatgraph new` writes one to start from. Pass the path of a graph to `--pipeline`.
 #[derive(Debug, Parser)]
 #[command(name = "splatgraph", version, max_term_width = 110)]
 #[command(after_help = examples())]

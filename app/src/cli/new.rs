@@ -16,7 +16,8 @@ const EXAMPLES: &str = "Examples:
 
 /// Write a graph to start from, with its shaders beside it
 ///
-/// The new graph can be checked and drawn immediately. Its shaders are named after it. docs/tutorial.md explains each template.
+/// The new graph can be checked and drawn immediately. Its shaders are named after it. docs/tutorial.md explains each
+/// template.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -31,7 +32,7 @@ pub struct Args {
     force: bool,
 }
 
-/// A graph to start from.
+/// Template of a new graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Start {
     /// A splat renderer with its own projection and draw, and a built-in sort

@@ -343,7 +343,8 @@ pub struct DeviceArgs {
     /// Device: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
-    /// Enable the API's validation (for Vulkan, with synchronization validation), and exit with code 1 if it reports anything
+    /// Enable the API's validation (for Vulkan, with synchronization validation), and exit with code 1 if it reports
+    /// anything
     #[arg(long)]
     pub validate: bool,
     /// Do not check accesses beyond the ends of buffers and images, to measure the cost of the checks
@@ -366,8 +367,8 @@ impl DeviceArgs {
 /// Options of the device, and its API.
 #[derive(Debug, clap::Args)]
 pub struct BackendArgs {
-    /// Graphics API: `vulkan`, `metal` (on Apple's systems), or `null`, which executes nothing (pictures are black, and times are
-    /// meaningless)
+    /// Graphics API: `vulkan`, `metal` (on Apple's systems), or `null`, which executes nothing (pictures are black, and
+    /// times are meaningless)
     #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse)]
     pub backend: Api,
     #[command(flatten)]
@@ -421,16 +422,17 @@ pub struct Drawing {
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = setting)]
     pub set: Vec<(String, String)>,
-    /// Cameras: a COLMAP folder, a transforms.json, the reference implementation's cameras.json, or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
+    /// Cameras: a COLMAP folder, a transforms.json, the reference implementation's cameras.json, or a glTF file; `#2`
+    /// or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
     ///
-    /// The format is recognised by the contents. Lenses with distortion are refused. The text of a cameras.json works in place of
-    /// a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
+    /// The format is recognised by the contents. Lenses with distortion are refused. The text of a cameras.json works
+    /// in place of a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     pub cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     ///
-    /// The cameras keep their vertical field of view: a wider picture shows more at the sides. The camera that frames the scene
-    /// frames it at this size.
+    /// The cameras keep their vertical field of view: a wider picture shows more at the sides. The camera that frames
+    /// the scene frames it at this size.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub size: Option<(u32, u32)>,
 }
@@ -451,8 +453,8 @@ pub fn jobs(wanted: Option<u16>) -> usize {
 pub struct MemoryArgs {
     /// Choose the most accurate storage of the splats that fits so much memory of the device, such as 8GiB
     ///
-    /// The buffers and images that stay after the first frame count. Storage is a parameter of the graph, so `--set storage=...`
-    /// leaves nothing to choose. The default is the device's free memory, for scenes that may exceed it.
+    /// The buffers and images that stay after the first frame count. Storage is a parameter of the graph, so `--set
+    /// storage=...` leaves nothing to choose. The default is the device's free memory, for scenes that may exceed it.
     #[arg(long, value_name = "SIZE", value_parser = storage::parse_bytes)]
     pub memory: Option<u64>,
 }
@@ -460,8 +462,8 @@ pub struct MemoryArgs {
 /// Options for the number of frames of a measurement.
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
-    /// Maximum number of rounds. Measuring ends earlier once the time is precise enough, or after 8 seconds. With fewer than 8
-    /// frames in all rounds, all differences in time count as noise
+    /// Maximum number of rounds. Measuring ends earlier once the time is precise enough, or after 8 seconds. With fewer
+    /// than 8 frames in all rounds, all differences in time count as noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Frames per round; the baseline draws as many, interleaved [default: 1 to 3, from the frame time]

@@ -20,20 +20,20 @@ use std::path::{Path, PathBuf};
 
 /// Measure popping along a path of cameras: how the error changes from frame to frame
 ///
-/// The exact renderer (`render --backend reference`) and each graph draw every frame of the path. From one frame to the next,
-/// both pictures change. The `pop` of a step is the mean absolute difference of the two changes over all pixels, which is the
-/// change of the error. It is 0 for a constant error, however large. The `excess` is the mean of the change beyond the true
-/// change, at most the pop. Both are computed from values clamped to 0..1.
+/// The exact renderer (`render --backend reference`) and each graph draw every frame of the path. From one frame to the
+/// next, both pictures change. The `pop` of a step is the mean absolute difference of the two changes over all pixels,
+/// which is the change of the error. It is 0 for a constant error, however large. The `excess` is the mean of the
+/// change beyond the true change, at most the pop. Both are computed from values clamped to 0..1.
 ///
-/// The table lists the step in degrees of camera rotation, means over the steps, the pop per degree, the worst step, the worst
-/// pixel of any step, and the number of pairs of splats that change places per step, in the drawn order and in the true order.
-/// Compare pops of equal steps only. With a smaller step, an error that drifts with the surfaces falls in proportion. An error
-/// that jumps falls less, so the ranking of graphs may change. The exact renderer draws in the published order, whose pop is
-/// therefore 0 by definition, although it pops where the depths of two splats cross. Frames are drawn once and in sequence, so
-/// `stale_order` uses the order of the previous frame of the path.
+/// The table lists the step in degrees of camera rotation, means over the steps, the pop per degree, the worst step,
+/// the worst pixel of any step, and the number of pairs of splats that change places per step, in the drawn order and
+/// in the true order. Compare pops of equal steps only. With a smaller step, an error that drifts with the surfaces
+/// falls in proportion. An error that jumps falls less, so the ranking of graphs may change. The exact renderer draws
+/// in the published order, whose pop is therefore 0 by definition, although it pops where the depths of two splats
+/// cross. Frames are drawn once and in sequence, so `stale_order` uses the order of the previous frame of the path.
 ///
-/// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short orbit
-/// around the middle of the scene.
+/// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short
+/// orbit around the middle of the scene.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("backend", options::that_draws))]
 #[command(after_help = "Examples:
@@ -50,7 +50,8 @@ pub struct Args {
     /// Also measure `auto` with these parameters; may be repeated for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
     with: Vec<Setting>,
-    /// The path, as cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
+    /// The path, as cameras: a COLMAP folder, a transforms.json, a cameras.json or a glTF file; `#2` or `#NAME` selects
+    /// one [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
     /// Number of frames of the orbit, or of the start of the path [default: 12, or the whole path]

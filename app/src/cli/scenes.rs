@@ -17,10 +17,12 @@ use std::sync::atomic::AtomicBool;
 pub struct ScenesArgs {
     #[arg(value_name = "SCENE", help = options::optional_scene_help())]
     pub scene: Option<PathBuf>,
-    /// Further scenes in the same picture, sorted together, and meshes (.glb, .gltf). To rotate or scale them, write a scene file (.ron)
+    /// Further scenes in the same picture, sorted together, and meshes (.glb, .gltf). To rotate or scale them, write a
+    /// scene file (.ron)
     #[arg(value_name = "SCENE")]
     more: Vec<PathBuf>,
-    /// Move a further scene or mesh by this vector; the first --at is for the first further file, the second for the second
+    /// Move a further scene or mesh by this vector; the first --at is for the first further file, the second for the
+    /// second
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     at: Vec<[f64; 3]>,
     #[command(flatten)]

@@ -14,9 +14,9 @@ const EXAMPLES: &str = "Examples:
 
 /// Print a built-in graph, part or shader
 ///
-/// Without NAME, all names are listed. Graphs refer to parts and shaders by these names: `Include(graph: "parts/sort.ron", ...)`,
-/// `shader: "sort/scatter.comp"`, and in a shader, `#include "camera.glsl"`. A file of that name beside the graph takes
-/// precedence.
+/// Without NAME, all names are listed. Graphs refer to parts and shaders by these names: `Include(graph:
+/// "parts/sort.ron", ...)`, `shader: "sort/scatter.comp"`, and in a shader, `#include "camera.glsl"`. A file of that
+/// name beside the graph takes precedence.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

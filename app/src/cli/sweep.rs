@@ -27,15 +27,17 @@ use std::sync::Arc;
 
 /// Measure quality and time as splats are removed
 ///
-/// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file, the largest by
-/// opacity times size in the world, the largest by opacity times size on the screen, and the nearest visible ones. The largest
-/// are chosen before keys are made, as usual for levels of detail. The nearest are cut after the sort, for which tiles use
-/// `sorted=splats`; they are a half, a quarter and so on of the visible splats, so fewer if some are outside of the view (`drawn`
-/// in sweep.csv). Each picture is compared with the exact renderer's picture of all splats.
+/// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file, the
+/// largest by opacity times size in the world, the largest by opacity times size on the screen, and the nearest visible
+/// ones. The largest are chosen before keys are made, as usual for levels of detail. The nearest are cut after the
+/// sort, for which tiles use `sorted=splats`; they are a half, a quarter and so on of the visible splats, so fewer if
+/// some are outside of the view (`drawn` in sweep.csv). Each picture is compared with the exact renderer's picture of
+/// all splats.
 ///
 /// Then a camera approaches, and the time of the draw is compared with the number of fragments.
 ///
-/// The output folder gets a page (sweep.html), all numbers (sweep.csv and .json), plots as .svg and .png, and the pictures.
+/// The output folder gets a page (sweep.html), all numbers (sweep.csv and .json), plots as .svg and .png, and the
+/// pictures.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("backend", options::that_draws))]
 #[command(after_help = "Examples:

@@ -125,7 +125,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
 fn refuse_other(folder: &Path, photographs: &[PathBuf], model: &[(PathBuf, String)]) -> Result<(), Usage> {
     let entries = |below: &str| {
         let entries = fs::read_dir(folder.join(below)).into_iter().flatten().flatten();
-        // Hidden files are the system's, or left by a run that was stopped.
+        // Hidden files belong to the system, or were left by an interrupted run.
         let visible = entries.filter(|entry| !entry.file_name().as_encoded_bytes().starts_with(b"."));
         visible.map(|entry| entry.path())
     };

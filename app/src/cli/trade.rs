@@ -27,23 +27,26 @@ use std::sync::Arc;
 
 /// Measure what each setting saves and what it costs in accuracy
 ///
-/// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's defaults,
-/// and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render --backend reference`),
-/// or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a change of the device's clock
-/// affects both. A parameter whose declaration has no `exact` value keeps its default. A parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
+/// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's
+/// defaults, and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render
+/// --backend reference`), or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a
+/// change of the device's clock affects both. A parameter whose declaration has no `exact` value keeps its default. A
+/// parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
 /// earlier one is not measured either.
 ///
-/// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; that share in milliseconds on
-/// the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR over all pixels and over the pixels that a
-/// splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal pictures); the largest difference of a channel; the
-/// share of pixels that are off by more than 1/255; pairs of visible splats in the wrong order; and memory on the device. A `*`
-/// marks the Pareto front: every setting that is at least as accurate takes at least 2 % longer, beyond the noise. The noise is
-/// at least the difference of the exact settings from themselves. A `?` marks settings that may be on the front, but are too
-/// noisy to tell. A graph that draws from the previous frame is not judged, because still views hide its error.
+/// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; that share in
+/// milliseconds on the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR over
+/// all pixels and over the pixels that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal
+/// pictures); the largest difference of a channel; the share of pixels that are off by more than 1/255; pairs of
+/// visible splats in the wrong order; and memory on the device. A `*` marks the Pareto front: every setting that is at
+/// least as accurate takes at least 2 % longer, beyond the noise. The noise is at least the difference of the exact
+/// settings from themselves. A `?` marks settings that may be on the front, but are too noisy to tell. A graph that
+/// draws from the previous frame is not judged, because still views hide its error.
 ///
-/// An interrupted run resumes. A folder whose rows depend on other inputs is refused: on another scene, graph or option of the
-/// device, on other cameras or pictures of --truth, or on other --rounds or --frames. Rows of another program or device are kept
-/// in a file of another name, and everything is measured again. So are rows of a setting whose plan has changed.
+/// An interrupted run resumes. A folder whose rows depend on other inputs is refused: on another scene, graph or option
+/// of the device, on other cameras or pictures of --truth, or on other --rounds or --frames. Rows of another program or
+/// device are kept in a file of another name, and everything is measured again. So are rows of a setting whose plan has
+/// changed.
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
@@ -61,8 +64,8 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
-    /// Folder of pictures that count as exact, one for each camera, named after its img_name [default: the exact renderer's
-    /// pictures]
+    /// Folder of pictures that count as exact, one for each camera, named after its img_name [default: the exact
+    /// renderer's pictures]
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
     /// Folder for ledger.json, .csv, .html, .svg, .png and pictures/; an interrupted run resumes from ledger.json

@@ -130,8 +130,8 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
 /// the graphs require 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
 /// shader (guaranteed: 4), and [`PORTABLE_FEATURES`] (guaranteed: only the basic subgroup operations).
 ///
-/// Images have the largest size of common GPUs (guaranteed: 4096): a plan without a device should not refuse an image that
-/// some device can draw.
+/// Images have the largest size of common GPUs (guaranteed: 4096): a plan without a device should not refuse an image
+/// that some device can draw.
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -226,7 +226,7 @@ pub fn catalog(scene: &Scene) -> Catalog {
     }
 }
 
-/// Sets the number of splats. The attributes of a mesh keep their counts.
+/// Changes the number of splats in a catalog. The attributes of a mesh keep their counts.
 pub fn with_count(mut catalog: Catalog, splats: u64) -> Catalog {
     for name in ATTRIBUTES {
         if let Some(attribute) = catalog.attributes.get_mut(name) {

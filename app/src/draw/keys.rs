@@ -230,7 +230,7 @@ pub fn of_scene(bounds: &Bounds) -> u32 {
 
 /// Maximum number of tiles and pairs to examine for one width in one view.
 ///
-/// It prevents quadratic time for thousands of splats with equal keys.
+/// It bounds the otherwise quadratic time for thousands of splats with equal keys.
 const MAX_WORK: u64 = 20_000_000;
 
 /// Counts the pairs that overlap on the screen and are drawn in the wrong order. Stops above `limit`.

@@ -131,8 +131,8 @@ impl Output {
     /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2.
     ///
     /// # Errors
-    /// The extension is not one of `.npy`, `.exr` and `.png`, [`check_format`] refuses the format, or the file cannot be
-    /// written.
+    /// The extension is not one of `.npy`, `.exr` and `.png`, [`check_format`] refuses the format, or the file cannot
+    /// be written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         if let Some(format) = Format::of(path) {
             let refused = |why: String| OutputError { path: path.to_owned(), cause: why.into() };

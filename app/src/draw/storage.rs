@@ -2,7 +2,8 @@
 //!
 //! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their values form a ladder, from the
 //! most accurate to the smallest. The plan of each rung is built in order, until its resident bytes fit. Rungs whose
-//! plan cannot be built are skipped. If the user sets one of these parameters, there is nothing to choose.
+//! plan cannot be built are skipped. If the user sets one of them, `covariance` or `position_storage`, there is nothing
+//! to choose.
 
 use crate::draw::fit;
 use crate::draw::planner::GraphErrors;
@@ -16,7 +17,7 @@ use std::fmt;
 /// Rung of the ladder: a value of a storage parameter.
 struct Rung {
     set: (&'static str, &'static str),
-    /// PSNR against separate storage, in decibels: the lower value of the two captures in docs/accuracy-tables.md.
+    /// PSNR against `storage=separate`, in decibels: the lower value of the two captures in docs/accuracy-tables.md.
     psnr: u32,
 }
 
@@ -28,7 +29,7 @@ const LADDER: [Rung; 4] = [
     Rung { set: ("storage", "b24"), psnr: 45 },
 ];
 
-/// Parameters that decide the storage.
+/// Parameters that decide the storage: if one is set, there is nothing to choose.
 const PARAMETERS: [&str; 4] = ["storage", "sh_storage", "covariance", "position_storage"];
 
 /// Storage that was chosen, and the settings that were tried before it.

@@ -1,4 +1,4 @@
-//! Generates and finds the demo scene, which `render` and `view` draw by default.
+//! Generates and finds the demo scene, which commands draw if no scene is given.
 //!
 //! The first use writes the scene as a `.ply`; later uses load that file. If it cannot be written, each use generates
 //! the scene.

@@ -130,7 +130,8 @@ impl NamelessPlan {
 
 /// Returns SPIR-V without its debug instructions, which hold names, texts and lines.
 fn nameless(spirv: &[u32]) -> Vec<u32> {
-    // OpSourceContinued, OpSource, OpSourceExtension, OpName, OpMemberName, OpString, OpLine; OpNoLine; OpModuleProcessed.
+    // OpSourceContinued, OpSource, OpSourceExtension, OpName, OpMemberName, OpString, OpLine; OpNoLine;
+    // OpModuleProcessed.
     let is_debug = |opcode: u32| matches!(opcode, 2..=8 | 317 | 330);
     let (header, mut rest) = spirv.split_at(spirv.len().min(5));
     let mut code = header.to_vec();

@@ -29,12 +29,12 @@ const EXAMPLES: &str = "Examples:
 
 /// Check graphs and their shaders, without a GPU
 ///
-/// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4 to 128 lanes.
-/// Errors are shown at their line and column. A graph's requirement that this device does not meet is reported, but is not an
-/// error: the graph is then checked with other facts of the device or the scene, with which its requirements are met. So are the
-/// graphs of a choice that are not drawn. An oracle replays the barriers of each plan, and reports missing barriers and needless
-/// bits. A parameter of --set without an effect gives a warning. With --device, graphs are built for that device instead, and unmet
-/// requirements are errors.
+/// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4
+/// to 128 lanes. Errors are shown at their line and column. A graph's requirement that this device does not meet is
+/// reported, but is not an error: the graph is then checked with other facts of the device or the scene, with which its
+/// requirements are met. So are the graphs of a choice that are not drawn. An oracle replays the barriers of each plan,
+/// and reports missing barriers and needless bits. A parameter of --set without an effect gives a warning. With
+/// --device, graphs are built for that device instead, and unmet requirements are errors.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -47,8 +47,8 @@ pub struct Args {
     /// Number of splats of the nominal scene
     #[arg(long, value_name = "N", default_value_t = SceneFacts::NOMINAL.count as u32, value_parser = clap::value_parser!(u32).range(1..))]
     splats: u32,
-    /// Build for this device: a name listed by --help, a file from `splatgraph devices --json`, or a part of the name or the index of a
-    /// device of this machine; may be repeated
+    /// Build for this device: a name listed by --help, a file from `splatgraph devices --json`, or a part of the name
+    /// or the index of a device of this machine; may be repeated
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Vec<String>,
     /// Print JSON, or write it to a file: for each graph and each --device, its name, validity, verdict and diagnostics
@@ -340,7 +340,7 @@ impl Checked<'_> {
         for (_, text) in without_effect(&plan, self.set) {
             self.idle.add(lanes, text);
         }
-        // Barriers depend on passes and resources, not on shaders or facts.
+        // Barriers depend on passes, resources and bindings, not on the code of shaders or on facts.
         if let Some((_, line)) = self.verified.iter().find(|(other, _)| is_same(other, &plan)) {
             return Ok(line.clone());
         }

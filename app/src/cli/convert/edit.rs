@@ -27,7 +27,8 @@ pub struct EditArgs {
     /// Remove the splats of a selection that the viewer wrote (.json)
     #[arg(long, value_name = "FILE.json")]
     remove: Option<PathBuf>,
-    /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may be repeated
+    /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may
+    /// be repeated
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
     transform: Vec<Similarity>,
     /// Keep the splats whose centres are inside: `box:X,Y,Z,X,Y,Z` (two corners) or `sphere:X,Y,Z,RADIUS`
@@ -35,9 +36,9 @@ pub struct EditArgs {
     crop: Option<Crop>,
     /// Keep the splats for which this expression is true, for instance 'opacity > 0.05 && scale_max < 0.5'
     ///
-    /// The names are x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red, green,
-    /// blue (band 0, 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs,
-    /// but `/` divides whole numbers as floats: 1/2 is 0.5.
+    /// The names are x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red,
+    /// green, blue (band 0, 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs, but
+    /// `/` divides whole numbers as floats: 1/2 is 0.5.
     #[arg(long = "where", value_name = "EXPRESSION", allow_hyphen_values = true, value_parser = condition)]
     condition: Option<Condition>,
     /// Order of the splats: `file`, or `morton`, which stores neighbours in space near each other

@@ -31,8 +31,8 @@ const EXAMPLES: &str = "Examples:
 
 /// Write a scene in another format, and list what is lost
 ///
-/// The contents of IN determine its format. The format of OUT follows from its extension or from --format. The last lines compare
-/// the sizes and list what the format rounds or drops.
+/// The contents of IN determine its format. The format of OUT follows from its extension or from --format. The last
+/// lines compare the sizes and list what the format rounds or drops.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

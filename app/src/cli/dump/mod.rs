@@ -36,9 +36,9 @@ On Apple's GPUs:
 
 /// Show the plan of a graph: passes in order, barriers, resources
 ///
-/// No GPU is needed. Without --device, the plan is for the least capable supported device, with subgroups of 32 lanes. Without
-/// --scene, it is for a million splats with spherical harmonics of degree 3. With --diff, the differences between two plans are
-/// shown. The JSON's fields are documented in docs/dump.md.
+/// No GPU is needed. Without --device, the plan is for the least capable supported device, with subgroups of 32 lanes.
+/// Without --scene, it is for a million splats with spherical harmonics of degree 3. With --diff, the differences
+/// between two plans are shown. The JSON's fields are documented in docs/dump.md.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

@@ -39,8 +39,8 @@ const EXAMPLES: &str = "Examples:
 
 /// Draw a scene
 ///
-/// A graph draws the scene on a device. With `--backend reference`, the exact renderer draws it on the CPU, in f64. The default
-/// scene is the demo scene, which the first use generates. The default camera frames the scene.
+/// A graph draws the scene on a device. With `--backend reference`, the exact renderer draws it on the CPU, in f64. The
+/// default scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -52,10 +52,10 @@ pub struct Args {
     pub(super) look: LookAtArgs,
     /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
     ///
-    /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure the rest of the program: its
-    /// pictures are black, and its GPU times are meaningless. The exact renderer follows the rules of the published CUDA
-    /// rasteriser in f64. It shares no arithmetic with the shaders and executes no graph; `--pipeline orthographic`, `fisheye` and
-    /// `equirectangular` name its projection. Errors are measured against its pictures.
+    /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure the rest of the program:
+    /// its pictures are black, and its GPU times are meaningless. The exact renderer follows the rules of the published
+    /// CUDA rasteriser in f64. It shares no arithmetic with the shaders and executes no graph; `--pipeline
+    /// orthographic`, `fisheye` and `equirectangular` name its projection. Errors are measured against its pictures.
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     pub(super) backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated
@@ -64,7 +64,8 @@ pub struct Args {
     /// Background colour, display-encoded: 0 is black, 1 is white
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     pub(super) background: [f32; 3],
-    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder; NAME=FILE for depth, alpha and others
+    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder; NAME=FILE for depth, alpha
+    /// and others
     #[arg(
         short, long, value_name = "OUT|NAME=FILE", required_unless_present_any = ["json", "inspect"],
         value_parser = OsStringValueParser::new().try_map(destination::output), long_help = destination::output_help()
@@ -75,31 +76,32 @@ pub struct Args {
     pub(super) format: Option<Format>,
     /// Print statistics as JSON, one entry per camera, or write them to FILE
     ///
-    /// docs/output-files.md lists the fields. If a camera fails, the cameras before it have entries, and the exit code is 1.
+    /// docs/output-files.md lists the fields. If a camera fails, the cameras before it have entries, and the exit code
+    /// is 1.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     pub(super) json: Option<PathBuf>,
     /// Record where the time goes: a trace for https://ui.perfetto.dev, and a summary on standard error
     ///
-    /// The trace has a track for each thread, one for the passes on the GPU by their timestamps, and one for each frame in flight. A
-    /// line of the summary is the time of a step, excluding nested steps.
+    /// The trace has a track for each thread, one for the passes on the GPU by their timestamps, and one for each frame
+    /// in flight. A line of the summary is the time of a step, excluding nested steps.
     #[arg(long, value_name = "FILE.json")]
     pub timeline: Option<PathBuf>,
     /// Number of frames per camera; times are their medians, and the files are of the last one
     ///
-    /// If N is above 1, the device is first warmed up for a fifth of a second, unless the picture depends on the number of frames: the
-    /// graph has a history, or a shader reads `camera.frame`. Its times need a large N.
+    /// If N is above 1, the device is first warmed up for a fifth of a second, unless the picture depends on the number
+    /// of frames: the graph has a history, or a shader reads `camera.frame`. Its times need a large N.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     pub(super) repeat: u32,
     /// Maximum number of pictures that are drawn but not yet written [default: two per processor]
     ///
-    /// The device draws while other threads encode. If memory is short, fewer pictures wait. The number affects neither the files
-    /// nor the order of messages.
+    /// The device draws while other threads encode. If memory is short, fewer pictures wait. The number affects neither
+    /// the files nor the order of messages.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(super) jobs: Option<u16>,
     /// Read back a resource after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
     ///
-    /// For a ping-pong buffer `keys`, the half that the pass writes is read. `scatter` is the last of `sort.scatter[0]`,
-    /// `sort.scatter[1]`, ... For sort keys, the output reports whether they ascend.
+    /// For a ping-pong buffer `keys`, the half that the pass writes is read. `scatter` is the last of
+    /// `sort.scatter[0]`, `sort.scatter[1]`, ... For sort keys, the output reports whether they ascend.
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
     pub(super) inspect: Vec<InspectRequest>,
     #[command(flatten)]

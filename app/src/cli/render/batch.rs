@@ -91,7 +91,10 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for all frames in flight, before another plan is prepared. Has the errors of [`Batch::submit`].
+    /// Waits for all frames in flight, before another plan is prepared.
+    ///
+    /// # Errors
+    /// See [`Batch::submit`].
     pub fn land_all(&mut self, session: &mut Session, progress: &Progress) -> Result<()> {
         while !self.flying.is_empty() {
             self.land(session, progress)?;

@@ -36,8 +36,9 @@ const EXAMPLES: &str = "Examples:
 
 /// Draw a film of a camera that moves through a scene
 ///
-/// With --cameras, the camera moves smoothly through them at constant speed, where rotation counts as distance. Without, it goes
-/// once around the scene. Fisheyes need `--pipeline fisheye`, which draws pinholes as fisheyes, too. The viewer plays the same path: K records a key, and the Cameras tool writes the keys to a file.
+/// With --cameras, the camera moves smoothly through them at constant speed, where rotation counts as distance.
+/// Without, it goes once around the scene. Fisheyes need `--pipeline fisheye`, which draws pinholes as fisheyes, too.
+/// The viewer plays the same path: K records a key, and the Cameras tool writes the keys to a file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -65,11 +66,12 @@ pub struct Args {
     /// Background colour, display-encoded: 0 is black, 1 is white
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
-    /// Output: .gif, .apng or .png (animated), .y4m, or a folder; .mp4 (AV1) if the program was built with the feature av1
+    /// Output: .gif, .apng or .png (animated), .y4m, or a folder; .mp4 (AV1) if the program was built with the feature
+    /// av1
     ///
-    /// A name without extension is a folder with 00000.png, 00001.png, ..., and film.json, which describes the film. Repeating
-    /// the command draws the missing frames. A .y4m is uncompressed video for encoders: 4:2:0, BT.709. `-` writes .y4m to
-    /// standard output. Files and pictures are never partial.
+    /// A name without extension is a folder with 00000.png, 00001.png, ..., and film.json, which describes the film.
+    /// Repeating the command draws the missing frames. A .y4m is uncompressed video for encoders: 4:2:0, BT.709. `-`
+    /// writes .y4m to standard output. Files and pictures are never partial.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Format of the pictures in a folder [default: png]

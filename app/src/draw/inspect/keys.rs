@@ -88,8 +88,8 @@ fn is_zero(bits: &u32) -> bool {
 
 /// Returns the number of keys that a frame sorted, from its statistics; `None` if no statistic contains it.
 ///
-/// The number is word 3 of the buffer that the pass binds as `Args`. For pairs, it is the number of needed pairs: a frame
-/// without capacity for all pairs is drawn again. In other graphs, there is a key for each visible splat.
+/// The number is word 3 of the buffer that the pass binds as `Args`. For pairs, it is the number of needed pairs: a
+/// frame without capacity for all pairs is drawn again. In other graphs, there is a key for each visible splat.
 pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
     let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
     let Some(args) = pass.bindings.iter().find(|binding| binding.name == "Args") else {
@@ -103,7 +103,7 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
     at(KEYS_BYTE).or_else(|| value(if pairs { "entries_needed" } else { "visible" }))
 }
 
-/// Says why the order is unknown: after `ascending` keys comes a smaller one, which the frame may not have sorted.
+/// Explains why the order is unknown: after `ascending` keys comes a smaller one, which the frame may not have sorted.
 pub(super) fn unknown_order(plan: &Plan, pass: &Pass, ascending: u64) -> String {
     let statistic = match pass.bindings.iter().find(|binding| binding.name == "Args") {
         Some(args) => {
@@ -188,7 +188,7 @@ mod tests {
     fn pair_keys_are_judged_over_the_pairs_and_without_the_bits_that_the_sort_leaves_alone() {
         let plan = plan("tiled", 32);
         let target = resolve(&plan, "keys", "scatter").expect("short names");
-        // Ascending above the lowest 5 of 32 bits. The last one is not a pair of this frame.
+        // Ascending above the lowest 5 of 32 bits. The last key is not a pair of this frame.
         let keys = [5 << 5 | 7, 5 << 5, 9 << 5 | 1, 9 << 5, 0];
         let bytes: Vec<u8> = keys.iter().flat_map(|key: &u32| key.to_le_bytes()).collect();
         let stats = [("visible".to_owned(), 2), ("entries_needed".to_owned(), 4)];
@@ -197,7 +197,7 @@ mod tests {
         assert!(
             order.to_string().ends_with("(without the lowest 5 bits, which the sort leaves to a later pass)")
         );
-        // The last word may be unused where the number of pairs is unknown.
+        // Without the number of pairs, the last word may be unused.
         let found = Finding::new(&plan, &target, &bytes, &[]);
         assert_eq!((found.order, found.counted), (None, None));
         let reason = "unknown order: the first 4 keys ascend, and no statistic tells how many keys the frame sorted; \

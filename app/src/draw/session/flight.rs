@@ -54,7 +54,7 @@ impl Session {
     /// Waits for a frame and returns its results, drawn with the current plan.
     ///
     /// Repeats an incomplete frame with more capacity; see the [module documentation](self). Wait for all frames before
-    /// another size is prepared.
+    /// you prepare another size.
     ///
     /// # Errors
     /// - The device fails.

@@ -7,8 +7,8 @@
 //! All results are of complete frames. If a list overflowed in a frame (see [`capacity`](crate::draw::capacity)),
 //! [`Session::wait`] builds a plan with more capacity and draws the frame again with the same inputs. The later frames
 //! in flight are repeated when they are waited for. The graph's histories are not restored: `last(...)` then contains a
-//! frame of the same camera, or of the next one in flight. The larger capacity is kept until [`Session::set_graph`], for
-//! pictures of all sizes, unless the default for another size is larger.
+//! frame of the same camera, or of the next one in flight. The larger capacity is kept for pictures of all sizes,
+//! unless the default for another size is larger, until [`Session::set_graph`] or [`Session::set_scene`].
 
 use crate::draw::backend::Backend;
 use crate::draw::capacity::Capacities;
@@ -224,7 +224,9 @@ impl Session {
         Ok(())
     }
 
-    /// Changes the scene from the next [`Session::prepare`], and discards frames in flight.
+    /// Changes the scene from the next [`Session::prepare`].
+    ///
+    /// Discards frames in flight, and resets growing parameters to their defaults.
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
         self.forget_plan();

@@ -12,7 +12,7 @@ pub enum PixelsError {
     /// The device returned no picture.
     #[error("expected a picture from the device, found none")]
     Missing,
-    /// The output has a format without colours; the name is that of the format.
+    /// The output's format, named here, has no colours.
     #[error("expected colours in the graph's output, found the format {0}")]
     NoColours(&'static str),
     /// The bytes do not match the size.

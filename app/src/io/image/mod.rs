@@ -101,8 +101,8 @@ impl Image {
         })?)
     }
 
-    /// Saves values that are not colours, such as alpha, as a PNG file. Programs must not convert them as colours, so the
-    /// file does not declare an encoding.
+    /// Saves values that are not colours, such as alpha, as a PNG file. Programs must not convert them as colours, so
+    /// the file does not declare an encoding.
     ///
     /// # Errors
     /// The file cannot be written. An existing file is then kept.

@@ -7,7 +7,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// Contents of a folder that a request claims.
+/// Outcome of claiming a folder for a request.
 pub enum Claim {
     /// The folder had neither a description nor results; it has the request's description now.
     Written,
@@ -17,9 +17,9 @@ pub enum Claim {
     Stray(PathBuf),
 }
 
-/// Writes the description `file`, unless it exists or `stray` finds a result.
+/// Writes the `description` of a request to `file`, unless the file exists, or `stray` finds a result.
 ///
-/// If two requests do so at once, one writes, and the other finds what was written.
+/// Of two concurrent requests, one writes its description, and the other finds it.
 ///
 /// # Errors
 /// The file cannot be read or written.

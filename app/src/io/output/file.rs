@@ -235,7 +235,8 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Hidden names in use, to remove on a signal. A thread holds the lock while it names a file or ends the program.
+/// Hidden names in use, to remove on a signal. A thread holds the lock while it names a file, writes lines of a log, or
+/// ends the program.
 static HIDDEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {

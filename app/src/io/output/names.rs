@@ -1,11 +1,12 @@
 //! Makes unique file names from the cameras' names.
 //!
 //! The list of names determines the file names, so two runs give the same files. Names that are valid file names stay
-//! unchanged. In other names, everything that some system rejects becomes `_`: separators, control characters, `< > : "
-//! | ? *`, a leading dot, and the devices of Windows (`CON`, `NUL`, ...). An empty name becomes `camera` and the
-//! camera's index. Among equal results, one stays: the first name that was valid, or else the first. The others get `-`
-//! and the camera's index, and then a number, until all differ, ignoring case. A name that is too long is cut, and ends
-//! in `~` and eight digits of the hash of the whole name. [`first_free`] numbers the files that a window writes.
+//! unchanged. In other names, characters that some system rejects become `_`: separators, control characters, `< > : "
+//! | ? *`, and a leading dot. The names of Windows devices (`CON`, `NUL`, ...) get a leading `_`. An empty name becomes
+//! `camera` and the camera's index. Among equal results, one stays: the first name that was valid, or else the first.
+//! The others get `-` and the camera's index, and then a number, until all differ, ignoring case. A name that is too
+//! long is cut, and ends in `~` and eight digits of the hash of the whole name. [`first_free`] numbers the files that a
+//! window writes.
 
 use super::file::{OutputError, write_new_bytes};
 use super::terminal::is_harmful;

@@ -91,7 +91,7 @@ pub fn say_styled(text: &str) {
     to_standard_error(&harmless_styled(text));
 }
 
-/// Writes a progress line to standard output; ignores failures.
+/// Writes a line that is not the command's result to standard output; ignores failures.
 pub fn note(line: impl Display) {
     let line = format!("{}\n", harmless(&line.to_string()));
     let mut out = io::stdout().lock();
