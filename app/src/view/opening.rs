@@ -95,7 +95,7 @@ pub struct Opening {
     newest: u64,
     /// Scenes of A and B.
     scenes: [Slot<OpenedScene>; 2],
-    /// Cameras, by [`CameraRole`].
+    /// Camera files, indexed by [`CameraRole`].
     cameras: [Slot<Vec<Camera>>; 3],
 }
 

@@ -63,7 +63,7 @@ pub fn capture_next_frame(document: impl FnOnce() -> PathBuf) -> Result<(), Stri
     }
 }
 
-/// The GPU times of one renderer's frames, in Tracy.
+/// A Tracy track with the GPU times of one renderer's frames.
 #[derive(Default)]
 pub struct GpuTrack {
     #[cfg(feature = "tracy")]

@@ -38,7 +38,7 @@ const ANIMATION: Duration = Duration::from_millis(33);
 /// Pause after a frame that drew nothing, if the next frame is due immediately.
 const UNDRAWN: Duration = Duration::from_millis(8);
 
-/// Pause before the window is drawn again, after a frame that it did not show.
+/// Pause before the window is drawn again, after a frame that could not be presented.
 const UNSHOWN: Duration = Duration::from_millis(250);
 
 /// Age of a picture in flight at which the window stops submitting frames: they would only queue up behind it.

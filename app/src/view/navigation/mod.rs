@@ -57,7 +57,7 @@ const UPSIDE_DOWN: f64 = 1e-3;
 /// Share of the viewport that a framed scene may fill.
 const FILL: f64 = 0.92;
 
-/// The user's input since the last [`Navigation::update`], without drags that began on a panel.
+/// The user's input since the last [`Navigation::update`], excluding drags that began on a panel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Width and height of the view, in points.
@@ -401,7 +401,7 @@ impl Navigation {
         } else {
             let drag = input.drags && input.moved != [0.0; 2];
             if drag && input.shift {
-                // Length per point at the pivot's depth. A view without a height does not move the camera.
+                // World units per point at the pivot's depth. A view without a height does not move the camera.
                 let height = finite(input.size[1]);
                 let length = if height > 0.0 { 2.0 * pose.tan_y * pose.distance / height } else { 0.0 };
                 pose.position -= length * (x / pose.stretch * pose.right() + y * pose.down());

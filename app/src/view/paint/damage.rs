@@ -87,7 +87,7 @@ impl PartialEq for Piece {
     }
 }
 
-/// A user interface over a composition, described for comparison with the next.
+/// State of a user interface over a composition, for comparison with the next frame's.
 #[derive(Clone, Debug)]
 pub struct Interface {
     window: [u32; 2],

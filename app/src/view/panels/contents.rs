@@ -190,7 +190,7 @@ impl State {
         let end = finding.counted.map_or(finding.words.len(), |n| n as usize * channels);
         let found = finding.words.histogram(self.channel..end, channels, self.read_as(finding), BINS);
         let [least, greatest] = found.range;
-        // Equal values share one bar, which needs a width that can be seen.
+        // If all values are equal, their single bar still needs a visible width.
         let range = if greatest > least { greatest - least } else { 1.0 };
         let width = range / BINS as f64;
         let bar = |(index, count): (usize, &u64)| {

@@ -466,7 +466,7 @@ fn legend(ui: &mut Ui, dump: &Dump) {
     }
 }
 
-/// Draws the sign of a pass's use of a resource.
+/// Draws the symbol for a pass's use of a resource: a square for writes, a circle for reads.
 fn draw_use(painter: &Painter, palette: &Palette, centre: Pos2, reads: bool, writes: bool) {
     if writes {
         painter.rect_filled(Rect::from_center_size(centre, vec2(6.0, 6.0)), 1.0, palette.ink);

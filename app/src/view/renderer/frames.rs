@@ -13,8 +13,8 @@ const FIRST_PAUSE: Duration = Duration::from_micros(50);
 const MAX_PAUSE: Duration = Duration::from_micros(400);
 
 impl Renderer {
-    /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced by the
-    /// controls'.
+    /// Submits a frame; returns true if it was submitted. The controls' values overwrite the live parameters in
+    /// `inputs`.
     ///
     /// Returns false without a plan, while the renderer is paused or its device is lost, before the retry that follows
     /// a [`Renderer::trouble`], or if the device does not finish an older frame within [`Renderer::patience`].

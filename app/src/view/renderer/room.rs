@@ -11,7 +11,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl Renderer {
-    /// Returns the reason why more capacity was rejected; `None` if it was not, or after a change or the retry time.
+    /// Returns the reason why the device rejected more capacity; `None` if it did not, or after a change or the retry
+    /// time.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }

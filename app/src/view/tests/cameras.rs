@@ -12,7 +12,8 @@ use splatgraph_assets::{Camera, Projection, synth};
 use splatgraph_null::Config;
 use std::path::Path;
 
-/// Origin with coordinates that are not short binary fractions, so that conversion to the world rounds a camera.
+/// Origin with coordinates that are not short binary fractions, so that conversion to world coordinates rounds a
+/// camera.
 const FAR: [f64; 3] = [512_345.1, -4_000_000.7, 1_000.3];
 
 /// Runs `steps` on a viewer that has drawn its scene. `change` may first edit the files in its folder.

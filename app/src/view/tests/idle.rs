@@ -174,7 +174,7 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
     };
     script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
     script.settle();
-    // A declaration without its uses is an error; the former plan keeps its setting.
+    // Renaming a declaration without its uses is an error; the former plan keeps its setting.
     let save = |script: &mut Script, from: &str, to: &str| {
         script.events.clear();
         std::fs::write(&graph, text.replace(from, to)).expect("it is written");
@@ -229,7 +229,7 @@ fn a_parameter_that_a_preset_sets_can_have_its_default_and_returns_to_the_preset
     let shade = |script: &mut Script| script.viewer().a.renderer.controls()[2].param.value.clone();
     assert!(renderer.set().is_empty());
     assert_eq!(shade(&mut script), Value::Float(0.25));
-    // A live parameter that is reset during a build stays so.
+    // A live parameter that is reset during a build stays reset.
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.5)));
     script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
     script.frame(false);

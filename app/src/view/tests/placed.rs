@@ -72,7 +72,7 @@ fn splats_of_an_unchanged_scene_stay_hidden_when_its_list_is_loaded_again_and_a_
     script.settle();
     let steps = script.panels().undo_steps();
 
-    // The list has another order, a further scene, and one of the scenes has moved.
+    // The new list is reordered, has one more scene, and moves one of the scenes.
     write(
         "Scenes([Scene(file: \"second.ply\", scale: 0.5, translate: (0, 1, 0), rotate: (axis: (1, 2, 3), degrees: 40)), \
          Scene(file: \"first.ply\"), Scene(file: \"first.ply\", translate: (3, 0, 0))])",

@@ -200,7 +200,7 @@ impl Script {
         self.resize_swapchain(size);
     }
 
-    /// Changes the size that the device finds, without an event.
+    /// Changes the size of the device's surface, without a resize event.
     pub fn resize_swapchain(&mut self, size: (u32, u32)) {
         if let Some(canvas) = self.shell.window_mut().device_mut() {
             canvas.resize_window(size.0, size.1);

@@ -140,8 +140,8 @@ impl Viewer {
 
     /// Exchanges graphs, parameters and scenes of A and B, if there is a B. The camera keeps its position in the world.
     ///
-    /// If B shares A's scene while another is being loaded for B, B keeps the shared scene as its own, and A shows the
-    /// other one once it is loaded.
+    /// If B shares A's scene while another scene is being loaded for B, B keeps the shared scene as its own, and A
+    /// shows the other scene once it is loaded.
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
         // Events from before the exchange keep the former names.

@@ -184,7 +184,7 @@ impl Subject {
         self.searches.clear();
     }
 
-    /// Selects and hides splats, and starts making the marked scene on another thread. Fails, without changes, if all
+    /// Selects and hides splats, and starts to build the marked scene on another thread. Fails, without changes, if all
     /// splats would be hidden, a mark is out of range, or the system cannot start a thread.
     pub fn set_marks(&mut self, marks: Marks) -> Result<(), String> {
         let count = self.whole.count();

@@ -46,7 +46,7 @@ pub struct Editor {
 }
 
 impl Editor {
-    /// Creates a starter of editors. It calls `wake` when a started program has failed.
+    /// Creates an editor launcher. It calls `wake` when a launched program has failed.
     pub fn new(wake: Wake) -> Editor {
         Editor { failures: channel(), wake }
     }
