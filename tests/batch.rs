@@ -1,4 +1,4 @@
-//! Many pictures in one run: drawing overlaps with encoding, and neither files nor messages show it.
+//! Many pictures in one run: drawing overlaps with encoding, with the same files and messages as without overlap.
 
 use crate::place::Place;
 use serde_json::{Value, json};

@@ -97,7 +97,7 @@ pub fn graphs() -> Vec<&'static str> {
     builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).collect()
 }
 
-/// Keeps the SPIR-V of every shader that a planner of this process compiles, as the program's folder does between runs.
+/// Keeps the SPIR-V of every shader that a planner of this process compiles, as the shader cache does between runs.
 #[derive(Debug, Default)]
 struct Shaders(Mutex<HashMap<Vec<u8>, Vec<u32>>>);
 
@@ -210,7 +210,7 @@ pub const EXACT_TILES: [Graph; 2] = [
     ),
 ];
 
-/// The rules of quads for the exact renderer: neither tiles nor an early stop. [`OPEN_TILES`] are those of tiles.
+/// The rules of quads for the exact renderer: neither tiles nor an early stop. [`OPEN_TILES`] has the rules of tiles.
 pub const OPEN: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
 pub const OPEN_TILES: [(&str, &str); 2] = [("extent", "alpha"), ("stop", "0.0")];
 
@@ -218,7 +218,7 @@ pub fn settings(set: &[(&str, &str)]) -> Vec<(String, String)> {
     set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
 }
 
-/// A scene's data for a loader. The second field is its identity: histories continue between equal ones.
+/// A scene's data for a loader. The second field is its identity: histories continue if it stays equal.
 pub struct Upload<'a>(pub &'a Scene, pub u64);
 
 impl SceneData for Upload<'_> {

@@ -186,7 +186,7 @@ fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line()
 struct Fields {
     /// All names in backticks.
     names: BTreeSet<String>,
-    /// Names of the first column, each also behind its object's, which are true if a document must have them.
+    /// Names of the first column, each also as `object.name`; true if a document must have the field.
     rows: BTreeMap<String, bool>,
     /// Fields with names that the table does not list.
     opaque: BTreeSet<String>,
@@ -208,7 +208,7 @@ fn fields(section: &str) -> Fields {
         let mut last: Vec<String> = Vec::new();
         for (path, text) in paths(first).zip(first.split('`').skip(1).step_by(2)) {
             found.opaque.extend(path.last().filter(|_| is_opaque).cloned());
-            // `.c` is a neighbour.
+            // `.c` is another field of the last object.
             let object = if text.starts_with('.') { &last[..last.len() - 1] } else { &[][..] };
             let path = [object, &path].concat();
             let pairs = path.windows(2).map(|pair| pair.join("."));
@@ -221,7 +221,7 @@ fn fields(section: &str) -> Fields {
     found
 }
 
-/// Collects the keys of all objects, each also behind the key of its object.
+/// Collects the keys of all objects, each also as `object.key`.
 fn keys_of(value: &serde_json::Value, of: &str, opaque: &BTreeSet<String>, keys: &mut BTreeSet<String>) {
     for (key, value) in value.as_object().into_iter().flatten() {
         keys.extend([key.clone(), format!("{of}.{key}")]);

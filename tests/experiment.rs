@@ -46,7 +46,7 @@ fn folders_that_cannot_be_made_are_refused_before_the_work() {
         "render scene.ply --orbit 9 --json=/proc/no",
     ];
     for line in lines {
-        // Without a device, there is no work.
+        // Outputs are checked before the device is opened, so the missing device is not reported.
         let told = place.fails(&format!("{line} --device no-such-card"), 2);
         assert!(
             told.contains(" names /proc/no") && told.contains("which cannot be written"),

@@ -18,7 +18,8 @@ const TOLERANCE: f64 = 1e-4;
 /// The outputs that quads can draw too.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
-/// Returns scenes with cameras of 160 x 90 pixels: a capture, the scene of the rules' edge cases, and a random one.
+/// Returns scenes with cameras of 160 x 90 pixels: a capture, the scene of the rules' edge cases, a random scene, and a
+/// scene with wide positions.
 fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     let mut found = Vec::new();
     for golden in Golden::all("outputs of captures").into_iter().filter(|golden| golden.name != "biker") {
@@ -28,7 +29,7 @@ fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     let random = synth::generate("uniform", 3000, 5).expect("it is generated");
     let camera = Camera::framing(&random, 160, 90);
     found.push(("random", Arc::new(random), camera));
-    // Floats round its positions by more than the distance of its splats from the camera.
+    // In f32, its positions would be rounded by more than the distance of its splats from the camera.
     let wide = synth::generate("two-clouds", 2000, 0).expect("it is generated");
     assert!(wide.is_wide());
     let generator = synth::generators().iter().find(|generator| generator.name == "two-clouds");

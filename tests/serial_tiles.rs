@@ -1,5 +1,5 @@
-//! The tile renderer for CPUs, compared with the one for GPUs and with quads. Lists are longer than one rasteriser
-//! pass.
+//! The tile renderer for CPUs, compared with the tile renderer for GPUs and with quads. Lists need more than one pass
+//! of the rasteriser.
 
 use crate::common;
 use crate::images::psnr;

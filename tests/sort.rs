@@ -103,7 +103,7 @@ impl Bench {
         self.with_facts(&facts, sorter, set, capacity)
     }
 
-    /// The same, with a plan for other facts of the device, which must suit it, too.
+    /// Like [`Self::with`], with a plan for other device facts, which must be valid on the device.
     fn with_facts(
         &mut self,
         facts: &DeviceFacts,
@@ -178,12 +178,11 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool, most: u32) -> Vec<u32> {
     sizes
 }
 
-/// Tests every digit width with every key width, one of them at every boundary size up to 2^16, the others at every third
-/// size up to 2^15, each starting with another.
+/// Tests every digit width with every key width. For each digit width, one key width has every boundary size up to
+/// 2^16; the others have every third size up to 2^15, at different offsets.
 ///
-/// Sizes up to 2^16 take most of the time, so each digit width has them with one key width only. The kind of keys is
-/// pseudo-random. With an unusual vector width, each digit width is tested with one key width only, and those of 4 and 8
-/// bits up to 2^16. A long run tests everything with everything.
+/// Sizes up to 2^16 take most of the time. The kind of keys is pseudo-random. With an unusual vector width, each digit
+/// width is tested with one key width only, and only digits of 4 and 8 bits up to 2^16. A long run tests everything.
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();
@@ -289,8 +288,8 @@ fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
     }
 }
 
-/// The sweep counts several blocks per workgroup: the product of a workgroup's index and their number needs more than 32
-/// bits. Small workgroups make so many blocks quick.
+/// The sweep counts several blocks per workgroup: their number times a workgroup's index needs more than 32 bits. With
+/// small workgroups, a test of so many blocks is fast.
 #[test]
 fn a_sweep_counts_each_key_once_however_many_blocks_there_are() {
     let mut bench = Bench::new();

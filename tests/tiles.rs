@@ -315,7 +315,7 @@ fn segments_are_longer_than_asked_where_the_device_has_no_buffer_for_the_sums_of
     assert_eq!([2048, 1024, 512].map(|mib| of(mib, Some("index"))), ["256", "513", "1282"]);
 }
 
-/// lavapipe, which ends long loops, has narrower subgroups.
+/// Narrower subgroups have shorter segments, because lavapipe ends long loops.
 #[test]
 fn segments_are_as_long_as_asked_on_subgroups_of_32_lanes() {
     let of = |lanes| {

@@ -1,5 +1,5 @@
-//! Checks that the imports of this crate run one way, and the files of every crate: no circular imports, and a uniform
-//! layout of modules.
+//! Checks that this crate's modules import one way, and that no crate has circular imports or a module in another
+//! layout.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -211,7 +211,7 @@ impl Library {
         clang(folder.path(), &arguments).unwrap_or_else(|errors| panic!("{errors}"));
         let path: PathBuf = folder.path().join("kernels.so");
         let path = CString::new(path.to_str().expect("a plain path")).expect("a plain path");
-        // SAFETY: the library has no constructors; its file may go once it is loaded.
+        // SAFETY: the library has no constructors. Its file may be removed once it is loaded.
         let handle = unsafe { libc::dlopen(path.as_ptr(), libc::RTLD_NOW | libc::RTLD_LOCAL) };
         assert!(!handle.is_null(), "the compiled kernels do not load");
         Library { handle, known }

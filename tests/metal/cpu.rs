@@ -22,7 +22,7 @@ impl Memory {
         const PAGE: usize = 64 << 10;
         let mapped = length.next_multiple_of(PAGE) + PAGE;
         let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS;
-        // SAFETY: new memory that nothing else has.
+        // SAFETY: a new mapping overlaps no other memory.
         let mapping =
             unsafe { libc::mmap(null_mut(), mapped, libc::PROT_READ | libc::PROT_WRITE, flags, -1, 0) };
         assert!(mapping != libc::MAP_FAILED, "no memory");
@@ -43,14 +43,14 @@ impl Memory {
     }
 
     fn bytes_mut(&mut self) -> &mut [u8] {
-        // SAFETY: as above, and borrowed by one alone.
+        // SAFETY: as above, and `&mut self` excludes other borrows.
         unsafe { std::slice::from_raw_parts_mut(self.begin, self.length) }
     }
 }
 
 impl Drop for Memory {
     fn drop(&mut self) {
-        // SAFETY: the mapping is this one's own.
+        // SAFETY: `self` owns the mapping.
         unsafe { libc::munmap(self.mapping.cast(), self.mapped) };
     }
 }

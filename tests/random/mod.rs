@@ -1,9 +1,9 @@
 //! Properties of every graph, checked on random graphs.
 //!
 //! `recipe` generates raw material with proptest, `sketch` turns it into a valid graph, and `render` writes the graph's
-//! file and shaders. `compiler` replaces the one in C++, `builds` builds and counts, and `orders` finds the other
-//! orders of a frame. The properties here need no GPU: the [oracle](splatgraph_vulkan::sync::model) judges. Those in
-//! `gpu` run the shaders.
+//! file and shaders. `compiler` replaces glslang, `builds` builds and counts, and `orders` finds the other orders of a
+//! frame. The properties here need no GPU: the [oracle](splatgraph_vulkan::sync::model) judges. The properties in `gpu`
+//! run the shaders.
 
 pub mod builds;
 mod compiler;

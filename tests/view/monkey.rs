@@ -1,6 +1,6 @@
 //! Random actions on the tools, on a device that executes nothing and on lavapipe.
 //!
-//! A seeded generator clicks and drags the controls that are shown, types numbers, swaps graphs and digits, edits
+//! A seeded generator clicks and drags the controls that are shown, types numbers, changes graphs and parameters, edits
 //! files, opens scenes, resizes the window, undoes and redoes. These must hold:
 //!
 //! - nothing panics, and no frame fails;

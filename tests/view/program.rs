@@ -139,7 +139,7 @@ impl Program {
         assert!(rests, "the program never rests {}", self.account());
     }
 
-    /// Returns the time of the processor that the thread of the window has taken.
+    /// Returns the CPU time that the window's thread has used so far.
     pub fn main_thread_time(&self) -> Duration {
         let text = fs::read_to_string(format!("/proc/{}/schedstat", self.process.id()));
         let text = text.expect("there is a /proc");

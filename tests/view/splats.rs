@@ -58,7 +58,7 @@ fn drag(viewer: &mut TestShell, shares: &[[f32; 2]], modifiers: Modifiers) {
     viewer.settle();
 }
 
-/// Finds the splats that are not in `hidden` in a region, which is in pixels of the picture.
+/// Finds the splats in a region, in pixels of the picture, except those in `hidden`.
 fn expected(viewer: &TestShell, hidden: &SplatSet, region: &Region, reach: Reach) -> SplatSet {
     let viewer = &viewer.shell.viewer;
     let masked = Masked { scene: viewer.loaded(A), hidden };

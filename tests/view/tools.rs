@@ -43,7 +43,7 @@ fn the_picture_keeps_its_place_while_plans_are_built() {
     let place = |viewer: &TestShell| viewer.shell.panels.controls.find("view").expect("there is a picture");
     let before = place(&viewer);
     let mut building = 0;
-    // Every length of segments is another rasteriser, which takes the driver longer than a frame.
+    // Every segment length needs another rasteriser, whose compilation takes the driver longer than a frame.
     for (changes, entries) in (3001..).take(12).enumerate() {
         // A busy machine may build a plan within one frame, which shows nothing.
         if changes >= 3 && building > 0 {

@@ -280,7 +280,7 @@ fn screen(program: &mut Program, first: &Pixels) {
     program.window.focus();
     program.view_is("the same after it was away", first);
 
-    // A minimised window draws nothing, and takes no time of the processor, even if something asks for a frame.
+    // A minimised window draws nothing, and uses no CPU time, even if something asks for a frame.
     program.window.set_minimised(true);
     program.rests();
     let [x, y] = middle(program.control("view"));
