@@ -16,7 +16,7 @@
 
 #include "sh_layout.glsl"
 
-// By band. A band without its own size or direction has the previous band's.
+// Bits of the fields; arrays are by band. A band without its own size or direction has the previous band's.
 #if STORAGE == STORAGE_B64
 #define OPACITY_BITS 10u
 #define SCALE_BITS 12u

@@ -273,7 +273,7 @@ const float BRIGHTEST_HALF = 32752.0;  // half of the largest half float
 // Evaluates the colour of splat `i`, seen along `from_camera`: display-encoded r, g, b in 0 .. `brightest`.
 vec3 finite_colour(uint i, vec3 from_camera, float brightest) {
     vec3 colour = sh_colour(i, direction_of(from_camera));
-    // With comparisons that are false for NaN, which coefficients near the f32 maximum produce.
+    // These comparisons are false for NaN, which coefficients near the f32 maximum produce.
     return vec3(colour.r > 0.0 ? min(colour.r, brightest) : 0.0,
                 colour.g > 0.0 ? min(colour.g, brightest) : 0.0,
                 colour.b > 0.0 ? min(colour.b, brightest) : 0.0);

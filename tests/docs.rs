@@ -246,7 +246,7 @@ fn the_fields_of_output_files_are_those_that_the_program_writes() {
     run("synth demo --count 300 -o s.ply --cameras c.json");
     run("synth --photograph s.ply --dataset ds --views 9 --size 32x24");
     let page = read(Path::new("docs/output-files.md"));
-    // By the first word of the heading.
+    // Sections by the first word of their heading.
     let sections = page.split("\n## ").filter_map(|part| part.split_once([' ', ',', '\n']));
     let sections: BTreeMap<&str, Fields> = sections.map(|(name, text)| (name, fields(text))).collect();
     let shared = &sections["Shared"];

@@ -35,7 +35,7 @@ fn least_psnr(graphs: [Graph; 2], golden: &Golden) -> f64 {
 fn exact_tiles_agree_with_the_published_rasteriser_to_98_decibels() {
     for golden in Golden::all("exact_tiles_agree_with_the_published_rasteriser_to_98_decibels") {
         let (scene, db) = (golden.name, least_psnr(EXACT_TILES, &golden));
-        // Not higher: rounding decides whether a pixel at the alpha floor blends a splat.
+        // A higher bound would fail: rounding decides whether a pixel at the alpha floor blends a splat.
         assert!(db >= 98.0, "{scene}: {db:.2} dB, expected 98 or more");
     }
 }

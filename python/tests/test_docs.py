@@ -22,7 +22,7 @@ def test_a_listing_of_a_page_runs(page, listing, tmp_path, monkeypatch, capsys):
     (tmp_path / "cameras.json").write_text(json.dumps([CAMERA]))
     exec(compile(listing, page, "exec"), {})
     printed = capsys.readouterr().out
-    # The comment beside a `print` has its output.
+    # The comment beside a `print` is the expected output.
     for shape in re.findall(r"print\(colors.shape.*?# (.*)", listing):
         assert shape in printed
     assert "digit_bits=40" not in listing or "digit_bits" in printed.partition("error")[2]

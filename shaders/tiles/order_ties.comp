@@ -79,7 +79,7 @@ void main() {
     if (before + after >= RUN) {
         atomicAdd(counts[COUNTS_TIED], 1u);
     } else if (before + after > 0u) {
-        // The last bits of the depth, then the index.
+        // Compares the last bits of the depth, then the index.
         uint own_word = near_splats[at];
         place = i - before;
         for (uint j = 0u; j <= before + after; j++) {

@@ -29,7 +29,7 @@ uint pixel_place(uint thread, uint turn, uint p) {
     return (turn * CELL_PIXELS + p) * RASTER_THREADS + thread;
 }
 
-// Returns the bin's pixel at a position.
+// Returns the pixel, relative to the bin, at a place in the sums of a bin: the inverse of `pixel_place`.
 uvec2 pixel_at(uint place) {
     uint thread = place % RASTER_THREADS;
     uint pass = place / RASTER_THREADS;

@@ -76,7 +76,7 @@ uvec2 tile_at(uint index) {
 }
 
 void main() {
-    // A dispatch with several rows of workgroups has a few too many.
+    // A dispatch with several rows of workgroups may have more than TILE_PLACES of them.
     uint index = group_index();
     uvec2 tile = tile_at(index);
     if (index >= uint(TILE_PLACES) || tile.x >= TILES_X) {

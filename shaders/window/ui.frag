@@ -30,7 +30,7 @@ void main() {
     }
     vec4 texture_colour;
     if (uv == vec2(0.0)) {
-        // The white texel of egui, for areas of one colour: most of a user interface.
+        // egui's white texel, for areas of one colour, which are most of a user interface.
         texture_colour = vec4(1.0);
     } else if ((c.smoothing & (density > 1.001 ? SMOOTH_MINIFIED : SMOOTH_MAGNIFIED)) != 0u) {
         vec2 corner = floor(place - 0.5);

@@ -341,7 +341,7 @@ fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
         let exact = common::with(common::EXACT_TILES[0], &OPEN_TILES);
         let ways = vec![
             Way::new("splat", &[("target", "rgba32f")], |_| 110.0),
-            // `tiled`, which `auto` is with 16 lanes, composites two segments in half floats.
+            // `tiled`, which `auto` chooses with 16 lanes, composites two segments in half floats.
             Way::new("auto", &[("stop", "0.0")], |_| if common::lanes_are_usual() { 90.0 } else { 74.0 }),
             Way::new("tiled", &[("stop", "0.0")], |_| 74.0),
             Way::new("tiled_exact", &OPEN_TILES, |_| 110.0),

@@ -72,7 +72,7 @@ impl Score {
 }
 
 impl Evaluation {
-    /// Computes the means of the scores: `None` if a view is missing, because a partial mean could be taken for whole.
+    /// Computes the means of the scores: `None` if a view is missing, because a partial mean could mislead.
     pub fn new(views: Vec<Score>, missing: Vec<String>) -> Evaluation {
         let is_whole = !views.is_empty() && missing.is_empty();
         let mean = |of: &dyn Fn(&Score) -> Option<f64>| {

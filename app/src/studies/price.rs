@@ -13,7 +13,7 @@ use std::time::Instant;
 /// Number of loads of a file; the fastest counts.
 const LOADS: usize = 3;
 
-/// The price of a format.
+/// The price of a format: size, error and load time of the scene's file in it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Price {
     /// Extension of the format, with a version if it has several.

@@ -1,11 +1,11 @@
 //! Distinguishes a difference in time from noise.
 //!
-//! A turn gives one share: the time of a frame of the setting divided by that of a frame of the exact settings, drawn
-//! right before it. The share of a setting is the median of its turns. Its range is the 99 % confidence interval of
-//! that median, computed from the order of the turns alone (the binomial interval of a median; David and Nagaraja,
-//! "Order Statistics", 3rd edition, 7.1): no distribution is assumed. Turns end once the range is narrow, so the actual
-//! confidence is a little lower. (Shares of medians of several frames would need more frames for an equally narrow
-//! range.)
+//! In each turn, a frame of the exact settings is drawn, then a frame of the setting. The share of the turn is the
+//! second time divided by the first. The share of a setting is the median of its turns. Its range is the 99 % confidence
+//! interval of the median, computed from the order of the turns alone (the binomial interval of a median; David and
+//! Nagaraja, "Order Statistics", 3rd edition, 7.1): no distribution is assumed. Turns end once the range is narrow, so
+//! the actual confidence is a little lower. (Shares of medians of several frames would need more frames for an equally
+//! narrow range.)
 //!
 //! Measured against themselves, the exact settings would have a share of 1 without noise. The distance of their share
 //! from 1 is the **noise floor**. Every range is widened to at least `median * (1 ± floor)`.

@@ -23,7 +23,7 @@ pub fn measured_names(projection: Projection) -> Vec<&'static str> {
     builtin::presets().iter().filter(|preset| is_measured(preset)).map(|preset| preset.name).collect()
 }
 
-/// Lists the settings to measure of a graph, with the parameters of `set` at fixed values.
+/// Lists the settings of a graph that studies measure, with the parameters of `set` at fixed values.
 pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
     let all = list(pipeline, controls, &measured_names(projection::of_controls(controls)));
     if set.is_empty() {

@@ -30,7 +30,7 @@ pub struct SweepResult {
     pub device: String,
     /// The steps of every view, first with all splats, then with fewer.
     pub steps: Vec<Step>,
-    /// The approach of the first camera.
+    /// Steps of the first camera's approach; see [`super::approach`].
     pub closer: Vec<Closer>,
     /// The line fitted to the approach's times; `None` with too few steps.
     pub fit: Option<Fit>,
@@ -94,7 +94,7 @@ impl SweepResult {
         Plot { bars: Vec::new(), title: title.to_owned(), x, y, series: series.collect() }
     }
 
-    /// Plots PSNR against the number of splats, without the step that draws all: its error is not the budget's.
+    /// Plots PSNR against the number of splats. Leaves out the step that draws all: the budget does not cause its error.
     pub fn quality(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)

@@ -289,9 +289,9 @@ fn origin(
         splats: subject.scene.count(),
         content: hex(subject.scene.identity()),
         cameras: subject.cameras.clone(),
-        // Without the folders: the plans identify a graph.
+        // Without its folder, because the plans identify the graph.
         pipeline: name_of(&wanted.pipeline),
-        // The parsed values: the user may write them in any order, and 0.010 for 0.01.
+        // Parsed values in the graph's order, because users may write another order, and 0.010 for 0.01.
         set: controls.iter().filter(is_set).map(pair).collect(),
         exact: exact.map_or_else(String::new, hex),
         truth,
