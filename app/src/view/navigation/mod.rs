@@ -424,10 +424,11 @@ impl Navigation {
     /// Limits the pose's distance from the scene, to preserve precision.
     fn confined(&self, mut pose: Pose) -> Pose {
         let middle = DVec3::from(self.bounds.center());
-        let farthest = (FARTHEST * self.scale).max((self.pose.position - middle).length());
         let away = pose.position - middle;
         // Not the Euclidean length: the square of a very long vector would overflow.
-        let length = away.abs().max_element();
+        let longest = |vector: DVec3| vector.abs().max_element();
+        let length = longest(away);
+        let farthest = (FARTHEST * self.scale).max(longest(self.pose.position - middle));
         if !away.is_finite() {
             pose.position = self.pose.position;
         } else if length > farthest {

@@ -291,6 +291,19 @@ fn flying_forward_goes_along_the_view_at_the_speed_that_is_said() {
 }
 
 #[test]
+fn flying_askew_ends_at_the_farthest_distance() {
+    let mut navigation = navigation();
+    let farther = |navigation: &mut Navigation| {
+        navigation.update(&Input { fly: [1.0, 1.0, -1.0], flies: true, ..wait(1e9) });
+        (position(navigation) - DVec3::from(bounds().center())).length()
+    };
+    let limit = farther(&mut navigation);
+    for _ in 0..3 {
+        assert!((farther(&mut navigation) / limit - 1.0).abs() < 1e-6);
+    }
+}
+
+#[test]
 fn every_key_of_flying_goes_its_own_way() {
     let start = now(&navigation());
     let [right, _, ahead] = start.axes().map(DVec3::from);
