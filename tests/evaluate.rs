@@ -19,7 +19,7 @@ fn a_scene_is_photographed_again_by_the_same_command_and_never_into_another_data
     std::fs::create_dir(place.at("views/lost+found")).expect("made");
     let files = place.files("views");
     place.done(again);
-    // As if the run had been stopped.
+    // Simulates an interrupted run.
     std::fs::remove_dir_all(place.at("views/sparse")).expect("it is there");
     std::fs::remove_file(place.at("views/images/view-0008.png")).expect("it is there");
     place.done(again);

@@ -1,5 +1,5 @@
-//! Checks that this crate's modules import one way, and that no crate has circular imports or a module in another
-//! layout.
+//! Checks that this crate's modules import one way, and that every crate has a uniform module layout and no circular
+//! imports.
 
 use std::fs;
 use std::path::{Path, PathBuf};
