@@ -1,5 +1,5 @@
-//! The reference renderer compared with images of the published CUDA rasteriser, and with each of its rules broken on
-//! purpose.
+//! Tests the reference renderer against images of the published CUDA rasteriser, and that breaking any one rule fails
+//! the bound. Also tests picking and the GPU renderer against the reference.
 
 use crate::common;
 use crate::golden::Golden;

@@ -35,7 +35,8 @@ pub struct Frames {
 impl Frames {
     /// Chooses the rounds and frames for a session that is prepared at the camera's size.
     ///
-    /// The default number of frames, [`frames_of`] the frame time, is divided by `part`.
+    /// Without a requested number of frames, draws two and uses [`frames_of`] for the time of the second, divided by
+    /// `part`, but at least 1.
     ///
     /// # Errors
     /// The device fails.

@@ -478,8 +478,9 @@ fn beside(graph: &Path, extension: &str) -> Vec<String> {
     names.filter(|name| has_extension(name, extension)).collect()
 }
 
-/// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. The
-/// shader is not compiled: it may be incomplete, and constants that disable parts of it may be unknown.
+/// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. Scans
+/// the text, because the shader may be incomplete and its constants unknown: names in inactive `#if` branches are
+/// included.
 fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
     let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
     for line in text.lines().map(str::trim_start) {

@@ -20,7 +20,7 @@ const MAX_SECTIONS: u64 = 64;
 
 const MAX_TOKENS: u64 = 64 << 20;
 
-/// Minimum number of elements of a compressed array.
+/// Arrays with fewer elements are stored raw, even if flagged as compressed.
 const MIN_PACKED: u64 = 16;
 
 /// Minor versions that are read. 0.7 is the first that counts elements in 64 bits.

@@ -457,7 +457,7 @@ fn damaged_transforms_are_read_or_refused() {
     });
 }
 
-/// Builds both files of a binary COLMAP model of two images.
+/// Builds `cameras.bin` and `images.bin` of a COLMAP model with two images.
 fn colmap_binary() -> [Vec<u8>; 2] {
     let mut lenses = 1u64.to_le_bytes().to_vec();
     lenses.extend([1u32, 1].map(u32::to_le_bytes).as_flattened());

@@ -17,7 +17,8 @@ pub(super) struct Opened {
     pub summary: String,
     /// Settings of the presets, merged; outer presets win.
     pub set: IndexMap<String, Setting>,
-    /// Names through which presets and choices lead to the graph; its own is last. Empty if the file is a graph.
+    /// The names that presets and choices refer to, outermost first; the last one names this graph. Empty if the
+    /// requested file is itself a graph.
     pub based_on: Vec<String>,
     /// Name by which the innermost choice refers to the graph; `None` if the graph comes from no choice.
     pub candidate: Option<String>,

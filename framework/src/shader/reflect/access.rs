@@ -22,8 +22,7 @@ pub(super) struct Accesses {
     pub plain: HashSet<Word>,
     /// Variables whose first access is a store, in code order: the entry point, then the functions that it calls.
     pub written_first: HashSet<Word>,
-    /// All variables mentioned in reachable code, including those of which only an array's length or an image's size is
-    /// queried.
+    /// Variables that reachable code mentions, even if only to query an array's length or an image's size.
     pub touched: HashSet<Word>,
     /// Pairs of a variable and the member of it that an access chain selects first; `None` for all other uses.
     pub members: HashSet<(Word, Option<u64>)>,

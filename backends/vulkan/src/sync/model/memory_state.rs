@@ -38,7 +38,7 @@ pub struct MemoryState<'a> {
     pub findings: Findings,
 }
 
-/// The state that a trial restores: the cells that it touched, and all layouts.
+/// The state that a trial restores: the cells that it touched, all layouts, the time and the number of calls.
 struct BeforeTrial {
     cells: Vec<(usize, Cell, u32)>,
     touched: HashSet<usize>,

@@ -67,7 +67,7 @@ impl Case {
         self
     }
 
-    /// Keeps only the layout transitions before a pass, with these sides.
+    /// Removes the memory barriers before a pass, and gives its image barriers this source and target scope.
     fn at_change(mut self, pass: &str, source: Side, target: Side) -> Case {
         let call = self.before(pass);
         call.retain(|b| b.image.is_some());
