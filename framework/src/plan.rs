@@ -133,8 +133,8 @@ impl Plan {
         phases.into_iter().collect()
     }
 
-    /// Describes the effect of a parameter in a sentence: the passes that depend on it, or the reason why none does.
-    /// `None` for an unknown name.
+    /// Describes the effect of a parameter in a sentence: whether it decides which passes there are, and the passes
+    /// that it changes, or the reason why it has no effect. `None` for an unknown name.
     pub fn effect_text(&self, parameter: &str) -> Option<String> {
         let effect = self.effect(parameter)?;
         if let Some(why) = &effect.none {
@@ -300,7 +300,7 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     /// The later pass.
     #[serde(skip)]
     pub second: P,
-    /// When the earlier pass runs: in the same part of the plan, the prologue, or the previous frame.
+    /// When the earlier pass runs, relative to the later one.
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: R,

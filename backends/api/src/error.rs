@@ -18,7 +18,7 @@ pub enum BackendError {
     /// Memory could not be allocated.
     #[error("out of memory for {} ({}): {reason}", quoted(name), display_bytes(*bytes))]
     OutOfMemory {
-        /// Name of the resource, or of the call that failed.
+        /// Name of the resource or the plan, or of the call that failed.
         name: String,
         /// The requested size; 0 if unknown.
         bytes: u64,
@@ -63,14 +63,15 @@ pub enum BackendError {
         /// Seconds for which this work has been observed running.
         seconds: u64,
     },
-    /// The driver's compiler did not finish a pipeline in time. The plan can be loaded once it has finished.
+    /// The driver's compiler did not finish a pipeline in time, or too many compilers are stuck already. The plan can
+    /// be loaded once the named pipeline is finished.
     #[error(
         "the driver has been compiling shader `{shader}` for pass `{pass}` of `{plan}` for more than {seconds} s; it may never end"
     )]
     StuckCompiler {
-        /// The plan's name.
+        /// Name of the plan that is being compiled, which can be another plan than the refused one.
         plan: String,
-        /// The first pass that uses the pipeline.
+        /// The first pass that uses the pipeline; `?` if the compiler has not begun one.
         pass: String,
         /// The shader; for a draw, the vertex shader.
         shader: String,
@@ -107,16 +108,18 @@ fn place(Origin { file, line, column }: &Origin) -> String {
 pub enum Recovery {
     /// Retrying the call may succeed.
     Retry,
-    /// The user can act: install a driver; choose another device, scene or parameter; or free memory.
+    /// The user can act: install a driver; choose another device, scene or parameter; free memory; or open another
+    /// window.
     User,
-    /// A bug in the program or the driver: the plan, the inputs or a result is wrong.
+    /// A bug in the program or the driver: the plan or the inputs are wrong, or an API call failed unexpectedly.
     Defect,
     /// The device is lost: open another.
     DeviceEnded,
 }
 
 impl BackendError {
-    /// Adds the declaration of the resource or pass to an error about the plan.
+    /// Adds the declaration of the resource or pass at fault to [`BackendError::Limit`] or
+    /// [`BackendError::Unsupported`]; returns other errors unchanged.
     #[must_use]
     pub fn at(self, origin: &Origin) -> BackendError {
         match self {

@@ -3,8 +3,8 @@
 //! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and
 //! the uploads of the scene. It orders accesses by the plan's dependencies, and does not search for conflicts itself.
 //! The order of calls is: open the device (each backend has its own constructor), [`Device::load`] a plan with the
-//! scene's data, then [`Device::submit`] frames and [`Device::wait`] for their results. Up to [`FRAMES_IN_FLIGHT`]
-//! frames can be submitted and not yet waited for.
+//! scene's data, then [`Device::submit`] frames and [`Device::wait`] for their results. At most [`FRAMES_IN_FLIGHT`]
+//! frames of a context are in flight: submitting another one first waits for the oldest.
 
 #![deny(missing_docs)]
 
@@ -22,7 +22,7 @@ use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Maximum number of frames in flight.
+/// Maximum number of frames in flight, per context.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
 /// A physical device that a backend could open.
@@ -104,8 +104,9 @@ pub struct Heap {
 /// Options for opening a device.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Part of the device's name (case-insensitive), or its index in the list of devices. Default: the first discrete
-    /// GPU, else the first integrated GPU, else any other device, CPUs last.
+    /// The device's index in the list of devices, or part of its name (case-insensitive). Digits that are not an index
+    /// must be a whole word of the name. Default: of the devices that can run plans, the first discrete GPU, else the
+    /// first integrated GPU, else any other device, CPUs last.
     pub device: Option<String>,
     /// Level of API validation.
     pub validation: Validation,
@@ -145,14 +146,14 @@ pub struct DeviceMemory {
 pub trait SceneData: Sync {
     /// Copies bytes of plane `plane` of `attribute`, starting at `offset`, into `target`.
     ///
-    /// The plane has `stride * count` bytes; the plan has both numbers. A load requests each piece once, in ascending
-    /// order; `offset` and the length of `target` are multiples of the stride. `target` may be slow to read.
+    /// The plane has `stride * count` bytes; the plan has both numbers. A load requests each piece of a plane once, in
+    /// ascending order; `offset` and the length of `target` are multiples of the stride. `target` may be slow to read.
     ///
     /// # Errors
     /// The reason why the scene cannot supply the bytes.
     fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String>;
 
-    /// Returns the identity of the data: planes uploaded under an equal identity are reused.
+    /// Returns the identity of the data. Planes, histories and shared results are reused only under an equal identity.
     fn identity(&self) -> u64;
 }
 
@@ -172,11 +173,11 @@ impl SceneData for NoScene {
 /// The inputs of one frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameInputs {
-    /// Bytes of each uniform block with source `Frame`, by name (`frame.camera`).
+    /// Bytes of each uniform block with source `Frame`, by name (`frame.camera`). Missing bytes at the end are zero.
     pub uniforms: BTreeMap<String, Vec<u8>>,
     /// Bytes of the uniform block of live parameters, at least to the end of the last one: `Plan::live_bytes`.
     pub live: Vec<u8>,
-    /// Contents of each host buffer, by name.
+    /// Contents of each host buffer, by name: at least its declared size, in whole elements.
     pub buffers: BTreeMap<String, BufferContents>,
     /// Keeps the output as a picture that other plans of this device can read; see [`Device::picture`].
     pub show: bool,
@@ -196,7 +197,7 @@ pub struct FrameInputs {
 pub enum BufferContents {
     /// Bytes from the host. Passing the same [`Arc`] again (compared by pointer) avoids another copy.
     Bytes(Arc<Vec<u8>>),
-    /// A shown output of any context of the device, in its own format: row 0 at the top, rows tightly packed.
+    /// A shown output of any context of the device, in the output's format: row 0 at the top, rows tightly packed.
     Picture(Picture),
     /// Rows of a shown output, for outputs that exceed the limit of a storage binding. Indirect commands can read
     /// their arguments from them only if `first` is 0.
@@ -210,7 +211,8 @@ pub enum BufferContents {
     },
 }
 
-/// Required byte alignment of the first row of [`BufferContents::Rows`]; sufficient on every device.
+/// Required byte alignment of the first row of [`BufferContents::Rows`]. It suffices on every device: Vulkan allows no
+/// larger `minStorageBufferOffsetAlignment`.
 pub const ROWS_ALIGNMENT: u64 = 256;
 
 /// A frame's output on the device, kept because the frame was submitted with [`FrameInputs::show`]. It can be read
@@ -263,7 +265,7 @@ pub struct FrameResult {
     pub start_ms: Option<f64>,
     /// Milliseconds from the start of the frame to the start of each pass; indexed like `pass_ms`.
     pub pass_start_ms: Vec<Option<f64>>,
-    /// Host milliseconds spent recording and submitting.
+    /// Host milliseconds spent recording and submitting, without waits for the device or the window.
     pub record_ms: f64,
     /// The plan's statistics, in the plan's order.
     pub stats: Vec<(String, u32)>,
@@ -378,7 +380,7 @@ pub trait Loader: Send + 'static {
     /// Vulkan reuses the pipelines, and on Metal the system has already compiled their shaders.
     ///
     /// # Errors
-    /// As [`Loader::prepare`], for pipelines.
+    /// The errors of [`Loader::prepare`], except errors about the memory of resources and about the scene.
     fn compile(self, plan: Plan) -> Result<Compiled, BackendError>;
 
     /// Creates the plan's pipelines and resources, and uploads its scene attributes that are not on the device yet.
@@ -388,6 +390,7 @@ pub trait Loader: Send + 'static {
     ///   the plan.
     /// - [`BackendError::StuckCompiler`] if the driver takes longer than [`Options::compile_patience`] for a pipeline.
     ///   The compiler's thread is then abandoned, and the plan is refused with this error until the thread has ended.
+    ///   Also if too many threads are abandoned and the oldest has exceeded that time.
     /// - [`BackendError::OutOfMemory`], [`BackendError::Scene`], [`BackendError::Cancelled`], or a driver error.
     fn prepare(
         self,
@@ -432,7 +435,7 @@ pub trait Device: Sized {
     ///
     /// Creates the plan's objects, and uploads the scene attributes that it reads. If that fails, the earlier plan
     /// stays current. Does not wait for frames of the earlier plan; their results stay available. If both plans have a
-    /// history of equal name and shape, and the scene is unchanged, the new plan continues from its contents.
+    /// history of equal name and shape, and the scene is unchanged, the new plan continues from the history's contents.
     fn load(
         &mut self,
         plan: Plan,
@@ -505,8 +508,8 @@ pub trait Device: Sized {
 /// A device that shows its frames in a window.
 ///
 /// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts
-/// them: with vsync, once per refresh of the display, except on Wayland, where it never waits for the display. While
-/// the window is hidden, frames are drawn but not shown.
+/// them: with vsync, once per refresh of the display, except on Wayland, where it never waits for the display. Frames
+/// that the window does not accept within two seconds, and those of a hidden window, are drawn but not shown.
 pub trait Windowed: Device {
     /// Sets the window's size in pixels; a window of size 0 is hidden.
     fn resize_window(&mut self, width: u32, height: u32);

@@ -3,7 +3,7 @@
 //! Metal takes the two from different clocks: the host's for command buffers, the device's for samples. The samples are
 //! therefore shifted: the earliest sample becomes the start of the frame.
 
-/// Maximum number of samples in a counter sample buffer: 32 KiB of 8 bytes each.
+/// Maximum number of samples in a counter sample buffer: Metal limits it to 32 KiB, and a sample has 8 bytes.
 pub const MAX_SAMPLES: u32 = 4096;
 
 /// Returns the index of the counter sample for a runtime timestamp; `None` if it has none.

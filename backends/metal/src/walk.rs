@@ -53,7 +53,7 @@ impl Walked {
         &self.divisions[usize::from(division == Division::Passes)]
     }
 
-    /// Records that the frame of this walk was submitted, and with it its fence updates.
+    /// Records that the frame of this walk was submitted, and its fence updates with it.
     pub fn submitted(&mut self, walk: &Walk) {
         let Some(division) = walk.division else { return };
         self.divisions[usize::from(division == Division::Passes)].updated.clone_from(&walk.updated);

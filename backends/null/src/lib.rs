@@ -2,8 +2,9 @@
 //!
 //! [`Null`] runs plans through the runtime that every other backend uses, without a GPU. Its [`Journal`] records every
 //! call of the runtime in order, and counts live objects. It also checks the runtime's guarantees to an API, and
-//! reports a broken one as a validation message: while a submission is in flight, its objects are not destroyed, its
-//! bindings are not written, and its encoder is not reused.
+//! reports a broken one as a validation message. While a submission is in flight, its objects are not destroyed, its
+//! bindings are not written, and its encoder is not reused. A swapchain is destroyed only on an idle device, a pass
+//! runs only with all its bindings written, and copies stay within their buffers.
 //!
 //! A [`Fault`] makes the n-th call of a kind fail, such as an allocation, a submission or a call on the swapchain.
 

@@ -1,8 +1,8 @@
 //! Creates transient resources that share memory.
 //!
 //! The members of a block are never alive at once. If the device allows it, all of them are bound to the start of one
-//! allocation, as large as the largest member. Aliasing is optional: if the members need different memory types, or one
-//! needs a dedicated allocation, each gets its own.
+//! allocation, as large as the largest member. Aliasing is optional: if the members have no type of device-local memory
+//! in common, or one needs a dedicated allocation, each gets its own.
 
 use crate::gpu::{Buffer, BufferDesc, Gpu, Image, ImageDesc, Location, Memory, MemoryKind, Requirements};
 use splatgraph_api::BackendError;
@@ -13,7 +13,7 @@ pub(crate) enum Member<'a> {
     Image(ImageDesc<'a>),
 }
 
-/// A transient resource and its memory; several plans can hold one.
+/// A transient resource with its memory. Several plans can share it.
 pub(crate) enum Transient<G: Gpu> {
     Buffer(Arc<Buffer<G>>),
     Image(Arc<Image<G>>),

@@ -1,8 +1,8 @@
 //! Shares the planes of the scene's attributes among all plans of a device.
 //!
-//! A plane is uploaded once and never written again. The [`AttributeCache`] finds the planes that some plan still
-//! holds; a plane enters it when its upload is complete, unless it is in host memory. Only one plan uploads at a time.
-//! Another plan that lacks a plane waits for that upload, then searches the cache again.
+//! A plane is not written after its upload. The [`AttributeCache`] finds the planes that some plan still holds; a plane
+//! enters it when its upload is complete, unless it is in host memory. Only one plan uploads at a time. Another plan
+//! that lacks a plane waits for that upload, then searches the cache again.
 
 use crate::lock::lock;
 use splatgraph_framework::ir::{ResourceId, Shape, Source};

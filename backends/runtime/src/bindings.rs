@@ -18,7 +18,8 @@ pub(crate) struct Bindings<G: Gpu> {
 }
 
 impl<G: Gpu> Bindings<G> {
-    /// Creates the bindings of all passes that are not `skipped`, and writes all except those of host buffers.
+    /// Creates the bindings of all dispatches and draws. Writes those of passes that are not `skipped`, except the
+    /// bindings of host buffers.
     pub fn new(
         gpu: &Arc<G>,
         plan: &Plan,

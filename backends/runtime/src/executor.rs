@@ -35,7 +35,7 @@ const IN_FLIGHT: &str = "frames in flight";
 ///
 /// Dropping it waits until the device is idle, then destroys the executor's objects. If the wait exceeds the device's
 /// patience, the objects are kept until the device is idle. The device is closed with its last executor, [`Loader`],
-/// [`Ready`] or [`Compiled`](splatgraph_api::Compiled).
+/// [`Ready`], [`Compiled`](splatgraph_api::Compiled) or abandoned compiler thread.
 pub struct Executor<G: Gpu> {
     id: u64,
     info: DeviceInfo,

@@ -1,7 +1,7 @@
 //! Submits frames, and collects their results.
 //!
-//! Each frame in flight has a slot: a reused encoder, and (with the plan, in [`crate::compiled`]) timestamps, readback
-//! memory and host buffers. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
+//! Each frame in flight has a slot: a reused encoder, and its own copy of some of the plan's objects
+//! ([`crate::compiled`]), such as timestamps and uniform blocks. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
 
 use crate::compiled::CompiledPlan;
 use crate::gpu::{Buffer, Encoder, Gpu};

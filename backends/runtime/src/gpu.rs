@@ -5,9 +5,9 @@
 //! needs, how many frames are in flight, and which contents one plan passes on to the next. An object is dropped only
 //! when no frame in flight uses it.
 //!
-//! An implementation lowers the plan's dependencies to commands once per plan. Vulkan's commands are the
-//! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's are part of its encoders,
-//! whose fences come with the pipelines; [`Encoder::pass`] tells the encoder which pass comes next.
+//! An implementation lowers the plan's dependencies to commands once per plan. In Vulkan, they are barriers: the
+//! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. In Metal, they are fences and
+//! barriers of Metal's encoders, and are created with the pipelines; [`Encoder::pass`] announces the next pass.
 
 use crate::limits::Limits;
 use crate::messages::Messages;
@@ -171,7 +171,7 @@ pub trait Bindings<G: Gpu>: Sized + Send + Sync {
     /// Writes one binding in one copy of a pass's bindings. No frame in flight may use this copy.
     fn write(&mut self, gpu: &G, pass: PassId, copy: usize, binding: &Binding, target: BindingTarget<G>);
 
-    /// Releases the references that the pass's bindings hold. The pass does not run again.
+    /// Releases the references that the pass's bindings hold, if they hold any. The pass does not run again.
     fn clear(&mut self, _pass: PassId) {}
 }
 
@@ -180,8 +180,8 @@ pub trait Swapchain<G: Gpu>: Sized + Send + 'static {
     /// Creates a swapchain of `size` pixels for the device's window, replacing `former`. The device must be idle.
     fn new(gpu: &Arc<G>, size: (u32, u32), vsync: bool, former: Option<&Self>) -> Result<Self, BackendError>;
 
-    /// Acquires an image for the frame in `slot`, whose previous frame must have completed. Blocks until the window has
-    /// an image, for at most two seconds.
+    /// Acquires an image for the frame in `slot`. The slot's previous frame must have completed. Blocks until the
+    /// window has an image, for at most two seconds.
     fn acquire(&mut self, slot: usize) -> Result<Acquired, BackendError>;
 
     /// Records the blit of the output of the frame in `slot` into an acquired image, scaled to the image's size. Later
@@ -339,7 +339,7 @@ pub struct ImageDesc<'a> {
 pub struct FormatSupport {
     /// True if images can be storage images.
     pub storage: bool,
-    /// True if images can be colour targets.
+    /// True if images can be colour targets or, for a depth format, depth targets.
     pub target: bool,
     /// True if images can be colour targets of draws that blend.
     pub blend: bool,
@@ -558,6 +558,7 @@ pub trait Encoder<G: Gpu>: Sized + Send + 'static {
     /// Resets the first `count` timestamps.
     fn reset_timestamps(&mut self, timestamps: &G::Timestamps, count: u32);
 
-    /// Writes a timestamp once all earlier commands have completed, where the API can.
+    /// Writes a timestamp once all earlier commands have completed. APIs with separate encoders may instead sample the
+    /// start and the end of the pass's encoder.
     fn timestamp(&mut self, timestamps: &G::Timestamps, index: u32);
 }

@@ -2,8 +2,8 @@
 //!
 //! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
 //! buffer or image, and the new plan skips the [`Work::ClearHistory`]. A history continues only if it has contents,
-//! does not alias other resources in either plan, was created for every use that the new plan makes of it, and is not
-//! written by the new plan's prologue. Otherwise it starts from zeros.
+//! does not alias other resources in either plan, was created for every use that the new plan makes of it, and no other
+//! pass of the new plan's prologue writes it. Otherwise the new plan's prologue initializes its own copy.
 //!
 //! Every plan is created with its own memory, because it is prepared before it becomes current. When it is swapped in
 //! ([`crate::compiled::CompiledPlan::follow`]), it adopts the previous plan's histories, and drops its own.

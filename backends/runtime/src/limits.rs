@@ -41,7 +41,8 @@ pub struct Limits {
     pub independent_blend: bool,
     /// The limits of subgroups.
     pub subgroup: SubgroupLimits,
-    /// True if blending into half-float images rounds to nearest, or the device cannot blend into 32-bit floats.
+    /// True if blending into half-float images is known to round to nearest, or if the device cannot blend into 32-bit
+    /// floats.
     pub rounds_half: bool,
     /// True if `fma` in shaders rounds once.
     pub fused_fma: bool,

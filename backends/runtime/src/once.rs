@@ -1,9 +1,9 @@
 //! Manages buffers that only the prologue uses, such as most planes of the scene: prologue passes pack them, and frames
 //! read the packed data.
 //!
-//! They are freed once the prologue's frame has completed. If device memory has no room for them as well, the scene's
-//! planes among them are placed in host memory, which the device reads more slowly. If the plan reuses results, buffers
-//! that only the skipped passes use are not created.
+//! They are freed once the prologue's frame has completed. If device memory lacks room for them beside the rest of the
+//! plan, the scene's planes among them are placed in host memory, which the device reads more slowly. If the plan
+//! reuses results, buffers that only the skipped passes use are not created.
 
 use crate::attributes::PlaneKey;
 use crate::gpu::Location;

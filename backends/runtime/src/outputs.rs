@@ -1,7 +1,7 @@
 //! Shares one executor's output with plans of other executors on the device.
 //!
-//! To share a frame, an executor copies the frame's output, at its end, to the executor's only buffer for shared
-//! outputs. Plans of other executors read it as a host buffer ([`crate::host_buffers`]).
+//! To share a frame, an executor copies the frame's output, at the end of the frame, to the executor's only buffer for
+//! shared outputs. Plans of other executors read this buffer as a host buffer ([`crate::host_buffers`]).
 //!
 //! Frames of all executors run on one queue, but no plan knows of the others, so the runtime orders the copy: it waits
 //! for all earlier work on the queue, readers included, and all later work waits for it. A reader always sees the
@@ -16,7 +16,7 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 
-/// A shared output with its pixels. Every frame that reads or writes it holds it until the frame completes.
+/// A shared output with its pixels. It is kept alive by every frame that reads or writes it, until the frame completes.
 pub(crate) struct SharedOutput<G: Gpu> {
     pub picture: Picture,
     pub buffer: Buffer<G>,

@@ -1,8 +1,8 @@
 //! Records a frame: the plan's passes, in order, into an encoder.
 //!
 //! Between the passes come only the commands lowered from the plan's dependencies. The runtime adds barriers only
-//! around its own work: at the start of a plan that continues another's histories, around copies of inspected resources
-//! and shared outputs, and before the host reads copies.
+//! around its own work: at the start of a plan that continues another's histories or reuses its results, around copies
+//! of inspected resources and shared outputs, and before the host reads copies.
 
 use crate::compiled::CompiledPlan;
 use crate::gpu::{Buffer, Draw, Encoder, Gpu, ImageLayout};

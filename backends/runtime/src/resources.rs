@@ -211,8 +211,8 @@ impl<G: Gpu> Resources<G> {
     }
 }
 
-/// Creates the members of all blocks, except blocks of a reused (`taken`) or `unused` resource, which have no other
-/// members.
+/// Returns the transients: the reused ones (`taken`), and new members of all other blocks except those of `unused`
+/// resources. Blocks of reused and unused resources have no other members.
 fn transients<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,

@@ -1,11 +1,11 @@
 //! Watches which pass the device executes, and for how long, so that every wait for the device is bounded.
 //!
-//! If the device runs one pass for longer than its patience, the wait fails with an error that names the pass. The
+//! If the device runs one pass for longer than the patience, the wait fails with an error that names the pass. The
 //! submission stays in flight until it completes or the device is lost.
 //!
 //! The executors of a device share its queue, so a frame may wait for another executor's pass. The device is running
 //! the first submission, in queue order, whose timestamps are not all written, in the pass after the last written one.
-//! A submission without readable timestamps, such as an upload, is reported only by a wait for it.
+//! A submission without readable timestamps, such as an upload, is reported only to a caller that asks about it.
 
 use crate::gpu::{Encoder, Gpu};
 use crate::lock::lock;
@@ -96,7 +96,7 @@ impl<G: Gpu> Watch<G> {
     /// Blocks until the encoder's submission, registered as `ticket`, has completed.
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] once the device has run one pass for longer than its patience.
+    /// [`BackendError::Stuck`] once the device has run one pass for longer than the patience; an error of the wait.
     pub fn wait(&self, gpu: &G, encoder: &mut G::Encoder, ticket: &Ticket<G>) -> Result<(), BackendError> {
         while !encoder.wait(SLICE.min(gpu.common().patience))? {
             let running = self.look(gpu, ticket);
@@ -113,8 +113,9 @@ pub(crate) fn stuck(running: Running) -> BackendError {
 }
 
 impl<G: Gpu> State<G> {
-    /// Finds the first unfinished submission up to `own`. Returns its number, the number of its completed passes, and a
-    /// description of the work that the device is executing.
+    /// Finds the first submission up to `own` with an unfinished pass. Returns its number, the number of its completed
+    /// passes, and a description of the work that the device is executing. If there is none, returns `own` and
+    /// `usize::MAX`.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (u64, usize, String) {
         let live = gpu.common().limits.live_timestamps;
         for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {

@@ -3,8 +3,9 @@
 //! A frame's output is blitted to an acquired image of the swapchain. The blit is submitted right after the frame,
 //! which itself never waits for the window: its timestamps do not include such a wait.
 //!
-//! A swapchain becomes *stale* when the window is resized, vsync is switched, or the window system reports that the
-//! swapchain is out of date. The next frame to be shown then creates a new one. A window without pixels shows nothing.
+//! A swapchain becomes *stale* when the window is resized, vsync is switched, an acquired image could not be presented,
+//! or the window system reports that the swapchain is out of date, suboptimal for the first time, or without a surface.
+//! The next frame to be shown then creates a new one. A window without pixels shows nothing.
 
 use crate::check::invalid;
 use crate::gpu::{Acquired, Gpu, Image, Presented, Show, Swapchain as _};
@@ -35,7 +36,8 @@ pub(crate) struct Swapchain<G: Gpu> {
 }
 
 impl<G: Gpu> Swapchain<G> {
-    /// Creates a swapchain for the device's window; refuses a window that cannot be drawn to.
+    /// Creates a swapchain for the device's window, or waits with it until the window has pixels. Refuses a window that
+    /// cannot be drawn to.
     pub fn new(gpu: &Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
         let mut swapchain = Swapchain {
             raw: None,

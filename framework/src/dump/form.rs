@@ -230,7 +230,7 @@ pub struct DumpPass {
     pub repeat: Option<Iteration>,
     /// Shaders: one for a dispatch, the vertex and the fragment shader for a draw.
     pub shaders: Vec<DumpShader>,
-    /// Workgroups, vertices or bytes, or the place of the indirect arguments.
+    /// Workgroups, vertices x instances or bytes, or the place of indirect arguments; empty for `export` and `host`.
     pub size: String,
     /// Primitive topology of a draw.
     pub topology: Option<Topology>,
@@ -433,8 +433,8 @@ pub struct EncoderTotals {
 }
 
 impl Dump {
-    /// Adds measured GPU times, in milliseconds by pass name; unknown names are ignored. Returns the number of passes
-    /// with a time.
+    /// Replaces the GPU times by `times`, in milliseconds by pass name; unknown names are ignored. Returns the number
+    /// of passes with a time.
     pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
         let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
         for pass in &mut self.passes {

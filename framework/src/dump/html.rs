@@ -14,8 +14,8 @@ const SCRIPTS: [&str; 4] = [
 
 /// Returns the text of the HTML file.
 ///
-/// The fragment of the page's URL selects and folds items: `#barrier=3`, `#pass=NAME`, `#resource=NAME`,
-/// `#unfold=REPEAT`, `#fold=REPEAT` (`*` for all repeats), or several of these joined by `&`.
+/// The fragment of the page's URL selects and folds items: `#barrier=3`, `#barriers=3,4`, `#pass=NAME`,
+/// `#resource=NAME`, `#unfold=REPEAT`, `#fold=REPEAT` (`*` for all repeats), or several of these joined by `&`.
 pub fn html(dump: &Dump) -> String {
     // In a script element, `</script>` and `<!--` are special and character references are not. Escaping every `<`
     // leaves the JSON's meaning unchanged and removes both.

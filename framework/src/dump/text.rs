@@ -17,7 +17,8 @@ pub fn bytes(n: u64) -> String {
     }
 }
 
-/// Formats the whole dump: resources, passes in execution order with their barriers, and culled passes.
+/// Formats a dump, except its encoders: sections such as the resources, the passes in execution order with their
+/// barriers, and the culled passes.
 pub fn text(dump: &Dump) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.

@@ -14,11 +14,11 @@ macro_rules! id {
     };
 }
 
-id!(/// Indexes [`Plan::resources`](crate::plan::Plan::resources).
+id!(/// An index into [`Plan::resources`](crate::plan::Plan::resources).
     ResourceId);
-id!(/// Indexes [`Plan::passes`](crate::plan::Plan::passes).
+id!(/// An index into [`Plan::passes`](crate::plan::Plan::passes).
     PassId);
-id!(/// Indexes [`Plan::shaders`](crate::plan::Plan::shaders).
+id!(/// An index into [`Plan::shaders`](crate::plan::Plan::shaders).
     ShaderId);
-id!(/// Indexes [`Plan::blocks`](crate::plan::Plan::blocks).
+id!(/// An index into [`Plan::blocks`](crate::plan::Plan::blocks).
     BlockId);

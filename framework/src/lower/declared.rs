@@ -1,9 +1,10 @@
 //! Lists the parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
 //! An exposed parameter becomes a parameter of the includer, listed after the includer's own, and the included graph
-//! uses its value. Its expressions can name other parameters of the included graph. Such a name means the includer's
-//! parameter if it is exposed as well, or the value in `set` if it is set ([`Around`]); otherwise it is an error. All
-//! other names are resolved in the includer's scope. Includes that expose the same declaration share one parameter.
+//! uses its value. Its expressions can name other parameters of the included graph. If such a parameter is exposed as
+//! well, the name means the includer's parameter; if it is in `set`, the name means the value there ([`Around`]);
+//! otherwise, the name is an error. All other names are resolved in the includer's scope. Includes that expose the same
+//! declaration share one parameter.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -13,7 +13,7 @@ use crate::ir::{Param, ParamSet, Value};
 use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
 
-/// Name of an included graph's output in its includer, after the include's name and a dot.
+/// The includer refers to an included graph's output by the include's name, a dot, and this name.
 const PICTURE: &str = "picture";
 
 fn hides_the_output(inner: &Level) -> Diagnostic {
@@ -203,7 +203,7 @@ impl Lowering<'_> {
     }
 
     /// Resolves an included graph's parameters. Exposed parameters have the includer's value. The others have the value
-    /// in `set`, or else that of the included graph's preset or declaration.
+    /// in `set`, or else the value from the included graph's preset or declaration.
     fn include_params(
         &self,
         level: &Level,

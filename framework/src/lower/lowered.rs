@@ -77,8 +77,8 @@ impl Lowered {
 pub struct Declaration {
     /// Place of the declaration in the file.
     pub span: Span,
-    /// For `last(name)`, the resource itself, or for a ping-pong resource the half in front at the end of the frame.
-    /// `None` for all others. Readers of `last(name)` run before this frame's writers.
+    /// For `last(name)`, the resource `name`, or its half in front at the end of the frame if it is a ping-pong
+    /// resource; `None` for all others. Readers of `last(name)` run before this frame's writers.
     pub previous_frame_of: Option<ResourceId>,
     /// Parameters that the declaration depends on.
     pub params: ParamSet,
@@ -130,7 +130,7 @@ pub struct RemovedPass {
     pub reason: Option<Reason>,
     /// Parameters that the condition depends on.
     pub decided: ParamSet,
-    /// Parameters that the names in the pass's expressions depend on.
+    /// Parameters that the names in the pass's expressions depend on. Linking adds those that its shaders mention.
     pub named: ParamSet,
     /// The graph file that declares the pass.
     pub file: FileId,

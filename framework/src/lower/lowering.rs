@@ -18,8 +18,8 @@ use crate::source::{Diagnostic, Place, SourceMap};
 /// Maximum number of passes after repeats, so that a typing error cannot exhaust memory.
 pub(super) const MAX_PASSES: usize = 20_000;
 
-/// Maximum number of steps of the walk. These are one step each: a pass, an entry of its `bind`, `push` and so on, an
-/// iteration of a repeat, and a declaration of an included graph.
+/// Maximum number of steps of the walk. These are one step each: a pass, an entry of a pass's lists (such as `bind` and
+/// `push`), an iteration of a repeat, and a declaration of an included graph.
 const MAX_STEPS: usize = 25 * MAX_PASSES;
 
 pub(super) struct Lowering<'a> {

@@ -181,8 +181,8 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
     Ok((folded(&chosen.opened.summary), controls))
 }
 
-/// Lists the settings of a request that its graph rejects: the parameter is unknown, or its type or range excludes the
-/// value. The range may depend on other settings; rejected settings are ignored there.
+/// Lists the names of a request's settings that its graph rejects: the parameter is unknown, or its type or range
+/// excludes the value. The range may depend on other settings; rejected settings are ignored there.
 ///
 /// # Errors
 /// Those of [`lower`] about the graph's files, parameters and requirements.

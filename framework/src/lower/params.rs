@@ -33,8 +33,8 @@ struct Text<'a> {
 }
 
 /// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings. A setting of an
-/// unknown parameter, or outside the parameter's domain, is an error; with `rejected`, its name is added there instead,
-/// and the setting is ignored.
+/// unknown parameter, or outside the parameter's domain, is an error. If `rejected` is given, the setting is ignored
+/// instead, and the parameter's name is added to `rejected`.
 pub(super) fn resolve(
     root: &Opened,
     parameters: &Parameters,
@@ -469,7 +469,7 @@ pub(super) fn included(
     Ok((param, params))
 }
 
-/// Generates `live.glsl`: one uniform block with the live parameters, in order.
+/// Generates `live.glsl`: one uniform block with the live parameters, in order; only a comment if there are none.
 pub(super) fn live_glsl(params: &[Param]) -> String {
     let members: Vec<String> = params
         .iter()

@@ -35,7 +35,8 @@ impl<'a> Choices<'a> {
         Choices { request, known: HashMap::new(), candidate: None }
     }
 
-    /// Returns the graph at [`Self::candidate`], or else [`Self::standing`]. Fails with its unmet requirements.
+    /// Returns the graph with index [`Self::candidate`], or else the one that [`Self::standing`] finds. Fails with the
+    /// graph's unmet requirements.
     pub fn root(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         let chosen = match self.candidate {
             Some(index) => {

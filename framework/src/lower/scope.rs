@@ -32,7 +32,7 @@ pub(super) struct Names {
 pub(super) struct Notes {
     /// Read by numbers: sizes, push constants, offsets.
     pub read: ParamSet,
-    /// Read by conditions, counts of repeats, and choices of resources.
+    /// Read by conditions, counts of repeats, and choices of resources and shaders.
     pub decided: ParamSet,
 }
 

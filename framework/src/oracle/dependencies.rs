@@ -120,7 +120,7 @@ struct Check<'a> {
     /// Events so far, by cell.
     cells: Vec<Vec<Event<'a>>>,
     layouts: Vec<Layout>,
-    /// For each dependency, the stages and accesses that were needed, and whether its layout change was.
+    /// For each dependency, the stages and accesses that were needed, and true if its layout change was needed.
     used: Vec<(Masks, bool)>,
     found: Vec<Objection>,
     seen: HashSet<String>,

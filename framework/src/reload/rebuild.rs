@@ -1,8 +1,8 @@
 //! Builds on a separate thread, so that drawing never waits.
 //!
-//! At most one job waits: a newer one replaces it. A running job gets at least [`PATIENCE`], even if a newer one waits.
-//! After that, it is cancelled through the [`Cancel`] passed to its function once a newer job waits here, or once the
-//! owner has one ([`Rebuilder::set_outdated`]). It is also cancelled when the rebuilder is dropped. Every output is
+//! At most one job waits: a newer one replaces it. A running job gets at least [`PATIENCE`]. After that, it is
+//! cancelled as soon as a newer job waits, or the owner has one ([`Rebuilder::set_outdated`]). It is also cancelled
+//! when the rebuilder is dropped. The function that runs the job learns this from its [`Cancel`]. Every output is
 //! returned, in order, because an older one may be the last without an error.
 
 use std::any::Any;

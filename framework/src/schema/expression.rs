@@ -32,7 +32,7 @@ impl Expression {
     }
 }
 
-/// Replaces each line break, with the spaces around it, by one space.
+/// Replaces each line break, with the spaces around it, by one space, and trims both ends.
 pub fn folded(text: &str) -> String {
     text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }

@@ -377,7 +377,7 @@ pub enum PassDecl {
         #[serde(default)]
         push: IndexMap<String, Number>,
     },
-    /// Draws primitives to colour attachments, and tests them against a depth attachment.
+    /// Draws primitives to colour attachments, and tests them against the depth attachment, if any.
     Draw {
         /// Unique name of the pass.
         name: String,

@@ -1,7 +1,7 @@
 //! Allocates buffers, images and their memory.
 //!
 //! Device memory is a placement heap. Its objects (several if the plan lets them alias) are at offset 0 of the heap.
-//! Host-visible memory is a single buffer, which is itself the only object in it. All resources are untracked.
+//! Any other memory is a single buffer, which is itself the only object in it. All resources are untracked.
 
 use crate::apple::gpu::{MetalGpu, private};
 use crate::apple::objc;
@@ -22,9 +22,9 @@ pub struct Memory {
 }
 
 enum Backing {
-    /// A heap, for memory that only the device accesses.
+    /// A heap, for [`Location::Device`].
     Heap(Heap),
-    /// A buffer, for mapped memory.
+    /// A buffer, for every other location.
     Buffer(Buffer),
 }
 

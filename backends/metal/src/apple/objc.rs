@@ -1,7 +1,7 @@
 //! Wraps Objective-C calls that the `metal` crate lacks, or whose failure it does not report.
 //!
-//! Each call is one message with the types of Apple's headers. Results that can be `nil` are `Option`s. Methods whose
-//! name begins with `new` return retained objects, which their wrapper releases; all other objects belong to the
+//! Messages are sent with the types of Apple's headers. Objects that can be `nil` are returned as `Option`s. Methods
+//! whose name begins with `new` return retained objects, which their wrapper releases; all other objects belong to the
 //! caller's autorelease pool, which must exist.
 
 use metal::foreign_types::ForeignType;

@@ -86,7 +86,7 @@ struct Times {
 
 impl Timestamps {
     /// Creates `count` timestamps. Timestamps of passes are missing if the device cannot sample counters at the ends of
-    /// encoders, or has no counter sample buffer left.
+    /// encoders, or has no counter sample buffer left, and beyond the first [`MAX_SAMPLES`].
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
         let samples = count.saturating_sub(2).min(MAX_SAMPLES);
         let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {

@@ -1,7 +1,7 @@
 //! Acquires drawables of a window's layer, and draws a frame's output into them.
 //!
-//! A triangle that covers the drawable samples the output, which is scaled if the sizes differ. The draw has its own
-//! command buffer, so the frame does not wait for the window.
+//! The output is the texture of a triangle that covers the drawable, and is scaled if the sizes differ. The draw has
+//! its own command buffer, so the frame does not wait for the window.
 
 use crate::apple::capture;
 use crate::apple::gpu::MetalGpu;

@@ -17,8 +17,8 @@ pub struct Encoders {
     /// Encoders that run once, after the plan or the scene has changed. With a [`handover`](Encoders::handover), all
     /// later submissions wait for all of them.
     pub prologue: Vec<Encoding>,
-    /// True if the first frame must wait for the whole prologue, by an event. It must if a pass of the frame accesses
-    /// memory that the prologue accessed.
+    /// True if the first frame must wait for the whole prologue, by an event. It must if a pass of the frame depends on
+    /// a pass of the prologue.
     pub handover: bool,
     /// Encoders that run every frame. Only fences order one frame after another.
     pub frame: Vec<Encoding>,
@@ -137,7 +137,7 @@ impl MemoryBarrier {
 /// The division of passes into encoders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Division {
-    /// As few encoders as the kinds of passes allow.
+    /// As few encoders as the order of the passes, their kinds and the targets of draws allow.
     Merged,
     /// One encoder per pass, for timestamps at the ends of encoders.
     Passes,

@@ -1,8 +1,8 @@
 //! Assigns fences to the waits between encoders. Successive waits share a fence.
 //!
-//! A wait refers to the last update of its fence that was submitted before it. From that update to the wait, its
-//! *span*, the fence is in use. Two spans can share a fence if they do not overlap, and if the encoders' waits order
-//! each update after the other span's waits. Then no update of a fence can overtake a wait for the previous update.
+//! A wait refers to the last update of its fence that was submitted before it. The fence is in use from that update to
+//! the wait: the *span* of the wait. Two spans can share a fence if they do not overlap, and if the encoders' waits
+//! order each update after the other span's wait. Then no update of a fence can overtake a wait for the previous one.
 //!
 //! In a chain of encoders, each of which waits for the previous one, one fence serves all waits, even that of the first
 //! encoder for the last one of the previous frame. If two branches follow an encoder, such as the draw of a mesh and

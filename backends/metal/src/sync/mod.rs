@@ -56,13 +56,14 @@ use splatgraph_framework::plan::{Cause, Plan};
 
 /// Divides the passes of a plan into encoders, and orders the encoders.
 ///
-/// The order of the passes is the plan's. No stage waits for more than it depends on, and every wait and barrier is
-/// necessary. `Work::Host` is in no encoder: completion of the command buffer makes the copies visible to the host.
+/// The order of the passes is the plan's. An encoder waits only for encoders that it depends on, and every wait and
+/// barrier is necessary. `Work::Host` is in no encoder: completion of the command buffer makes the copies visible to
+/// the host.
 pub fn encoders(plan: &Plan, division: Division) -> Encoders {
     explained(plan, division).0
 }
 
-/// Divides a plan as [`encoders`] does. Also returns the reasons for every wait and barrier, in order.
+/// Divides a plan as [`encoders`] does. Also returns the reasons for every wait and barrier and for the handover.
 pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<(At, Cause)>) {
     let prologue = divide::divide(plan, &plan.prologue, division);
     let frame = divide::divide(plan, &plan.frame, division);

@@ -11,10 +11,12 @@ use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
-/// Maximum number of invocations or vertices of a pass; a larger number is treated as a mistake.
+/// Maximum number of invocations or vertices of a pass. A larger number is treated as a mistake: no device finishes so
+/// many in a reasonable time.
 const MAX_INVOCATIONS: u64 = 1 << 40;
 
-/// Refuses a plan that is inconsistent ([`BackendError::Invalid`]) or exceeds a limit ([`BackendError::Limit`]).
+/// Refuses a plan that is inconsistent ([`BackendError::Invalid`]), exceeds a limit ([`BackendError::Limit`]) or needs
+/// something that the device lacks ([`BackendError::Unsupported`]).
 ///
 /// In an accepted plan, the ids of resources, passes, shaders and blocks are in range, and resources suit the work that
 /// names them. The declared usage of bound resources is not checked.
@@ -162,7 +164,7 @@ impl<'a> Checker<'a> {
         Ok(resource)
     }
 
-    /// Returns the buffer `id`; refuses an image, and a byte range that exceeds the buffer or is not word-aligned.
+    /// Returns the buffer `id`; refuses an image, and a byte range that exceeds the buffer or starts within a word.
     fn words(
         &self,
         id: ResourceId,

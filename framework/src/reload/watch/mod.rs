@@ -7,7 +7,7 @@
 //! (module `symlink_path`), so that it notices folders that appear and disappear, and redirected links.
 //!
 //! The watcher has a thread. It also looks at regular intervals ([`ROUNDS`]), because some network and virtual file
-//! systems send no events for writes by other machines. Without any events, it looks more often ([`POLLING`]).
+//! systems send no events for writes by other machines. If it cannot receive events, it looks more often ([`POLLING`]).
 
 mod subject;
 mod symlink_path;
@@ -39,7 +39,7 @@ pub const GONE: Duration = Duration::from_secs(1);
 pub const GATHER: Duration = Duration::from_millis(100);
 /// Interval between looks at all files while the system sends events.
 pub const ROUNDS: Duration = Duration::from_secs(2);
-/// Interval between looks at all files if the system sends no events.
+/// Interval between looks at all files if the watcher cannot receive events.
 pub const POLLING: Duration = Duration::from_millis(200);
 
 /// Files that changed since they were built or reported.

@@ -1,4 +1,4 @@
-//! Tracks one wanted file: whether its contents differ from those that a build read, and when to report that.
+//! Tracks one wanted file: whether its contents differ from those that a build read, and when to report a difference.
 //!
 //! A difference is *pending* until the file has been unchanged for a while, so that a burst of writes is one change.
 //! The delay is longer for a missing or empty file, because many editors begin a save that way.
@@ -44,7 +44,8 @@ struct Glance {
 struct Stamp {
     length: u64,
     modified: Option<SystemTime>,
-    /// Device, inode, and the time of the last change to either content or inode, in nanoseconds.
+    /// Device, inode, and the time of the last change to either content or inode, in nanoseconds; zeros on systems
+    /// without inodes.
     inode: (u64, u64, i128),
 }
 

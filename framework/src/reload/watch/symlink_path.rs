@@ -10,7 +10,7 @@ use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 use std::{fs, io};
 
-/// Maximum number of symlinks that one path follows.
+/// Maximum number of symlinks that one path follows, as in Linux.
 const MAX_LINKS: u32 = 40;
 
 /// An entry along a path, existing or not.

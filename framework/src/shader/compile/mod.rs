@@ -10,10 +10,10 @@
 //!    `#if`s), parses, links and generates;
 //! 4. *reflect*: see [`reflect`].
 //!
-//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without NUL, [`sources::MAX_BYTES`] of text,
-//! and [`generate::MAX_DEPTH`] nested includes. It gets a large stack, because its passes recurse. Its parser stops at
-//! the first error, because continuing crashes it more often. For untrusted texts it runs in a separate process: see
-//! [`worker`].
+//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without NUL, [`sources::MAX_BYTES`] of text in
+//! [`sources::MAX_FILES`] files, [`generate::MAX_INCLUDED_BYTES`] of expanded includes, and [`generate::MAX_DEPTH`]
+//! nested ones. It gets a large stack, because its passes recurse. Its parser stops at the first error, because
+//! continuing crashes it more often. For untrusted texts it runs in a separate process: see [`worker`].
 
 mod generate;
 mod log;

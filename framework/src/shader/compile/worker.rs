@@ -3,7 +3,7 @@
 //! glslang is C++: some broken shaders make it dereference a null pointer, and macros can grow without bounds. It
 //! therefore runs in a [`Worker`], a program that calls [`serve_if_asked`] first. The program is started for the first
 //! shader, and kept. Parent and worker communicate over pipes: four bytes of length and a JSON text in each direction,
-//! and after a success the SPIR-V as a second message. The worker receives texts and opens no files.
+//! and after a success the SPIR-V as a second message. The worker receives all texts, and opens no shader files.
 //!
 //! The worker enforces [`Limits`]: it exits with a specific code when a compilation takes too much memory or time. It
 //! exits with 0 when the pipe closes, when its parent is gone, or after a compilation that leaves much memory in use.

@@ -18,7 +18,8 @@
 //!   fragments;
 //! - draws of one encoder are ordered only by their blending into its targets.
 //!
-//! [`mutate`] removes one wait, update, barrier or part of one at a time: the model must object each time.
+//! [`mutate`] removes or weakens one wait, update or barrier at a time, or removes the handover: the model must object
+//! each time.
 //!
 //! # Limits of the model
 //!
@@ -51,7 +52,8 @@ pub enum Objection {
         /// The resource of the first access, if it is an alias of `resource`.
         through: Option<ResourceId>,
     },
-    /// The encoders do not match the plan, or an update may overtake a wait. The text is a complete sentence.
+    /// The encoders do not match the plan or are inconsistent, a fence is waited for without an update, or an update
+    /// may overtake a wait. The text says which.
     Malformed(String),
 }
 
@@ -84,7 +86,7 @@ impl Objection {
         }
     }
 
-    /// Returns true if both are the same objection, ignoring the frame.
+    /// Returns true if both are the same objection, ignoring frames and aliases.
     fn recurs_as(&self, other: &Objection) -> bool {
         match (self, other) {
             (
@@ -218,8 +220,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Lists encoders that do not match the plan or are inconsistent, and waits for fences that are never updated. If
-    /// there are none, lists updates that may overtake a wait.
+    /// Lists encoders that do not match the plan or are inconsistent, and waits for fences without an update. If there
+    /// are none, lists updates that may overtake a wait.
     fn malformed(&self, encoders: &Encoders) -> Vec<Objection> {
         let plan = self.plan;
         let mut found = Vec::new();

@@ -89,7 +89,7 @@ pub fn apply(encoders: &Encoders, mutation: Mutation) -> Encoders {
     mutant
 }
 
-/// Lists the mutations in which the model finds no mistake. It must find none in the unmutated encoders.
+/// Lists the mutations after which the model finds no unordered accesses. The unmutated encoders must have none.
 pub fn needless(model: &Model, encoders: &Encoders) -> Vec<Mutation> {
     let unnoticed = |mutation: &Mutation| !model.finds_unordered(&apply(encoders, *mutation));
     mutations(encoders).into_iter().filter(unnoticed).collect()
