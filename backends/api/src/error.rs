@@ -89,7 +89,7 @@ pub enum BackendError {
     Api {
         /// The call that failed.
         call: &'static str,
-        /// The driver's result code.
+        /// The driver's result code or message.
         answer: String,
     },
 }

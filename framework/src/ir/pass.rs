@@ -22,7 +22,7 @@ pub enum Run {
     Frame,
 }
 
-/// A step of a plan: one command of the device, or the host's read of the statistics.
+/// A step of a plan: a command of the device, the export, or the host's read of the statistics.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pass<S = ShaderId, G = Groups> {
     /// Name, unique in the plan, for instance `sort.histogram[2]`.

@@ -142,7 +142,7 @@ fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
 /// The backend's own pipelines, for fills, clears and presentation.
 pub(crate) struct Builtin {
     pub fill_words: ComputePipelineState,
-    /// A buffer of one word, written by dispatches that only keep an encoder from being empty.
+    /// A buffer of one word, for commands without effect that keep an encoder from being empty.
     pub scratch: Buffer,
     pub clear_floats: ComputePipelineState,
     pub clear_words: ComputePipelineState,

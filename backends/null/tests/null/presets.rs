@@ -15,7 +15,7 @@ use std::time::Instant;
 
 const COUNT: u32 = 2_000;
 
-/// Solves the plans of all presets for a small scene, with or without aliasing.
+/// Builds the plans of all built-in presets, and graphs with an output, for a small scene, with or without aliasing.
 fn plans(share_memory: bool) -> Vec<Plan> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../pipelines");
     let scene = splatgraph_assets::synth::generate("demo", COUNT, 1).expect("a generator");
