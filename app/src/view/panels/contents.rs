@@ -16,18 +16,10 @@ use splatgraph_framework::plan::Plan;
 pub struct Target<'a> {
     pub selection: &'a mut Option<Selection>,
     pub controls: &'a mut Controls,
-    pub copy: Copy,
-    /// Set to true to start the measurement.
-    pub measure: &'a mut bool,
-}
-
-/// State of the measurement of the device's copy limit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Copy {
-    Unknown,
-    Measuring,
-    /// Bandwidth in 10^9 bytes per second, reads plus writes.
-    Known(f64),
+    /// The device's copy limit in 10^9 bytes per second, reads plus writes; `None` before it is measured.
+    pub copy_limit: Option<f64>,
+    /// True while the copy limit is being measured; set to true to start.
+    pub measures_copy: &'a mut bool,
 }
 
 const LINES: usize = 16;

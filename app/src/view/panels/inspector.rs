@@ -1,7 +1,6 @@
 //! Shows the selected pass, barrier or resource with its contents, or the picked splat.
 
-use super::contents;
-use super::contents::{Copy, Target};
+use super::contents::{self, Target};
 use super::controls::Command;
 use super::selection::{self, Dumped, Selection, bound_bytes};
 use super::theme::{self, Palette};
@@ -151,22 +150,22 @@ fn show_pass(ui: &mut Ui, viewport: &mut Viewport, dump: &Dump, pass: &DumpPass,
 /// Compares a pass's time with a copy of as many bytes as it binds. Draws a button that measures the device's copy
 /// limit if it is unknown.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
-    match target.copy {
-        Copy::Known(rate) => {
+    match target.copy_limit {
+        Some(rate) => {
             let limit = bytes / rate * 1e-6;
             let share = widgets::three_digits(100.0 * limit / ms.max(f64::MIN_POSITIVE));
             fact(ui, "A copy of its bytes", format!("{}, {share} % of it", widgets::time(limit)));
         }
-        Copy::Measuring => {
+        None if *target.measures_copy => {
             ui.horizontal(|ui| {
                 ui.spinner();
                 ui.weak("measuring how fast the device copies");
             });
         }
-        Copy::Unknown => {
+        None => {
             let button = target.controls.seen("measure_copy", ui.button("Compare with a copy"));
             let about = "Measures how fast the device copies, and shows how long a copy of the bound bytes would take";
-            *target.measure |= hint(button, about).clicked();
+            *target.measures_copy = hint(button, about).clicked();
         }
     }
 }

@@ -83,21 +83,16 @@ impl Panels {
                 scrolled(ui, |ui| splat::show(ui, viewer, &mut self.controls));
             }
             Tool::Inspector => {
-                let copy = match viewer.copy_limit() {
-                    Some(rate) => contents::Copy::Known(rate),
-                    None if viewer.is_measuring_copy() => contents::Copy::Measuring,
-                    None => contents::Copy::Unknown,
-                };
+                let (copy_limit, mut measures_copy) = (viewer.copy_limit(), viewer.is_measuring_copy());
                 let Some(viewport) = viewer.viewport(self.selected) else { return };
-                let mut measure = false;
                 let mut target = contents::Target {
                     selection: &mut self.selection,
                     controls: &mut self.controls,
-                    copy,
-                    measure: &mut measure,
+                    copy_limit,
+                    measures_copy: &mut measures_copy,
                 };
                 inspector::show(ui, viewport, &mut self.dumped, &mut self.contents, &mut target);
-                if measure {
+                if measures_copy {
                     viewer.measure_copy();
                 }
             }
