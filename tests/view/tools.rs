@@ -147,8 +147,8 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     viewer.push("measure");
     viewer.until("the result", |viewer| viewer.shell.viewer.comparison().is_some());
     viewer.frame();
-    let found = viewer.shell.viewer.comparison().expect("it is there").clone();
-    assert!(found.psnr < 40.0 && found.worst > 0.0, "{found:?}");
+    let (found, _) = viewer.shell.viewer.comparison().expect("it is there");
+    assert!(found.psnr() < 40.0 && found.worst.difference > 0.0, "{found:?}");
     assert!(viewer.events.iter().any(|event| matches!(event, Event::Compared { .. })));
     assert!(viewer.shell.panels.controls.find("comparison").is_some());
     assert!(viewer.shell.viewer.comparison_is_current(), "at once, and not only after a while");
@@ -158,8 +158,11 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     choose(&mut viewer, RendererId::B, "splat");
     viewer.shell.viewer.measure();
     viewer.until("the next result", |viewer| !viewer.shell.viewer.is_comparing());
-    let found = viewer.shell.viewer.comparison().expect("it is there").clone();
-    assert!(found.psnr.is_infinite(), "the same graph twice: {found:?}");
+    let (found, _) = viewer.shell.viewer.comparison().expect("it is there");
+    assert_eq!((found.psnr_db, found.worst.difference), (None, 0.0), "the same graph twice: {found:?}");
+    let identical = |event: &Event| matches!(event, Event::Compared { identical: true, .. });
+    let told = viewer.events.iter().find(|event| identical(event)).map(ToString::to_string);
+    assert!(told.is_some_and(|told| told.ends_with(": identical")), "{:#?}", viewer.events);
     assert!(viewer.shell.viewer.comparison_is_current());
     viewer.shell.viewer.navigation.set_camera(&splatgraph_assets::Camera::looking_at(
         [0.0, -1.0, -4.0],
@@ -182,7 +185,7 @@ fn b_draws_another_scene_from_the_same_place_of_the_world() {
     viewer.settle();
     viewer.shell.viewer.measure();
     viewer.until("a result", |viewer| !viewer.shell.viewer.is_comparing());
-    let psnr = |viewer: &TestShell| viewer.shell.viewer.comparison().expect("it is there").psnr;
+    let psnr = |viewer: &TestShell| viewer.shell.viewer.comparison().expect("it is there").0.psnr();
     assert!(psnr(&viewer).is_infinite(), "B starts as a copy of A");
     let camera = viewer.shell.viewer.world_camera();
     viewer.shell.viewer.open_scene_in(RendererId::B, &other);

@@ -4,13 +4,14 @@ use super::controls::Controls;
 use super::theme::{self, GRID, Palette, TEXT};
 use super::widgets;
 use crate::view::events::{Cause, Event, RendererId};
-use crate::view::viewer::{Comparison, Viewer};
+use crate::view::viewer::Viewer;
 use egui::{
     Align2, Area, Color32, Context, CornerRadius, FontId, Frame, Id, Margin, Order, Rect, RichText, Stroke,
     Ui, pos2, vec2,
 };
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
+use splatgraph_reference::metrics::Comparison;
 use std::time::{Duration, Instant};
 
 const STAY: Duration = Duration::from_secs(5);
@@ -260,8 +261,9 @@ pub fn comparison(
                         ui.spinner();
                     }
                 });
-                let Some(Comparison { psnr, ssim, worst, .. }) = viewer.comparison().cloned() else { return };
-                let psnr = if psnr.is_infinite() { "identical".to_owned() } else { format!("{psnr:.2} dB") };
+                let Some((Comparison { psnr_db, ssim, worst, .. }, _)) = viewer.comparison() else { return };
+                let worst = worst.difference;
+                let psnr = psnr_db.map_or("identical".to_owned(), |psnr| format!("{psnr:.2} dB"));
                 ui.horizontal_wrapped(|ui| {
                     ui.label(RichText::new(psnr).family(theme::strong()).size(theme::HEADING));
                     if let Some(ssim) = ssim {
@@ -288,11 +290,9 @@ pub fn comparison(
         viewer.forget_comparison();
         *marked = false;
     }
-    let Some(found) = viewer.comparison().filter(|_| *marked).cloned() else { return };
-    let share = vec2(
-        (found.at[0] as f32 + 0.5) / found.size[0].max(1) as f32,
-        (found.at[1] as f32 + 0.5) / found.size[1].max(1) as f32,
-    );
+    let Some((found, [width, height])) = viewer.comparison().filter(|_| *marked) else { return };
+    let share = |place: usize, size: &usize| (place as f32 + 0.5) / (*size).max(1) as f32;
+    let share = vec2(share(found.worst.x, width), share(found.worst.y, height));
     let at = view.min + share * view.size();
     let painter = ctx.layer_painter(egui::LayerId::new(Order::Middle, Id::unique("worst")));
     let painter = painter.with_clip_rect(view);

@@ -3,21 +3,10 @@
 use crate::view::latest::Latest;
 use crate::view::renderer::{Choice, Wake};
 use splatgraph_assets::Camera;
+use splatgraph_reference::metrics::Comparison;
 
-/// Differences between the pictures of A and B.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Comparison {
-    /// PSNR in decibels; infinite for identical pictures.
-    pub psnr: f64,
-    /// SSIM; `None` for pictures smaller than its window.
-    pub ssim: Option<f64>,
-    /// Largest difference in a colour channel, from 0 to 1.
-    pub worst: f64,
-    /// Column and row of the pixel with the largest difference.
-    pub at: [usize; 2],
-    /// Width and height of the pictures, in pixels.
-    pub size: [usize; 2],
-}
+/// Differences between the pictures of A and B, and the width and height of the pictures.
+pub type Differences = (Comparison, [usize; 2]);
 
 /// The inputs of a comparison; if they change, its result is out of date.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,8 +28,8 @@ pub(super) enum Step {
 
 pub(super) struct Comparing {
     pub step: Step,
-    pub worker: Latest<Comparison>,
-    pub newest: Option<(Comparison, Compared)>,
+    pub worker: Latest<Differences>,
+    pub newest: Option<(Differences, Compared)>,
     /// Inputs of the comparison in progress.
     pub of: Option<Compared>,
 }

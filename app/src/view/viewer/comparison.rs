@@ -3,13 +3,13 @@
 //! A comparison starts once both viewports draw the requested state. Its result is out of date once the camera, a scene
 //! or a setting changes.
 
-use super::comparing::{Compared, Comparison, Step};
+use super::comparing::{Compared, Differences, Step};
 use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
 use splatgraph_api::Pixels;
-use splatgraph_reference::metrics;
+use splatgraph_reference::metrics::{self, Comparison};
 
 impl Viewer {
     /// Compares the next pictures of A and B. The result is reported as an event and by [`Viewer::comparison`].
@@ -27,7 +27,7 @@ impl Viewer {
     }
 
     /// Returns the newest comparison of A and B; `None` before the first, and after [`Viewer::forget_comparison`].
-    pub fn comparison(&self) -> Option<&Comparison> {
+    pub fn comparison(&self) -> Option<&Differences> {
         self.comparing.newest.as_ref().map(|(found, _)| found)
     }
 
@@ -76,8 +76,9 @@ impl Viewer {
     pub(super) fn take_comparison(&mut self) {
         match self.comparing.worker.take() {
             Some(Ok(found)) => {
-                let Comparison { psnr, ssim, worst, .. } = found;
-                self.events.push(Event::Compared { psnr, ssim, worst, identical: psnr.is_infinite() });
+                let (Comparison { psnr_db, ssim, worst, .. }, _) = found;
+                let (psnr, worst) = (found.0.psnr(), worst.difference);
+                self.events.push(Event::Compared { psnr, ssim, worst, identical: psnr_db.is_none() });
                 self.comparing.newest = self.comparing.of.take().map(|of| (found, of));
             }
             Some(Err(error)) => self.cannot_compare(&error),
@@ -122,15 +123,9 @@ impl Viewer {
 }
 
 /// Computes the differences of two pictures, in display-encoded colours clamped to 0..1.
-fn differences(a: &Pixels, b: &Pixels) -> Result<Comparison, String> {
+fn differences(a: &Pixels, b: &Pixels) -> Result<Differences, String> {
     let image = |pixels| image_of(pixels).map_err(|error| error.to_string());
     let (a, b) = (image(a)?.clamped(), image(b)?.clamped());
     let found = metrics::compare((&a).into(), (&b).into()).map_err(|error| error.to_string())?;
-    Ok(Comparison {
-        psnr: found.psnr(),
-        ssim: found.ssim,
-        worst: found.worst.difference,
-        at: [found.worst.x, found.worst.y],
-        size: [a.width, a.height],
-    })
+    Ok((found, [a.width, a.height]))
 }

@@ -34,7 +34,7 @@ mod splats;
 mod subject;
 
 use comparing::Comparing;
-pub use comparing::Comparison;
+pub use comparing::Differences;
 use placed::PlacedFiles;
 use subject::Subject;
 pub use subject::{Combine, Marks, Part};
