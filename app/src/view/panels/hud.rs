@@ -22,16 +22,11 @@ const FRAMES: usize = 120;
 /// Background of text over the picture, dark enough for white text on any picture.
 const SHADE: Color32 = Color32::from_black_alpha(200);
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Done,
-    Failed,
-}
-
 struct Toast {
     number: u64,
     text: String,
-    kind: Kind,
+    /// True for the message of a failure.
+    failed: bool,
     end: Instant,
 }
 
@@ -44,17 +39,17 @@ pub struct Toasts {
 
 impl Toasts {
     pub fn done(&mut self, text: String) {
-        self.add(text, Kind::Done, STAY);
+        self.add(text, false, STAY);
     }
 
-    fn add(&mut self, text: String, kind: Kind, stay: Duration) {
+    fn add(&mut self, text: String, failed: bool, stay: Duration) {
         self.count += 1;
         // A repeated message replaces its earlier toast.
         self.shown.retain(|toast| toast.text != text);
         if self.shown.len() == MAX_TOASTS {
             self.shown.remove(0);
         }
-        self.shown.push(Toast { number: self.count, text, kind, end: Instant::now() + stay });
+        self.shown.push(Toast { number: self.count, text, failed, end: Instant::now() + stay });
     }
 
     /// Shows an event as a toast if the user is waiting for it or needs to know it.
@@ -83,11 +78,9 @@ impl Toasts {
             | Event::DeviceOpened { .. } => {
                 self.done(event.to_string());
             }
-            Event::Dropped { .. } | Event::Restored { .. } => {
-                self.add(event.to_string(), Kind::Done, STAY_LONG)
-            }
+            Event::Dropped { .. } | Event::Restored { .. } => self.add(event.to_string(), false, STAY_LONG),
             Event::SceneFailed { .. } | Event::FileFailed { .. } | Event::Problem { .. } => {
-                self.add(event.to_string(), Kind::Failed, STAY_LONG);
+                self.add(event.to_string(), true, STAY_LONG);
             }
             _ => {}
         }
@@ -103,7 +96,7 @@ impl Toasts {
         let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
         let mut top = view.top() + 3.0 * GRID;
         for toast in &self.shown {
-            let edge = if toast.kind == Kind::Failed { palette.error } else { palette.line };
+            let edge = if toast.failed { palette.error } else { palette.line };
             let shown = Area::new(Id::unique(("toast", toast.number)))
                 .fixed_pos(pos2(view.right() - 3.0 * GRID, top))
                 .pivot(Align2::RIGHT_TOP)
@@ -308,7 +301,7 @@ mod tests {
     fn a_toast_has_a_place_while_a_tool_hides_the_picture() {
         let (ctx, mut controls) = (Context::default(), Controls::default());
         let mut toasts = Toasts::default();
-        toasts.add("missing.ply: no such file".into(), Kind::Failed, STAY_LONG);
+        toasts.add("missing.ply: no such file".into(), true, STAY_LONG);
         // The first frame measures the toast, and the second one places it.
         for _ in 0..2 {
             let mut output = ctx.run_ui(Default::default(), |ui| {
