@@ -31,8 +31,9 @@ use super::events::{Event, RendererId};
 use super::history::{History, WINDOW};
 use super::paint::Mode;
 use super::undo::{self, Settings};
-use super::viewer::Viewer;
+use super::viewer::{Combine, Viewer};
 use super::wheel::Wheel;
+use crate::draw::select::{Reach, Region};
 use crate::draw::stats::median;
 use egui::{Align2, CentralPanel, Context, Panel, Rect, Ui};
 use indexmap::IndexSet;
@@ -107,6 +108,8 @@ pub struct Panels {
     select: select::State,
     /// Position to pick once there is a first picture, as fractions of its width and height.
     pick_first: Option<[f32; 2]>,
+    /// Box to select once there is a first picture: left, top, right and bottom, as fractions of its width and height.
+    select_first: Option<[f32; 4]>,
     dumped: Dumped,
     timeline: timeline::State,
     contents: contents::State,
@@ -164,6 +167,7 @@ impl Default for Panels {
             requested: None,
             select: select::State::default(),
             pick_first: None,
+            select_first: None,
             dumped: Dumped::default(),
             timeline: timeline::State::default(),
             contents: contents::State::default(),
@@ -301,12 +305,12 @@ impl Panels {
     /// Selects the splats in a box once there is a picture. `corners` are left, top, right and bottom, as fractions of
     /// the picture's width and height.
     pub fn select_first(&mut self, corners: [f32; 4]) {
-        self.select.select_first(corners);
+        self.select_first = Some(corners);
     }
 
     /// Returns true while a pick or a selection waits for the first picture.
     pub fn waits_for_picture(&self) -> bool {
-        self.pick_first.is_some() || self.select.waits()
+        self.pick_first.is_some() || self.select_first.is_some()
     }
 
     #[cfg(test)]
@@ -474,13 +478,17 @@ impl Panels {
         if let Some(id) = self.select.take_touched().filter(|_| viewer.has_two_scenes()) {
             self.selected = id;
         }
-        if viewer.pictures()[0].is_some()
-            && let Some([x, y]) = self.pick_first.take()
-        {
+        if viewer.pictures()[0].is_some() {
             let camera = viewer.picture_camera();
-            viewer.pick(RendererId::A, [x * camera.width as f32, y * camera.height as f32]);
+            let pixel = |x: f32, y: f32| [x * camera.width as f32, y * camera.height as f32];
+            if let Some([x, y]) = self.pick_first.take() {
+                viewer.pick(RendererId::A, pixel(x, y));
+            }
+            if let Some([left, top, right, bottom]) = self.select_first.take() {
+                let corners = [pixel(left, top), pixel(right, bottom)].map(|corner| corner.map(f64::from));
+                viewer.select(RendererId::A, Region::Box(corners), Reach::default(), Combine::Replace);
+            }
         }
-        self.select.start(viewer);
         self.select.draw(ui, rect);
         if self.selection == Some(Selection::Splat) {
             splat::draw_outline(ui, viewer, rect);

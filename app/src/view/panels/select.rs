@@ -47,8 +47,6 @@ pub struct State {
     /// Viewport of the last drag; see [`State::take_touched`].
     touched: Option<RendererId>,
     path: String,
-    /// Box to select once there is a picture; see [`State::select_first`].
-    first: Option<[f32; 4]>,
 }
 
 impl Default for State {
@@ -60,22 +58,11 @@ impl Default for State {
             drag: None,
             touched: None,
             path: String::new(),
-            first: None,
         }
     }
 }
 
 impl State {
-    /// Requests the selection of a box; see [`super::Panels::select_first`].
-    pub fn select_first(&mut self, corners: [f32; 4]) {
-        self.first = Some(corners);
-    }
-
-    /// Returns true until the box given to [`State::select_first`] is being selected.
-    pub fn waits(&self) -> bool {
-        self.first.is_some()
-    }
-
     /// Returns true while the brush is active; a click then paints instead of picking.
     pub fn is_brush(&self) -> bool {
         self.tool == Some(SelectTool::Brush)
@@ -148,18 +135,6 @@ impl State {
             (SelectTool::Brush, _) => Region::Brush { line, radius: f64::from(self.radius * scale.x) },
         };
         viewer.select(drag.viewport, region, self.reach, drag.combine);
-    }
-
-    /// Selects the box given to [`State::select_first`], once there is a picture.
-    pub fn start(&mut self, viewer: &mut Viewer) {
-        if viewer.pictures()[0].is_none() {
-            return;
-        }
-        let Some([left, top, right, bottom]) = self.first.take() else { return };
-        let camera = viewer.picture_camera();
-        let at = |x: f32, y: f32| [x * camera.width as f32, y * camera.height as f32].map(f64::from);
-        let region = Region::Box([at(left, top), at(right, bottom)]);
-        viewer.select(RendererId::A, region, self.reach, Combine::Replace);
     }
 
     /// Applies a key to the scene of viewport `id`; returns false if it is not a selection key.
