@@ -104,7 +104,7 @@ impl TestShell {
         // Draw every frame, even an unchanged one, however slow the machine is.
         viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
-        let mut shell = Shell::with_graph(viewer, canvas, &place.named("pipelines/view/window.ron"), wake())
+        let mut shell = Shell::new(viewer, canvas, &place.named("pipelines/view/window.ron"), wake())
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));
         shell.window_mut().patience = PATIENCE;
         TestShell {

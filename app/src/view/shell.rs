@@ -111,25 +111,12 @@ struct Content {
 }
 
 impl Shell {
-    /// Creates a shell. `canvas` draws the window; it must be the device of the window, if there is one.
+    /// Creates a shell. `canvas` draws the window; it must be the device of the window, if there is one. `graph` is
+    /// [`paint::GRAPH`], or another graph (a built-in name or a path) with the imports of [`paint::offer`].
     ///
     /// # Errors
     /// See [`Renderer::new`].
-    pub fn new(viewer: Viewer, canvas: Backend, wake: Wake) -> Result<Shell, ViewerError> {
-        Shell::with_graph(viewer, canvas, paint::GRAPH, wake)
-    }
-
-    /// Creates a shell with another window graph (a built-in name or a path), which gets the imports of
-    /// [`paint::offer`].
-    ///
-    /// # Errors
-    /// See [`Renderer::new`].
-    pub fn with_graph(
-        mut viewer: Viewer,
-        canvas: Backend,
-        graph: &str,
-        wake: Wake,
-    ) -> Result<Shell, ViewerError> {
+    pub fn new(mut viewer: Viewer, canvas: Backend, graph: &str, wake: Wake) -> Result<Shell, ViewerError> {
         let ctx = Context::default();
         ctx.set_theme(egui::Theme::Dark);
         theme::install(&ctx);

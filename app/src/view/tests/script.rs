@@ -2,7 +2,7 @@
 
 use crate::draw::backend::Backend;
 use crate::view::events::Event;
-use crate::view::paint::Mode;
+use crate::view::paint::{self, Mode};
 use crate::view::panels::Panels;
 use crate::view::recovery::Recovery;
 use crate::view::shell::{Frame, FrameRequest, Shell};
@@ -172,7 +172,7 @@ impl Script {
         // Draw continuously, even after a failure.
         viewer.continuous = true;
         viewer.a.renderer.patience = Duration::from_millis(5);
-        let mut shell = Shell::new(viewer, canvas, wake).expect("the shell opens");
+        let mut shell = Shell::new(viewer, canvas, paint::GRAPH, wake).expect("the shell opens");
         shell.window_mut().patience = Duration::from_millis(5);
         // Text would fill textures, which is slow here.
         shell.panels.hidden = true;

@@ -144,7 +144,7 @@ impl App<'_> {
         }
         viewer.set_cameras(options.cameras);
         viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
-        let mut shell = Shell::new(viewer, canvas, wake.clone())?;
+        let mut shell = Shell::new(viewer, canvas, super::paint::GRAPH, wake.clone())?;
         shell.panels.vsync = options.vsync;
         if let Some(path) = &options.kept {
             match kept::restore(path, &mut shell.panels) {
