@@ -16,7 +16,7 @@ use super::history::History;
 use super::paint::{self, Composition, Painter};
 use super::panels::{Command, Panels, theme};
 use super::profile::{self, zone};
-use super::renderer::{self, Failure, PlanInputs, Renderer, Wake};
+use super::renderer::{self, Choice, Failure, PlanInputs, Renderer, Wake};
 use super::viewer::{Viewer, ViewerError};
 use super::viewport::Viewport;
 use crate::draw::backend::Backend;
@@ -132,7 +132,7 @@ impl Shell {
             panels: Panels::default(),
             ctx,
             painter: Painter::default(),
-            canvas: Renderer::new(RendererId::Window, canvas, graph, &[], wake)?,
+            canvas: Renderer::new(RendererId::Window, canvas, Choice::new(graph, &[]), wake)?,
             catalog: Arc::new(catalog),
             history: History::default(),
             events: Vec::new(),

@@ -133,17 +133,12 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Creates a renderer that draws `graph`, a built-in graph's name or a path, with the parameters in `set`.
+    /// Creates a renderer that draws the chosen graph. Unlike after [`Renderer::choose`], a setting that the graph rejects
+    /// is an error.
     ///
     /// # Errors
     /// The file watcher or the build thread cannot be started.
-    pub fn new(
-        id: RendererId,
-        device: Backend,
-        graph: &str,
-        set: &[(String, String)],
-        wake: Wake,
-    ) -> std::io::Result<Renderer> {
+    pub fn new(id: RendererId, device: Backend, choice: Choice, wake: Wake) -> std::io::Result<Renderer> {
         let woken = wake.clone();
         let watcher = Watcher::new(move || woken())?;
         let woken = wake;
@@ -158,7 +153,7 @@ impl Renderer {
             info: device.info().clone(),
             device: DeviceState::new(Some(device)),
             epoch: 0,
-            choice: Choice { graph: graph.to_owned(), set: set.iter().cloned().collect() },
+            choice,
             rejected: IndexMap::new(),
             capacities: Capacities::default(),
             drawn_with: Capacities::default(),

@@ -34,6 +34,13 @@ pub struct Choice {
     pub set: IndexMap<String, String>,
 }
 
+impl Choice {
+    /// Chooses a graph, and changes the parameters in `set`.
+    pub fn new(graph: &str, set: &[(String, String)]) -> Choice {
+        Choice { graph: graph.to_owned(), set: set.iter().cloned().collect() }
+    }
+}
+
 /// Inputs of a plan, other than its files and parameters.
 #[derive(Clone)]
 pub struct PlanInputs {

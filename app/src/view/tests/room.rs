@@ -4,7 +4,7 @@
 use super::script::{Script, arranged};
 use crate::draw::{backend::Backend, facts};
 use crate::view::events::{Event, RendererId};
-use crate::view::renderer::{PlanInputs, Renderer};
+use crate::view::renderer::{Choice, PlanInputs, Renderer};
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Config, Fault, Point, limits, open};
@@ -233,7 +233,7 @@ fn a_plan_that_never_fits_is_tried_less_and_less_often_until_something_changes()
         share_memory: true,
     };
     let (device, path) = (Backend::Null(device), graph.to_string_lossy());
-    let renderer = Renderer::new(RendererId::A, device, &path, &[], Arc::new(|| {}));
+    let renderer = Renderer::new(RendererId::A, device, Choice::new(&path, &[]), Arc::new(|| {}));
     let (mut renderer, mut now) = (renderer.expect("a renderer"), Instant::now());
     // The clock is set to the time of each attempt, so nothing waits.
     let mut pauses = |renderer: &mut Renderer, count: usize| {

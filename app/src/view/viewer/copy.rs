@@ -4,9 +4,8 @@
 
 use super::{Viewer, Viewport};
 use crate::view::events::{Event, RendererId};
-use crate::view::renderer::{PlanInputs, Renderer};
+use crate::view::renderer::{Choice, PlanInputs};
 use crate::view::viewport::View;
-use splatgraph_api::Device;
 use std::time::Instant;
 
 /// Name of the graph that makes the copies, in its pass [`PASS`].
@@ -33,17 +32,9 @@ impl Viewer {
         if self.is_measuring_copy() {
             return;
         }
-        let renderer = match self.a.renderer.device().map(Device::new_context) {
-            Some(Ok(device)) => {
-                let renderer = Renderer::new(RendererId::A, device, GRAPH, &[], self.wake.clone());
-                renderer.map_err(|error| error.to_string())
-            }
-            Some(Err(error)) => Err(error.to_string()),
-            None => Err("the device is lost".to_owned()),
-        };
-        match renderer {
-            Ok(renderer) => (self.copy_limit, self.copying) = (None, Some(Viewport::new(renderer))),
-            Err(error) => self.end_copy(Err(error)),
+        match self.viewport_beside_a(RendererId::A, Choice::new(GRAPH, &[])) {
+            Ok(viewport) => (self.copy_limit, self.copying) = (None, Some(viewport)),
+            Err(error) => self.end_copy(Err(error.to_string())),
         }
     }
 

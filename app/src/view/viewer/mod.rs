@@ -12,7 +12,7 @@ use super::navigation::{self, Navigation};
 use super::opening::{CameraRole, Opening};
 use super::paint::{Mode, Shown};
 use super::profile::zone;
-use super::renderer::{self, PlanInputs, Renderer, Wake};
+use super::renderer::{self, Choice, PlanInputs, Renderer, Wake};
 use super::viewport::{View, Viewport};
 use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, Playback};
@@ -135,7 +135,7 @@ impl Viewer {
         wake: Wake,
     ) -> Result<Viewer, ViewerError> {
         let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
-        let renderer = Renderer::new(RendererId::A, device, graph, set, wake.clone())?;
+        let renderer = Renderer::new(RendererId::A, device, Choice::new(graph, set), wake.clone())?;
         let mut placed = PlacedFiles::default();
         placed.follow(RendererId::A, &path, &wake)?;
         let subject = Subject::new(scene, path, wake.clone());
@@ -278,18 +278,19 @@ impl Viewer {
     pub fn set_compare(&mut self, compare: Mode) -> Result<(), ViewerError> {
         if compare != Mode::A && self.b.is_none() {
             let a = &self.a.renderer;
-            let device = match a.device() {
-                Some(device) => device.new_context()?,
-                None => return Err(ViewerError::NoDevice),
-            };
-            let set: Vec<_> = a.set().iter().map(|(name, value)| (name.clone(), value.clone())).collect();
-            let mut b = Renderer::new(RendererId::B, device, a.graph(), &set, self.wake.clone())?;
-            b.patience = a.patience;
-            b.take_room_of(a);
-            self.b = Some(Viewport::new(b));
+            let mut b = self.viewport_beside_a(RendererId::B, a.choice().clone())?;
+            b.renderer.patience = a.patience;
+            b.renderer.take_room_of(a);
+            self.b = Some(b);
         }
         self.compare = compare;
         Ok(())
+    }
+
+    /// Creates a viewport that draws with a context of its own on A's device.
+    fn viewport_beside_a(&self, id: RendererId, choice: Choice) -> Result<Viewport, ViewerError> {
+        let device = self.a.renderer.device().ok_or(ViewerError::NoDevice)?.new_context()?;
+        Ok(Viewport::new(Renderer::new(id, device, choice, self.wake.clone())?))
     }
 
     /// Selects the pictures to show, as [`Viewer::set_compare`] does; reports an error as an event.
