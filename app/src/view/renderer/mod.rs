@@ -432,14 +432,14 @@ impl Renderer {
             self.jobs.push_back(self.epoch);
         }
         let failure = self.problem(false);
-        self.changes += u64::from(failure != self.failed);
-        match (&failure, &self.failed) {
-            (Some(new), Some(old)) if new == old => {}
-            (Some(new), _) => self.events.push(Event::Failed { renderer: self.id, text: new.clone() }),
-            (None, Some(_)) => self.events.push(Event::Mended { renderer: self.id }),
-            (None, None) => {}
+        if failure != self.failed {
+            self.changes += 1;
+            self.events.push(match &failure {
+                Some(text) => Event::Failed { renderer: self.id, text: text.clone() },
+                None => Event::Mended { renderer: self.id },
+            });
+            self.failed = failure;
         }
-        self.failed = failure;
     }
 
     /// Takes finished builds, and drops builds that were made for a lost device.
