@@ -10,6 +10,7 @@
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};
 use crate::draw::backend::Backend;
+use anyhow::{Result, bail};
 use egui::RawInput;
 use splatgraph_api::{BackendError, Device};
 use std::time::{Duration, Instant};
@@ -28,16 +29,6 @@ const SOON: Duration = Duration::from_secs(30);
 /// A function that opens the window's and the scene's device. Its arguments are the window's size in pixels, and true
 /// for vsync.
 pub type Open = Box<dyn FnMut((u32, u32), bool) -> Result<(Backend, Backend), BackendError>>;
-
-/// A device was lost, and no other could be opened.
-#[derive(Debug, thiserror::Error)]
-#[error("{loss}; no device can be opened in its place: {error}")]
-pub struct Unrecovered {
-    /// Error that reported the loss.
-    pub loss: BackendError,
-    /// Error of the last attempt to open another device.
-    pub error: BackendError,
-}
 
 struct Loss {
     error: BackendError,
@@ -62,14 +53,6 @@ impl Recovery {
         Recovery { open, loss: None, opened: None }
     }
 
-    /// Opens the first device; see [`Open`].
-    ///
-    /// # Errors
-    /// The device cannot be opened.
-    pub fn open(&mut self, size: (u32, u32), vsync: bool) -> Result<(Backend, Backend), BackendError> {
-        (self.open)(size, vsync)
-    }
-
     /// Returns the error that reported the loss; `None` while there is a device.
     pub fn loss(&self) -> Option<&BackendError> {
         self.loss.as_ref().map(|loss| &loss.error)
@@ -84,7 +67,7 @@ impl Recovery {
         shell: &mut Shell,
         input: RawInput,
         request: FrameRequest,
-    ) -> Result<Option<Frame>, Box<Unrecovered>> {
+    ) -> Result<Option<Frame>> {
         if !self.reopen(shell, request.size)? {
             return Ok(None);
         }
@@ -105,7 +88,7 @@ impl Recovery {
     }
 
     /// Tries to open another device if one was lost; returns true if there is a device now.
-    fn reopen(&mut self, shell: &mut Shell, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
+    fn reopen(&mut self, shell: &mut Shell, size: (u32, u32)) -> Result<bool> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
         // A running build holds the previous device, and some window systems allow only one per window.
         let released = shell.is_released() || loss.since.elapsed() > BUILDS;
@@ -117,7 +100,7 @@ impl Recovery {
         let (canvas, device) = match (self.open)(size, shell.panels.vsync) {
             Ok(devices) => devices,
             Err(error) if attempts >= ATTEMPTS => {
-                return Err(Box::new(Unrecovered { loss: loss.error.clone(), error }));
+                bail!("{}; no device can be opened in its place: {error}", loss.error);
             }
             Err(_) => {
                 loss.next = Instant::now() + INTERVAL;

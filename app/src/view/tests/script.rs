@@ -4,7 +4,7 @@ use crate::draw::backend::Backend;
 use crate::view::events::Event;
 use crate::view::paint::{self, Mode};
 use crate::view::panels::Panels;
-use crate::view::recovery::Recovery;
+use crate::view::recovery::{Open, Recovery};
 use crate::view::shell::{Frame, FrameRequest, Shell};
 use crate::view::viewer::Viewer;
 use egui::{Key, Modifiers, Pos2, RawInput, Rect, Vec2};
@@ -136,7 +136,7 @@ impl Script {
         let config = config.clone();
         let mut faults = config.faults.clone();
         let opened = devices.clone();
-        let mut recovery = Recovery::new(Box::new(move |size, vsync| {
+        let mut open_both: Open = Box::new(move |size, vsync| {
             let config = Config {
                 window: Some(size),
                 faults: std::mem::take(&mut faults),
@@ -158,10 +158,10 @@ impl Script {
             canvas.set_vsync(vsync);
             let scene = scene.map_or_else(|| canvas.new_context(), Ok)?;
             Ok((canvas, scene))
-        }));
-        let first = recovery.open(SIZE, true);
+        });
+        let first = open_both(SIZE, true);
         // The program would report the error and exit; the user starts it again.
-        let (canvas, device) = first.or_else(|_| recovery.open(SIZE, true)).expect("the second device opens");
+        let (canvas, device) = first.or_else(|_| open_both(SIZE, true)).expect("the second device opens");
         let path = folder.path().join("first.ply");
         let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let graph = folder.path().join("graph.ron");
@@ -180,7 +180,7 @@ impl Script {
         shell.panels.hud = false;
         Script {
             shell,
-            recovery,
+            recovery: Recovery::new(open_both),
             devices,
             size: SIZE,
             events: Vec::new(),

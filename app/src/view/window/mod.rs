@@ -15,7 +15,7 @@ mod running;
 
 use super::events::Event;
 use super::kept;
-use super::recovery::Recovery;
+use super::recovery::{Open, Recovery};
 use super::shell::Shell;
 use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
@@ -122,16 +122,14 @@ impl App<'_> {
             .with_inner_size(PhysicalSize::new(size.0, size.1));
         let window = display::Handle::open(target, attributes)?;
         let size = window.size();
-        let mut recovery = Recovery::new(Box::new({
-            let (api, device, window) = (options.backend, options.device, window.surface());
-            move |size, vsync| {
-                let mut canvas = Backend::open_in_window(api, &device, window.clone(), size)?;
-                canvas.set_vsync(vsync);
-                let scene = canvas.open_beside(&device)?;
-                Ok((canvas, scene))
-            }
-        }));
-        let (canvas, device) = recovery.open(size, options.vsync)?;
+        let (api, device, surface) = (options.backend, options.device, window.surface());
+        let mut open: Open = Box::new(move |size, vsync| {
+            let mut canvas = Backend::open_in_window(api, &device, surface.clone(), size)?;
+            canvas.set_vsync(vsync);
+            let scene = canvas.open_beside(&device)?;
+            Ok((canvas, scene))
+        });
+        let (canvas, device) = open(size, options.vsync)?;
         display::set_open(true);
         let proxy = self.proxy.clone();
         // Sending fails only after the event loop has ended, when there is nothing to wake.
@@ -161,7 +159,7 @@ impl App<'_> {
         });
         self.running = Some(Running {
             shell,
-            recovery,
+            recovery: Recovery::new(open),
             input,
             window,
             covered: false,
