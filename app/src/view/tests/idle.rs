@@ -265,10 +265,7 @@ fn a_key_after_a_rest_moves_the_camera_by_one_frame_and_on_while_it_is_held() {
         let [one, other] = [from, &script.viewer().navigation.camera(64, 36)].map(|camera| camera.axes()[2]);
         one.iter().zip(other).map(|(a, b)| a * b).sum::<f64>().clamp(-1.0, 1.0).acos()
     };
-    let key = |pressed| {
-        let (key, modifiers) = (Key::ArrowLeft, Modifiers::NONE);
-        vec![egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers }]
-    };
+    let key = |pressed| vec![super::key(Key::ArrowLeft, pressed, Modifiers::NONE)];
     let start = script.viewer().navigation.camera(64, 36);
     script.sleep(100);
     script.input = key(true);

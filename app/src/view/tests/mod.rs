@@ -14,6 +14,11 @@ use splatgraph_framework::ir::{Format, Origin, Pass, PassId, Run, Shape, Source,
 use splatgraph_framework::plan::{Plan, Resource};
 use std::sync::Arc;
 
+/// Makes the press or the release of a key.
+pub fn key(key: egui::Key, pressed: bool, modifiers: egui::Modifiers) -> egui::Event {
+    egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers }
+}
+
 /// Makes a plan of passes, given as pairs of name and phase.
 pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
     let pass = |(name, phase): &(&str, &str)| Pass {

@@ -235,8 +235,7 @@ impl Script {
 
     /// Presses and releases a key in one frame, and draws the result.
     pub fn press(&mut self, key: Key, modifiers: Modifiers) {
-        let event = |pressed| egui::Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
-        self.input = [true, false].map(event).into();
+        self.input = [true, false].map(|pressed| super::key(key, pressed, modifiers)).into();
         self.frame(false);
         self.frame(false);
     }
