@@ -185,7 +185,7 @@ fn write_button(
 
 /// Adds the view to the path; returns a confirmation, or reports the error.
 pub fn record(viewer: &mut Viewer) -> Option<String> {
-    match viewer.record_key(usize::MAX) {
+    match viewer.record_key() {
         Ok(()) => Some(format!("Key {} added to the path", viewer.path.keys().len())),
         Err(error) => {
             viewer.report(Event::Problem { text: error.to_string() });

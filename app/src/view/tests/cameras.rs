@@ -38,7 +38,7 @@ fn drag(x: f64, y: f64) -> Input {
 /// Records three keys of an orbit, and returns to the first.
 fn record(viewer: &mut Viewer) {
     for _ in 0..3 {
-        viewer.record_key(usize::MAX).expect("a sound camera");
+        viewer.record_key().expect("a sound camera");
         viewer.navigate(&drag(120.0, 15.0));
     }
     viewer.seek_path(0.0);

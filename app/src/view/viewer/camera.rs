@@ -86,13 +86,13 @@ impl Viewer {
         }
     }
 
-    /// Inserts the current camera into the path, before the key at `index`, or at the end.
+    /// Adds the current camera to the end of the path.
     ///
     /// # Errors
     /// See [`crate::draw::camera_path::CameraPath::insert`].
-    pub fn record_key(&mut self, index: usize) -> Result<(), KeyError> {
+    pub fn record_key(&mut self) -> Result<(), KeyError> {
         let camera = self.world_camera();
-        self.path.insert(index, camera)
+        self.path.insert(usize::MAX, camera)
     }
 
     /// Adds the current camera to the saved views as [`crate::view::cameras::Views::add`] does; returns its index.
