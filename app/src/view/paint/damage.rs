@@ -7,73 +7,36 @@
 use super::Composition;
 use super::textures::Texture;
 use egui::epaint::Mesh;
+use egui::{Pos2, Rect, pos2};
 use std::sync::Arc;
 
-/// A rectangle, in pixels of the window.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Area {
-    /// Top left corner, in pixels.
-    pub first: [f32; 2],
-    /// Bottom right corner, in pixels; exclusive.
-    pub beyond: [f32; 2],
-}
-
-impl Area {
-    const NONE: Area = Area { first: [f32::INFINITY; 2], beyond: [f32::NEG_INFINITY; 2] };
-
-    /// Returns the smallest area of whole pixels that contains a rectangle.
-    fn around(rectangle: egui::Rect) -> Area {
-        let egui::Rect { min, max } = rectangle;
-        Area { first: [min.x.floor(), min.y.floor()], beyond: [max.x.ceil(), max.y.ceil()] }
-    }
-
-    /// Returns true if a triangle with these corners cannot cover a pixel of the area.
-    pub fn misses(&self, [a, b, c]: [[f32; 2]; 3]) -> bool {
-        let least = |axis: usize| a[axis].min(b[axis]).min(c[axis]);
-        let most = |axis: usize| a[axis].max(b[axis]).max(c[axis]);
-        let beside = |axis: usize| most(axis) <= self.first[axis] || least(axis) >= self.beyond[axis];
-        beside(0) || beside(1)
-    }
-
-    pub fn and(self, other: Area) -> Area {
-        Area {
-            first: [0, 1].map(|axis| self.first[axis].max(other.first[axis])),
-            beyond: [0, 1].map(|axis| self.beyond[axis].min(other.beyond[axis])),
-        }
-    }
-
-    fn with(self, other: Area) -> Area {
-        Area {
-            first: [0, 1].map(|axis| self.first[axis].min(other.first[axis])),
-            beyond: [0, 1].map(|axis| self.beyond[axis].max(other.beyond[axis])),
-        }
-    }
-
-    pub fn is_empty(&self) -> bool {
-        // Not `>=`: an area with a NaN covers nothing.
-        !(self.first[0] < self.beyond[0] && self.first[1] < self.beyond[1])
-    }
+/// Returns true if a triangle with these corners cannot cover a pixel of an area.
+pub fn misses(area: Rect, corners: [Pos2; 3]) -> bool {
+    let Rect { min, max } = Rect::from_points(&corners);
+    max.x <= area.min.x || min.x >= area.max.x || max.y <= area.min.y || min.y >= area.max.y
 }
 
 /// A mesh of the interface, and the pixels that it may change.
 #[derive(Clone, Debug)]
 pub struct Piece {
-    pub bounds: Area,
+    /// Rectangle in pixels of the window, its bottom right corner exclusive, like all rectangles here.
+    pub bounds: Rect,
     pub texture: Texture,
     pub mesh: Mesh,
     pixels_per_point: f32,
 }
 
 impl Piece {
-    pub fn new(mesh: Mesh, clip: Area, texture: Texture, pixels_per_point: f32) -> Piece {
-        let bounds = Area::around(mesh.calc_bounds() * pixels_per_point).and(clip);
+    pub fn new(mesh: Mesh, clip: Rect, texture: Texture, pixels_per_point: f32) -> Piece {
+        let Rect { min, max } = mesh.calc_bounds() * pixels_per_point;
+        // Whole pixels.
+        let bounds = Rect::from_min_max(min.floor(), max.ceil()).intersect(clip);
         Piece { bounds, texture, mesh, pixels_per_point }
     }
 
     /// Returns the position of each vertex, in pixels of the window.
-    pub fn positions(&self) -> Vec<[f32; 2]> {
-        let pixels = |v: f32| v * self.pixels_per_point;
-        self.mesh.vertices.iter().map(|vertex| [pixels(vertex.pos.x), pixels(vertex.pos.y)]).collect()
+    pub fn positions(&self) -> Vec<Pos2> {
+        self.mesh.vertices.iter().map(|vertex| vertex.pos * self.pixels_per_point).collect()
     }
 }
 
@@ -113,30 +76,31 @@ impl Interface {
 
     /// Lists the areas to redraw in a window that shows `former`, and whether each needs its background; `None` redraws
     /// all.
-    pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
+    pub fn areas(&self, former: Option<&Interface>) -> Vec<(Rect, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);
         let (left, top) = (left.min(width), top.min(height));
         let (right, bottom) = ((left + across).min(width), (top + down).min(height));
         let strips = [
-            ([0.0, 0.0], [width, top]),
-            ([0.0, top], [left, bottom]),
-            ([right, top], [width, bottom]),
-            ([0.0, bottom], [width, height]),
+            (pos2(0.0, 0.0), pos2(width, top)),
+            (pos2(0.0, top), pos2(left, bottom)),
+            (pos2(right, top), pos2(width, bottom)),
+            (pos2(0.0, bottom), pos2(width, height)),
         ];
-        let strips = strips.map(|(first, beyond)| Area { first, beyond });
+        let strips = strips.map(|(min, max)| Rect { min, max });
         // Pieces can only be compared if view and textures are unchanged.
         let known = former.filter(|former| self.is_placed_as(former));
         let damage = strips.map(|strip| match known {
             None => strip,
             Some(former) => {
-                let changed = changed(&former.pieces, &self.pieces).map(|piece| piece.bounds.and(strip));
-                changed.filter(|area| !area.is_empty()).fold(Area::NONE, Area::with)
+                let changed =
+                    changed(&former.pieces, &self.pieces).map(|piece| piece.bounds.intersect(strip));
+                changed.filter(Rect::is_positive).fold(Rect::NOTHING, Rect::union)
             }
         });
-        let view = Area { first: [left, top], beyond: [right, bottom] };
+        let view = Rect { min: pos2(left, top), max: pos2(right, bottom) };
         let all = damage.into_iter().map(|area| (area, true)).chain([(view, false)]);
-        all.filter(|(area, _)| !area.is_empty()).collect()
+        all.filter(|(area, _)| area.is_positive()).collect()
     }
 }
 
@@ -167,7 +131,7 @@ mod tests {
         let [left, top, right, bottom] = rect;
         let texture = Texture { texels: 0, width: 1, height: 1, smoothing: 0 };
         let mesh = Mesh { indices: vec![index], ..Mesh::default() };
-        let bounds = Area { first: [left, top], beyond: [right, bottom] };
+        let bounds = Rect { min: pos2(left, top), max: pos2(right, bottom) };
         Piece { bounds, texture, mesh, pixels_per_point: 1.0 }
     }
 
@@ -185,7 +149,7 @@ mod tests {
     }
 
     fn drawn(now: &Interface, former: Option<&Interface>) -> Vec<([f32; 4], bool)> {
-        let numbers = |area: Area| [area.first[0], area.first[1], area.beyond[0], area.beyond[1]];
+        let numbers = |area: Rect| [area.min.x, area.min.y, area.max.x, area.max.y];
         now.areas(former).into_iter().map(|(area, erased)| (numbers(area), erased)).collect()
     }
 

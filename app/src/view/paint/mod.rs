@@ -10,9 +10,10 @@
 //! The structs here match `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
 use bytemuck::{Pod, Zeroable};
-use damage::{Area, Interface, Piece};
+use damage::{Interface, Piece, misses};
 use egui::epaint::textures::TexturesDelta;
 use egui::epaint::{ClippedPrimitive, Primitive};
+use egui::{Pos2, Rect};
 use splatgraph_framework::ir::{Catalog, HostBuffer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -110,9 +111,8 @@ impl Painter {
             let Primitive::Mesh(mesh) = primitive else { continue };
             let is_sound = mesh.is_valid() && mesh.indices.len() % 3 == 0;
             let Some(texture) = self.textures.get(mesh.texture_id).filter(|_| is_sound) else { continue };
-            // Whole pixels, so that adjacent areas neither overlap nor leave gaps. Clamped, to exclude infinities.
-            let pixel = |p: egui::Pos2| [p.x, p.y].map(|v| (v * pixels_per_point).round().clamp(-1e6, 1e6));
-            let clip = Area { first: pixel(clip_rect.min), beyond: pixel(clip_rect.max) };
+            // Whole pixels, so that adjacent areas neither overlap nor leave gaps.
+            let clip = (clip_rect * pixels_per_point).round();
             pieces.push(Piece::new(mesh, clip, texture, pixels_per_point));
         }
         let texels = self.textures.texels();
@@ -165,25 +165,26 @@ struct Meshes {
 
 impl Meshes {
     /// Adds the triangles that may cover a pixel of the area, and their vertices.
-    fn add(&mut self, piece: &Piece, area: Area) {
-        let visible = piece.bounds.and(area);
-        if visible.is_empty() {
+    fn add(&mut self, piece: &Piece, area: Rect) {
+        let visible = piece.bounds.intersect(area);
+        if !visible.is_positive() {
             return;
         }
         let index = self.clips.len() as u32;
-        self.clips.push(Clip { first: visible.first, beyond: visible.beyond, texture: piece.texture });
+        let (first, beyond) = (visible.min.into(), visible.max.into());
+        self.clips.push(Clip { first, beyond, texture: piece.texture });
         let positions = piece.positions();
         let mut places: Vec<Option<u32>> = vec![None; positions.len()];
         for triangle in piece.mesh.indices.as_chunks::<3>().0 {
             let position = |corner: usize| positions[triangle[corner] as usize];
-            if visible.misses([position(0), position(1), position(2)]) {
+            if misses(visible, [position(0), position(1), position(2)]) {
                 continue;
             }
             for i in triangle {
                 let i = *i as usize;
                 let place = *places[i].get_or_insert_with(|| {
                     let egui::epaint::Vertex { uv, color, .. } = piece.mesh.vertices[i];
-                    let (position, uv) = (positions[i], [uv.x, uv.y]);
+                    let (position, uv) = (positions[i].into(), uv.into());
                     self.vertices.push(Vertex { position, uv, colour: color.to_array(), clip: index });
                     self.vertices.len() as u32 - 1
                 });
@@ -193,13 +194,14 @@ impl Meshes {
     }
 
     /// Adds a black rectangle.
-    fn black(&mut self, area: Area) {
+    fn black(&mut self, area: Rect) {
         let (clip, first) = (self.clips.len() as u32, self.vertices.len() as u32);
-        let Area { first: [left, top], beyond: [right, bottom] } = area;
-        self.clips.push(Clip { first: area.first, beyond: area.beyond, texture: Texture::zeroed() });
+        self.clips.push(Clip { first: area.min.into(), beyond: area.max.into(), texture: Texture::zeroed() });
         // `uv` selects the first texel of the font texture, which is white.
-        let vertex = |position| Vertex { position, uv: [0.0; 2], colour: [0, 0, 0, 255], clip };
-        self.vertices.extend([[left, top], [right, top], [left, bottom], [right, bottom]].map(vertex));
+        let vertex =
+            |position: Pos2| Vertex { position: position.into(), uv: [0.0; 2], colour: [0, 0, 0, 255], clip };
+        let corners = [area.left_top(), area.right_top(), area.left_bottom(), area.right_bottom()];
+        self.vertices.extend(corners.map(vertex));
         self.indices.extend([0, 1, 2, 1, 2, 3].map(|i| first + i));
     }
 }

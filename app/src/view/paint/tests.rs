@@ -3,7 +3,7 @@ use crate::draw::facts;
 use crate::draw::planner::Planner;
 use egui::epaint::textures::TextureOptions;
 use egui::epaint::{ColorImage, ImageDelta, Mesh, TextureId};
-use egui::{Color32, Pos2, Rect, pos2, vec2};
+use egui::{Color32, pos2, vec2};
 use splatgraph_api::{BufferContents, FrameInputs};
 use splatgraph_framework::ir::{DrawCall, Format, Shape, Source, Work};
 use splatgraph_vulkan::sync;
