@@ -43,13 +43,11 @@ pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOn
 
 pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     let palette = Palette::of(ui);
-    ui.horizontal(|ui| {
-        ui.set_min_height(ROW - 4.0);
-        ui.label(RichText::new(name).color(palette.soft));
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            ui.add(egui::Label::new(value.into()).truncate());
-        });
-    });
+    row(
+        ui,
+        |ui| ui.label(RichText::new(name).color(palette.soft)),
+        |ui| _ = ui.add(egui::Label::new(value.into()).truncate()),
+    );
 }
 
 /// Formats a switch as `on` or `off`.
