@@ -5,8 +5,6 @@ mod compilers;
 mod faults;
 mod frames;
 mod histories;
-#[path = "../../../../tests/module_order.rs"]
-mod module_order;
 #[path = "../../../../framework/tests/nominal/mod.rs"]
 mod nominal;
 mod once;
@@ -16,12 +14,3 @@ mod results;
 mod testing;
 mod uploads;
 mod window;
-
-/// The modules of the crate, in order: each may import only earlier ones.
-const ORDER: [&str; 5] = ["fault", "journal", "gpu", "encoder", "backend"];
-
-#[test]
-fn every_module_imports_only_those_before_it() {
-    let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    module_order::assert_modules_run_one_way(&source, &ORDER);
-}
