@@ -4,7 +4,6 @@ use super::whole::TestShell;
 use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
-use splatgraph::view::paint::Mode;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Value;
 
@@ -158,72 +157,10 @@ fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
 }
 
 #[test]
-fn parameters_that_a_file_no_longer_declares_are_forgotten_and_the_others_stay() {
-    let mut viewer = drawing("splat", &[("digit_bits", "4"), ("budget", "0.5")]);
-    let graph = viewer.place.text("pipelines/parts/depth_order.ron");
-    let from = graph.find("    \"budget\": Live").expect("it is declared");
-    let end = from + graph[from..].find("    )),\n").expect("its end") + "    )),\n".len();
-    viewer.place.write("pipelines/parts/depth_order.ron", format!("{}{}", &graph[..from], &graph[end..]));
-    // The shader that reads the parameter must stop reading it: settings are dropped only once a plan is drawn without them.
-    let shader = viewer.place.text("shaders/scan_blocks.comp");
-    viewer.place.write("shaders/scan_blocks.comp", shader.replace("budget", "1.0"));
-    viewer.event(
-        "the parameter to be dropped",
-        |event| matches!(event, Event::Dropped { parameters, .. } if parameters == &["budget"]),
-    );
-    assert_eq!(viewer.shell.viewer.a.renderer.set().get("digit_bits").map(String::as_str), Some("4"));
-    assert!(!viewer.shell.viewer.a.renderer.set().contains_key("budget"));
-    viewer.close();
-}
-
-#[test]
 fn a_setting_that_the_graph_does_not_know_is_a_mistake_at_the_start() {
     let mut viewer = opened("splat", &[("digit_bit", "4")]);
     let text = next_failure(&mut viewer);
     assert!(text.contains("digit_bit") && text.contains("digit_bits"), "{text}");
-    viewer.close();
-}
-
-#[test]
-fn another_graph_and_a_second_one_beside_it_share_the_camera() {
-    let mut viewer = drawing("digit8", &[]);
-    viewer.shell.viewer.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));
-    viewer.settle();
-    let choose = |viewer: &mut TestShell, graph: &str| {
-        let path = viewer.place.named(&format!("pipelines/{graph}.ron"));
-        viewer
-            .shell
-            .viewer
-            .viewport(RendererId::B)
-            .expect("there is a B")
-            .renderer
-            .choose(&path, Default::default());
-        viewer.event(
-            "the plan of B",
-            |event| matches!(event, Event::Swapped { renderer: RendererId::B, swap, .. } if swap.graph.contains(graph)),
-        );
-    };
-    choose(&mut viewer, "digit4");
-    assert_eq!(
-        viewer.picture(RendererId::A).rgb,
-        viewer.picture(RendererId::B).rgb,
-        "two widths of the digits"
-    );
-    viewer.shell.viewer.measure();
-    let compared = viewer.event("the comparison", |event| matches!(event, Event::Compared { .. }));
-    assert!(
-        matches!(compared, Event::Compared { psnr, worst, identical: true, .. } if psnr.is_infinite() && worst == 0.0),
-        "{compared:?}"
-    );
-    assert!(compared.to_string().ends_with(": identical"), "{compared}");
-
-    choose(&mut viewer, "unsorted");
-    viewer.shell.viewer.measure();
-    let compared = viewer.event("the comparison", |event| matches!(event, Event::Compared { .. }));
-    assert!(
-        matches!(compared, Event::Compared { psnr, identical: false, .. } if psnr < 40.0),
-        "{compared:?}"
-    );
     viewer.close();
 }
 

@@ -216,34 +216,6 @@ fn b_draws_another_scene_from_the_same_place_of_the_world() {
 }
 
 #[test]
-fn lists_of_scenes_and_cameras_show_what_is_searched_for() {
-    let mut viewer = viewer("pipelines/splat.ron");
-    let cameras = synth::demo_cameras();
-    assert!(cameras.len() > 2);
-    viewer.shell.viewer.set_cameras(cameras);
-    let listed = |viewer: &TestShell, kind: &str| {
-        viewer.shell.panels.controls.iter().filter(|(name, _)| name.starts_with(kind)).count()
-    };
-    for (list, search, kind) in [("camera", "camera_search", "camera:"), ("scene", "scene_search", "scene:")]
-    {
-        viewer.push(list);
-        viewer.frame();
-        let all = listed(&viewer, kind);
-        assert!(all > 0, "{list}");
-        assert!(viewer.shell.panels.controls.find(search).is_some(), "{list}");
-        // The field has the focus, so no letter is a shortcut.
-        viewer.key(Key::H, Modifiers::NONE);
-        viewer.plan([egui::Event::Text("nothing is called so".to_owned())]);
-        viewer.act();
-        assert!(!viewer.shell.panels.hidden, "{list}");
-        viewer.frame();
-        assert_eq!(listed(&viewer, kind), 0, "{list}");
-        viewer.press(Key::Escape, Modifiers::NONE);
-    }
-    viewer.close();
-}
-
-#[test]
 fn keys_act_on_nothing_else_while_a_menu_is_open() {
     let mut viewer = viewer("pipelines/splat.ron");
     let hidden = |viewer: &mut TestShell| {

@@ -173,6 +173,7 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
         (param.value.to_string(), renderer.set().get("digits").cloned())
     };
     script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
+    script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
     script.settle();
     // Renaming a declaration without its uses is an error; the former plan keeps its setting.
     let save = |script: &mut Script, from: &str, to: &str| {
@@ -201,6 +202,7 @@ fn a_setting_that_an_edit_excludes_is_dropped_with_the_reason_once_the_graph_bui
     assert_eq!(save(&mut script, "digits", "digits"), ["A: digits is 5 again"]);
     assert_eq!(digits(&mut script), ("5".to_owned(), Some("5".to_owned())));
     assert_eq!(save(&mut script, "digits", "figures"), ["A: this graph has no parameter digits"]);
+    assert_eq!(script.viewer().a.renderer.set()["shade"], "0.25", "other settings stay");
     // A reset overrides the setting that was dropped earlier, which is not restored.
     script.viewer().a.renderer.reset_params();
     assert!(save(&mut script, "digits", "digits").is_empty());

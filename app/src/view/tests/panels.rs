@@ -82,14 +82,22 @@ fn enter_chooses_the_graph_camera_or_scene_whose_name_was_typed() {
 #[test]
 fn a_search_that_finds_nothing_says_so_and_is_gone_when_the_list_opens_again() {
     let mut script = window(&[]);
-    search(&mut script, "graph", "zzzz");
+    script.viewer().set_cameras(synth::demo_cameras());
+    script.frame(false);
     let find = |script: &mut Script, name: &str| script.panels().controls.find(name).is_some();
-    assert_eq!(["nothing_matches", "preset:splat"].map(|name| find(&mut script, name)), [true, false]);
-    // Enter has left the field, so one press closes the list.
-    script.press(Key::Escape, Modifiers::NONE);
-    assert!(!find(&mut script, "graph_search"));
-    click(&mut script, "graph");
-    assert_eq!(["nothing_matches", "preset:splat"].map(|name| find(&mut script, name)), [false, true]);
+    let scene = format!("scene:{}", script.path("first.ply").display());
+    for (list, item) in [("graph", "preset:splat"), ("camera", "camera:2"), ("scene", &scene)] {
+        search(&mut script, list, "zzzz");
+        assert_eq!(["nothing_matches", item].map(|name| find(&mut script, name)), [true, false], "{list}");
+        // Enter has left the field, so one press closes the list.
+        script.press(Key::Escape, Modifiers::NONE);
+        assert!(!find(&mut script, &format!("{list}_search")));
+        click(&mut script, list);
+        assert_eq!(["nothing_matches", item].map(|name| find(&mut script, name)), [false, true], "{list}");
+        for _ in 0..2 {
+            script.press(Key::Escape, Modifiers::NONE);
+        }
+    }
     script.close(&[]);
 }
 
