@@ -1,14 +1,16 @@
 //! Draws a row for each parameter of the graph.
 //!
-//! No parameter is hard-coded: label, help, range, step and choices come from the graph's file. A slider edits a
-//! position from 0 to 1, not the value itself, so that drawing a row never rounds or clamps the value.
+//! No parameter is hard-coded: label, help, range, step and choices come from the graph's file. Drawing a row never
+//! rounds or clamps the value.
 
 use super::controls::Controls;
 use super::theme::{self, Palette, ROW};
 use super::widgets::{self, hint};
 use crate::io::report::text::decimals;
 use crate::view::renderer::Renderer;
-use egui::{Align, ComboBox, DragValue, Layout, Response, RichText, Slider, SliderClamping, Ui};
+use egui::{
+    Align, ComboBox, DragValue, Id, Layout, Response, RichText, Slider, SliderClamping, Ui, UiBuilder,
+};
 use indexmap::IndexSet;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
@@ -192,6 +194,19 @@ fn row(
     modified: bool,
     controls: &mut Controls,
 ) -> Option<Change> {
+    // By default, egui counts widgets to identify them: if a reload inserted a row above, the keyboard and the mouse
+    // would go on with another parameter.
+    let builder = UiBuilder::new().scope_id(Id::unique(("parameter", &control.param.name)));
+    ui.scope_builder(builder, |ui| cells(ui, plan, control, modified, controls)).inner
+}
+
+fn cells(
+    ui: &mut Ui,
+    plan: Option<&Plan>,
+    control: &Control,
+    modified: bool,
+    controls: &mut Controls,
+) -> Option<Change> {
     let Control { param, label, .. } = control;
     let palette = Palette::of(ui);
     let idle = plan.and_then(|plan| plan.no_effect(&param.name)).is_some();
@@ -343,27 +358,24 @@ fn number(
     width: f32,
     controls: &mut Controls,
 ) -> Option<f64> {
-    let rail = (width - NUMBER - theme::GRID).max(24.0);
-    let mut changed = None;
-    let before = scale.position(value);
-    let mut position = before;
-    ui.spacing_mut().slider_width = rail;
+    let Scale { min, max, step } = scale;
+    ui.spacing_mut().slider_width = (width - NUMBER - theme::GRID).max(24.0);
     // egui derives the handle's radius from the height.
     ui.spacing_mut().interact_size.y = 16.0;
-    let slider = Slider::new(&mut position, 0.0..=1.0)
+    let mut moved = value;
+    let mut slider = Slider::new(&mut moved, min..=max)
         .show_value(false)
-        .clamping(SliderClamping::Never)
-        .smart_aim(false);
-    let response = controls.seen(name, ui.add(slider));
-    if position != before && (response.dragged() || response.clicked() || response.has_focus()) {
-        // An arrow key moves by one step of the value, not by a distance on the slider.
-        let keys = !response.dragged() && !response.clicked();
-        changed = Some(if keys { scale.stepped(value, position - before) } else { scale.value(position) });
+        .clamping(SliderClamping::Edits)
+        .logarithmic(min > 0.0 && (max / min).log10() > DECADES);
+    if step > 0.0 {
+        // Round off the error of the multiplication: 0.3, not 0.30000000000000004.
+        let digits = (2.0 - step.log10().floor()).clamp(0.0, 12.0) as usize;
+        slider = slider.step_by(step).max_decimals(digits);
     }
-    let shown = changed.unwrap_or(value);
-    let mut typed = shown;
+    controls.see(name, ui.add(slider).rect);
+    let mut typed = moved;
     let drag = DragValue::new(&mut typed)
-        .range(scale.min..=scale.max)
+        .range(min..=max)
         .clamp_existing_to_range(false)
         .speed(0.0)
         .update_while_editing(false)
@@ -371,13 +383,13 @@ fn number(
     let response: Response = ui.add_sized([NUMBER, ROW - 4.0], drag);
     controls.see(&format!("{name}#"), response.rect);
     // The field shows fewer digits than the value has; leaving it unedited must not round the value.
-    if typed != shown && scale.text(typed) != scale.text(shown) {
-        changed = Some(typed.clamp(scale.min, scale.max));
+    if scale.text(typed) != scale.text(moved) {
+        moved = typed.clamp(min, max);
     }
-    changed
+    (moved != value).then_some(moved)
 }
 
-/// Range of a number, and the mapping between values and slider positions.
+/// Range of a number.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     min: f64,
@@ -387,54 +399,6 @@ struct Scale {
 }
 
 impl Scale {
-    fn is_logarithmic(self) -> bool {
-        self.min > 0.0 && (self.max / self.min).log10() > DECADES
-    }
-
-    /// Returns the slider position of a value; from 0 to 1 for values in the range.
-    fn position(self, value: f64) -> f64 {
-        let position = if self.max <= self.min {
-            0.0
-        } else if self.is_logarithmic() {
-            (value / self.min).ln() / (self.max / self.min).ln()
-        } else {
-            (value - self.min) / (self.max - self.min)
-        };
-        if position.is_finite() { position } else { 0.0 }
-    }
-
-    /// Returns the value at a slider position, rounded to the step or to three significant digits.
-    fn value(self, position: f64) -> f64 {
-        let position = position.clamp(0.0, 1.0);
-        let value = match self.is_logarithmic() {
-            true => self.min * (self.max / self.min).powf(position),
-            false => self.min + position * (self.max - self.min),
-        };
-        self.rounded(value)
-    }
-
-    /// Returns the next multiple of the step above the value, or below it if `towards` is negative. In a continuous
-    /// range, the step is a hundredth of the range.
-    fn stepped(self, value: f64, towards: f64) -> f64 {
-        let step = if self.step > 0.0 { self.step } else { (self.max - self.min) / 100.0 };
-        // A value between two multiples moves to the adjacent one.
-        let steps = value / step;
-        let next = if towards > 0.0 { (steps + 1e-9).floor() + 1.0 } else { (steps - 1e-9).ceil() - 1.0 };
-        self.rounded(next * step)
-    }
-
-    fn rounded(self, value: f64) -> f64 {
-        let rounded = if self.step > 0.0 {
-            let value = (value / self.step).round() * self.step;
-            // Round off the error of the multiplication: 0.3, not 0.30000000000000004.
-            let digits = (2.0 - self.step.log10().floor()).clamp(0.0, 12.0) as usize;
-            format!("{value:.digits$}").parse().unwrap_or(value)
-        } else {
-            format!("{value:.2e}").parse().unwrap_or(value)
-        };
-        rounded.clamp(self.min, self.max)
-    }
-
     /// Formats a value with four significant digits and without trailing zeros. Integer digits are never rounded off.
     fn text(self, value: f64) -> String {
         if self.step >= 1.0 && value.fract() == 0.0 {
@@ -451,27 +415,42 @@ impl Scale {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::view::tests;
+    use egui::{Context, Key, Modifiers, RawInput};
 
     const FLOOR: Scale = Scale { min: 0.0, max: 0.02, step: 0.001 };
-    const WIDE: Scale = Scale { min: 1.0, max: 1e6, step: 1.0 };
+
+    /// Draws a focused slider once for each list of keys; returns the values.
+    fn values(scale: Scale, mut value: f64, keys: &[&[Key]]) -> Vec<f64> {
+        let (ctx, mut controls) = (Context::default(), Controls::default());
+        let mut step = |keys: &&[Key]| {
+            let events = keys.iter().map(|key| tests::key(*key, true, Modifiers::NONE)).collect();
+            let input = RawInput { events, ..RawInput::default() };
+            let mut output = ctx.run_ui(input, |ui| {
+                value = number(ui, "number", value, scale, 200.0, &mut controls).unwrap_or(value);
+            });
+            output.textures_delta.clear();
+            value
+        };
+        keys.iter().map(&mut step).collect()
+    }
 
     #[test]
     fn a_value_between_two_steps_stays_until_somebody_moves_it() {
         let floor = 1.0 / 255.0;
         assert_eq!(FLOOR.text(floor), "0.003922");
-        assert_eq!(FLOOR.stepped(floor, 1.0), 0.004);
-        assert_eq!(FLOOR.stepped(floor, -1.0), 0.003);
-        assert_eq!(FLOOR.stepped(0.004, 1.0), 0.005);
-        assert_eq!(FLOOR.stepped(0.02, 1.0), 0.02, "the end of the range");
-        assert_eq!(FLOOR.value(0.5), 0.01);
+        let keys: [&[Key]; 4] = [&[], &[Key::Tab], &[], &[Key::ArrowRight, Key::ArrowLeft]];
+        assert_eq!(values(FLOOR, floor, &keys), [floor; 4]);
+        let keys: [&[Key]; 4] = [&[Key::Tab], &[], &[Key::ArrowRight], &[Key::ArrowRight]];
+        assert_eq!(values(FLOOR, floor, &keys), [floor, floor, 0.005, 0.006]);
+        assert_eq!(values(FLOOR, 0.02, &keys), [0.02; 4], "the end of the range");
     }
 
     #[test]
-    fn every_integer_of_a_wide_range_is_a_place_and_comes_back() {
-        for value in [1.0, 2.0, 17.0, 1_000.0, 123_456.0, 1e6] {
-            assert_eq!(WIDE.value(WIDE.position(value)), value);
-        }
-        assert_eq!(WIDE.text(500_000.0), "500000");
-        assert_eq!(Scale { min: 4.0, max: 4.0, step: 1.0 }.position(4.0), 0.0, "a range of one value");
+    fn an_arrow_key_moves_an_integer_of_a_wide_range_by_one() {
+        let wide = Scale { min: 1.0, max: 1e6, step: 1.0 };
+        let keys: [&[Key]; 4] = [&[Key::Tab], &[], &[Key::ArrowRight], &[Key::ArrowLeft]];
+        assert_eq!(values(wide, 123_456.0, &keys), [123_456.0, 123_456.0, 123_457.0, 123_456.0]);
+        assert_eq!(wide.text(500_000.0), "500000");
     }
 }
