@@ -214,7 +214,7 @@ impl TestShell {
         };
         self.calls += 1;
         let window = self.shell.window().plan().is_some();
-        let request = FrameRequest { size: self.size, pixels_per_point, read, ..FrameRequest::default() };
+        let request = FrameRequest { size: self.size, read, ..FrameRequest::default() };
         let frame = self.shell.frame(input, request);
         assert!(frame.lost.is_none(), "{:?}", frame.lost);
         let renderers = self.shell.viewer.viewports().map(|viewport| &viewport.renderer);

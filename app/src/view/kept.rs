@@ -5,7 +5,7 @@
 use super::panels::{Arrangement, Panels};
 use crate::io::folders;
 use crate::io::{output, own_file};
-use egui::Theme;
+use egui::{Context, Theme};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -26,32 +26,34 @@ pub fn path() -> Option<PathBuf> {
     Some(folders::state()?.join("splatgraph/window.json"))
 }
 
-/// Restores the panels; returns the theme, or `None` if there is no file.
+/// Restores the panels, and theme and text size of `ctx`; does nothing if there is no file.
 ///
 /// # Errors
-/// The file exists but cannot be used; the panels are then unchanged.
-pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String> {
+/// The file exists but cannot be used; nothing is changed then.
+pub fn restore(path: &Path, panels: &mut Panels, ctx: &Context) -> Result<(), String> {
     let text = match own_file::read(path) {
         Ok(text) => text,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(format!("{}: {error}", path.display())),
     };
     let kept: Kept = serde_json::from_slice(&text).map_err(|error| format!("{}: {error}", path.display()))?;
     if kept.version != VERSION {
         return Err(format!("{}: expected version {VERSION}, found {}", path.display(), kept.version));
     }
-    if !panels.restore(kept.arrangement) {
+    if !panels.restore(kept.arrangement, ctx) {
         return Err(format!("{}: expected each tool once", path.display()));
     }
-    Ok(Some(if kept.light { Theme::Light } else { Theme::Dark }))
+    ctx.set_theme(if kept.light { Theme::Light } else { Theme::Dark });
+    Ok(())
 }
 
 /// Writes the state file, unless its content would not change.
 ///
 /// # Errors
 /// The file cannot be written; the previous one stays.
-pub fn keep(path: &Path, panels: &Panels, theme: Theme) -> Result<(), String> {
-    let kept = Kept { version: VERSION, light: theme == Theme::Light, arrangement: panels.arrangement() };
+pub fn keep(path: &Path, panels: &Panels, ctx: &Context) -> Result<(), String> {
+    let (light, arrangement) = (ctx.theme() == Theme::Light, panels.arrangement(ctx));
+    let kept = Kept { version: VERSION, light, arrangement };
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;
     if own_file::read(path).is_ok_and(|former| former == text.as_bytes()) {
         return Ok(());
@@ -70,14 +72,18 @@ mod tests {
     fn the_arrangement_of_the_window_is_there_again_at_the_next_start() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("new/window.json");
-        let mut panels = Panels::default();
-        assert_eq!(restore(&path, &mut panels), Ok(None), "nothing was kept before the first start");
+        let (mut panels, ctx) = (Panels::default(), Context::default());
+        assert_eq!(restore(&path, &mut panels, &ctx), Ok(()), "nothing was kept before the first start");
+        assert!(!panels.is_restored());
         panels.open_tools(&[Tool::Timeline, Tool::Inspector]);
         panels.hud = false;
-        keep(&path, &panels, Theme::Light).unwrap();
+        ctx.set_theme(Theme::Light);
+        keep(&path, &panels, &ctx).unwrap();
+        ctx.set_theme(Theme::Dark);
         let mut next = Panels::default();
-        assert_eq!(restore(&path, &mut next), Ok(Some(Theme::Light)));
-        let all = |panels: &Panels| serde_json::to_value(panels.arrangement()).unwrap();
+        assert_eq!(restore(&path, &mut next, &ctx), Ok(()));
+        assert_eq!(ctx.theme(), Theme::Light);
+        let all = |panels: &Panels| serde_json::to_value(panels.arrangement(&ctx)).unwrap();
         assert_eq!(all(&next), all(&panels));
         assert_ne!(all(&next), all(&Panels::default()));
     }
@@ -86,9 +92,9 @@ mod tests {
     fn a_file_that_cannot_be_used_is_told_and_changes_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("window.json");
-        let mut panels = Panels::default();
-        let before = serde_json::to_value(panels.arrangement()).unwrap();
-        keep(&path, &panels, Theme::Dark).unwrap();
+        let (mut panels, ctx) = (Panels::default(), Context::default());
+        let before = serde_json::to_value(panels.arrangement(&ctx)).unwrap();
+        keep(&path, &panels, &ctx).unwrap();
         let sound = fs::read_to_string(&path).unwrap();
         let cut = sound.trim_end().strip_suffix('}').expect("an object");
         let twice = sound.replacen("\"Inspector\"", "\"Times\"", 1);
@@ -100,9 +106,9 @@ mod tests {
             (&twice, "expected each tool once"),
         ] {
             fs::write(&path, text).unwrap();
-            let error = restore(&path, &mut panels).unwrap_err();
+            let error = restore(&path, &mut panels, &ctx).unwrap_err();
             assert!(error.contains("window.json") && error.contains(expected), "{error}");
-            assert_eq!(serde_json::to_value(panels.arrangement()).unwrap(), before);
+            assert_eq!(serde_json::to_value(panels.arrangement(&ctx)).unwrap(), before);
         }
     }
 }

@@ -49,8 +49,6 @@ const QUEUE: Duration = Duration::from_millis(100);
 pub struct FrameRequest {
     /// Size of the window, in pixels.
     pub size: (u32, u32),
-    /// Pixels per point of the user interface.
-    pub pixels_per_point: f32,
     /// True to present the frame in the device's window.
     pub present: bool,
     /// True to read the frame back.
@@ -218,7 +216,7 @@ impl Shell {
         let pixels_per_point = output.pixels_per_point;
         let primitives = self.ctx.tessellate(output.shapes, pixels_per_point);
 
-        let pixel = |v: f32| (v * request.pixels_per_point).round().max(0.0) as u32;
+        let pixel = |v: f32| (v * pixels_per_point).round().max(0.0) as u32;
         let Rect { min, max } = view;
         let (left, top) = (pixel(min.x), pixel(min.y));
         let view = [left, top, pixel(max.x).saturating_sub(left), pixel(max.y).saturating_sub(top)];

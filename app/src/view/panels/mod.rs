@@ -130,9 +130,6 @@ pub struct Panels {
     scene_search: String,
     camera_search: String,
     restored: bool,
-    /// Scale of the user interface, which Ctrl with + and - changes.
-    zoom: f32,
-    restored_zoom: Option<f32>,
     drag: pointer::Drag,
     wheel: Wheel,
     /// True to mark the comparison's worst pixel in the picture.
@@ -185,8 +182,6 @@ impl Default for Panels {
             scene_search: String::new(),
             camera_search: String::new(),
             restored: false,
-            zoom: unscaled(),
-            restored_zoom: None,
             drag: pointer::Drag::default(),
             wheel: Wheel::default(),
             marked: false,
@@ -241,18 +236,18 @@ impl Panels {
         }
     }
 
-    /// Returns the arrangement to save for the next start.
-    pub fn arrangement(&self) -> Arrangement {
+    /// Returns the arrangement to save for the next start, with the scale of `ctx`.
+    pub fn arrangement(&self, ctx: &Context) -> Arrangement {
         Arrangement {
             layout: self.layout.clone(),
             hud: self.hud,
             recent: self.recent.clone(),
-            zoom: self.zoom,
+            zoom: ctx.zoom_factor(),
         }
     }
 
     /// Restores a saved arrangement; returns false, without changes, if it is invalid or lacks a tool.
-    pub fn restore(&mut self, arrangement: Arrangement) -> bool {
+    pub fn restore(&mut self, arrangement: Arrangement, ctx: &Context) -> bool {
         let Arrangement { layout, hud, mut recent, zoom } = arrangement;
         if !layout.is_sound() {
             return false;
@@ -260,7 +255,8 @@ impl Panels {
         // Not `is_file`: a SOG scene can be a folder.
         recent.retain(|scene| scene.exists());
         (self.layout, self.hud, self.recent, self.restored) = (layout, hud, recent, true);
-        self.restored_zoom = Some(zoom.clamp(0.2, 5.0));
+        // Not `set_zoom_factor`: before the first frame, it would take another size for that of the window.
+        ctx.options_mut(|options| options.zoom_factor = zoom.clamp(0.2, 5.0));
         true
     }
 
@@ -337,13 +333,6 @@ impl Panels {
         window_failure: Option<&str>,
     ) -> PanelOutput {
         self.controls.clear();
-        match self.restored_zoom.take() {
-            Some(zoom) => {
-                self.zoom = zoom;
-                ui.ctx().set_zoom_factor(zoom);
-            }
-            None => self.zoom = ui.ctx().zoom_factor(),
-        }
         self.time(ui.ctx(), viewer.a.history.frames(), viewer.a.renderer.in_flight() == 0);
         self.keys(ui.ctx(), viewer);
         if viewer.b.is_none() || viewer.compare == Mode::A {

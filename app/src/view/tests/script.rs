@@ -211,6 +211,10 @@ impl Script {
         &mut self.shell.viewer
     }
 
+    pub fn context(&self) -> &egui::Context {
+        self.shell.context()
+    }
+
     pub fn panels(&mut self) -> &mut Panels {
         &mut self.shell.panels
     }
@@ -250,7 +254,7 @@ impl Script {
             ..RawInput::default()
         };
         self.calls += 1;
-        let request = FrameRequest { size: self.size, pixels_per_point: 1.0, present: true, ..request };
+        let request = FrameRequest { size: self.size, present: true, ..request };
         let frame = self.recovery.frame(&mut self.shell, input, request).expect("another device opens");
         self.events.extend(self.shell.take_events());
         frame

@@ -3,7 +3,6 @@
 use crate::io::output::Log;
 use crate::view::events::Event;
 use crate::view::panels::Controls;
-use crate::view::shell::FrameRequest;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -48,10 +47,11 @@ impl EventLog {
         &mut self,
         events: &[Event],
         controls: &Controls,
-        request: &FrameRequest,
+        size: (u32, u32),
+        pixels_per_point: f32,
         frame: Option<Seen>,
     ) {
-        let changes = self.changes(controls, request);
+        let changes = self.changes(controls, size, pixels_per_point);
         let time = self.begun.elapsed().as_secs_f64();
         // Serialising cannot fail: every event is a tree of named fields.
         let lines = events.iter().map(|event| serde_json::to_string(&Line { time, event }));
@@ -60,9 +60,13 @@ impl EventLog {
         self.out.flush();
     }
 
-    fn changes(&mut self, controls: &Controls, request: &FrameRequest) -> Vec<Seen> {
+    fn changes(
+        &mut self,
+        controls: &Controls,
+        (width, height): (u32, u32),
+        pixels_per_point: f32,
+    ) -> Vec<Seen> {
         let mut all = Vec::new();
-        let FrameRequest { size: (width, height), pixels_per_point, .. } = *request;
         let window = Seen::Window { width, height, pixels_per_point };
         if self.window.as_ref() != Some(&window) {
             self.window = Some(window.clone());

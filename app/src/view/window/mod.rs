@@ -144,18 +144,16 @@ impl App<'_> {
         viewer.continuous = options.continuous || options.frames.is_some() || options.screenshot.is_some();
         let mut shell = Shell::new(viewer, canvas, super::paint::GRAPH, wake.clone())?;
         shell.panels.vsync = options.vsync;
-        if let Some(path) = &options.kept {
-            match kept::restore(path, &mut shell.panels) {
-                Ok(None) => {}
-                Ok(Some(theme)) => shell.context().set_theme(theme),
-                Err(text) => shell.report(Event::Problem { text }),
-            }
+        let ctx = shell.context().clone();
+        if let Some(path) = &options.kept
+            && let Err(text) = kept::restore(path, &mut shell.panels, &ctx)
+        {
+            shell.report(Event::Problem { text });
         }
         (options.setup)(&mut shell, size)?;
         let input = window.with(|window| {
-            let (context, scale) = (shell.context().clone(), window.scale_factor() as f32);
-            let id = egui::ViewportId::ROOT;
-            egui_winit::State::new(context, id, window, Some(scale), window.theme(), None)
+            let (id, scale) = (egui::ViewportId::ROOT, window.scale_factor() as f32);
+            egui_winit::State::new(ctx, id, window, Some(scale), window.theme(), None)
         });
         self.running = Some(Running {
             shell,

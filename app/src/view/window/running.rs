@@ -160,9 +160,6 @@ impl Running {
         }
         let request = FrameRequest {
             size: self.window.size(),
-            pixels_per_point: self
-                .window
-                .with(|window| egui_winit::pixels_per_point(self.shell.context(), window)),
             present: true,
             read: self.save.is_some(),
             redraw: self.redraw,
@@ -172,7 +169,7 @@ impl Running {
         self.tell_failed_start();
         let Some(frame) = frame else {
             self.next = Some(Instant::now() + REOPENING);
-            self.write_events(&request, false);
+            self.write_events(request.size, false);
             return Ok(false);
         };
         self.window.with(|window| self.input.handle_platform_output(window, frame.platform));
@@ -203,7 +200,7 @@ impl Running {
         self.next = frame.next;
         self.redraw &= !frame.drawn;
         self.frames += u64::from(frame.drawn);
-        self.write_events(&request, frame.drawn);
+        self.write_events(request.size, frame.drawn);
         Ok(close && self.save.is_none())
     }
 
@@ -280,11 +277,12 @@ impl Running {
     }
 
     /// Writes the events since the last frame, and the frame itself, to the event log.
-    fn write_events(&mut self, request: &FrameRequest, drawn: bool) {
+    fn write_events(&mut self, size: (u32, u32), drawn: bool) {
         let events = self.shell.take_events();
         let Some(log) = &mut self.log else { return };
         let frame = Seen::Frame { number: self.frames, busy: self.shell.viewer.busy() };
-        log.write(&events, &self.shell.panels.controls, request, drawn.then_some(frame));
+        let scale = self.shell.context().pixels_per_point();
+        log.write(&events, &self.shell.panels.controls, size, scale, drawn.then_some(frame));
     }
 
     fn apply(&mut self, command: Command) {
@@ -351,7 +349,7 @@ impl Running {
     /// does not end within [`CLOSING`] is abandoned when the process exits.
     pub fn close(mut self) -> Vec<String> {
         if let Some(path) = &self.kept
-            && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context().theme())
+            && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context())
         {
             say(format!("the window layout is not saved: {error}"));
         }
