@@ -55,8 +55,7 @@ impl State {
         let plain: Vec<String> = texts.iter().map(|text| failures::plain(text)).collect();
         let place = plain.iter().find_map(|text| origin(text));
         let mut close = false;
-        // An area remembers its size, and a card of other errors has another size.
-        egui::Area::new(egui::Id::unique(("mistakes", &texts)))
+        egui::Area::new(egui::Id::unique("mistakes"))
             .fixed_pos(view.left_bottom())
             .pivot(Align2::LEFT_BOTTOM)
             .constrain_to(view)
@@ -90,8 +89,7 @@ impl State {
                         ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
                     let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
                     let height = (0.6 * view.height()).max(60.0);
-                    let scroll = egui::ScrollArea::both().max_height(height).min_scrolled_height(height);
-                    scroll.show(ui, |ui| {
+                    egui::ScrollArea::both().max_height(height).show(ui, |ui| {
                         for text in &texts {
                             let text = failures::layout(text, columns, TEXT);
                             ui.add(egui::Label::new(text).extend().selectable(true));

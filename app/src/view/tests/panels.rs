@@ -225,54 +225,6 @@ fn actions_without_another_effect_on_the_window_are_confirmed() {
 }
 
 #[test]
-fn typing_goes_on_in_the_same_parameter_when_a_reload_adds_one_above() {
-    let mut script = window(&[Tool::Parameters]);
-    click(&mut script, "param:shade#");
-    let write = |script: &mut Script, text: &str| {
-        script.input = vec![egui::Event::Text(text.to_owned())];
-        script.frame(false);
-    };
-    write(&mut script, "0.1");
-    let graph = script.path("graph.ron");
-    let text = std::fs::read_to_string(&graph).unwrap();
-    let gamma = "\"gamma\": Const(Int(default: 64, range: (1, 64))),\n    \"shade\": Live";
-    let text = text.replace("\"shade\": Live", gamma).replace("Threads(64)", "Threads(\"gamma\")");
-    std::fs::write(&graph, text).unwrap();
-    script.until("the new row", |script| script.panels().controls.find("param:gamma#").is_some());
-    let row = |script: &mut Script, name: &str| script.panels().controls.find(name).unwrap().top();
-    assert!(row(&mut script, "param:gamma#") < row(&mut script, "param:shade#"));
-    write(&mut script, "5");
-    script.press(Key::Enter, Modifiers::NONE);
-    script.frame(false);
-    let set = script.viewer().a.renderer.set();
-    assert_eq!(set.iter().collect::<Vec<_>>(), [(&"shade".to_owned(), &"0.15".to_owned())]);
-    script.close(&[]);
-}
-
-#[test]
-fn the_card_of_errors_has_room_for_longer_errors_than_its_first() {
-    let height = |script: &mut Script, part: &str, wrong: &str| {
-        let graph = script.path("graph.ron");
-        let text = std::fs::read_to_string(&graph).unwrap();
-        std::fs::write(&graph, text.replace(part, wrong)).unwrap();
-        let is_shown = |script: &mut Script| {
-            let problem = script.viewer().a.renderer.problem(true);
-            problem.is_some_and(|problem| problem.contains(wrong))
-        };
-        script.until(wrong, is_shown);
-        (0..3).for_each(|_| drop(script.frame(false)));
-        script.panels().controls.find("mistakes").expect("the card is shown").height()
-    };
-    let mut script = window(&[]);
-    let short = height(&mut script, "shade.comp", "shad.comp");
-    let long = height(&mut script, "key.comp", "kei.comp");
-    let mut fresh = window(&[]);
-    std::fs::write(fresh.path("graph.ron"), std::fs::read_to_string(script.path("graph.ron")).unwrap()).unwrap();
-    let at_once = height(&mut fresh, "kei.comp", "kei.comp");
-    assert!(short < long && long == at_once, "{short}, {long}, in a new window {at_once}");
-}
-
-#[test]
 fn a_graph_that_fails_is_named_in_the_status_line() {
     let mut script = window(&[Tool::Parameters]);
     assert_eq!(script.panels().controls.find("problem:A"), None);
