@@ -1,6 +1,8 @@
 //! Shared by the tests: an open device, the data folder, and the choice of long runs.
 
 use crate::again::passes_again;
+use crate::captures::captures;
+pub use crate::captures::not_run;
 use splatgraph::draw::backend::{Api, Backend, Options, Validation};
 use splatgraph::draw::builtin;
 use splatgraph::draw::facts::{self, SceneFacts};
@@ -69,22 +71,7 @@ pub fn assert_silent(device: &mut impl Device, what: &str) {
 
 /// Returns the folder with `scenes/` and `golden/`; reports the test as not run without it.
 pub fn data(test: &str) -> Option<PathBuf> {
-    let found = std::env::var_os("SPLATGRAPH_DATA").map(PathBuf::from);
-    match found {
-        Some(folder) => {
-            assert!(folder.join("scenes").is_dir(), "SPLATGRAPH_DATA has no scenes/: {}", folder.display());
-            Some(folder)
-        }
-        None => {
-            not_run(test, "captured scenes; set SPLATGRAPH_DATA");
-            None
-        }
-    }
-}
-
-/// Reports a test as not run, in a line that `./x test` counts.
-pub fn not_run(test: &str, needs: &str) {
-    say(&format!("NOT RUN: {test} needs {needs}"));
+    captures(test)?.parent().map(PathBuf::from)
 }
 
 /// Writes a line to standard error, also in tests that pass, where the output of `eprintln!` is hidden.

@@ -14,6 +14,7 @@ mod again;
 mod batch;
 #[cfg(target_os = "linux")]
 mod bench;
+mod captures;
 mod commands;
 mod common;
 mod covariance;
