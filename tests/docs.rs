@@ -175,12 +175,6 @@ fn a_quoted_line_that_the_output_lacks_is_found() {
     assert!(!is_quoted_from(output, &quoted(&["four", "...", "one"])), "another order");
 }
 
-#[test]
-fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line() {
-    assert_eq!(splatgraph(&["dump", "no-such-graph"]).status.code(), Some(1));
-    assert_eq!(splatgraph(&["dump", "--no-such-option"]).status.code(), Some(2));
-}
-
 /// The tables of a section of docs/output-files.md.
 #[derive(Default)]
 struct Fields {
