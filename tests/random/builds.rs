@@ -77,15 +77,8 @@ pub struct Case<'a> {
 }
 
 impl Case<'_> {
-    /// Builds and counts the plan under these settings.
     pub fn plan(&self, settings: Settings, share_memory: bool) -> Result<Plan, String> {
-        let plan = plan(&self.files, settings, share_memory);
-        plan.inspect(|plan| self.counts.add(plan))
-    }
-
-    /// Counts a plan that was built in another way.
-    pub fn count(&self, plan: &Plan) {
-        self.counts.add(plan);
+        plan(&self.files, settings, share_memory)
     }
 
     /// Fails with the first objection to a plan, its dependencies or its barriers, if there is one. `what` names the
@@ -98,6 +91,14 @@ impl Case<'_> {
         let violations = replay(plan, &barriers, &Replay::default());
         if let Some(violation) = violations.first() {
             return Err(format!("{what}: {}\n{}", violation.describe(plan), shown(plan)));
+        }
+        for (_, call) in barriers.calls(plan) {
+            if call.iter().filter(|barrier| barrier.image.is_none()).count() > 1 {
+                return Err(format!("{what}: two barriers on all memory in one call\n{}", shown(plan)));
+            }
+            if call.iter().any(|barrier| barrier.causes.is_empty()) {
+                return Err(format!("{what}: a barrier without a reason\n{}", shown(plan)));
+            }
         }
         self.counts.mutants.fetch_add(mutations(plan, &barriers).len() as u64, Relaxed);
         match needless(plan, &barriers).first() {
@@ -118,19 +119,7 @@ pub fn shown(plan: &Plan) -> String {
 struct Counts {
     graphs: AtomicU64,
     refused: AtomicU64,
-    plans: AtomicU64,
-    passes: AtomicU64,
-    barriers: AtomicU64,
     mutants: AtomicU64,
-}
-
-impl Counts {
-    fn add(&self, plan: &Plan) {
-        let add = |counter: &AtomicU64, number: usize| counter.fetch_add(number as u64, Relaxed);
-        add(&self.plans, 1);
-        add(&self.passes, plan.prologue.len() + plan.frame.len());
-        add(&self.barriers, barriers(plan).calls(plan).map(|(_, call)| call.len()).sum());
-    }
 }
 
 /// Number of graphs in a long run.
@@ -156,12 +145,9 @@ pub fn for_all(
     let say = |what: &str| {
         let number = |counter: &AtomicU64| counter.load(Relaxed);
         common::say(&format!(
-            "random graphs: {name}: {what}{} graphs, {} refused, {} plans, {} passes, {} barriers, {} mutants, {:.1} s",
+            "random graphs: {name}: {what}{} graphs, {} refused, {} mutants, {:.1} s",
             number(&counts.graphs),
             number(&counts.refused),
-            number(&counts.plans),
-            number(&counts.passes),
-            number(&counts.barriers),
             number(&counts.mutants),
             start.elapsed().as_secs_f32(),
         ));
@@ -183,7 +169,6 @@ pub fn for_all(
                     counts.refused.fetch_add(1, Relaxed);
                     return Ok(());
                 };
-                counts.add(&plan);
                 property(&Case { sketch, files, plan, counts: &counts })
             });
             if let (Err(text), Ok(mut failure)) = (found, failure.lock()) {

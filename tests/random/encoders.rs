@@ -12,18 +12,17 @@ use crate::common::say;
 fn nothing_is_unordered_on_metal_and_nothing_is_needless() {
     let (mutants, fences) = (AtomicUsize::new(0), AtomicUsize::new(0));
     for_all("metal", LARGE, 1000, |case| {
-        for share_memory in [true, false] {
-            let plan = case.plan(case.sketch.settings[0], share_memory)?;
-            let model = Model::new(&plan);
+        for plan in [&case.plan, &case.plan(case.sketch.settings[0], false)?] {
+            let model = Model::new(plan);
             for division in Division::ALL {
-                let encoders = encoders(&plan, division);
+                let encoders = encoders(plan, division);
                 let what =
-                    |text: String| Err(format!("{division:?}: {text}\n{encoders:#?}\n{}", shown(&plan)));
+                    |text: String| Err(format!("{division:?}: {text}\n{encoders:#?}\n{}", shown(plan)));
                 if let Some(objection) = model.objections(&encoders).first() {
-                    return what(objection.describe(&plan));
+                    return what(objection.describe(plan));
                 }
                 if let Some(mutation) = mutate::needless(&model, &encoders).first() {
-                    return what(format!("needless: {}", mutation.describe(&plan, &encoders)));
+                    return what(format!("needless: {}", mutation.describe(plan, &encoders)));
                 }
                 mutants.fetch_add(mutate::mutations(&encoders).len(), Relaxed);
                 fences.fetch_add(encoders.fences as usize, Relaxed);
