@@ -182,14 +182,19 @@ fn every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene() {
 /// The demo scene needs no download, so every preset is validated even without captures.
 #[test]
 fn every_preset_draws_a_generated_scene_without_a_validation_message() {
-    let scene = Arc::new(splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator"));
+    let scene = splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
     let camera = Camera::framing(&scene, 160, 90);
+    // One device, whose plans share pipelines.
+    let mut session = session(scene, "splat", &[]);
     for preset in splatgraph::draw::builtin::presets() {
         // Two frames: a preset may use results of the previous frame.
-        let images = draw_scene(scene.clone(), &[camera.clone(), camera.clone()], preset.name, [0.0; 3], &[]);
-        let lit = images[1].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
+        drawn(&mut session, &camera, preset.name, &[]);
+        let image = picture(&mut session, &camera, [0.0; 3]);
+        let lit = image.rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
         assert!(lit > 160 * 90 / 20, "{}: only {lit} pixels show anything", preset.name);
+        common::assert_silent(session.device(), preset.name);
     }
+    close(session, "the presets");
 }
 
 #[test]
