@@ -70,7 +70,7 @@ pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
 }
 
 /// Removes the component with the largest absolute value, which [`with_omitted`] restores. Returns its index and the
-/// other components, negated if it is negative.
+/// other components, negated if the removed one is negative.
 pub(crate) fn omit_largest(quaternion: [f32; 4]) -> (usize, [f64; 3]) {
     let larger = |best: usize, at: usize| {
         if quaternion[at].abs() > quaternion[best].abs() { at } else { best }

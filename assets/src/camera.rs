@@ -82,7 +82,8 @@ impl Camera {
     /// Creates a camera that frames most of a scene.
     ///
     /// It looks along +z and 12 degrees down (+y), rotated so that [`Scene::up`] is up, from a distance at which the
-    /// box [`Scene::robust_bounds`] fits with a margin of 8 %. The field of view is 60 degrees across the longer side.
+    /// box [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. The field of view is 60 degrees
+    /// across the longer side.
     pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;

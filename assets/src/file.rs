@@ -69,7 +69,8 @@ pub(crate) fn read_text(path: impl AsRef<Path>, limit: u64) -> Result<String> {
     })
 }
 
-/// Resolves the name of a file that a document names; `None` for a path outside the document's `folder`.
+/// Resolves the name of a file that a document names. `None` without a `folder`, and if a component of the path is not
+/// a plain name, such as `/`, `..` or a leading `.`.
 pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Option<PathBuf> {
     let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
     folder.filter(|_| inside).map(|folder| folder.join(name))

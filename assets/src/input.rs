@@ -242,7 +242,8 @@ impl Source<'_> {
     }
 }
 
-/// Resolves the name of a file that a document names; fails for a path outside the document's `folder`.
+/// Resolves the name of a file that a document names, as [`file::beside`] does. Fails where that returns `None`, and
+/// for an empty name.
 pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, SceneError> {
     let path = file::beside(folder, name).filter(|_| !name.is_empty());
     path.ok_or_else(|| {

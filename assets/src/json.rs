@@ -13,8 +13,8 @@ pub(crate) const GLTF_OBJECT: u64 = 1200;
 /// list with one node. An object of a `.rad` takes less.
 pub(crate) const STREAMED_OBJECT: u64 = 320;
 
-/// Upper bound of the memory for any other byte outside of strings, in bytes. An error in a list of indices takes 76
-/// for each. A string, such as a buffer in base 64, takes no more memory than its text.
+/// Upper bound of the memory for any other byte outside of strings, in bytes. An error about an index in a list takes
+/// 76. A string, such as a buffer in base 64, takes no more memory than its text.
 const OTHER_BYTE: u64 = 80;
 
 /// Reads a document of `length` bytes at offset `at` of a source.
@@ -76,7 +76,7 @@ pub(crate) fn strings(text: &[u8], most: usize) -> BTreeSet<String> {
 }
 
 /// Splits a text into pairs: the bytes before a string, and the string without its quotation marks. The last pair has
-/// no string.
+/// no string, unless the text ends inside one.
 fn parts(text: &[u8]) -> impl Iterator<Item = (&[u8], Option<&[u8]>)> {
     let mut rest = Some(text);
     std::iter::from_fn(move || {

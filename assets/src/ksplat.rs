@@ -45,7 +45,7 @@ struct Header {
     level: usize,
     sections: u64,
     count: u32,
-    /// Bounds of the harmonics of level 2.
+    /// Bounds of the harmonics of level 2. A stored 0 stands for the default, -1.5 and 1.5.
     range: [f32; 2],
 }
 

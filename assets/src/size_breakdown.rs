@@ -8,13 +8,13 @@ use std::fmt;
 pub struct SizeBreakdown {
     /// The file's format, for instance `ply, binary_little_endian`.
     pub format: String,
-    /// Bytes of the whole file.
+    /// Bytes of the whole file, or of all files of a scene with several.
     pub file_bytes: u64,
-    /// Bytes before the first row.
+    /// Bytes of the header and of other descriptions; in PLY, the bytes before the first row.
     pub header_bytes: u64,
     /// The elements, in the file's order.
     pub elements: Vec<ElementSize>,
-    /// Bytes after the last row.
+    /// All other bytes; in PLY, the bytes after the last row.
     pub trailing_bytes: u64,
 }
 
@@ -38,7 +38,7 @@ pub struct ElementSize {
 pub struct FieldSize {
     /// Name of the field; in PLY, of the property.
     pub name: String,
-    /// Type of the field: a scalar type, or `row`, `array` or `file` for data without columns.
+    /// Type of the field: a scalar or list type, or a word such as `row`, `array` or `file` for data without columns.
     pub kind: String,
     /// Bytes in each row; `None` if rows vary or are compressed together.
     pub bytes_per_row: Option<u64>,

@@ -46,7 +46,7 @@ pub(crate) fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]
     });
 }
 
-/// Hashes floats by their bits: chunks in parallel, then the chunks' hashes in order.
+/// Hashes values by their 32-bit words: chunks in parallel, then the chunks' hashes in order.
 pub(crate) fn hash<T: bytemuck::Pod + Sync>(values: &[T]) -> u64 {
     let words: &[u32] = bytemuck::cast_slice(values);
     let chunks: Vec<u64> = words.par_chunks(1 << 16).map(hash_chunk).collect();

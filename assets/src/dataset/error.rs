@@ -25,7 +25,7 @@ pub enum CameraError {
     Invalid {
         /// Path of the file.
         path: PathBuf,
-        /// Line, byte or field in the file, after a colon; empty if it is unknown.
+        /// Position in the file, such as line and column or byte and field, after a colon; empty if it is unknown.
         place: String,
         /// Expected and found values, as a sentence.
         message: String,
@@ -49,7 +49,7 @@ pub enum CameraError {
         wanted: String,
         /// Number of cameras in the file.
         count: usize,
-        /// Names of the first cameras in the file, at most eight.
+        /// The first names of cameras in the file, at most eight; cameras without a name are left out.
         names: Vec<String>,
     },
     /// COLMAP has no model for the camera's projection.

@@ -207,7 +207,7 @@ impl Document {
     }
 
     /// Lists the primitives of splats in the scene, once per node that places them. Also counts the other primitives,
-    /// those of meshes.
+    /// those of meshes. Fails if there are no splats.
     pub(super) fn splats(&self) -> Result<(Vec<Splats<'_>>, u64), SceneError> {
         let (mut found, mut others) = (Vec::new(), 0);
         for (index, place) in self.placed()? {

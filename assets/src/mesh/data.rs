@@ -44,7 +44,7 @@ pub struct MeshMaterial {
     pub base_color_image: Texture,
     /// Image with roughness in green and metalness in blue.
     pub metallic_roughness_image: Texture,
-    /// Image of normals in tangent space, from -1 to 1.
+    /// Image of normals in tangent space: channels of 0 to 1 are components of -1 to 1.
     pub normal_image: Texture,
 }
 

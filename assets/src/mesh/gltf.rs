@@ -32,9 +32,9 @@ impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, have
-    /// primitives other than triangles, or have no triangles; a buffer or an image cannot be read; or a limit is
-    /// exceeded. The text names the accessor, node or image.
+    /// The bytes are not glTF 2.0 or are damaged, require any extension, have primitives other than triangles, or have
+    /// no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text names the accessor, node or
+    /// image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;

@@ -129,7 +129,7 @@ pub(crate) fn wide(line: &Line, column: usize) -> Option<f64> {
 /// Parses a splat's line into its slots, plus its position relative to `origin` at full precision. Adds the bytes of
 /// each word to its column's total.
 ///
-/// Returns the number of values, at most one per column. The caller rejects lines with fewer.
+/// Returns the number of values. More values than columns are an error; the caller rejects lines with fewer.
 pub(crate) fn row(
     line: &Line,
     layout: &Layout,

@@ -29,7 +29,8 @@ pub(super) struct Document {
     pub chunks: Vec<Place>,
 }
 
-/// The bytes of a chunk, in the file after its header, or in a file beside it.
+/// The bytes of a chunk. `offset` counts from the end of the file's header or, with a `filename`, from the beginning of
+/// that file beside it.
 #[derive(Clone, Debug, Deserialize)]
 pub(super) struct Place {
     pub offset: u64,

@@ -11,7 +11,8 @@ use rayon::prelude::*;
 pub(crate) struct Columns {
     pub degree: u32,
     pub position: Vec<[f32; 3]>,
-    /// Remainders of `position` below f32 precision; empty if all are negligible.
+    /// Remainders of `position` below f32 precision; empty if positions are floats, or if all remainders are
+    /// negligible.
     pub low: Vec<[f32; 3]>,
     pub scale: Vec<[f32; 3]>,
     pub rotation: Vec<[f32; 4]>,

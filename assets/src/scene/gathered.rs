@@ -53,7 +53,7 @@ impl Dropped {
         self.with(other, |own, other| own + other)
     }
 
-    /// Subtracts the counts of the scene that this one was derived from.
+    /// Subtracts the counts of the scene that this one was derived from, which must not be higher.
     pub fn since(&self, earlier: &Self) -> Self {
         self.with(earlier, |own, earlier| own - earlier)
     }

@@ -221,7 +221,7 @@ impl Scene {
 
     /// Lists the parts of a scene that was loaded from a list of scenes, in the order of the list.
     ///
-    /// Empty for other scenes. Scenes derived from this one have no parts.
+    /// Empty for other scenes, and if splats were dropped in the join. Scenes derived from this one have no parts.
     pub fn parts(&self) -> &[ScenePart] {
         &self.parts
     }
@@ -252,7 +252,7 @@ impl Scene {
         self.notes.up.unwrap_or(FileNotes::UP)
     }
 
-    /// Removes the tags that change how a scene is drawn, so that it is drawn by the published rules.
+    /// Removes the tags, so that the scene is drawn by the published rules, with -y up.
     pub fn without_tags(self) -> Self {
         let notes = self.notes.without_tags();
         self.with_notes(notes)

@@ -25,7 +25,7 @@ const MAX_WEIGHT: f32 = 1e12;
 
 type Texel = [u8; 4];
 
-/// Returns the number of palette entries for `count` splats, as in PlayCanvas's writer.
+/// Returns the maximum number of palette entries for `count` splats, as in PlayCanvas's writer.
 fn entries(count: usize) -> usize {
     let thousands = (count / 1024).max(1).ilog2().min(6);
     ((1 << thousands) * 1024).min(count).min(MAX_ENTRIES as usize)

@@ -45,7 +45,7 @@ impl SpzVersion {
 /// Bit of `flags`: the splats were trained with an anti-aliasing filter.
 pub(super) const ANTIALIASED: u8 = 1;
 
-/// Bit of `flags`: records follow the arrays.
+/// Bit of `flags`: the file has extension records.
 pub(super) const EXTENSIONS: u8 = 2;
 
 /// Type of the extension record that specifies the axes (Adobe).

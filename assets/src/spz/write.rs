@@ -13,7 +13,7 @@ use std::io::{Error, ErrorKind, Result, Write};
 /// Compression level of Zstandard, as in the reference writer.
 const LEVEL: i32 = 12;
 
-/// Writes a scene.
+/// Writes a scene. Fails if a coordinate exceeds [`MAX_FIXED`] in absolute value.
 pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
     let largest = scene.largest_coordinate();
     let bits = fractional_bits(largest).ok_or_else(|| {

@@ -62,7 +62,7 @@ pub(super) struct Layer {
     pub up_axis: Option<String>,
     /// Parents come before their children.
     pub prims: Vec<Prim>,
-    /// Name of a field in [`ARCS`] that the layer has. The reader refuses such a layer.
+    /// Name of a field in [`ARCS`], or `variantSet`, that the layer has. The reader refuses such a layer.
     pub arc: Option<String>,
 }
 
@@ -229,7 +229,7 @@ impl Layer {
         attributes.map(held).sum()
     }
 
-    /// Returns the value of an attribute; `None` if it has none.
+    /// Returns the value of an attribute; `None` if it has none. Fails if it has only time samples or a spline.
     pub(super) fn value(&self, prim: usize, name: &str) -> Result<Option<&Value>, SceneError> {
         match self.prims[prim].attributes.get(name) {
             Some(Attribute { value: None, animated: true }) => {

@@ -1,8 +1,8 @@
 //! Parses text layers.
 //!
 //! A prim is `def Type "name" ( metadata ) { attributes and children }`; an attribute is
-//! `type name = value ( metadata )`. Only the attributes of splats and transforms are converted; everything else is
-//! skipped by matching brackets.
+//! `type name = value ( metadata )`. Only the attributes that [`kind_of`] knows are converted; the values of all others
+//! are skipped by matching brackets.
 
 use super::layer::{ARCS, Array, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
 use crate::error::SceneError;

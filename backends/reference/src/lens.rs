@@ -47,7 +47,7 @@ impl Lens {
     }
 
     /// Returns the pixel position of a point in view space. For a pinhole, it is `((ndc + 1) size - 1) / 2` (`ndc2Pix`
-    /// in auxiliary.h).
+    /// in auxiliary.h) plus [`Rules::pixel_offset`].
     pub(crate) fn pixel(&self, p: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = p;
         let from_middle = match self.projection {
@@ -70,7 +70,7 @@ impl Lens {
     }
 
     /// Returns the rows of the Jacobian: the derivative of [`Lens::pixel`] with respect to the point. For a pinhole, x
-    /// / z and y / z are clamped (`computeCov2D` in forward.cu).
+    /// / z and y / z are clamped by [`Rules::jacobian_clamp`] (`computeCov2D` in forward.cu).
     pub(crate) fn jacobian(&self, p: [f64; 3]) -> [[f64; 3]; 2] {
         let [x, y, z] = p;
         let [fx, fy] = self.focal;

@@ -49,7 +49,8 @@ struct Triangle {
     index: usize,
     corner: Vector,
     edges: [Vector; 2],
-    /// Bounds of its corners on the image, in pixels: minimum and maximum, across then down.
+    /// Bounds of its corners on the image, in pixels: minimum and maximum, across then down. Infinite if it crosses the
+    /// near plane.
     pixels: [[f64; 2]; 2],
 }
 
@@ -92,7 +93,7 @@ impl Surfaces {
         if inside { self.found[(y - top) * (right - left) + x - left] } else { None }
     }
 
-    /// Returns the depth beyond which splats are hidden at a pixel.
+    /// Returns the depth from which on splats are hidden at a pixel; infinite without a surface.
     pub(crate) fn limit(&self, pixel: [usize; 2]) -> f64 {
         self.at(pixel).map_or(f64::INFINITY, |surface| surface.depth)
     }

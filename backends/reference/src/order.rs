@@ -5,7 +5,8 @@ use crate::rules::{Depth, KeyOf, Rules, Ties};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
-/// The world-to-view transform, in f64 and rounded to f32 per element as the rasteriser receives it.
+/// The world-to-view transform in f64. The elements for the depth are also stored as f32, as the rasteriser receives
+/// them.
 pub(crate) struct View {
     rows: [[f64; 3]; 3],
     eye: [f64; 3],

@@ -40,7 +40,8 @@ pub struct Fragments {
 }
 
 impl Fragments {
-    /// Blends the colours over a background, as [`render`](crate::render) does.
+    /// Blends the colours over a background, as [`render`](crate::render) does. Where the pixel shows a mesh,
+    /// `background` must be the mesh's colour.
     pub fn color(&self, background: [f64; 3]) -> [f64; 3] {
         let mut color = [0.0; 3];
         for fragment in &self.list {

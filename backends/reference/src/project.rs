@@ -153,7 +153,8 @@ impl<'a> Projector<'a> {
         self.project_onto(index, splat, |_| true)
     }
 
-    /// Projects a splat as [`Projector::project`] does, if `wanted` accepts its tiles. Otherwise skips the colour.
+    /// Projects a splat as [`Projector::project`] does. Also returns `None` if `wanted` rejects its tiles, without
+    /// computing its colour.
     pub(crate) fn project_onto(
         &self,
         index: u32,

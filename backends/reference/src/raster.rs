@@ -39,7 +39,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Computes the mean depth of each pixel: the sum of weighted depths over the sum of weights.
+    /// Computes the mean depth of each pixel: the sum of weighted depths over the sum of weights, 0 without splats.
     pub fn expected_depth(&self) -> Vec<f64> {
         let mean = |(depth, light): (&f64, &f64)| depth / (1.0 - light).max(1e-10);
         self.depth.iter().zip(&self.transmittance).map(mean).collect()

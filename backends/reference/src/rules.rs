@@ -175,7 +175,7 @@ impl LowPass {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Extent {
     /// Every pixel of the 16 x 16 tiles that a square around the centre touches. Half its side is `ceil(3 sqrt(l))`,
-    /// with `l` the larger eigenvalue of the 2D covariance.
+    /// with `l` the larger eigenvalue of the 2D covariance, computed with a discriminant of at least 0.1.
     Tiles,
     /// Every pixel within this many standard deviations of the centre.
     Sigma(f64),

@@ -85,7 +85,7 @@ impl splatgraph_runtime::Bindings<VulkanGpu> for DescriptorSets {
     }
 }
 
-/// Creates a descriptor pool with room for the sets of the passes `bound`; `None` if there are none.
+/// Creates a descriptor pool with room for the sets of the passes `bound`; `None` if they need no sets.
 fn pool(
     gpu: &Arc<VulkanGpu>,
     plan: &Plan,

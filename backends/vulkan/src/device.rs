@@ -22,7 +22,8 @@ pub(crate) struct Physical {
     pub budget: bool,
 }
 
-/// Lists the physical devices. With a window, those that cannot present to it are marked unfit.
+/// Lists all physical devices. A device is marked unfit if it is older than Vulkan 1.3, if it has no queue family for
+/// compute and graphics, or if it cannot present to the instance's window.
 pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
     let handles = instance.physical_devices()?;
     Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, handle, index)).collect())
@@ -106,7 +107,8 @@ fn fit_family(families: &[vk::QueueFlags], presents: impl Fn(u32) -> bool) -> Re
     able.map(|(index, _)| index).find(|&index| presents(index)).ok_or(NO_PRESENTING)
 }
 
-/// Describes the largest device-local heap. Its available bytes are known only with `VK_EXT_memory_budget` (`budget`).
+/// Describes the largest device-local heap; the result is empty without one. Its available bytes are known only with
+/// `VK_EXT_memory_budget` (`budget`).
 pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool) -> Heap {
     let mut left = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
     let mut answer = vk::PhysicalDeviceMemoryProperties2::default();
@@ -129,7 +131,8 @@ fn largest_heap(memory: &vk::PhysicalDeviceMemoryProperties) -> Option<usize> {
     local.max_by_key(|&index| heaps[index].size)
 }
 
-/// Queries a device of version 1.3 or later for its limits and its driver's name and version.
+/// Queries a device of version 1.3 or later for its limits and its driver's name and version. `timestamp_bits` stays 0:
+/// it belongs to the queue family.
 fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();

@@ -303,7 +303,8 @@ fn attachment(target: &Target, image: &Image<VulkanGpu>) -> vk::RenderingAttachm
     }
 }
 
-/// Returns the depth attachment of a draw. A depth test alone stores nothing, because a store counts as a write.
+/// Returns the depth attachment of a draw. `Write` first clears it to 0, the far plane of reversed depth. `Test` stores
+/// nothing, because a store counts as a write.
 fn depth_attachment(access: DepthAccess, image: &Image<VulkanGpu>) -> vk::RenderingAttachmentInfo<'static> {
     let info = vk::RenderingAttachmentInfo::default()
         .image_view(*image.raw.view)

@@ -1,12 +1,13 @@
 //! Converts Vulkan's result codes to [`BackendError`]s.
 //!
 //! Calls that can fail go through [`api`] or [`window`](crate::surface::window), so that an error names its call.
-//! Results that a caller can act on (out of memory, device lost, busy driver) have their own variants.
+//! Results that a caller can act on (out of memory, device lost, surface lost, busy driver) have their own variants.
 
 use ash::vk;
 use splatgraph_api::BackendError;
 
 /// Returns a converter for `map_err` that turns the result codes of the Vulkan function `call` into errors.
+/// Out-of-memory errors have `bytes` 0, because result codes carry no size.
 pub(crate) fn api(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
     move |answer| {
         let text = format!("{answer:?}");

@@ -5,7 +5,7 @@ use crate::lower::flags;
 use ash::{ext, khr, vk};
 use splatgraph_framework::ir::Features;
 
-/// The optional features that the device is opened with. All others stay off.
+/// The optional features that the device is opened with, except robustness. All others stay off.
 pub(crate) struct OptionalFeatures {
     pub core: vk::PhysicalDeviceFeatures,
     pub vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,

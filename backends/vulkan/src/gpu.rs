@@ -22,8 +22,9 @@ use std::fmt::Arguments;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// Size of the allocator's blocks in memory that the host cannot access, and in memory that it can.
+/// Size of the allocator's blocks in memory that the host cannot access.
 const DEVICE_BLOCK: u64 = 256 << 20;
+/// Size of the allocator's blocks in memory that the host can access.
 pub(crate) const HOST_BLOCK: u64 = 64 << 20;
 
 /// An open Vulkan device; see [`crate::Vulkan`].
@@ -40,8 +41,8 @@ pub struct VulkanGpu {
     pipelines: Mutex<Vec<(PipelineKey, Weak<Pipeline>)>>,
     /// The memory allocator; `None` only while the device is being created or destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences of idle waits that a submission may still signal. If the wait timed out, its fence is destroyed with the
-    /// device.
+    /// Fences of idle waits that a submission may still signal. If the wait failed or timed out, its fence is destroyed
+    /// with the device.
     fences: Mutex<Vec<vk::Fence>>,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.

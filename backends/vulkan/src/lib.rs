@@ -3,13 +3,14 @@
 //! [`Vulkan`] is the runtime's [`Executor`](splatgraph_runtime::Executor) on Vulkan. The runtime decides which objects
 //! a plan needs and records its frames; this crate creates the objects and makes the calls.
 //!
-//! - `instance`, `surface` and `device`: Vulkan's loader and the validation layer, the window, and the choice of a
-//!   device with its limits;
+//! - `instance`, `surface`, `device`, `features` and `robustness`: Vulkan's loader and the validation layer, the
+//!   window, and the choice of a device with its limits and optional features;
 //! - `gpu`: the open device, and ownership of its objects;
 //! - `lower` and [`sync`]: the plan in Vulkan's terms, as plain data, without calling Vulkan. `sync` lowers the plan's
 //!   dependencies to barriers, and contains the model of Vulkan's rules that checks them;
 //! - `memory`, `pipelines`, `descriptors`, `queue`, `encoder` and `swapchain`: the objects and the commands;
-//! - `backend`: implements the runtime's [`Gpu`](splatgraph_runtime::Gpu) with them.
+//! - `backend`: implements the runtime's [`Gpu`](splatgraph_runtime::Gpu) with them;
+//! - `error`: converts result codes to errors.
 
 #![deny(missing_docs)]
 

@@ -103,7 +103,7 @@ fn interface(pass: &Pass) -> Interface {
 }
 
 /// Requests the subgroup size that the graph assumes and full subgroups, each if the device and the workgroup size
-/// allow it.
+/// allow it. Requests nothing for a shader without subgroup operations.
 pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgroups {
     if !shader.has_subgroups() || limits.size == 0 {
         return Subgroups::default();

@@ -25,7 +25,8 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// Creates a plan's pipelines on several threads, and reuses existing ones. Calls `next` before it waits for one.
+    /// Creates a plan's pipelines on several threads, and reuses existing ones. Calls `next` before it waits for each
+    /// new pipeline; an error from `next` stops the creation.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,

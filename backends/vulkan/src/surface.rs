@@ -112,7 +112,8 @@ const FORMATS: [vk::Format; 5] = [
     vk::Format::R5G6B5_UNORM_PACK16,
 ];
 
-/// Chooses the format of the window's images from those `offered`. The device must be able to blit to it.
+/// Chooses the format of the window's images: the first of [`FORMATS`] that is `offered` in the colour space
+/// `SRGB_NONLINEAR` and that the device can blit to. The error is [`BackendError::Unavailable`] if there is none.
 pub(crate) fn format(
     offered: &[vk::SurfaceFormatKHR],
     can_blit: impl Fn(vk::Format) -> bool,
@@ -161,7 +162,8 @@ pub(crate) fn extent(
     (extent.width > 0 && extent.height > 0).then_some(extent)
 }
 
-/// Returns the number of images to request: one more than the minimum, so that one can be drawn without waiting.
+/// Returns the number of images to request: one more than the minimum, so that one can be drawn without waiting, but at
+/// most the surface's maximum.
 pub(crate) fn image_count(capabilities: &vk::SurfaceCapabilitiesKHR) -> u32 {
     let most = if capabilities.max_image_count == 0 { u32::MAX } else { capabilities.max_image_count };
     (capabilities.min_image_count + 1).min(most)

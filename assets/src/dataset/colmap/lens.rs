@@ -24,7 +24,7 @@ pub(super) struct Lens {
 /// Lenses of a sparse model, by `CAMERA_ID`.
 pub(super) type Lenses = HashMap<u32, Lens>;
 
-/// A lens model: the names of its parameters, in order.
+/// A lens model, with the names of its parameters in order.
 pub(super) struct Model {
     pub(super) name: &'static str,
     pub(super) parameters: &'static [&'static str],
@@ -127,7 +127,7 @@ impl Model {
     }
 }
 
-/// Lists the first IDs of the lenses, in order.
+/// Describes the values that an image's `CAMERA_ID` may have: the first IDs of the lenses, in order.
 fn ids(lenses: &Lenses) -> String {
     const SHOWN: usize = 8;
     let mut ids: Vec<u32> = lenses.keys().copied().collect();

@@ -39,7 +39,7 @@ fn sky_color(direction: DVec3) -> DVec3 {
     color(upper - 1).lerp(color(upper), t * t * (3.0 - 2.0 * t))
 }
 
-/// Generates a band of glow above the horizon that thins into the dark, with stars over it.
+/// Generates a band of glow above the horizon that thins into the dark, the low sun, and the stars.
 pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     let glow = count * 2 / 5;
     // Equal steps of height have equal areas on a sphere.

@@ -1,8 +1,8 @@
 //! Measures the difference between two pictures.
 //!
-//! **PSNR** is the squared error of the whole picture; **SSIM** compares local structure, closer to perception; the
-//! **worst pixel** reveals a single missing splat. [`flip`] measures the perceived difference between alternating
-//! pictures. All sums are in f64.
+//! **PSNR** is the mean squared error of the whole picture, in decibels; **SSIM** compares local structure, closer to
+//! perception; the **worst pixel** reveals a single missing splat. [`flip`] measures the perceived difference between
+//! alternating pictures. All sums are in f64.
 
 pub mod decibels;
 pub mod flip;
@@ -75,7 +75,7 @@ pub struct Comparison {
     pub ssim: Option<f64>,
     /// The pixel with the largest difference.
     pub worst: WorstPixel,
-    /// True if every channel of every pixel is equal.
+    /// True if every channel of every pixel is equal. False for single precision against double precision.
     pub identical: bool,
 }
 

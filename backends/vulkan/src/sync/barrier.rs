@@ -40,7 +40,7 @@ impl Barriers {
         all.map(|at| (at, self.at(at)))
     }
 
-    /// Lists the stages whose work, in this frame or the next, waits for the copies of the plan's export.
+    /// Lists the stages, except `HOST`, whose work in this frame or the next waits for the copies of the plan's export.
     ///
     /// A blit recorded after the frame counts as one of these copies, so work that waits for them must wait for the
     /// blit. Later barriers name `COPY`, or chain with barriers between the export and the frame's end. Those barriers
@@ -72,8 +72,8 @@ pub struct Barrier {
     pub image: Option<Transition>,
     /// Stages to wait for, writes to make available, stages that wait, and accesses that the writes become visible to.
     pub masks: Masks,
-    /// The conflicts that the barrier resolves, one entry per resource, each with the masks that it alone requires.
-    /// Never empty in the result of [`barriers`](super::barriers).
+    /// The conflicts that the barrier resolves, each with the masks that it alone requires. Never empty in the result
+    /// of [`barriers`](super::barriers).
     pub causes: Vec<(Cause, Masks)>,
 }
 

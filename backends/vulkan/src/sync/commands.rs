@@ -79,7 +79,8 @@ impl Dependency {
     ///
     /// The execution dependency of an image barrier applies to everything, not only to the image (Vulkan 1.3, chapter
     /// 7), and plans rely on that. Older validation layers (1.3.239) apply it only to the image. For them it is
-    /// repeated in barriers on all memory without accesses, unless the call's barrier on all memory covers it already.
+    /// repeated in barriers on all memory without accesses, unless the call already has a barrier on all memory that
+    /// covers it.
     pub fn lower<'a>(
         &mut self,
         barriers: impl Iterator<Item = (&'a Barrier, Option<(vk::Image, vk::ImageAspectFlags)>)>,

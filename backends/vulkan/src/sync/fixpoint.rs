@@ -41,7 +41,8 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
     Some(steps)
 }
 
-/// Adds a barrier to a call: merges its masks into the barrier on the same image or on all memory, if any.
+/// Adds a barrier to a call: merges its masks and causes into the barrier with the same layout change, or on all
+/// memory, if the call has one.
 fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {

@@ -108,7 +108,7 @@ pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     least(masks, |masks| needs.iter().all(|need| need.source_is_met_by(masks)))
 }
 
-/// Clears mask bits one by one, as long as `is_enough` holds.
+/// Tries to clear each mask bit in turn; a bit stays cleared if `is_enough` holds without it.
 pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool) -> Masks {
     for bit in masks.bits() {
         let less = masks.without(bit);
@@ -119,7 +119,8 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
     masks
 }
 
-/// Returns the causes of a barrier that meets the requirements, one per resource and hazard, each with its masks.
+/// Returns the causes of a barrier that meets the requirements, each with its masks. Requirements of one pass are
+/// merged if resource, alias and frame are equal; writes after reads stay separate.
 pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
     let mut causes: Vec<(Cause, Masks)> = Vec::new();
     for need in needs {

@@ -210,7 +210,7 @@ impl<'a> SyncState<'a> {
 
     /// Replays a pass with its barriers, and returns the requirements that they do not meet.
     ///
-    /// A requirement of a layout change has the source stages of the change as its target.
+    /// An unmet requirement of a layout change has the first source stage of the change as its target, if there is one.
     pub fn replay(&mut self, id: PassId, barriers: &[Barrier]) -> Vec<Requirement> {
         self.now += 2;
         let mut missing = Vec::new();
@@ -341,7 +341,7 @@ impl<'a> SyncState<'a> {
         needs
     }
 
-    /// Adds the requirement that a write be visible to an access of `to` or, if the access is empty, available.
+    /// Adds the requirement that a write be visible to an access of `to` or, if `to` is empty, available.
     fn memory(
         &self,
         (dependency, hazard): (&Dependency, Hazard),
@@ -360,7 +360,7 @@ impl<'a> SyncState<'a> {
         }
     }
 
-    /// Adds the requirement that a layout change be visible to an access of `to` or, if the access is empty, complete.
+    /// Adds the requirement that a layout change be visible to an access of `to` or, if `to` is empty, complete.
     fn after_change(
         &self,
         changed: &Changed,

@@ -339,7 +339,7 @@ impl Build {
         self.plan.stats.push(Stat { name: name.to_string(), buffer, offset });
     }
 
-    /// Finishes the plan with the export of `output`, and solves its dependencies.
+    /// Finishes the plan with the export of `output` and of the statistics, and solves its dependencies.
     pub fn export(mut self, output: ResourceId) -> Plan {
         self.plan.output = output;
         let mut uses =

@@ -22,7 +22,7 @@ const COLOR: &str = "layout(location = 0) flat in vec4 color;
 layout(location = 0) out vec4 result;
 void main() { result = color; }";
 
-/// Draws two frames with planes of these colours; the second starts from the first frame's contents.
+/// Draws two frames with planes of these colours, and returns the second, which starts from the first one's contents.
 fn drawn(plan: Plan, planes: &[&[[f32; 4]]], inspect: Vec<Inspect>) -> FrameResult {
     let mut scene = Scene { identity: 1, ..Scene::default() };
     for (plane, colors) in (0..).zip(planes) {

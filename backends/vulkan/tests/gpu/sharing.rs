@@ -17,7 +17,7 @@ layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 0)).x; }";
 
 /// A plan that fills `first` and copies it to `kept`, to `second`, to `kept`, to the image `third`, and back to `kept`,
-/// the output.
+/// the output. Copies between buffers add 1, the copy to the image adds 10.
 struct Aliases {
     build: Build,
     aliases: [ResourceId; 3],

@@ -23,7 +23,7 @@ fn scene(values: &[u32]) -> Scene {
     Scene::new(1, "numbers", 0, values.iter().flat_map(|v| v.to_le_bytes()).collect())
 }
 
-/// Runs `work` in `count` threads, each with its index and its own executor.
+/// Runs `work` in `count` threads, each with its index and its own executor, then [finishes](finish) the executors.
 fn in_threads(vulkan: &Vulkan, count: u32, work: impl Fn(u32, &mut Vulkan) + Sync) {
     let executors: Vec<Vulkan> = thread::scope(|scope| {
         let start = |index| {

@@ -66,6 +66,7 @@ impl Window {
     }
 
     /// Waits until the window shows these pixels, each value within `off`: presented images arrive after a delay.
+    /// Panics after [`PATIENCE`], or if the window has another number of pixels.
     pub fn expect(&self, expected: &[[u8; 3]], off: u8) {
         let close = |a: &[u8; 3], b: &[u8; 3]| a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= off);
         let mut shown = self.pixels();

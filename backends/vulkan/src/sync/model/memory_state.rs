@@ -101,7 +101,7 @@ impl<'a> MemoryState<'a> {
     }
 
     /// Replays other barriers from `at` to the first violation, then restores the state. Returns true if there was a
-    /// violation.
+    /// violation. `findings` must be empty before, and limited to the first violation.
     pub fn trial(&mut self, barriers: &Barriers, at: At) -> bool {
         self.before_trial = Some(BeforeTrial {
             cells: Vec::new(),

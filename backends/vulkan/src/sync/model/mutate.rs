@@ -14,8 +14,8 @@ pub struct Mutation {
     pub at: Option<PassId>,
     /// Index of the barrier in the call, from 0.
     pub barrier: usize,
-    /// The mask bit to clear, where an empty mask is Vulkan's `NONE`. `None` removes the whole barrier, with the layout
-    /// change of its image.
+    /// The mask bit to clear; a mask without bits becomes Vulkan's `NONE`. `None` removes the whole barrier, with the
+    /// layout change of its image.
     pub clear: Option<Masks>,
 }
 
@@ -74,7 +74,7 @@ pub fn mutations(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
 /// Returns the barriers with the mutation applied.
 ///
 /// # Panics
-/// Panics if the mutation is not one of the [`mutations`] of these barriers.
+/// Panics if these barriers lack the mutation's pass or barrier.
 pub fn apply(barriers: &Barriers, mutation: &Mutation) -> Barriers {
     let mut mutant = barriers.clone();
     take_away(&mut mutant, mutation);

@@ -42,7 +42,8 @@ pub enum ViolationKind {
     Unwritten,
 }
 
-/// The guarantee that the later access lacks: the first missing one of order, availability and visibility.
+/// The guarantee that the later access lacks: the layout, the contents, or the first missing one of order, availability
+/// and visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
@@ -136,7 +137,8 @@ impl fmt::Display for When {
 }
 
 impl Violation {
-    /// Returns true if both are the same violation, ignoring the frame and the bytes.
+    /// Returns true if both have the same kind, resource and actors. The frame, the bytes, the alias and the missing
+    /// guarantee may differ.
     fn recurs_as(&self, other: &Violation) -> bool {
         let recurring = |v: &Violation| (v.kind, v.resource, v.first.map(|a| a.what), v.second.what);
         recurring(self) == recurring(other)
