@@ -11,7 +11,7 @@ pub(crate) const ROWS: usize = 4096;
 pub(crate) trait Floats: Sync {
     fn width(&self) -> usize;
 
-    /// Returns the bytes of a row's numbers in the file.
+    /// Returns the size of a row's numbers in the file, in bytes.
     fn bytes(&self) -> usize;
 
     /// Returns the distance in bytes from one row to the next.

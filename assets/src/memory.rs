@@ -46,7 +46,7 @@ fn available_text(available: &Option<u64>) -> String {
     available.map(|bytes| format!(", of {} available", display(bytes))).unwrap_or_default()
 }
 
-/// Formats a byte count with a binary unit: `236.0 MiB`.
+/// Formats a byte count with a binary unit: `236.0 MiB`; below 1 KiB, as `512 bytes`.
 pub fn display(bytes: u64) -> String {
     let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
     match units.iter().find(|(_, shift)| bytes >> shift > 0) {

@@ -45,7 +45,7 @@ fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene
     }
 }
 
-/// Content of a file; `T` represents a single scene.
+/// Content of a file; `T` represents a single scene, `M` a mesh.
 enum Found<T, M = Mesh> {
     One(T),
     Mesh(M),

@@ -1,4 +1,5 @@
-//! Writes `.glb` with `KHR_gaussian_splatting`, with all values as floats.
+//! Writes `.glb` with `KHR_gaussian_splatting`. All values are floats, except for `COLOR_0`, which readers that support
+//! only points need.
 
 use super::container::MAGIC;
 use super::document::SPLATTING;

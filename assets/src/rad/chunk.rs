@@ -14,7 +14,7 @@ pub(super) struct Chunk {
     place: Place,
     /// Offset of the payload in the chunk's file.
     payload: u64,
-    /// Index of the first splat in the file.
+    /// Index of the chunk's first splat among all splats of the file.
     pub first: u64,
     pub count: usize,
     properties: Vec<Property>,

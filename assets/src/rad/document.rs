@@ -42,7 +42,7 @@ pub(super) struct Place {
 #[serde(rename_all = "camelCase")]
 pub(super) struct ChunkDocument {
     pub version: u32,
-    /// Index of the first splat in the file.
+    /// Index of the chunk's first splat among all splats of the file.
     pub base: u64,
     pub count: u64,
     pub properties: Vec<Property>,

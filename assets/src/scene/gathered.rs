@@ -96,9 +96,9 @@ impl std::fmt::Display for Dropped {
 /// Lengths of the file's quaternions before normalisation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct QuaternionNorms {
-    /// Length of the shortest quaternion.
+    /// Length of the shortest quaternion; infinite without splats.
     pub min: f64,
-    /// Length of the longest quaternion.
+    /// Length of the longest quaternion; 0 without splats.
     pub max: f64,
     /// Number of lengths that differ from 1 by more than [`QuaternionNorms::FAR`].
     pub far_from_unit: u64,

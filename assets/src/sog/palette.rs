@@ -1,14 +1,14 @@
 //! Chooses the palette of the harmonics: few entries that approximate many points.
 //!
-//! The groups of points with the largest errors are split repeatedly, until every entry has a group. Entries thus go
-//! where points are dense or far apart, and equal points share an entry.
+//! The groups of points with the largest errors are split repeatedly, until every entry has a group or all points of
+//! each group are equal. Entries thus go where points are dense or far apart, and equal points share an entry.
 //!
 //! Everything is deterministic: sums run in the order of the points, whatever the number of threads.
 
 use rayon::prelude::*;
 use std::io::Result;
 
-/// Iterations that move the border between the two halves of a group.
+/// The most iterations that move the border between the two halves of a group.
 const BORDER_STEPS: usize = 4;
 
 const CHUNK: usize = 4096;

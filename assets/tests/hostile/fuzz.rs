@@ -14,7 +14,7 @@ use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
-/// Builds small scenes in all encodings, with the lengths of their headers.
+/// Builds small PLY files in all encodings, with the lengths of their headers.
 fn scenes() -> Vec<(Vec<u8>, usize)> {
     let mut seeds = Vec::new();
     for (generator, count) in [("uniform", 6), ("needles", 9), ("demo", 3)] {
@@ -261,8 +261,8 @@ fn damaged_ksplat_files_are_read_or_refused() {
     run("ksplat", &seeds, 4 << 20, parse);
 }
 
-/// Builds `.rad` files in all encodings, compressed or not: splats, a palette of harmonics and a tree of two chunks.
-/// Returns them with the lengths of their texts.
+/// Builds files that use all encodings, compressed or not: a `.rad` of one chunk, a `.rad` with a palette of harmonics
+/// and a tree of two chunks, and a `.radc`. Each has about the length of its texts as its head.
 fn rad(compressed: bool) -> [(Vec<u8>, usize); 3] {
     let values = |count: usize| (0..count).map(|index| (index as f32 * 0.37).sin()).collect::<Vec<f32>>();
     let positive = |count: usize| values(count).iter().map(|value| 0.6 + 0.3 * value).collect::<Vec<f32>>();

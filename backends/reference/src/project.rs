@@ -206,8 +206,8 @@ impl<'a> Projector<'a> {
         if dot(axis, from_camera) > 0.0 { axis.map(|v| -v) } else { axis }
     }
 
-    /// Returns the rows of `M = J W R S`, the splat's three axes on the image, in pixels. Source: `computeCov2D` and
-    /// `computeCov3D` in forward.cu.
+    /// Returns the two rows of `M = J W R S`. Its columns are the splat's three axes on the image, in pixels. Source:
+    /// `computeCov2D` and `computeCov3D` in forward.cu.
     fn axes(&self, view: [f64; 3], splat: &Gaussian) -> [[f64; 3]; 2] {
         let jacobian = self.lens.jacobian(view);
         let rotation = rotation(splat.rotation);

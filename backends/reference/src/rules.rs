@@ -66,7 +66,7 @@ impl Rules {
         stop: Some(1e-4f32 as f64),
     };
 
-    /// Returns the published rules, adapted to the tags in the scene's file.
+    /// Returns the published rules, adapted to the scene's tags `low_pass` and `key_of`.
     pub fn of(scene: &Scene) -> Rules {
         let mut rules = Rules::PUBLISHED;
         let notes = scene.notes();
@@ -217,7 +217,7 @@ pub enum KeyOf {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Depth {
     /// Positions and matrix are rounded to f32 first, as in the rasteriser. If f32 is too coarse for the positions, the
-    /// depth is computed in f64 and then rounded.
+    /// depth is computed in f64 and then rounded. So are distances.
     F32,
     /// Computed in f64, for scenes with depths that f32 cannot distinguish.
     F64,

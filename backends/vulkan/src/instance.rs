@@ -50,7 +50,8 @@ pub(crate) fn no_driver_in(variable: Option<(&str, OsString)>) -> BackendError {
     })
 }
 
-/// The oldest version with all functions that this crate calls (synchronization2, dynamic rendering, maintenance4).
+/// The oldest version with all functions and features that this crate relies on, such as synchronization2, dynamic
+/// rendering and maintenance4.
 pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
 
 /// A Vulkan instance, destroyed on drop. Everything created from it must be destroyed first.
@@ -71,7 +72,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Returns true if a device has an extension.
+    /// Returns true if a device has an extension; false also if the query fails.
     pub fn has_extension(&self, device: vk::PhysicalDevice, name: &CStr) -> bool {
         // SAFETY: the device is one of the instance's.
         let extensions = unsafe { self.raw.enumerate_device_extension_properties(device) };
@@ -82,7 +83,8 @@ impl Instance {
         lock(&self.surface).clone()
     }
 
-    /// Recreates the surface for the same window. All swapchains of the previous one must have been dropped.
+    /// Recreates the surface for the same window. All swapchains of the previous surface must have been dropped. Does
+    /// nothing if there is no surface.
     pub fn renew_surface(&self) -> Result<(), BackendError> {
         let mut surface = lock(&self.surface);
         let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
@@ -116,7 +118,7 @@ impl Instance {
         if labels {
             names.push(ext::debug_utils::NAME.as_ptr());
         }
-        // Otherwise the loader hides drivers that implement only a subset of Vulkan, such as MoltenVK.
+        // Without this flag, the loader hides drivers that implement only a subset of Vulkan, such as MoltenVK.
         let mut flags = vk::InstanceCreateFlags::empty();
         if offers(&offered, khr::portability_enumeration::NAME) {
             names.push(khr::portability_enumeration::NAME.as_ptr());
@@ -215,8 +217,8 @@ pub fn searching_devices<T>(search: impl FnOnce() -> T) -> T {
     search()
 }
 
-/// Returns the Vulkan loader, opened once. It is never closed, because drivers may leave threads and thread-local data
-/// behind.
+/// Returns the Vulkan loader. The first call opens it; a failure is kept, too. It is never closed, because drivers may
+/// leave threads and thread-local data behind.
 fn loader() -> Result<&'static ash::Entry, BackendError> {
     static LOADER: OnceLock<Result<ash::Entry, String>> = OnceLock::new();
     LOADER

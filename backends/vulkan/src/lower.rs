@@ -32,14 +32,14 @@ pub(crate) struct Subgroups {
     pub full: bool,
 }
 
-/// The pipelines of a plan. Each has the index of its interface.
+/// The pipelines of a plan, each with the index of its interface in `interfaces`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Lowered {
     pub interfaces: Vec<Interface>,
     pub pipelines: PipelineStates<usize>,
 }
 
-/// Everything that a device's pipeline depends on, and its name.
+/// Everything that a device's pipeline depends on, and the name of its first shader.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PipelineKey {
     /// Shaders are numbered from 0, in the order of `spirv`.

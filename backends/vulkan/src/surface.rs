@@ -46,7 +46,7 @@ impl Surface {
         Ok(Surface { raw, is_wayland, functions: khr::surface::Instance::new(entry, instance), window })
     }
 
-    /// Returns true if queues of this family can present to the window.
+    /// Returns true if queues of this family can present to the window; false also if the query fails.
     pub fn can_show(&self, device: vk::PhysicalDevice, family: u32) -> bool {
         // SAFETY: the device belongs to the instance, and the family to the device.
         unsafe { self.functions.get_physical_device_surface_support(device, family, self.raw) }

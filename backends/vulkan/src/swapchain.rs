@@ -22,7 +22,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
-/// Maximum wait for an image, in nanoseconds. While a window is hidden, it may return none.
+/// Maximum wait for an image, in nanoseconds: a hidden window may return none.
 const PATIENCE: u64 = 2_000_000_000;
 
 /// A window's swapchain, with the semaphores and command buffers of its blits. The device must be idle when it is

@@ -17,7 +17,7 @@ impl Serialize for Decibels {
     }
 }
 
-/// Writes a PSNR; `None`, identical pictures, is infinite.
+/// Writes a PSNR; `None`, identical pictures, is written as `inf`.
 ///
 /// # Errors
 /// The serializer's errors.
@@ -45,7 +45,7 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<
     }
 }
 
-/// Writes a PSNR that may be infinite.
+/// Writes a PSNR; infinity is written as `inf`.
 ///
 /// # Errors
 /// The serializer's errors.
@@ -53,7 +53,7 @@ pub fn serialize_number<S: Serializer>(psnr_db: &f64, serializer: S) -> Result<S
     Decibels(*psnr_db).serialize(serializer)
 }
 
-/// Writes a PSNR that may be infinite; `None`, not measured, is `null`.
+/// Writes a PSNR; infinity is written as `inf`, and `None`, not measured, as `null`.
 ///
 /// # Errors
 /// The serializer's errors.
@@ -61,7 +61,7 @@ pub fn serialize_measured<S: Serializer>(psnr_db: &Option<f64>, serializer: S) -
     psnr_db.map(Decibels).serialize(serializer)
 }
 
-/// Writes the PSNR of several views, which may be infinite.
+/// Writes a list with the PSNR of each view; infinity is written as `inf`.
 ///
 /// # Errors
 /// The serializer's errors.

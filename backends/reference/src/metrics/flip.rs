@@ -152,7 +152,7 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Maps the distance between two colours to a difference from 0 to 1 [8].
 ///
-/// Distances below 0.4 of `most`, the largest possible, are spread over 0 to 0.95.
+/// Distances below 0.4 of `most`, the largest possible, are spread over 0 to 0.95, the others over 0.95 to 1.
 fn difference(a: [f64; 3], b: [f64; 3], most: f64) -> f64 {
     const PART: f64 = 0.4;
     const OF: f64 = 0.95;

@@ -58,7 +58,7 @@ pub enum At {
     Frame(u32, usize),
 }
 
-/// A resource with a history that the next plan continues from, with its layout.
+/// The state in which a plan leaves a resource with a history, for the next plan.
 pub struct Carried {
     name: String,
     shape: Shape,
@@ -237,7 +237,8 @@ impl<'a> MemoryState<'a> {
         when.frame() % self.replay.copies.max(1)
     }
 
-    /// Simulates the host before a frame: waits for the fence of an earlier frame, and writes the uniform blocks.
+    /// Simulates the host before a frame: waits for the fence of an earlier frame, and writes the uniform blocks and
+    /// host buffers.
     ///
     /// Submission makes these writes visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").
     fn prepare(&mut self, frame: u32) {

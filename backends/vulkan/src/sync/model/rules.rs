@@ -9,7 +9,7 @@ pub struct Replay {
     pub in_flight: u32,
     /// Number of copies of each resource that the host writes or reads back: frame `n` uses copy `n % copies`.
     ///
-    /// With fewer than `in_flight` copies, the host overwrites uniform blocks that the device is still reading.
+    /// With fewer than `in_flight` copies, the host overwrites data that the device is still reading.
     pub copies: u32,
 }
 

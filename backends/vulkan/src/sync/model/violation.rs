@@ -21,7 +21,7 @@ pub struct Violation {
     pub through: Option<ResourceId>,
     /// Range of bytes in `resource`.
     pub range: Range<u64>,
-    /// The guarantee that is missing between the two accesses.
+    /// The guarantee that `second` lacks.
     pub missing: Missing,
     /// Index of the plan in [`replay_swap`](super::replay_swap); otherwise 0.
     pub plan: usize,
@@ -105,7 +105,7 @@ pub enum What {
         /// Pass that follows the barrier; `None` in the handover.
         before: Option<PassId>,
     },
-    /// The host, writing a uniform block for a frame.
+    /// The host, writing a uniform block or a host buffer for a frame.
     Host,
 }
 

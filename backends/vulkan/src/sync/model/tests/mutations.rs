@@ -5,7 +5,8 @@ use super::mutate::{Mutation, apply, mutations, needless};
 use super::*;
 use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
-/// Returns a minimal plan: a dispatch writes a buffer and an image, a draw reads the buffer, and the image is exported.
+/// Returns a plan whose barriers have no needless bit. The prologue fills and changes a table. In a frame, a dispatch
+/// writes a buffer and an image, a draw reads the buffer, and the image is exported.
 fn minimal() -> Sketch {
     let mut sketch = Sketch::new();
     let (table, keys, image) = (sketch.buffer("table"), sketch.buffer("keys"), sketch.image("image"));
