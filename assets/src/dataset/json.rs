@@ -1,8 +1,8 @@
 //! Reads both JSON formats of cameras: the 3DGS reference implementation's list, and `transforms.json`.
 //!
 //! The poses of a `transforms.json` transform camera coordinates (x right, y up, z backward) to world coordinates.
-//! Values of a frame take precedence over the file's. Sources: the Blender scenes of NeRF (`camera_angle_x`), and
-//! <https://docs.nerf.studio/quickstart/data_conventions.html>.
+//! Values of a frame take precedence over the file's, except that `is_fisheye` is true if either has it. Sources: the
+//! Blender scenes of NeRF (`camera_angle_x`), and <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
 use super::colmap::UNDISTORT;
 use super::error::{CameraError, MAX_CAMERAS};

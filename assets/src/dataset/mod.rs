@@ -2,7 +2,7 @@
 //!
 //! | dataset | recognised by |
 //! |---|---|
-//! | COLMAP, text or binary | a folder with `cameras` and `images` in it, in `sparse/0` or in `sparse` |
+//! | COLMAP, text or binary | a file `cameras` or `images`; a folder with both in it, in `sparse/0` or in `sparse` |
 //! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
 //! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |

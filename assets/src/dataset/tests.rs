@@ -170,7 +170,7 @@ fn colmap_text_shows_a_known_point_at_its_pixel() {
     }
 }
 
-/// Builds both binary files. Each image has `points` points.
+/// Builds `cameras.bin` and `images.bin` of a model with two images, each with `points` points.
 fn colmap_binary(model: u32, parameters: &[f64], points: u64) -> [Vec<u8>; 2] {
     let mut lenses = 1u64.to_le_bytes().to_vec();
     lenses.extend([7, model].map(u32::to_le_bytes).as_flattened());

@@ -104,7 +104,8 @@ impl FileNotes {
         self.low_pass != Filter::Dilated
     }
 
-    /// Lists the nodes that were left out and the opacities that were changed, one phrase each if there are any.
+    /// Lists the nodes and meshes that were left out and the opacities that were changed, one phrase each if there are
+    /// any.
     pub fn left_out(&self) -> Vec<String> {
         let counted = [
             (self.lod_nodes, "nodes of a tree of levels of detail above its leaves"),
