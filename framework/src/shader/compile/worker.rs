@@ -26,6 +26,8 @@ use crate::shader::compiler::Cancel;
 
 /// Environment variable that makes a program serve as a worker; its value is the limits.
 pub(super) const VARIABLE: &str = "SPLATGRAPH_SHADER_COMPILER";
+/// The call that a worker's `main` begins with, for errors.
+const SERVE: &str = "`splatgraph_framework::shader::serve_if_asked`";
 /// Marker that a worker writes before its first message: the parent skips everything before it.
 pub(super) const MAGIC: &[u8] = b"\nsplatgraph shader compiler 1\n";
 /// Exit code of a worker that took too much memory.
@@ -206,6 +208,12 @@ struct Process {
 impl Process {
     fn start(worker: &Worker) -> io::Result<Process> {
         let _span = info_span!("start the compiler").entered();
+        // A program that does not serve would otherwise start itself again and again.
+        if std::env::var_os(VARIABLE).is_some() {
+            return Err(io::Error::other(format!(
+                "expected a `main` that calls {SERVE} first, found a worker that compiles"
+            )));
+        }
         let mut command = Command::new(&worker.program);
         command
             .args(&worker.arguments)
@@ -238,7 +246,9 @@ impl Process {
         reader?;
         match process.replies.recv_timeout(START) {
             Ok(Ok(_)) => Ok(process),
-            _ => Err(io::Error::other("it does not answer as the compiler")),
+            _ => {
+                Err(io::Error::other(format!("expected a program that calls {SERVE} first, found no answer")))
+            }
         }
     }
 

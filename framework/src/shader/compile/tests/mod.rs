@@ -104,6 +104,14 @@ fn errors_are_at_the_token_that_they_are_about() {
             "void main() { const int b = 3; b = 4; }",
             "5:34: = | `=`: l-value required (can't modify a const) | ",
         ),
+        (
+            "void add(inout uint x) {}\nvoid main() { const uint k = 1u; uint j = 2u; add(k); }",
+            "6:51: k | `k`: l-value required (can't modify a const) | ",
+        ),
+        (
+            "void main() { const uint k = 1u; uint j = 2u; k += j; }",
+            "5:49: += | `+=`: l-value required (can't modify a const) | ",
+        ),
         ("// \u{e9}\u{fc}\nvoid main() { /* \u{e9} */ x = 3; }", "6:23: x | `x`: undeclared identifier | "),
         (
             "#define A B\nvoid main() { uint A = 3, q = 2 A; }",
@@ -146,6 +154,19 @@ fn an_error_in_an_included_file_is_shown_there() {
     let math = math.replace('y', "x");
     let files = [("shaders/a.comp", shader.as_str()), ("shaders/common/math.glsl", math.as_str())];
     assert_eq!(errors_of(&files, &[("BITS", "3")]), ["6:29: z | `z`: undeclared identifier | "]);
+}
+
+#[test]
+fn a_statement_that_ends_in_no_semicolon_before_an_include_is_shown_with_the_include() {
+    let shader =
+        format!("{HEAD}#include \"own.glsl\"\n#include \"next.glsl\"\nvoid main() {{ o[0] = next(); }}\n");
+    let files = [
+        ("shaders/a.comp", shader.as_str()),
+        ("shaders/own.glsl", "const uint own = 1u\n"),
+        ("shaders/next.glsl", "// Next.\n#define NEXT 2u\nuint next() { return NEXT; }\n"),
+    ];
+    let error = Bench::new(&files).compile("a.comp", &[]).unwrap_err();
+    assert!(error.contains("--> shaders/next.glsl:3:1") && error.contains("shaders/a.comp:6:11"), "{error}");
 }
 
 #[test]
@@ -369,6 +390,19 @@ fn a_program_that_does_not_serve_is_an_error() {
         let error = next(&mut bench, SOUND).unwrap_err();
         assert!(error.contains(&format!("the compiler's process {program} cannot be started")), "{error}");
     }
+}
+
+#[test]
+fn a_worker_that_does_not_serve_starts_no_worker_of_its_own() {
+    if std::env::var_os(super::worker::VARIABLE).is_some() {
+        let error = next(&mut Bench::new(&[]).in_worker(Limits::default()), SOUND).unwrap_err();
+        assert!(error.contains("found a worker that compiles"), "{error}");
+        return;
+    }
+    let test = "shader::compile::tests::a_worker_that_does_not_serve_starts_no_worker_of_its_own";
+    let mut again = std::process::Command::new(std::env::current_exe().expect("this program"));
+    let ended = again.args(["--exact", test]).env(super::worker::VARIABLE, "").status().expect("started");
+    assert!(ended.success());
 }
 
 #[test]
