@@ -133,6 +133,18 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     place.write("shared/job.json", "{}");
     let shared = "expected a folder without job.json, found shared";
     place.refuses("", &[("evaluate scene.ply -c views -o shared", 2, shared)]);
+    let [cameras, photograph] = ["the cameras", "a photograph of the dataset"]
+        .map(|input| format!("--json would overwrite {input}, views/"));
+    place.refuses(
+        "",
+        &[
+            ("evaluate scene.ply -c views --json=views/sparse/0/images.txt", 2, &cameras),
+            ("render scene.ply -c views#1 -o x.png --json=views/sparse/0/cameras.txt", 2, &cameras),
+            ("convert scene.ply --price -c views --json=views/sparse/0/images.txt", 2, &cameras),
+            // Not a test view.
+            ("evaluate scene.ply -c views --json=views/images/view-0001.png", 2, &photograph),
+        ],
+    );
     std::fs::remove_file(place.at("views/images/view-0008.png")).expect("it is there");
     std::fs::create_dir(place.at("empty")).expect("a folder");
     place.refuses(

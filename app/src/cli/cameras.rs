@@ -4,7 +4,7 @@ use super::outcome::Usage;
 use crate::draw::camera;
 use crate::io::output::{OutputGuard, one_line, say};
 use anyhow::{Result, bail};
-use splatgraph_assets::{Camera, CameraError, Dataset};
+use splatgraph_assets::{Camera, CameraError, Dataset, View};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -120,21 +120,33 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
-/// Registers the file of `FILE` or `FILE#INDEX`, and the photographs of a dataset, as inputs. The file's own name may
-/// contain a `#`.
+/// Registers the files of a dataset, given as `PATH` or `PATH#INDEX`, and its photographs as inputs.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());
     }
-    guard.input("the cameras", Path::new(cameras))?;
-    if let Some((file, _)) = cameras.rsplit_once('#') {
-        guard.input("the cameras", Path::new(file))?;
+    // A `#` may also be part of the file's own name.
+    let file = match cameras.rsplit_once('#') {
+        Some((file, _)) if !Path::new(cameras).exists() => file,
+        _ => cameras,
+    };
+    match Dataset::load(file) {
+        Ok(dataset) => claim_dataset(guard, &dataset),
+        // The command reports it when it reads the cameras.
+        Err(_) => Ok(()),
     }
-    let dataset = Dataset::load(cameras).ok();
-    let photographs = dataset.and_then(|dataset| Some((dataset.photographs?, dataset.views)));
-    for (folder, view) in
-        photographs.iter().flat_map(|(folder, views)| views.iter().map(move |view| (folder, view)))
-    {
+}
+
+/// Registers the files of a dataset and its photographs as inputs.
+pub fn claim_dataset(guard: &mut OutputGuard, dataset: &Dataset) -> Result<(), Usage> {
+    dataset.files.iter().try_for_each(|file| guard.input("the cameras", file))?;
+    let folder = dataset.photographs.as_deref();
+    folder.map_or(Ok(()), |folder| claim_photographs(guard, folder, &dataset.views))
+}
+
+/// Registers the photographs of all views in a folder as inputs.
+pub fn claim_photographs(guard: &mut OutputGuard, folder: &Path, views: &[View]) -> Result<(), Usage> {
+    for view in views {
         // A photograph outside of the dataset is refused as an input, but no output may overwrite it either.
         let named = || Some(folder.join(&view.photograph)).filter(|path| path.is_file());
         if let Some(file) = Dataset::photograph_in(folder, view).ok().or_else(named) {

@@ -195,11 +195,9 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let mut guard = OutputGuard::default();
     let mut claim = || -> Result<(), Usage> {
         guard.scene("the scene", &args.scene)?;
-        guard.input("the cameras", &args.cameras)?;
+        cameras::claim_dataset(&mut guard, &dataset)?;
+        cameras::claim_photographs(&mut guard, folder, &dataset.views)?;
         guard.input("the graph", Path::new(&args.pipeline))?;
-        for path in views.iter().flat_map(|view| &view.photograph) {
-            guard.input("a photograph", path)?;
-        }
         args.json.iter().try_for_each(|path| guard.output("--json", path))?;
         if let Some(output) = &args.output {
             if is_standard_output(output) {

@@ -31,7 +31,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
             Ok(View { camera: Camera { img_name, ..camera }, photograph, test: None })
         };
         let views = whole(text, List { reached: &reached, view, entry: PhantomData });
-        views.map(|views| Dataset { views, photographs: None, off_center: 0.0 })
+        views.map(|views| Dataset { views, ..Dataset::default() })
     };
     parsed.map_err(|error| {
         // serde_json appends the line and column to its message.
@@ -224,7 +224,7 @@ fn transforms(text: &str, path: &Path, reached: &Cell<Option<usize>>) -> serde_j
     for (view, id) in views.iter_mut().zip(0..) {
         view.camera.id = id;
     }
-    Ok(Dataset { views, photographs: Some(folder), off_center })
+    Ok(Dataset { views, photographs: Some(folder), off_center, ..Dataset::default() })
 }
 
 struct Frames<'a, F>(List<'a, Fields, F>);

@@ -53,7 +53,7 @@ impl Dataset {
             return Ok(dataset);
         }
         let text = file::read_text(path, MAX_CAMERA_BYTES).map_err(CameraError::io(path))?;
-        Self::parse(&text, path)
+        Ok(Self { files: vec![path.to_owned()], ..Self::parse(&text, path)? })
     }
 
     /// Parses the text of a `cameras.json` or a `transforms.json`. Errors name `path`; photographs are in its folder.
@@ -77,6 +77,7 @@ impl Dataset {
             if train.exists() {
                 let train = Self::load(&train)?;
                 dataset.off_center = dataset.off_center.max(train.off_center);
+                dataset.files.extend(train.files);
                 let views = train.views.into_iter().map(|view| View { test: Some(false), ..view });
                 dataset.views.extend(views);
             }
@@ -105,7 +106,7 @@ impl Dataset {
         }
         let view = |camera: Camera| View { photograph: camera.img_name.clone(), camera, test: None };
         let views = cameras.into_iter().map(view).collect();
-        Ok(Some(Self { views, photographs: None, off_center: 0.0 }))
+        Ok(Some(Self { views, files: vec![path.to_owned()], ..Self::default() }))
     }
 
     fn load_colmap(folder: &Path) -> Result<Self, CameraError> {

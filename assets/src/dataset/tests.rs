@@ -409,6 +409,10 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     ["r_0.png", "r_1.png", "r_2.png", "r_3.png"].into_iter().for_each(png);
     let dataset = Dataset::load(folder.path()).unwrap();
     assert_eq!(dataset.views.len(), 4);
+    assert_eq!(
+        dataset.files,
+        ["test", "train"].map(|split| folder.path().join(format!("transforms_{split}.json")))
+    );
     let [test] = dataset.test_views().try_into().unwrap();
     assert_eq!((test.camera.img_name.as_str(), test.camera.width, test.camera.height), ("r_0", 100, 80));
     assert!((test.camera.fx - 100.0).abs() < 1e-9 && test.camera.fy == test.camera.fx);
@@ -467,7 +471,7 @@ fn each_eighth_view_in_the_order_of_names_is_a_test() {
         photograph: format!("{:02}.png", (index * 7) % 17),
         test: None,
     };
-    let dataset = Dataset { views: (0..17).map(view).collect(), photographs: None, off_center: 0.0 };
+    let dataset = Dataset { views: (0..17).map(view).collect(), ..Dataset::default() };
     let names: Vec<&str> = dataset.test_views().iter().map(|view| view.photograph.as_str()).collect();
     assert_eq!(names, ["00.png", "08.png", "16.png"]);
 }

@@ -15,12 +15,14 @@ pub struct View {
 }
 
 /// The views of a capture.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
     /// The views, in the order of the dataset's file. Blender's test views, which have their own file, come first.
     pub views: Vec<View>,
     /// Folder that the photographs' paths are relative to, if the dataset specifies it.
     pub photographs: Option<PathBuf>,
+    /// Files that the cameras were read from; empty for a parsed text.
+    pub files: Vec<PathBuf>,
     /// Largest distance of a principal point from its image's centre, in pixels along an axis.
     pub off_center: f64,
 }

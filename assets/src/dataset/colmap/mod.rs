@@ -25,7 +25,7 @@ fn has(folder: &Path, form: &str) -> bool {
 pub(super) fn load(folder: &Path) -> Result<Dataset, CameraError> {
     let form = if has(folder, "bin") { "bin" } else { "txt" };
     let [cameras, images] = ["cameras", "images"].map(|name| folder.join(format!("{name}.{form}")));
-    let mut dataset = Dataset { views: Vec::new(), photographs: None, off_center: 0.0 };
+    let mut dataset = Dataset { files: vec![cameras.clone(), images.clone()], ..Dataset::default() };
     if form == "bin" {
         let lenses = binary::lenses(&cameras)?;
         binary::images(&images, &lenses, &mut dataset)?;
