@@ -64,7 +64,7 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     assert!(many.remove("job.json").is_some() && many == one);
     assert_eq!(run(&place, "merge out", &[], 0), "3 of 3 views are present\n");
     for (more, code, why) in [
-        (&["out", "--shard", "0/1", "--background", "1,1,1"][..], 1, "differ in kind of picture"),
+        (&["out", "--shard", "0/1", "--background", "1,1,1"][..], 1, "differ in --background: name"),
         (&["out", "--shard", "0/1", "-p", "splat"], 1, "differ in graph"),
         (&["out"], 2, "expected a folder without job.json, found out"),
         (&["new", "--shard", "2/2"], 2, "expected I/N"),
@@ -82,6 +82,14 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     };
     set("--set cutoff=3.0 --set digit_bits=4", "3 done");
     set("--set digit_bits=4 --set cutoff=3", "3 already there");
+    // The file of the scene has a tag: splats of .glb files are sorted by their distance.
+    run(&place, "convert scene.ply tagged.glb", &[], 0);
+    for (folder, set) in [("drawn", "-p splat"), ("exact", "--backend reference")] {
+        let line = format!("render tagged.glb -c cameras.json {set} --size 32x24 --shard 0/1 -o {folder}");
+        run(&place, &line, &[], 0);
+        let told = run(&place, &line, &["--ignore-tags"], 1);
+        assert!(told.contains("differ in tags: name another folder"), "{told}");
+    }
     let told = run(&place, &line.replace("d.npy", "e.npy"), &["out", "--shard", "0/1"], 1);
     assert!(told.contains("differ in the names of files: name another folder"), "{told}");
     let told = run(&place, "merge nowhere", &[], 1);
@@ -182,17 +190,17 @@ fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
     place.write("scores/parts/view-0003.json", "{");
     fs::remove_file(place.at("views/images/view-0007.png")).expect("it is there");
     let told = run(&place, "merge scores", &[], 1);
-    assert!(told.contains("8 of 9 views are present\nmissing: view-0003\n"), "{told}");
+    assert!(told.contains("8 of 9 views are present\nmissing: view-0003.png\n"), "{told}");
     let line = "evaluate copy.ply -c ./views/ --all -o scores --shard 0/1";
     let told = run(&place, line, &[], 1);
-    let why = "9 of 9 views: 2 done, 6 already there, 1 failed\nview-0007: expected the photograph ";
+    let why = "9 of 9 views: 2 done, 6 already there, 1 failed\nview-0007.png: expected the photograph ";
     assert!(told.contains(why), "{told}");
     run(&place, "merge scores", &[], 1);
     let part = place.json("scores/scores.json");
     assert_eq!((&part["missing"], &part["mean"]["ssim"]), (&json!(["view-0007.png"]), &Value::Null));
     assert!(part["views"][4]["psnr_db"].as_f64() < Some(40.0), "{part:#}");
     let told = run(&place, &line.replace("--all", "--all --downscale 2"), &[], 1);
-    assert!(told.contains("differ in kind of score"), "{told}");
+    assert!(told.contains("differ in --downscale: name another folder"), "{told}");
     // Photographs of another size are scored again, and not joined with the others.
     run(&place, "synth --photograph scene.ply --dataset small --views 9 --size 16x12", &[], 0);
     let small = "evaluate scene.ply -c views --photographs small/images --all -o scores --shard";

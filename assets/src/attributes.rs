@@ -112,8 +112,10 @@ impl Scene {
         });
     }
 
-    /// Returns a hash of everything that can be drawn, computed once. Equal scenes have equal hashes, whatever their
-    /// files.
+    /// Returns a hash of the splats and the mesh, computed once. Equal scenes have equal hashes, whatever their files.
+    ///
+    /// It leaves out the tags ([`FileNotes::rules`](crate::FileNotes::rules)) and [`Scene::offset`], which attributes
+    /// do not depend on, but pictures do.
     pub fn identity(&self) -> u64 {
         *self.identity.get_or_init(|| {
             let _span = info_span!("hash the scene").entered();

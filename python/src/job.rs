@@ -18,7 +18,7 @@ type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
 pub struct Job {
     /// The job; `None` once closed.
     job: Arc<Mutex<Option<cli::Job>>>,
-    /// File names of the views, without extension.
+    /// Names of the views, for messages.
     #[pyo3(get)]
     views: Vec<String>,
 }

@@ -282,7 +282,7 @@ fn request(args: &Args) -> Json {
         "scene": options::text_of(&args.scene), "dataset": options::text_of(&args.cameras),
         "backend": args.backend.to_string(), "pipeline": graph,
         "set": args.set, "downscale": args.downscale, "photographs": args.photographs.as_deref().map(options::text_of), "all": args.all,
-        "background": args.background,
+        "background": args.background, "ignore_tags": args.load.ignore_tags, "level": args.load.level,
     })
 }
 
@@ -379,30 +379,33 @@ impl Views {
 
 impl job::Work for Views {
     fn outputs(&self) -> job::Outputs {
-        job::Outputs::parts(COMMAND, &self.folder, &self.work.stems)
+        let views = self.work.views.iter().map(|view| view.name.clone()).collect();
+        job::Outputs { views, ..job::Outputs::parts(COMMAND, &self.folder, &self.work.stems) }
     }
 
     fn open(&mut self) -> Result<job::Origin> {
-        let mut drawer = Drawer::open(&self.args, &mut self.work, self.scene.clone())?;
-        let cameras: Vec<_> = self.work.views.iter().map(|view| &view.camera).collect();
+        let drawer = Drawer::open(&self.args, &mut self.work, self.scene.clone())?;
+        let scene = match &drawer {
+            Drawer::Reference(scene) => scene.clone(),
+            Drawer::Device(session) => session.shared_scene(),
+        };
+        let views = self.work.views.iter();
+        let cameras: Vec<_> = views.map(|view| view.camera.relative_to(scene.offset())).collect();
         let cameras = serde_json::to_value(cameras)?;
-        let mut origin = match &mut drawer {
-            Drawer::Reference(scene) => {
-                self.scene = Some(scene.clone());
-                job::origin(scene.identity(), &cameras)?
-            }
+        let mut origin = match &drawer {
+            Drawer::Reference(scene) => job::origin(scene, &cameras)?,
             Drawer::Device(session) => {
-                self.scene = Some(session.shared_scene());
                 job::origin_of(session, &cameras, (&self.args.pipeline, &self.args.set))?
             }
         };
+        self.scene = Some(scene);
         let Args { backend, downscale, background, .. } = &self.args;
-        let kind =
-            json!({ "backend": backend.to_string(), "downscale": downscale, "background": background });
-        origin.insert("kind of score".into(), kind);
-        let names: Vec<_> = self.work.views.iter().map(|view| &view.name).collect();
-        origin.insert(PHOTOGRAPHS.into(), json!(names));
-        origin.insert(job::REQUEST.into(), request(&self.args));
+        origin.extend([
+            ("--backend".into(), json!(backend.to_string())),
+            ("--downscale".into(), json!(downscale)),
+            ("--background".into(), json!(background)),
+            (job::REQUEST.into(), request(&self.args)),
+        ]);
         self.drawer = Some(drawer);
         Ok(origin)
     }
@@ -447,9 +450,6 @@ pub const COMMAND: &str = "evaluate";
 /// File name of the scores in the folder of a shared run.
 const SCORES: &str = "scores.json";
 
-/// Entry of the origin with the names of the views' photographs.
-const PHOTOGRAPHS: &str = "photographs";
-
 /// Checks that all pictures have the same scale relative to their cameras. The photographs' sizes are not part of the
 /// origin, because a missing photograph has none.
 fn check_scales(origin: &job::Origin, parts: &[Part], missing: &[usize]) -> Result<()> {
@@ -485,10 +485,10 @@ fn check_scales(origin: &job::Origin, parts: &[Part], missing: &[usize]) -> Resu
 ///
 /// # Errors
 /// The origin has no request, the sizes of the photographs differ, or the file cannot be written.
-pub fn merge(origin: &job::Origin, parts: Vec<Part>, missing: &[usize], output: &Path) -> Result<()> {
+pub fn merge(manifest: &Manifest, parts: Vec<Part>, missing: &[usize], output: &Path) -> Result<()> {
+    let origin = &manifest.origin;
     check_scales(origin, &parts, missing)?;
-    let name = |view: &usize| origin.get(PHOTOGRAPHS)?.get(view)?.as_str().map(str::to_owned);
-    let missing = missing.iter().filter_map(name).collect();
+    let missing = missing.iter().filter_map(|view| manifest.views.get(*view).cloned()).collect();
     let found = Evaluation::new(parts.into_iter().map(|part| part.score).collect(), missing);
     let request = origin.get(job::REQUEST).cloned().context("the origin of an evaluation")?;
     output::write_bytes(&output.join(SCORES), (as_json(request, &found) + "\n").as_bytes())?;

@@ -18,6 +18,7 @@ use anyhow::{Context, Result, bail};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
+use splatgraph_assets::Scene;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::source::Content;
 use std::collections::{BTreeMap, BTreeSet};
@@ -67,6 +68,9 @@ pub struct ShardArgs {
 /// Inputs that determine the results of views, by their names in messages. Also contains [`REQUEST`].
 pub type Origin = Map<String, Json>;
 
+/// Entry of an [`Origin`] with the scene's tags, which `--ignore-tags` changes. Earlier versions did not record it.
+const TAGS: &str = "tags";
+
 /// Entry of an [`Origin`] with the words of the command line that merged documents repeat, such as the scene's path. It
 /// is not compared: equal files have different paths on different machines.
 pub const REQUEST: &str = "request";
@@ -74,7 +78,7 @@ pub const REQUEST: &str = "request";
 pub struct Outputs {
     pub command: &'static str,
     pub folder: PathBuf,
-    /// File names of the views, unique and without extension.
+    /// Names of the views in messages.
     pub views: Vec<String>,
     /// Files of each view, relative to the folder, or absolute if outside of it. The first is the result, which `merge`
     /// reads.
@@ -82,10 +86,11 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Names the results of a command that writes a JSON file for each view with [`write_part`].
-    pub fn parts(command: &'static str, folder: &Path, views: &[String]) -> Outputs {
-        let files = views.iter().map(|view| vec![part(view)]).collect();
-        Outputs { command, folder: folder.into(), views: views.to_vec(), files }
+    /// Names the results of a command that writes a JSON file for each view with [`write_part`]. `stems` are the views'
+    /// names in file names, unique and without extension.
+    pub fn parts(command: &'static str, folder: &Path, stems: &[String]) -> Outputs {
+        let files = stems.iter().map(|stem| vec![part(stem)]).collect();
+        Outputs { command, folder: folder.into(), views: stems.to_vec(), files }
     }
 }
 
@@ -135,8 +140,15 @@ impl Manifest {
         let path = folder.join(MANIFEST);
         let text = own_file::read(&path)
             .with_context(|| format!("expected a folder of --shard, found no {}", path.display()))?;
-        serde_json::from_slice(&text)
-            .with_context(|| format!("{}: expected the description of a job", path.display()))
+        let found: Manifest = serde_json::from_slice(&text)
+            .with_context(|| format!("{}: expected the description of a job", path.display()))?;
+        if !found.origin.contains_key(TAGS) {
+            bail!(
+                "{}: expected results of this version of the program, found those of an earlier one, which may be of scenes with different tags: run all shards again in another folder",
+                path.display()
+            );
+        }
+        Ok(found)
     }
 
     /// Writes the description into a folder, or checks that the folder has an equal one.
@@ -234,7 +246,7 @@ impl Job {
         Job { outputs: work.outputs(), work, opened: false, messages: Vec::new() }
     }
 
-    /// Returns the file names of the views, without extension.
+    /// Returns the names of the views, for messages.
     pub fn views(&self) -> &[String] {
         &self.outputs.views
     }
@@ -410,15 +422,18 @@ pub fn origin_of(
         (name.clone(), param.map_or_else(|| json!(text), |param| stats::json(&param.value)))
     };
     let set: BTreeMap<String, Json> = set.iter().map(value).collect();
-    let mut origin = origin(session.scene().identity(), cameras)?;
+    let mut origin = origin(session.scene(), cameras)?;
     origin.insert("graph".into(), json!({ "pipeline": pipeline, "set": set, "files": files }));
     Ok(origin)
 }
 
-/// Returns the inputs that determine the pictures of a scene, except for the graph. `scene` is the scene's hash.
-pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
+/// Returns the inputs that determine the pictures of a scene, except for the graph. `cameras` are relative to
+/// [`Scene::offset`].
+pub fn origin(scene: &Scene, cameras: &Json) -> Result<Origin> {
     let program = program::hash().context("the program's file cannot be read")?;
-    let origin = json!({ "program": program, "scene": format!("{scene:016x}"), "cameras": cameras });
+    let hash = format!("{:016x}", scene.identity());
+    let rules = scene.notes().rules();
+    let origin = json!({ "program": program, "scene": hash, TAGS: rules, "cameras": cameras });
     Ok(origin.as_object().cloned().unwrap_or_default())
 }
 
@@ -432,6 +447,7 @@ pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatgraph_assets::synth;
     use std::cell::Cell;
 
     #[test]
@@ -453,7 +469,7 @@ mod tests {
 
         fn open(&mut self) -> Result<Origin> {
             self.3.set(self.3.get() + 1);
-            origin(self.2.len() as u64, &json!([]))
+            origin(&synth::generate("uniform", self.2.len() as u32, 0)?, &json!([]))
         }
 
         fn draw(&mut self, views: &[usize]) -> Result<()> {
@@ -485,7 +501,13 @@ mod tests {
         assert_eq!((ran.done.as_slice(), ran.kept.as_slice()), (&[1][..], &[0, 2, 5][..]));
         let error = job(&[3]).run(&[0]).unwrap_err().to_string();
         assert!(error.contains("found some that differ in scene: name another folder"), "{error}");
-        fs::remove_file(folder.path().join(MANIFEST)).unwrap();
+        // A description of an earlier version of the program.
+        let manifest = folder.path().join(MANIFEST);
+        let old = fs::read_to_string(&manifest).unwrap().replace("\"tags\"", "\"labels\"");
+        fs::write(&manifest, old).unwrap();
+        let error = job(&[3, 4]).run(&[0]).unwrap_err().to_string();
+        assert!(error.contains("this version of the program, found those of an earlier one"), "{error}");
+        fs::remove_file(manifest).unwrap();
         let error = job(&[3]).run(&[0]).unwrap_err().to_string();
         assert!(error.starts_with("expected an empty folder") && error.ends_with("0.json"), "{error}");
     }
@@ -497,7 +519,8 @@ mod tests {
             let start = std::sync::Barrier::new(8);
             let claim = |number: usize| {
                 let view = vec![number.to_string()];
-                let (command, origin, files) = ("render".to_owned(), Origin::new(), vec![vec![part("0")]]);
+                let origin = Origin::from_iter([(TAGS.to_owned(), json!([]))]);
+                let (command, files) = ("render".to_owned(), vec![vec![part("0")]]);
                 let manifest = Manifest { command, origin, views: view, files };
                 start.wait();
                 manifest.claim(folder.path()).map(|()| manifest)

@@ -85,7 +85,7 @@ fn join(manifest: &Manifest, found: &[PathBuf], missing: &[usize], args: &Args) 
         render::COMMAND => Ok(()),
         trade::COMMAND => trade::merge(origin, parts(found)?, found, output),
         sweep::COMMAND => sweep::merge(origin, parts(found)?, &args.folders, output),
-        evaluate::COMMAND => evaluate::merge(origin, parts(found)?, missing, output),
+        evaluate::COMMAND => evaluate::merge(manifest, parts(found)?, missing, output),
         other => bail!("expected results of render, trade, sweep or evaluate, found those of `{other}`"),
     }
 }

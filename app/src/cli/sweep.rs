@@ -185,13 +185,17 @@ impl Work for Views {
         let request = Request::load(&self.args, &device, &mut self.guard, self.given.clone())?;
         let subject = request.subject(&device);
         let study = Study::new(&subject, &request.wanted, &mut Console::default())?;
-        let Wanted { pipeline, set, steps, .. } = &request.wanted;
+        let Wanted { pipeline, set, steps, frames } = &request.wanted;
         let cameras = serde_json::to_value(&request.cameras)?;
         let mut origin = job::origin_of(study.session(), &cameras, (pipeline, set))?;
         let empty = study.empty(&subject, &request.wanted);
-        origin.insert("device".into(), json!(empty.device));
-        origin.insert(job::REQUEST.into(), serde_json::to_value(empty)?);
-        origin.insert("steps".into(), json!([steps, format!("{:?}", request.wanted.frames)]));
+        origin.extend([
+            ("device".into(), json!(empty.device)),
+            ("--steps".into(), json!(steps)),
+            ("--rounds".into(), json!(frames.rounds)),
+            ("--frames".into(), json!(frames.frames)),
+            (job::REQUEST.into(), serde_json::to_value(empty)?),
+        ]);
         self.open = Some((device, request, study));
         Ok(origin)
     }

@@ -141,15 +141,16 @@ impl FileNotes {
         (!names.is_empty()).then(|| names.join(", "))
     }
 
+    /// Returns the tags that pictures depend on, each with the name and the value of the parameter that it sets.
+    pub fn rules(&self) -> [(&'static str, &'static str); 2] {
+        [("low_pass", self.low_pass.name()), ("key_of", self.key_of.name())]
+    }
+
     /// Lists the file's tags, each with the name and the value of the parameter that it sets.
     pub fn tags(&self) -> Vec<(&'static str, String)> {
-        let mut tags = Vec::new();
-        if self.low_pass != Filter::default() {
-            tags.push(("low_pass", self.low_pass.name().to_owned()));
-        }
-        if self.key_of != SortKey::default() {
-            tags.push(("key_of", self.key_of.name().to_owned()));
-        }
+        let published = Self::default().rules();
+        let own = self.rules().into_iter().filter(|rule| !published.contains(rule));
+        let mut tags: Vec<_> = own.map(|(name, value)| (name, value.to_owned())).collect();
         if let Some([x, y, z]) = self.up {
             tags.push(("up", format!("{x},{y},{z}")));
         }

@@ -64,11 +64,15 @@ impl job::Work for Views {
         let mut origin = match drawer.prepared()? {
             // Includes the chosen storage: a device with less memory chooses a smaller one, and draws other pictures.
             Some(session) => job::origin_of(session, &cameras, session.graph())?,
-            None => job::origin(loaded.scene.identity(), &cameras)?,
+            None => job::origin(&loaded.scene, &cameras)?,
         };
         let outputs: Vec<&str> = self.args.named().map(|(name, _)| name).collect();
-        let picture = json!({ "backend": backend.to_string(), "rule": rule, "background": background, "outputs": outputs });
-        origin.insert("kind of picture".into(), picture);
+        origin.extend([
+            ("--backend".into(), json!(backend.to_string())),
+            ("--rule".into(), json!(rule)),
+            ("--background".into(), json!(background)),
+            ("--output".into(), json!(outputs)),
+        ]);
         self.loaded = Some(loaded);
         self.drawer = Some(drawer);
         Ok(origin)

@@ -31,6 +31,8 @@ pub struct Origin {
     pub splats: u32,
     /// Hash of the scene's contents.
     pub content: String,
+    /// The scene's tags that pictures depend on.
+    pub tags: Vec<(String, String)>,
     /// Cameras, with the size of their pictures.
     pub cameras: Vec<Camera>,
     /// Name of the graph, or of its file.
@@ -68,6 +70,7 @@ impl Origin {
         let differs = [
             ("program", self.version != other.version || self.program != other.program),
             ("scene", (self.splats, &self.content) != (other.splats, &other.content)),
+            ("set of tags", self.tags != other.tags),
             ("set of cameras", self.cameras != other.cameras),
             (
                 "graph",
@@ -418,6 +421,7 @@ pub(super) mod testing {
             scene: "a.ply".into(),
             splats: 3,
             content: "0".into(),
+            tags: Vec::new(),
             cameras: vec![camera()],
             pipeline: "splat".into(),
             set: Vec::new(),
@@ -581,6 +585,7 @@ mod tests {
         for (other, what) in [
             (Origin { splats: 4, ..origin() }, "scene"),
             (Origin { content: text.clone(), ..origin() }, "scene"),
+            (Origin { tags: vec![("low_pass".into(), "mip".into())], ..origin() }, "set of tags"),
             (Origin { truth_content: text.clone(), ..origin() }, "truth"),
             (Origin { exact: text.clone(), ..origin() }, "graph"),
             (Origin { opened: text.clone(), ..origin() }, "set of device options"),

@@ -288,6 +288,7 @@ fn origin(
         scene: subject.name.clone(),
         splats: subject.scene.count(),
         content: hex(subject.scene.identity()),
+        tags: subject.scene.notes().rules().map(|(name, value)| (name.to_owned(), value.to_owned())).into(),
         cameras: subject.cameras.clone(),
         // Without its folder, because the plans identify the graph.
         pipeline: name_of(&wanted.pipeline),
