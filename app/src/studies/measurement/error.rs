@@ -20,6 +20,8 @@ pub struct Error {
     pub worst: f64,
     /// Share of pixels in which a channel differs by more than 1/255.
     pub off: f64,
+    /// Number of covered pixels.
+    pub covered: usize,
     /// PSNR of the covered pixels; `None` if they are equal, or if no pixel is covered.
     #[serde(with = "decibels")]
     pub covered_psnr_db: Option<f64>,
@@ -48,7 +50,9 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
             })
         },
     );
-    Ok(Error { psnr_db, ssim, flip, worst: worst.difference, off, covered_psnr_db, covered_off })
+    let worst = worst.difference;
+    let covered = covered.iter().filter(|covered| **covered).count();
+    Ok(Error { psnr_db, ssim, flip, worst, off, covered, covered_psnr_db, covered_off })
 }
 
 /// Returns the mean of values; 0 if there are none.
@@ -59,7 +63,16 @@ pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
 
 /// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0.
 pub fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
-    -10.0 * mean(of_views.map(squared_error)).log10()
+    weighted_psnr(of_views.map(|psnr_db| (psnr_db, 1)))
+}
+
+/// Computes the PSNR of several parts together, each given as its PSNR and its number of pixels; infinite if all errors
+/// are 0, or if there are no pixels.
+pub fn weighted_psnr(parts: impl Iterator<Item = (Option<f64>, usize)>) -> f64 {
+    let (sum, count) = parts.fold((0.0, 0), |(sum, count), (psnr_db, pixels)| {
+        (sum + pixels as f64 * squared_error(psnr_db), count + pixels)
+    });
+    -10.0 * (sum / count.max(1) as f64).log10()
 }
 
 /// Returns the share of the `wanted` pixels in which a channel differs by more than [`STEP`].
@@ -86,7 +99,7 @@ mod tests {
         let error = measure(&picture, &truth, &covered).unwrap();
         // The MSE over the four covered pixels is 0.0625 / (3 * 4).
         assert!((error.covered_psnr_db.unwrap() - 10.0 * 192f64.log10()).abs() < 1e-9, "{error:?}");
-        assert_eq!((error.off, error.covered_off), (1.0 / 256.0, 0.25));
+        assert_eq!((error.off, error.covered, error.covered_off), (1.0 / 256.0, 4, 0.25));
         assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");
         let same = measure(&truth, &truth, &covered).unwrap();
         assert_eq!((same.psnr_db, same.flip, same.off, same.ssim), (None, 0.0, 0.0, Some(1.0)));

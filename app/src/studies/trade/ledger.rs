@@ -2,7 +2,7 @@
 
 use super::measure::{Row, hex};
 use crate::io::{output, own_file};
-use crate::studies::measurement::error::{joint_psnr, mean};
+use crate::studies::measurement::error::{joint_psnr, mean, weighted_psnr};
 use crate::studies::measurement::noise::{self, Mark, Point, Share};
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::time::Time;
@@ -277,7 +277,7 @@ pub struct Line {
     /// PSNR of the mean squared error over all views, in decibels; infinite for equal pictures.
     #[serde(serialize_with = "decibels::serialize_number")]
     pub psnr_db: f64,
-    /// PSNR of the covered pixels over all views, in decibels; infinite for equal pictures.
+    /// PSNR of the covered pixels of all views, in decibels; infinite for equal pictures.
     #[serde(serialize_with = "decibels::serialize_number")]
     pub covered_psnr_db: f64,
     /// Lowest SSIM over the views; `None` if a view has none.
@@ -358,7 +358,7 @@ fn line(name: &str, views: &[&Measured]) -> Line {
             .as_ref()
             .and_then(|times| Share::mean(&times.iter().map(|time| time.share).collect::<Vec<_>>())),
         psnr_db: joint_psnr(errors().map(|error| error.psnr_db)),
-        covered_psnr_db: joint_psnr(errors().map(|error| error.covered_psnr_db)),
+        covered_psnr_db: weighted_psnr(errors().map(|error| (error.covered_psnr_db, error.covered))),
         ssim: errors().map(|error| error.ssim).reduce(|a, b| a.zip(b).map(|(a, b)| a.min(b))).flatten(),
         flip: mean(errors().map(|error| error.flip)),
         worst: most(&mut errors().map(|error| error.worst)),
@@ -462,6 +462,7 @@ pub(super) mod testing {
             flip: 0.1,
             worst: 0.5,
             off: 0.25,
+            covered: 3,
             covered_psnr_db: psnr_db,
             covered_off: 0.5,
         };
@@ -500,6 +501,7 @@ pub(super) mod testing {
 mod tests {
     use super::testing::{ledger, measured, origin, row, within};
     use super::*;
+    use crate::studies::measurement::error::Error;
 
     fn marks(rows: Vec<Row>) -> Vec<(String, Mark)> {
         ledger(rows).lines().0.into_iter().map(|line| (line.setting, line.mark)).collect()
@@ -526,6 +528,21 @@ mod tests {
         assert!((lines[1].psnr_db - (40.0 + 10.0 * 2f64.log10())).abs() < 1e-9);
         assert_eq!((lines[1].gpu_ms, lines[1].inversions), (Some(2.0), Some(14)));
         assert_eq!(lines[1].phases, [("draw".to_string(), 2.0, 0.05)]);
+    }
+
+    #[test]
+    fn covered_pixels_count_alike_in_all_views_and_a_view_without_any_counts_for_nothing() {
+        let view = |name: &str, covered, psnr_db| {
+            let measured = measured(4.0, Some(50.0));
+            let error = Error { covered, covered_psnr_db: psnr_db, ..measured.error };
+            row("exact", name, Ok(Measured { error, ..measured }))
+        };
+        let joint = |rows: &[Row]| ledger(rows.to_vec()).lines().0[0].covered_psnr_db;
+        let views = [view("a", 30, Some(30.0)), view("b", 10, Some(20.0)), view("away", 0, None)];
+        // (30 * 0.001 + 10 * 0.01) / 40.
+        let expected = -10.0 * 0.00325f64.log10();
+        assert!((joint(&views) - expected).abs() < 1e-9 && joint(&views) == joint(&views[..2]));
+        assert!(joint(&views[2..]).is_infinite());
     }
 
     #[test]
