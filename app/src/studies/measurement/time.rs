@@ -97,7 +97,8 @@ pub fn has_range(effort: Effort) -> bool {
     effort.rounds.saturating_mul(effort.frames) as usize >= noise::MIN_TURNS
 }
 
-/// Measures the time of a frame of a prepared session, which is its own baseline; `None` without timestamps.
+/// Measures the time of a frame of a prepared session without a baseline; `None` without timestamps. The share is 1,
+/// without a range.
 ///
 /// # Errors
 /// The device fails.
@@ -112,7 +113,15 @@ pub fn time_alone(
     let frames = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let round = |own: Vec<Timed>| Round::new(plan, &own, &own);
-    Ok(time(&frames.into_iter().flatten().map(round).collect::<Vec<_>>(), None))
+    let rounds: Vec<Round> = frames.into_iter().flatten().map(round).collect();
+    Ok(time(&rounds, None).map(|time| alone(time, &rounds)))
+}
+
+/// Corrects a time whose baseline are the same frames: the spread of the rounds' shares is 0, that of their times is
+/// not.
+fn alone(time: Time, rounds: &[Round]) -> Time {
+    let own: Vec<f64> = rounds.iter().filter_map(|round| round.own_ms).collect();
+    Time { spread_ms: spread(&own), share: Share { median: 1.0, range: None }, ..time }
 }
 
 struct Round {
@@ -195,6 +204,21 @@ mod tests {
     use crate::draw::backend::Backend;
     use splatgraph_assets::synth;
     use splatgraph_null::{Call, Config, open};
+
+    #[test]
+    fn without_a_baseline_the_spread_is_that_of_the_rounds_times() {
+        let round = |ms| Round {
+            own_ms: Some(ms),
+            exact_ms: Some(ms),
+            turns: Some(vec![1.0; 4]),
+            busy: Some(1.0),
+            phases: Vec::new(),
+        };
+        let rounds = [3.0, 9.0, 4.0].map(round);
+        let found = alone(time(&rounds, None).expect("timestamps"), &rounds);
+        assert_eq!((found.gpu_ms, found.spread_ms), (4.0, 6.0));
+        assert_eq!(found.share, Share { median: 1.0, range: None });
+    }
 
     #[test]
     fn milliseconds_are_shares_of_one_time_of_the_exact_settings_on_a_warm_device() {
