@@ -38,11 +38,15 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
 
     let csv = place.text("out/sweep.csv");
     assert_eq!(csv.lines().count(), 10, "{csv}");
+    for (line, step) in csv.lines().skip(1).zip(steps) {
+        let choice = step["choice"].as_str().unwrap_or("all");
+        assert!(line.starts_with(&format!("\"{choice}\",")), "{choice}: {line}");
+    }
     for name in ["quality", "times", "trade", "shares", "approach"] {
         place.image(&format!("out/{name}.png"));
         assert!(place.text(&format!("out/{name}.svg")).contains("</svg>"));
     }
-    let picture = place.image("out/pictures/screen-size-50.png");
+    let picture = place.image("out/pictures/screen_size-50.png");
     assert_eq!((picture.width, picture.height), (64, 48));
     let page = place.text("out/sweep.html");
     assert_eq!(page.matches("<img").count(), 4 * 3, "all, and two steps, of each choice");

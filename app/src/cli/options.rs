@@ -11,7 +11,7 @@ use crate::draw::interleaved::Frames;
 use crate::draw::storage;
 use crate::io::demo;
 use crate::io::load::LoadOptions;
-use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, names, say, shell_word};
 use crate::io::progress::Progress;
 use crate::io::report::plot::Plot;
 use crate::io::scene_file;
@@ -532,6 +532,11 @@ pub fn claim_plot(guard: &mut OutputGuard, folder: &Path, name: &str) -> Result<
 pub fn write_plot(plot: &Plot, folder: &Path, name: &str) -> Result<()> {
     output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
     Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
+}
+
+/// Formats this process's command line for a shell.
+pub fn command_line() -> String {
+    std::env::args_os().map(|word| shell_word(&word.to_string_lossy())).collect::<Vec<_>>().join(" ")
 }
 
 /// Returns a path as text for JSON. Serde refuses a [`PathBuf`] that is not valid UTF-8, and `json!` panics on it.

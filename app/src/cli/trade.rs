@@ -10,7 +10,7 @@ use crate::draw::projection;
 use crate::io::image::{Format, Image};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
-use crate::io::output::{self, OutputGuard, say, shell_word};
+use crate::io::output::{self, OutputGuard, say};
 use crate::studies::study::{Setting, StudyError, Subject};
 use crate::studies::trade::ledger::{Book, Ledger};
 use crate::studies::trade::measure::Row;
@@ -152,8 +152,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Prints a ledger and writes its files.
 fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
-    ledger.command =
-        std::env::args_os().map(|word| shell_word(&word.to_string_lossy())).collect::<Vec<_>>().join(" ");
+    ledger.command = options::command_line();
     let file = |name: &str| output.join(name);
     ledger.save(&file(LEDGER))?;
     let (lines, failed) = ledger.lines();

@@ -57,7 +57,10 @@ impl PriceArgs {
         let prices = price::measure(scene, &cameras)?;
         match &self.json {
             Some(file) => {
-                let all = json!({ "scene": options::text_of(path), "splats": splats, "backend": "reference", "prices": prices });
+                let all = json!({
+                    "command": options::command_line(), "scene": options::text_of(path), "splats": splats,
+                    "cameras": cameras, "backend": "reference", "prices": prices,
+                });
                 options::write_json(file, &all)?;
             }
             None => options::print(table(&prices).trim_end())?,

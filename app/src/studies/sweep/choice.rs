@@ -37,12 +37,12 @@ impl Choice {
         }
     }
 
-    /// Returns the name in file names.
+    /// Returns the name in files and in file names.
     pub fn stem(self) -> &'static str {
         match self {
-            Choice::FileOrder => "file-order",
-            Choice::WorldSize => "world-size",
-            Choice::ScreenSize => "screen-size",
+            Choice::FileOrder => "file_order",
+            Choice::WorldSize => "world_size",
+            Choice::ScreenSize => "screen_size",
             Choice::Nearest => "nearest",
         }
     }

@@ -237,7 +237,7 @@ impl SweepResult {
             let Error { psnr_db, ssim, flip, worst, .. } = &step.error;
             let time = step.time.as_ref();
             let mut cells = vec![
-                step.choice.map_or("all", Choice::stem).to_owned(),
+                text::quoted(step.choice.map_or("all", Choice::stem)),
                 text::quoted(&step.camera),
                 step.count.to_string(),
                 whole(step.visible),

@@ -151,13 +151,12 @@ pub fn csv(lines: &[Line]) -> String {
             line.off.to_string(),
             line.inversions.map_or(String::new(), |count| count.to_string()),
             line.gpu_bytes.to_string(),
-            match line.mark {
+            text::quoted(match line.mark {
                 Mark::Best => "true",
                 Mark::Beaten => "false",
                 Mark::Likely | Mark::Unlikely => "too noisy to tell",
                 Mark::Hidden => "not judged",
-            }
-            .into(),
+            }),
         ];
         for name in &phases {
             let phase = line.phases.iter().find(|(own, ..)| own == name);
@@ -206,7 +205,7 @@ mod tests {
         let csv = csv(&lines);
         assert_eq!(csv.lines().count(), 5);
         assert!(csv.starts_with("setting,gpu_ms") && csv.contains(",draw_ms,draw_spread_ms\n"), "{csv}");
-        assert!(csv.contains("not judged") && csv.contains(",0.25,0.24,0.26,40,"), "{csv}");
+        assert!(csv.contains(",\"not judged\",") && csv.contains(",0.25,0.24,0.26,40,"), "{csv}");
     }
 
     #[test]
