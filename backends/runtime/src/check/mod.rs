@@ -397,13 +397,26 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Refuses a shader with subgroup operations if its subgroup size can differ from the size that the graph assumes.
+    /// Refuses a shader with subgroup operations if its subgroup size can differ from the size that the graph assumes:
+    /// the plan was built for another size, or the driver may choose one. Such a shader can write out of bounds.
     fn subgroups(&self, shader: &Shader) -> Result<(), BackendError> {
         let (limits, local) = (&self.limits.subgroup, shader.reflection.local_size);
-        if !shader.reflection.has_subgroups() || limits.has_certain_size(local) {
+        if !shader.reflection.has_subgroups() {
             return Ok(());
         }
         let lanes = limits.size;
+        if let Some(Value::Int(planned)) = self.plan.facts.get("device.subgroup_size")
+            && *planned != i64::from(lanes)
+        {
+            return Err(BackendError::Unsupported(format!(
+                "shader `{}` uses subgroup operations: expected a plan for the device's subgroups of {lanes} lanes, found one \
+                 for {planned}",
+                shader.name
+            )));
+        }
+        if limits.has_certain_size(local) {
+            return Ok(());
+        }
         let remedy = if limits.selectable {
             format!(
                 "a fixed size needs workgroups whose size in x is a multiple of {lanes}, with at most {} invocations; this \

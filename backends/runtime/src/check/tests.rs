@@ -133,6 +133,19 @@ fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_
         })
     };
     assert_eq!(with(several, [64, 1, 1]), "");
+    let planned_for = |lanes: i64, features: Features| {
+        said(|plan, own| {
+            own.features = Features::all();
+            plan.facts.insert("device.subgroup_size".into(), Value::Int(lanes));
+            plan.shaders[0].reflection.features = features;
+        })
+    };
+    assert_eq!(planned_for(8, Features::SUBGROUP_BASIC), "");
+    assert_eq!(
+        planned_for(32, Features::SUBGROUP_BASIC),
+        "shader `scan.comp` uses subgroup operations: expected a plan for the device's subgroups of 8 lanes, found one for 32"
+    );
+    assert_eq!(planned_for(32, Features::empty()), "", "no shader depends on the size");
     let odd = with(several, [16, 16, 1]);
     assert!(odd.contains("subgroups of 32 lanes, but the driver may run it with 32 to 64"), "{odd}");
     assert!(odd.contains("multiple of 32") && odd.contains("[16, 16, 1]"), "{odd}");
