@@ -63,8 +63,9 @@ pub(super) struct Linker<'a> {
     pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Identifiers that each shader's compiled text depends on.
     pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
-    /// Shaders compiled so far, by file and defines; the iterations of a repeat share them.
-    pub compiled: HashMap<(FileId, Rc<Defines>), ShaderId>,
+    /// Shaders compiled so far, by file and defines; the iterations of a repeat share them. `None` after errors: a shader
+    /// that crashes the compiler crashes it only once.
+    pub compiled: HashMap<(FileId, Rc<Defines>), Option<ShaderId>>,
     /// Shader files found so far, by the graph that names them and the name in that graph.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,

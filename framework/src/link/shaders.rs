@@ -60,8 +60,8 @@ impl Linker<'_> {
         };
         self.found.insert((pass.file, name.name.clone()), file);
         let key = (file, pass.defines.clone());
-        if let Some(id) = self.compiled.get(&key) {
-            return Some(*id);
+        if let Some(known) = self.compiled.get(&key) {
+            return *known;
         }
         let request = ShaderRequest {
             file,
@@ -70,7 +70,7 @@ impl Linker<'_> {
             unfit: &pass.unfit,
             generated: &self.generated,
         };
-        match self.compiler.compile(self.files, &request) {
+        let id = match self.compiler.compile(self.files, &request) {
             Ok(Compiled { spirv, defines, reached, reflection, declared }) => {
                 let shader = Shader { name: name.name.clone(), defines, spirv, reflection, msl: None };
                 let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
@@ -85,14 +85,15 @@ impl Linker<'_> {
                 if *known != reached {
                     Arc::make_mut(known).extend(reached.iter().cloned());
                 }
-                self.compiled.insert(key, id);
                 Some(id)
             }
             Err(errors) => {
                 self.errors.extend(errors);
                 None
             }
-        }
+        };
+        self.compiled.insert(key, id);
+        id
     }
 
     fn features(&mut self, id: ShaderId, span: Span) {
@@ -190,5 +191,49 @@ impl Linker<'_> {
             return None;
         }
         Some(Groups::Direct(groups.map(|n| n as u32)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::build;
+    use crate::ir::{Request, Span};
+    use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
+    use crate::source::{Diagnostic, Library, SourceMap};
+    use crate::testing;
+
+    /// Refuses every shader, and counts the attempts.
+    struct Refusing(usize);
+
+    impl ShaderCompiler for Refusing {
+        fn compile(
+            &mut self,
+            _: &mut SourceMap,
+            request: &ShaderRequest,
+        ) -> Result<Compiled, Vec<Diagnostic>> {
+            self.0 += 1;
+            Err(vec![Diagnostic::new("the compiler crashed", Span::new(request.file, 0..0), "")])
+        }
+    }
+
+    #[test]
+    fn a_shader_with_errors_is_compiled_once_for_all_passes_of_a_repeat() {
+        let pass = testing::dispatch("make", "make.comp", r#""Out": "a""#);
+        let graph = testing::graph("", &format!(r#"Repeat(var: "i", count: 9, body: [{pass}]),"#));
+        let memory = [("graph.ron", graph.as_str()), ("make.comp", "w Out 4")];
+        let memory = memory.map(|(path, text)| (path.to_string(), text.to_string())).into();
+        let mut files = SourceMap::new(Library { memory, ..Library::default() });
+        let (facts, catalog, mut compiler) = (testing::facts(), testing::catalog(), Refusing(0));
+        let request = Request {
+            graph: "graph.ron",
+            set: &[],
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
+        let errors = build(&request, &mut files, &mut compiler).expect_err("the shader is refused");
+        let found: Vec<&str> = errors.iter().map(|error| error.message.as_str()).collect();
+        assert_eq!((found, compiler.0), (vec!["the compiler crashed"], 1));
     }
 }
