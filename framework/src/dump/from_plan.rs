@@ -41,7 +41,8 @@ pub fn dump(plan: &Plan) -> Dump {
         handover: Vec::new(),
         left_out: plan.culled.clone(),
         warnings: plan.warnings.iter().map(warning_of).collect(),
-        output: name(&plan.output),
+        // An empty plan has no output.
+        output: plan.resources.get(plan.output.index()).map(|image| image.name.clone()).unwrap_or_default(),
         outputs: plan.outputs.iter().map(|output| (output.name.clone(), name(&output.image))).collect(),
         stats: plan.stats.iter().map(|stat| stat.map(name)).collect(),
         gpu_ms: None,
