@@ -47,12 +47,17 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
         writeln!(out, "parameter {} has no effect: {why}", p.name)?;
     }
     let totals = &dump.totals;
+    // There are no counts before a backend has added its barriers.
+    let barriers = match dump.barriers().next() {
+        Some(_) => format!("; {}", barrier_counts(&totals.frame)),
+        None => String::new(),
+    };
     writeln!(
         out,
-        "{} once, {} every frame; {}",
+        "{} once, {} every frame{}",
         counted(totals.prologue_passes, "pass", "passes"),
         totals.frame_passes,
-        barrier_counts(&totals.frame)
+        barriers
     )?;
     let freed = match totals.freed_bytes {
         0 => String::new(),

@@ -23,12 +23,14 @@ function fillHeader() {
         total.prologue_passes > 0 ? "passes + once" : "passes",
         "in every frame, and in the prologue",
       ),
-      tile(
-        total.frame.barriers,
-        `barriers in ${total.frame.calls} calls`,
-        `${total.frame.memory_barriers} on all memory, ${total.frame.image_barriers} on images`,
-      ),
-      tile(total.frame.dependencies, "dependencies", "that the frame's barriers cover"),
+      // There are no counts before a backend has added its barriers.
+      barriers.length > 0 &&
+        tile(
+          total.frame.barriers,
+          `barriers in ${total.frame.calls} calls`,
+          `${total.frame.memory_barriers} on all memory, ${total.frame.image_barriers} on images`,
+        ),
+      barriers.length > 0 && tile(total.frame.dependencies, "dependencies", "that the frame's barriers cover"),
       tile(bytes(total.transient_bytes), "own memory", "bytes of the memory blocks"),
       tile(
         bytes(total.saved_bytes),

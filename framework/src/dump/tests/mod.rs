@@ -53,12 +53,29 @@ fn barriers_are_numbered_in_the_order_of_recording() {
     let mut calls: Vec<_> = plain.passes.iter().map(|pass| pass.barriers.clone()).collect();
     calls.insert(2, plain.handover.clone());
     calls[1] = plain.handover.clone();
-    let dump = super::dump(&example::splat(4, 1000)).with_barriers(calls);
+    let bare = super::dump(&example::splat(4, 1000));
+    assert!(
+        text(&bare).contains(" every frame\n"),
+        "no counts before a backend adds barriers: {}",
+        text(&bare)
+    );
+    let dump = bare.with_barriers(calls);
     let ids: Vec<u32> = dump.barriers().map(|b| b.id).collect();
     assert_eq!(ids, (1..=ids.len() as u32).collect::<Vec<_>>());
     assert_eq!(dump.pass("covariance").unwrap().barriers[0].id, 1);
     assert_eq!((dump.handover[0].id, &dump.handover[0].before), (2, &None));
     assert_eq!(dump.pass("project").unwrap().barriers[0].id, 3);
+}
+
+#[test]
+fn the_dump_of_an_empty_plan_is_empty() {
+    let dump = super::dump(&Plan::default());
+    assert_eq!((dump.passes.len(), dump.resources.len(), dump.output.as_str()), (0, 0, ""));
+    assert!(
+        text(&dump).contains("0 passes once, 0 every frame\n")
+            && !html(&dump).is_empty()
+            && !dot(&dump).is_empty()
+    );
 }
 
 #[test]
