@@ -8,7 +8,7 @@ use splatgraph_api::{Device, FrameInputs, NoScene, Options};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, Request};
 use splatgraph_framework::shader::Glslang;
-use splatgraph_framework::source::{SourceMap, render};
+use splatgraph_framework::source::{GraphErrors, SourceMap};
 #[cfg(target_vendor = "apple")]
 use splatgraph_metal::Metal as Backend;
 #[cfg(not(target_vendor = "apple"))]
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         share_memory: true,
     };
     let plan = build(&request, &mut files, &mut Glslang::default())
-        .map_err(|errors| render(&files, &errors, false))?;
+        .map_err(|errors| GraphErrors::new(&files, &errors))?;
 
     // Plan to pixels.
     let live = plan.live_bytes();

@@ -9,16 +9,17 @@ use tracing::info_span;
 
 /// Reads a graph, lowers it, compiles and links its shaders, and solves for order, memory and dependencies.
 ///
-/// Errors point into the files; an `Err` holds at least one. If the compiler is cancelled, the build fails with the
+/// Errors point into the files; an `Err` holds at least one, and [`GraphErrors`](crate::source::GraphErrors) makes one
+/// error of them. If the compiler is cancelled, the build fails with the
 /// message [`CANCELLED`].
 ///
 /// ```
 /// use splatgraph_framework::build;
 /// use splatgraph_framework::ir::{Catalog, DeviceFacts, Request};
 /// use splatgraph_framework::shader::Glslang;
-/// use splatgraph_framework::source::{Library, SourceMap, render};
+/// use splatgraph_framework::source::{GraphErrors, Library, SourceMap};
 ///
-/// # fn main() -> Result<(), String> {
+/// # fn main() -> Result<(), GraphErrors> {
 /// let graph = r#"Graph(version: 1, summary: "One colour", output: "image",
 ///     resources: { "image": Image(format: "rgba8", size: (64, 64)) },
 ///     passes: [Dispatch(name: "paint", shader: "paint.comp", size: Threads(64), bind: { "image": "image" })],
@@ -37,7 +38,7 @@ use tracing::info_span;
 /// let request =
 ///     Request { graph: "paint", set: &[], capacities: &[], facts: &facts, catalog: &catalog, share_memory: true };
 /// let plan = build(&request, &mut files, &mut Glslang::default())
-///     .map_err(|errors| render(&files, &errors, false))?;
+///     .map_err(|errors| GraphErrors::new(&files, &errors))?;
 ///
 /// let passes: Vec<&str> = plan.frame.iter().map(|pass| plan.pass(*pass).name.as_str()).collect();
 /// assert_eq!(passes, ["paint", "export"]);

@@ -2,16 +2,15 @@
 
 use crate::draw::builtin;
 use crate::draw::capacity::Capacities;
-use serde::Serialize;
 use splatgraph_framework::build_candidate;
 use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Origin, Request, Span, Value};
 use splatgraph_framework::lower::{self, Control, no_output};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::{Cancel, Glslang, SpirvStore, Worker};
-use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render, render_warnings};
+use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render_warnings};
+pub use splatgraph_framework::source::{GraphErrors, PlainDiagnostic, Severity};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock};
 
@@ -274,104 +273,6 @@ pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, Str
 fn files(settings: &Settings, unsaved: &BTreeMap<PathBuf, String>) -> SourceMap {
     let (include_roots, unsaved) = (settings.include_roots.clone(), unsaved.clone());
     SourceMap::new(Library { builtin: builtin::FILES, include_roots, unsaved, ..Library::default() })
-}
-
-/// Errors of a graph and its shaders, rendered with the source text.
-#[derive(Debug)]
-pub struct GraphErrors {
-    /// The errors, at least one.
-    pub found: Vec<PlainDiagnostic>,
-    plain: String,
-    coloured: String,
-}
-
-impl GraphErrors {
-    fn new(files: &SourceMap, found: &[Diagnostic]) -> GraphErrors {
-        GraphErrors {
-            found: found.iter().map(|error| PlainDiagnostic::new(files, error, Severity::Error)).collect(),
-            plain: render(files, found, false),
-            coloured: render(files, found, true),
-        }
-    }
-
-    /// Appends a note about the device to the rendered errors, if one of them is about the device or its limits.
-    pub fn with_device(mut self, note: &str) -> GraphErrors {
-        let is_about = |text: &String| {
-            let is_limit = text.contains("expected at most") && !text.contains("any device");
-            text.contains("the device") || text.contains("device.") || is_limit
-        };
-        if self.found.iter().any(|error| is_about(&error.message) || is_about(&error.label)) {
-            for text in [&mut self.plain, &mut self.coloured] {
-                *text = format!("{}\n{note}\n", text.trim_end());
-            }
-        }
-        self
-    }
-
-    /// Returns the rendered errors, ready for printing.
-    pub fn text(&self, colour: bool) -> &str {
-        if colour { &self.coloured } else { &self.plain }
-    }
-}
-
-impl fmt::Display for GraphErrors {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(self.plain.trim_end())
-    }
-}
-
-impl std::error::Error for GraphErrors {}
-
-/// Severity of a diagnostic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Severity {
-    /// No plan can be built.
-    Error,
-    /// A plan can still be built.
-    Warning,
-}
-
-/// A diagnostic as plain data, for programs. Lines and columns count from 1, columns in characters.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct PlainDiagnostic {
-    /// Path of the file, as the user or an include wrote it.
-    pub file: String,
-    /// Line of the first marked character.
-    pub line: u32,
-    /// Column of the first marked character.
-    pub column: u32,
-    /// Line of the character after the last marked one.
-    pub end_line: u32,
-    /// Column of the character after the last marked one.
-    pub end_column: u32,
-    /// Error or warning.
-    pub severity: Severity,
-    /// Message, one sentence.
-    pub message: String,
-    /// Label of the marked source text; may be empty.
-    pub label: String,
-    /// Suggestions to correct the problem.
-    pub help: Vec<String>,
-}
-
-impl PlainDiagnostic {
-    fn new(files: &SourceMap, found: &Diagnostic, severity: Severity) -> PlainDiagnostic {
-        let span = found.primary.span;
-        let (line, column) = files.line_column(span);
-        let (end_line, end_column) = files.line_column(Span { start: span.end.max(span.start), ..span });
-        PlainDiagnostic {
-            file: files.path(span.file).to_owned(),
-            line,
-            column,
-            end_line,
-            end_column,
-            severity,
-            message: found.message.clone(),
-            label: found.primary.text.clone(),
-            help: found.help.clone(),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 //! - an [`Outline`] has the span of every element of a RON text. `serde` builds the typed tree without spans. To report
 //!   an error about a value, later steps look up its [`Place`] in the outline;
 //! - a [`Diagnostic`] is an error with its place and suggestions. [`render`] formats a list of them as a compiler
-//!   would, and [`nearest`] finds the name that was probably meant;
+//!   would, [`GraphErrors`] is that text as an error, and [`nearest`] finds the name that was probably meant;
 //! - [`ron_error`] converts errors of the `ron` crate to diagnostics.
 //!
 //! The map records every path that a build looked up on disk as [`Wanted`]. While each path has the same [`Content`],
@@ -16,6 +16,7 @@
 
 mod content;
 mod diagnostic;
+mod errors;
 mod files;
 mod outline;
 mod place;
@@ -27,6 +28,7 @@ mod token;
 
 pub use content::{Content, Wanted};
 pub use diagnostic::{Diagnostic, Label, nearest};
+pub use errors::{GraphErrors, PlainDiagnostic, Severity};
 pub use files::{Kind, Library, NotFound, SourceMap};
 pub use outline::Outline;
 pub use place::Place;
