@@ -27,7 +27,7 @@ use crate::source::{Diagnostic, SourceMap};
 /// # Errors
 /// Passes that depend on one another in a cycle, reads of resources that no pass has written before, and `Once` passes
 /// that use a resource which only the frame writes.
-pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
+pub(crate) fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
     let Linked { mut lowered, mut passes } = linked;
     passes.extend(end(&mut lowered, files));
 
