@@ -18,10 +18,14 @@ use tracing::info_span;
 const MAX_FLYING: usize = 64;
 
 impl Session {
-    /// Submits a frame. The camera must have the prepared size; pinholes are converted to the graph's projection.
+    /// Submits a frame. The camera has the prepared size; pinholes are converted to the graph's projection.
+    ///
+    /// The camera is in the scene's coordinates. [`Camera::relative_to`] with the scene's
+    /// [`offset`](splatgraph_assets::Scene::offset) converts the cameras of files, which are in the world's.
     ///
     /// # Errors
-    /// The camera has another projection than the graph, no plan is prepared, or the device fails.
+    /// The camera has another size than the prepared one or another projection than the graph, no plan is prepared, or
+    /// the device fails.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         let flight = self.fly(camera.clone(), request.clone(), self.frame)?;
         self.frame += 1;
@@ -36,7 +40,10 @@ impl Session {
 
     fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
-        assert_eq!(*size, (camera.width, camera.height), "the size that was prepared");
+        let found = (camera.width, camera.height);
+        if *size != found {
+            return Err(SessionError::OtherSize { prepared: *size, found });
+        }
         let camera = projection::convert(&camera, projection::of_params(&plan.params), &self.scene)?;
         let inputs = FrameInputs {
             uniforms: camera::frame_uniforms(&camera, &self.scene.bounds(), request.background, number),

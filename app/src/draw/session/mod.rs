@@ -61,6 +61,17 @@ pub enum SessionError {
     /// A frame was submitted before [`Session::prepare`].
     #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
+    /// The camera has another size than the pictures for which the plan was prepared.
+    #[error(
+        "expected a camera of {} x {} pixels, the prepared size, found one of {} x {}",
+        prepared.0, prepared.1, found.0, found.1
+    )]
+    OtherSize {
+        /// Width and height in pixels, as given to [`Session::prepare`].
+        prepared: (u32, u32),
+        /// Width and height of the camera.
+        found: (u32, u32),
+    },
     /// A frame needs more capacity than the parameter's range allows.
     #[error(
         "expected a frame that needs at most {most} {parameter}, the end of the parameter's range, found one that needs {needed}"
@@ -91,6 +102,9 @@ pub enum SessionError {
 }
 
 /// Draws a scene on a device with a plan; see the [module documentation](self).
+///
+/// Shaders are compiled in this process, which an invalid shader can crash. For graphs of others, a program first calls
+/// [`planner::configure`] with a [`worker`](planner::Settings::worker).
 pub struct Session {
     device: Backend,
     scene: Arc<Scene>,
@@ -432,8 +446,8 @@ impl Session {
     }
 }
 
-/// Supplies a scene's attributes for upload. `None` is for a graph that draws without a scene.
-pub(crate) struct Upload<'a>(pub Option<&'a Scene>);
+/// Supplies a scene's attributes to a [`Device`] for upload. `None` is for a graph that draws without a scene.
+pub struct Upload<'a>(pub Option<&'a Scene>);
 
 impl SceneData for Upload<'_> {
     fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {

@@ -56,6 +56,17 @@ fn a_frame_in_part_is_drawn_again_with_room_for_a_quarter_more() {
 }
 
 #[test]
+fn a_camera_of_another_size_is_an_error_that_names_both() {
+    let (mut session, _, camera) = session(1, Config::default());
+    let error = draw(&mut session, &camera.resized(80, 45)).map(drop).expect_err("another size");
+    assert_eq!(
+        error.to_string(),
+        "expected a camera of 32 x 16 pixels, the prepared size, found one of 80 x 45"
+    );
+    draw(&mut session, &camera).unwrap_or_else(|error| panic!("{error}"));
+}
+
+#[test]
 fn frames_in_flight_behind_one_in_part_are_drawn_again_with_the_same_plan() {
     let (mut session, journal, camera) = session(300, Config::default());
     let plan = session.plan().expect("a plan");
