@@ -13,14 +13,14 @@ pub struct Wanted {
     pub candidates: Vec<Setting>,
     /// Numbers of splats to which the scene is enlarged or cut; empty for its own number.
     pub splats: Vec<u32>,
-    /// Sizes of the pictures; `None` for the size of each camera.
+    /// Sizes of the pictures; `None` for the size of each camera, also if the list is empty.
     pub sizes: Vec<Option<(u32, u32)>>,
 }
 
 /// Measures candidates on a scene, and adds them to a report. Calls `kept` after each number of splats and size.
 ///
 /// # Errors
-/// The device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn gives a row with the
+/// The subject has no camera, the device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn gives a row with the
 /// reason.
 pub fn study<E: From<StudyError>>(
     subject: &Subject,
@@ -29,10 +29,12 @@ pub fn study<E: From<StudyError>>(
     kept: &mut dyn FnMut(&Report) -> Result<(), E>,
     listener: &mut dyn Listener,
 ) -> Result<(), E> {
+    subject.first()?;
     let Subject { name, scene: base, cameras, .. } = subject;
     report.scenes.push(SceneOrigin { scene: name.clone(), splats: base.count(), cameras: cameras.clone() });
     let counts = if wanted.splats.is_empty() { vec![base.count()] } else { wanted.splats.clone() };
-    let of = counts.len() * wanted.sizes.len() * cameras.len();
+    let sizes: &[Option<(u32, u32)>] = if wanted.sizes.is_empty() { &[None] } else { &wanted.sizes };
+    let of = counts.len() * sizes.len() * cameras.len();
     let mut steps = Steps::new(listener, format!("measuring {}", super::table::scene_name(name)), of);
     for splats in counts {
         let row = |size, candidate: &Setting, found| {
@@ -42,15 +44,15 @@ pub fn study<E: From<StudyError>>(
         let enlarged = match enlarged(base, splats) {
             Ok(scene) => scene,
             Err(error) => {
-                for size in &wanted.sizes {
+                for size in sizes {
                     let failed = |candidate| row(*size, candidate, Err(error.to_string()));
                     report.rows.extend(wanted.candidates.iter().map(failed));
                 }
-                steps.skip(wanted.sizes.len() * cameras.len());
+                steps.skip(sizes.len() * cameras.len());
                 continue;
             }
         };
-        for size in &wanted.sizes {
+        for size in sizes {
             let resized =
                 |camera: &Camera| size.map_or_else(|| camera.clone(), |(w, h)| camera.resized(w, h));
             let cameras: Vec<Camera> = cameras.iter().map(resized).collect();
@@ -72,4 +74,34 @@ pub fn study<E: From<StudyError>>(
 
 fn enlarged(base: &Arc<Scene>, splats: u32) -> Result<Arc<Scene>, synth::SynthError> {
     Ok(if base.count() == splats { base.clone() } else { Arc::new(synth::enlarge(base, splats)?) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::report::Origin;
+    use super::*;
+    use crate::draw::backend::Backend;
+    use crate::draw::interleaved::Frames;
+    use splatgraph_api::Device;
+
+    #[test]
+    fn without_sizes_the_cameras_keep_theirs_and_without_cameras_there_is_an_error() {
+        let null = splatgraph_null::open(&splatgraph_null::Config::default()).0.expect("no fault is set");
+        let device = Backend::Null(null);
+        let scene: Arc<Scene> = synth::generate("demo", 50, 0).expect("a small scene").into();
+        let wanted =
+            Wanted { candidates: vec![Setting::of_graph("unsorted", &[])], splats: vec![], sizes: vec![] };
+        let study = |cameras: &[Camera]| {
+            let frames = Frames { rounds: 1, frames: Some(1) };
+            let origin = Origin::new(device.info(), None, frames, &[]);
+            let mut report = Report { complete: false, origin, scenes: vec![], rows: vec![] };
+            let (name, scene, cameras) = ("demo".to_owned(), scene.clone(), cameras.to_vec());
+            let subject = Subject { device: &device, name, scene, cameras };
+            study(&subject, &wanted, &mut report, &mut |_| Ok::<(), StudyError>(()), &mut ())?;
+            Ok(report.rows.into_iter().map(|row| (row.size, row.found.is_ok())).collect())
+        };
+        let sizes: Result<Vec<_>, StudyError> = study(&[Camera::framing(&scene, 32, 24)]);
+        assert_eq!(sizes.expect("it is measured"), [(None, true)]);
+        assert!(matches!(study(&[]), Err(StudyError::NoCameras)));
+    }
 }
