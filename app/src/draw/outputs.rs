@@ -69,7 +69,8 @@ pub struct Frame {
 
 /// Draws a frame at the camera's size, and reads back its picture and outputs.
 ///
-/// Builds and loads the plan if necessary. The background is display-encoded.
+/// Builds and loads the plan if necessary. The camera is in the scene's coordinates, as for [`Session::submit`]. The
+/// background is display-encoded.
 ///
 /// # Errors
 /// The graph has errors or lacks an output, the device fails, or the picture has no colours.

@@ -90,7 +90,8 @@ pub struct Subject<'a> {
     pub name: String,
     /// Scene to draw.
     pub scene: Arc<Scene>,
-    /// Cameras, with the size of their pictures; at least one.
+    /// Cameras, with the size of their pictures; at least one. They are in the scene's coordinates:
+    /// [`Camera::relative_to`] with [`Scene::offset`] converts the cameras of files.
     pub cameras: Vec<Camera>,
 }
 

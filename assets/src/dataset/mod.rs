@@ -151,7 +151,7 @@ impl Dataset {
 }
 
 impl Camera {
-    /// Reads the cameras of a [`Dataset`].
+    /// Reads the cameras of a [`Dataset`], in the world's coordinates; see [`Camera::relative_to`].
     ///
     /// # Errors
     /// The errors of [`Dataset::load`].
