@@ -142,7 +142,7 @@ impl Subject {
         let due = if gone {
             gone_since + patience.gone
         } else {
-            (steady_since + patience.quiet).min(gone_since + patience.moving)
+            (steady_since + patience.quiet).min(first_seen + patience.moving)
         };
         Some(Difference { first_seen, gone, due })
     }

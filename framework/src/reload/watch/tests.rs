@@ -201,6 +201,24 @@ fn a_file_that_never_stands_still_is_a_change_nevertheless() {
 }
 
 #[test]
+fn a_file_that_is_emptied_by_every_save_is_a_change_nevertheless() {
+    let desk = Desk::new(&[("a", "one")]);
+    let mut subject = Subject::new(&desk.path("a"));
+    subject.look();
+    subject.built(&[Content::of(b"one")]);
+    let begun = Instant::now();
+    let mut is_due = |frame: u32| {
+        let now = begun + frame * Duration::from_millis(16);
+        desk.save("a", if frame.is_multiple_of(2) { "" } else { "two" });
+        subject.look();
+        subject.weigh(now, now);
+        subject.difference(&EVENTS).expect("the file differs").due <= now
+    };
+    let due = (0..100).find(|frame| is_due(*frame)).expect("a change");
+    assert_eq!(due, 63, "with contents, after a second");
+}
+
+#[test]
 fn a_change_does_not_wait_long_for_a_file_that_is_still_moving() {
     // `b` changes all the time and would delay the report; `a` is saved once.
     let patience = Patience { moving: LONG, ..EVENTS };
