@@ -11,11 +11,16 @@ use crate::source::Diagnostic;
 impl Linker<'_> {
     /// Checks that the vertex shader uses `gl_Position`, and that every input of the fragment shader is an output of
     /// the vertex shader, of the same type. The two are compiled separately, so the compiler does not check this.
-    pub(super) fn interface(&mut self, vertex: ShaderId, fragment: ShaderId, span: Span) {
+    pub(super) fn interface(
+        &mut self,
+        (vertex, vertex_span): (ShaderId, Span),
+        (fragment, span): (ShaderId, Span),
+    ) {
         let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
         if !from.reflection.uses_position {
             let message = format!("expected `{}` to write `gl_Position`, found no use of it", from.name);
-            self.errors.push(Diagnostic::new(message, span, "the positions of its vertices are undefined"));
+            let label = "the positions of its vertices are undefined";
+            self.errors.push(Diagnostic::new(message, vertex_span, label));
         }
         for input in &to.reflection.inputs {
             let output = from.reflection.outputs.iter().find(|o| o.location == input.location);

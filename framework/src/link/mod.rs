@@ -90,7 +90,7 @@ impl Linker<'_> {
                 let vertex_id = self.shader(pass, vertex, ShaderStage::Vertex);
                 let fragment_id = self.shader(pass, fragment, ShaderStage::Fragment);
                 let (vertex_id, fragment_id) = (vertex_id?, fragment_id?);
-                self.interface(vertex_id, fragment_id, fragment.span);
+                self.interface((vertex_id, vertex.span), (fragment_id, fragment.span));
                 self.targets(fragment_id, pass, targets, &mut uses);
                 self.depth(pass, targets, *depth, &mut uses);
                 if let DrawCall::Indirect { buffer, .. } = *call {
