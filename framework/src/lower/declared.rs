@@ -30,13 +30,15 @@ pub(super) struct Declared {
     pub around: Vec<Rc<Around>>,
 }
 
-/// Parameters of an included graph that its includer does not expose.
+/// The way in which an includer treats the parameters of an included graph.
 #[derive(Debug, Default)]
 pub(super) struct Around {
     /// Parameters in `set`, with their values, which are expressions over the includer's names.
     pub set: BTreeMap<String, Given>,
     /// Parameters that keep their defaults, and the places of their declarations.
     hidden: BTreeMap<String, Span>,
+    /// Exposed parameters, with their places in `expose`; empty for `expose: All`.
+    exposed: BTreeMap<String, Span>,
 }
 
 #[derive(Debug)]
@@ -52,9 +54,17 @@ pub(super) struct Reach {
     pub names: BTreeSet<String>,
     /// Names in the `set` of an include, each with the include's index in [`Declared::around`].
     pub set: BTreeSet<(usize, String)>,
-    /// A parameter that an expression uses but the include neither exposes nor sets, if any; with the place of its
-    /// declaration.
-    pub hidden: Option<(String, Span)>,
+    /// A parameter that an expression uses but an include neither exposes nor sets, if any.
+    pub hidden: Option<Hidden>,
+}
+
+/// A parameter that another one needs, in an include that exposes only the other one.
+#[derive(Debug)]
+pub(super) struct Hidden {
+    pub name: String,
+    pub declared: Span,
+    /// The place of the other parameter in `expose`.
+    pub exposed: Span,
 }
 
 impl Declared {
@@ -99,7 +109,11 @@ impl Declared {
                         open.extend(names.into_iter().map(|name| (at + 1, name)));
                     }
                 }
-                None => reach.hidden = Some((name.clone(), self.around[at].hidden[&name])),
+                None => {
+                    let Around { hidden, exposed, .. } = &*self.around[at];
+                    let (declared, exposed) = (hidden[&name], exposed[&self.name]);
+                    reach.hidden = Some(Hidden { name, declared, exposed });
+                }
             }
         }
         reach
@@ -338,6 +352,10 @@ impl Collect<'_, '_> {
                 Some(setting) => drop(around.set.insert(name, Given { setting, kind })),
                 None => drop(around.hidden.insert(name, hidden.place.key())),
             }
+        }
+        if let Expose::Only(names) = expose {
+            let place = |(i, name): (usize, &String)| (name.clone(), at.index(0).index(i).span());
+            around.exposed = names.iter().enumerate().map(place).collect();
         }
         let around = Rc::new(around);
         for declared in inner.all.iter().filter(|inner| is_exposed(&inner.name)) {

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::declared::{Declared, Parameters, Reach};
+use super::declared::{Declared, Hidden, Parameters, Reach};
 use super::document::{Opened, Setting};
 use super::lowered::SkippedUse;
 use super::reserved::is_reserved;
@@ -212,12 +212,12 @@ fn around<'a>(
     names: &'a Names,
 ) -> Result<Vec<Cow<'a, Names>>, Diagnostic> {
     let Reach { set, hidden, .. } = declared.reach(setting);
-    if let Some((hidden, at)) = hidden {
+    if let Some(Hidden { name: hidden, declared: at, exposed }) = hidden {
         let name = &declared.name;
         let message =
             format!("`{name}` is exposed and needs `{hidden}`, which the include neither exposes nor sets");
-        let error = Diagnostic::new(message, declared.place.key(), "is exposed");
-        return Err(error
+        return Err(Diagnostic::new(message, exposed, "is exposed")
+            .with_label(declared.place.key(), "declared here")
             .with_label(at, "has its default in the included graph")
             .with_help(format!("add `{hidden}` to `expose`, or give it a value in `set`")));
     }
