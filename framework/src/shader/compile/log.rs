@@ -98,8 +98,7 @@ fn split_place(text: &str) -> (Option<Place>, &str) {
         let mut parts = head.rsplitn(3, ':');
         let column = parts.next()?.parse::<i64>().ok()?;
         let line = parts.next()?.parse::<i64>().ok()?;
-        // Other names come from a `#line` in the shader.
-        let unit = parts.next()?.parse().unwrap_or(0);
+        let unit = parts.next()?.parse().ok()?;
         Some((Place { unit, line: line.max(0) as usize, column: column.max(0) as usize }, rest))
     };
     match parse() {
@@ -177,14 +176,25 @@ impl Entry<'_> {
             (None, Some(quoted)) => token.of(text) == spelling(quoted),
             (None, None) => false,
         };
-        let (range, token) = locate(text, place, wanted, is_macro);
+        // glslang says "assign" for every change of a value, also by `+=` and in an argument: its column tells which.
+        let is_change = self.token == Some("assign");
+        let (range, token) = locate(text, place, (wanted, is_change), is_macro);
         let found = token.map(|token| token.of(text));
         let span = sources.span(files, request, unit, range);
         if let Some(syntax) = syntax {
-            return Diagnostic::new(syntax.message(found), span, syntax.label());
+            let diagnostic = Diagnostic::new(syntax.message(found), span, syntax.label());
+            // A `;` can be missing before the `#include`, in another file.
+            let include = (first_code(text) == Some(span.start)).then(|| sources.include_of(unit)).flatten();
+            return match include {
+                Some((includer, place)) => {
+                    let span = sources.span(files, request, includer, place);
+                    diagnostic.with_label(span, "included here: is the code before it complete?")
+                }
+                None => diagnostic,
+            };
         }
         let message = match self.token {
-            Some("assign") => format!("`=`: {}", self.message),
+            Some("assign") => format!("`{}`: {}", found.unwrap_or("="), self.message),
             Some(token) => format!("`{token}`: {}", self.message),
             None => self.message.clone(),
         };
@@ -223,12 +233,12 @@ impl Entry<'_> {
     }
 }
 
-/// Returns the place of an error in a text: the nearest matching token, the token at the error's column, or the
-/// whole line.
+/// Returns the place of an error in a text: the nearest matching token, the token at the error's column (the other way
+/// round if `by_column`), or the whole line.
 fn locate(
     text: &str,
     place: Place,
-    wanted: impl Fn(&Token) -> bool,
+    (wanted, by_column): (impl Fn(&Token) -> bool, bool),
     is_macro: impl Fn(&str) -> bool,
 ) -> (Range<usize>, Option<Token>) {
     let mut line = line_range(text, place.line);
@@ -249,13 +259,21 @@ fn locate(
         let expanded = tokens.iter().position(|t| is_macro(t.of(text))).unwrap_or(tokens.len());
         (0..tokens.len()).find(|&i| i <= expanded && printed[i] == place.column)
     };
-    if let Some(i) = nearest.or_else(at_column) {
+    let (first, second) = if by_column { (at_column(), nearest) } else { (nearest, at_column()) };
+    if let Some(i) = first.or(second) {
         return (tokens[i].range(), Some(tokens[i]));
     }
     match (tokens.first(), tokens.last()) {
         (Some(first), Some(last)) => (first.start..last.end, None),
         _ => (line, None),
     }
+}
+
+/// Returns the start of the first token that is not part of a directive.
+fn first_code(text: &str) -> Option<usize> {
+    let tokens = lex(text);
+    let lines = tokens.split(|token| token.kind == TokenKind::Newline);
+    lines.filter_map(|line| line.first()).find(|token| token.of(text) != "#").map(|token| token.start)
 }
 
 /// Returns the byte range of a line without its end, with the number clamped to existing lines.

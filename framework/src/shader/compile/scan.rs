@@ -153,6 +153,8 @@ pub(super) struct Scan {
     pub version: Option<(Range<usize>, bool)>,
     /// The first token with a character that GLSL allows in comments only, if any.
     pub foreign: Option<Range<usize>>,
+    /// The first `#line`, if any.
+    pub line: Option<Range<usize>>,
 }
 
 /// Maximum number of kept scans. If it is reached, all are dropped.
@@ -206,6 +208,9 @@ fn scan(text: &str) -> Scan {
                     Some("if" | "elif") => {
                         let rest = argument.into_iter().chain(words);
                         scan.conditions.extend(rest.map(|token| token.of(text).to_owned()));
+                    }
+                    Some("line") if scan.line.is_none() => {
+                        scan.line = directive.map(|directive| token.start..directive.end);
                     }
                     Some("define") => scan.macros.extend(argument.map(|t| t.of(text).to_owned())),
                     Some("version") if scan.version.is_none() => {

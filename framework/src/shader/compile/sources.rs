@@ -44,8 +44,8 @@ pub(super) struct Include {
 impl Sources {
     /// Finds and scans all texts. A missing file is not an error yet: an `#if` may disable its `#include`.
     ///
-    /// Fails if the files exceed a limit, if one has NUL or a non-ASCII character outside comments, or if the shader is
-    /// not declared GLSL 4.60.
+    /// Fails if the files exceed a limit, if one has NUL or a non-ASCII character outside comments or a `#line`, or if
+    /// the shader is not declared GLSL 4.60.
     pub fn gather(
         files: &mut SourceMap,
         request: &ShaderRequest,
@@ -81,6 +81,11 @@ impl Sources {
                     span,
                     "not allowed",
                 )]);
+            }
+            if let Some(place) = scan.line.clone() {
+                let span = span_of(place, files);
+                let label = "would move errors to other lines";
+                return Err(vec![Diagnostic::new("`#line` is not supported", span, label)]);
             }
             if sources.units.is_empty() {
                 let place = match &scan.version {
@@ -242,6 +247,14 @@ impl Sources {
             }
         }
         self.first_line(files, request)
+    }
+
+    /// Finds the first `#include` of a unit: the including unit, and the place of the name in it.
+    pub fn include_of(&self, unit: usize) -> Option<(usize, Range<usize>)> {
+        self.units.iter().enumerate().find_map(|(includer, other)| {
+            let include = other.includes.values().find(|include| include.target.as_ref() == Ok(&unit))?;
+            Some((includer, include.place.clone()))
+        })
     }
 
     pub fn first_line(&self, files: &mut SourceMap, request: &ShaderRequest) -> Span {

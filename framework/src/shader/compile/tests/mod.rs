@@ -157,19 +157,6 @@ fn an_error_in_an_included_file_is_shown_there() {
 }
 
 #[test]
-fn a_statement_that_ends_in_no_semicolon_before_an_include_is_shown_with_the_include() {
-    let shader =
-        format!("{HEAD}#include \"own.glsl\"\n#include \"next.glsl\"\nvoid main() {{ o[0] = next(); }}\n");
-    let files = [
-        ("shaders/a.comp", shader.as_str()),
-        ("shaders/own.glsl", "const uint own = 1u\n"),
-        ("shaders/next.glsl", "// Next.\n#define NEXT 2u\nuint next() { return NEXT; }\n"),
-    ];
-    let error = Bench::new(&files).compile("a.comp", &[]).unwrap_err();
-    assert!(error.contains("--> shaders/next.glsl:3:1") && error.contains("shaders/a.comp:6:11"), "{error}");
-}
-
-#[test]
 fn a_missing_include_that_an_if_hides_is_none() {
     let shader = format!("{HEAD}#if 0\n#include \"missing.glsl\"\n#endif\nvoid main() {{ o[0] = 1; }}\n");
     Bench::new(&[("shaders/a.comp", &shader)]).compile("a.comp", &[]).unwrap();
