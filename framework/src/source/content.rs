@@ -117,6 +117,30 @@ pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     Ok((bytes.len() as u64 <= MAX_FILE).then_some(bytes))
 }
 
+/// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error is a phrase for
+/// [`NotFound::why`](super::NotFound::why).
+pub(super) fn as_text(bytes: Vec<u8>) -> Result<String, String> {
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let before = String::from_utf8_lossy(&error.as_bytes()[..error.utf8_error().valid_up_to()]);
+        let line = before.rsplit('\n').next().unwrap_or_default();
+        let (line, column) = (before.matches('\n').count() + 1, line.chars().count() + 1);
+        format!("is not UTF-8 text (the first invalid byte is at line {line}, column {column})")
+    })?;
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(text) => text.to_string(),
+        None => text,
+    })
+}
+
+/// Describes what is at a path without a file, such as ` (a folder)`; empty if nothing is there.
+pub(super) fn obstacle(path: &str) -> String {
+    if Path::new(path).is_dir() {
+        return " (a folder)".to_string();
+    }
+    let target = fs::read_link(path);
+    target.map_or_else(|_| String::new(), |to| format!(" (a link to {}, which does not exist)", to.display()))
+}
+
 /// Returns true for errors that mean the file does not exist, rather than that it is unreadable.
 fn is_missing(kind: ErrorKind) -> bool {
     matches!(

@@ -206,12 +206,23 @@ impl SourceMap {
             }
         }
         let nearest = self.nearest_name(from, name, kind);
+        let tried = tried.into_iter().map(|path| format!("{path}{}", content::obstacle(&path))).collect();
         Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None })
     }
 
     /// Returns the path of a file, for messages.
     pub fn path(&self, file: FileId) -> &str {
         self.file(file).map_or("<unknown file>", |f| &f.path)
+    }
+
+    /// Returns the path of a file for messages, with a remark if it is built in: then there may be no such file on disk.
+    pub fn shown_path(&self, file: FileId) -> Cow<'_, str> {
+        let is_built_in = self
+            .known
+            .iter()
+            .any(|(identity, known)| *known == file && matches!(identity, Identity::BuiltIn(_)));
+        let path = self.path(file);
+        if is_built_in { Cow::Owned(format!("{path} (built in)")) } else { Cow::Borrowed(path) }
     }
 
     /// Returns the text of a file; a byte order mark is removed.
@@ -364,7 +375,14 @@ impl SourceMap {
         };
         if from.is_some() && !self.allows(&roots, &canonical) {
             let folder = roots.first().map_or("it".into(), |root| root.display().to_string());
-            let why = format!("is outside the graph's folder, {folder} (`--include-root` allows others)");
+            let link = match canonical.ends_with(displayed(path)) {
+                true => String::new(),
+                false => format!("leads to {}, which ", canonical.display()),
+            };
+            let why = format!(
+                "{link}is outside the graph's folder, {folder}, and outside pipelines/ and shaders/ beside it \
+                 (`--include-root` allows others)"
+            );
             return (Content::at(path), Err(why));
         }
         let file = match opened {
@@ -385,7 +403,7 @@ impl SourceMap {
             Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
         };
         let content = Content::of(&bytes);
-        let text = match unsaved.map_or_else(|| as_text(bytes), Ok) {
+        let text = match unsaved.map_or_else(|| content::as_text(bytes), Ok) {
             Ok(text) => text,
             Err(why) => return (content, Err(why)),
         };
@@ -435,8 +453,22 @@ impl SourceMap {
                 }
             }
         }
+        // A folder, or a link to nothing, can have the very name.
+        candidates.retain(|candidate| candidate != name);
         candidates.sort();
-        if let Some(near) = nearest(name, candidates.iter().map(String::as_str)) {
+        // The folder and the extension say nothing about the similarity of names that share them.
+        let around = |path: &str| {
+            let start = path.rfind('/').map_or(0, |slash| slash + 1);
+            let end = path[start..].rfind('.').map_or(path.len(), |dot| start + dot);
+            start..end
+        };
+        let stem = around(name);
+        let near = nearest(name, candidates.iter().map(String::as_str)).filter(|near| {
+            let other = around(near);
+            let same = (&name[..stem.start], &name[stem.end..]) == (&near[..other.start], &near[other.end..]);
+            !same || nearest(&name[stem.clone()], [&near[other]]).is_some()
+        });
+        if let Some(near) = near {
             return Some(near.to_string());
         }
         // Otherwise look for a file with the right name in another folder.
@@ -480,20 +512,6 @@ fn own_roots(path: &Path) -> Vec<PathBuf> {
 
 fn cannot_be_read(error: &std::io::Error) -> String {
     format!("cannot be read ({error})")
-}
-
-/// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error is a phrase for [`NotFound::why`].
-fn as_text(bytes: Vec<u8>) -> Result<String, String> {
-    let text = String::from_utf8(bytes).map_err(|error| {
-        format!(
-            "is not UTF-8 text (the first invalid byte is at offset {})",
-            error.utf8_error().valid_up_to()
-        )
-    })?;
-    Ok(match text.strip_prefix('\u{feff}') {
-        Some(text) => text.to_string(),
-        None => text,
-    })
 }
 
 /// Simplifies `.` and `..` in a path for messages, unless that would lead to another file.

@@ -90,7 +90,7 @@ fn render_one(
     // Files must not be able to send escape sequences to the terminal, or to imitate lines of the message.
     let mut group = Group::with_title(level.clone().primary_title(one_line(&diagnostic.message)));
     for ((file, labels), text) in snippets.iter().zip(&texts) {
-        let mut snippet = Snippet::source(&**text).path(one_line(files.path(*file)));
+        let mut snippet = Snippet::source(&**text).path(one_line(&files.shown_path(*file)));
         for (kind, label) in labels {
             let annotation = kind.span(drawable(text, label.span));
             snippet = snippet.annotation(match label.text.as_str() {

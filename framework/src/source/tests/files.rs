@@ -201,6 +201,7 @@ fn a_missing_file_is_met_with_where_it_was_looked_for_and_the_nearest_name() {
     assert_eq!(nearest("sort/onw.comp", Kind::Shader).as_deref(), Some("sort/own.comp"));
     assert_eq!(nearest("scatter.comp", Kind::Shader).as_deref(), Some("sort/scatter.comp"));
     assert_eq!(nearest("nothing_like_it.comp", Kind::Shader), None);
+    assert_eq!(nearest("sort/pull.comp", Kind::Shader), None, "as long as `own`, but not like it");
 
     let mut files = library(&[]);
     let graph = files.find(None, "splat", Kind::Graph).unwrap();
@@ -212,12 +213,31 @@ fn a_missing_file_is_met_with_where_it_was_looked_for_and_the_nearest_name() {
     );
 }
 
+#[cfg(unix)]
+#[test]
+fn a_folder_or_a_link_to_nothing_in_the_place_of_a_file_is_named() {
+    let folder = Folder::new(&[("a.ron", ""), ("folder.comp/b.comp", "")]);
+    std::os::unix::fs::symlink("gone.comp", folder.path("link.comp")).unwrap();
+    let mut files = library(&[]);
+    let graph = files.find(None, &folder.path("a.ron"), Kind::Graph).unwrap();
+    for (name, what) in
+        [("folder.comp", "a folder"), ("link.comp", "a link to gone.comp, which does not exist")]
+    {
+        let error = files.find(Some(graph), name, Kind::Shader).unwrap_err();
+        assert_eq!(error.tried[0], format!("{} ({what})", folder.path(name)));
+        assert_eq!(error.nearest, None, "{name}");
+    }
+}
+
 #[test]
 fn a_file_that_is_no_text_is_not_called_missing() {
     let folder = Folder::new(&[("a.ron", "")]);
-    fs::write(folder.path("a.ron"), b"Graph(\xff)").unwrap();
+    fs::write(folder.path("a.ron"), b"\n\xc3\xa9Graph(\xff)").unwrap();
     let error = library(&[]).find(None, &folder.path("a.ron"), Kind::Graph).unwrap_err();
-    assert_eq!(error.why.as_deref(), Some("is not UTF-8 text (the first invalid byte is at offset 6)"));
+    assert_eq!(
+        error.why.as_deref(),
+        Some("is not UTF-8 text (the first invalid byte is at line 2, column 8)")
+    );
     let path = folder.path("a.ron");
     assert_eq!(
         error.to_string(),
@@ -426,7 +446,10 @@ fn a_graph_names_no_files_outside_of_its_folders() {
             let sentence = error.to_string();
             assert!(!sentence.contains("root:") && error.nearest.is_none(), "{sentence}");
             // From another folder, some of the names lead nowhere.
-            let refused = error.why.is_some_and(|why| why.contains("is outside the graph's folder, "));
+            let refused = error.why.is_some_and(|why| {
+                let target = if name.contains("link") { "/out/secret." } else { "" };
+                why.contains("is outside the graph's folder, ") && why.contains(target)
+            });
             assert!(refused || from != graph && name.starts_with(".."), "{sentence}");
         }
     }
