@@ -6,12 +6,14 @@
 //!   before the include.
 //! - A dispatch or a draw has a constant size of 0.
 //! - The iterations of a repeat read the same half of a ping-pong buffer and write the other: a `Swap` is missing.
+//! - A `Once` pass fills a ping-pong buffer, and each frame changes it in an odd number of steps: the next frame does
+//!   not start with the result.
 
 use super::order::Order;
 use crate::ir::{Accesses, ResourceId, Shader, Span};
 use crate::link::LinkedPass;
 use crate::lower::{Lowered, Unswapped};
-use crate::plan::Warning;
+use crate::plan::{Resource, Warning};
 use crate::source::{Diagnostic, SourceMap};
 use std::collections::{HashMap, HashSet};
 
@@ -34,6 +36,7 @@ pub(super) fn warnings(
     }
     found.extend(idle_includes(passes, &order.live, lowered));
     found.extend(unswapped(passes, &order.live, lowered));
+    found.extend(lost_steps(passes, order, lowered));
     found.extend(Diagnostic::distinct(lowered.idle.clone()));
     let warning =
         |diagnostic: Diagnostic| Warning { origin: files.origin(diagnostic.primary.span), diagnostic };
@@ -73,10 +76,6 @@ fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Di
 fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
     let mut found: Vec<Diagnostic> = Vec::new();
     for Unswapped { front, back, passes: [first, second] } in &lowered.unswapped {
-        let accesses = |pass: &LinkedPass, resource: ResourceId| {
-            let uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
-            uses.fold(Accesses::empty(), |all, touch| all | touch.accesses)
-        };
         // Passes in both directions, or in place, need no swap.
         let one_way = |pass: &LinkedPass| !accesses(pass, *front).writes() && !accesses(pass, *back).reads();
         let steps = |pass: &LinkedPass| accesses(pass, *front).reads() && accesses(pass, *back).writes();
@@ -113,6 +112,40 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
         );
     }
     found
+}
+
+/// Returns a warning for each ping-pong buffer that a `Once` pass fills, and that each frame changes there and back by
+/// iterations of one pass, if the last iteration writes the half that the frame did not start with.
+fn lost_steps(passes: &[LinkedPass], order: &Order, lowered: &Lowered) -> Vec<Diagnostic> {
+    let resources = &lowered.plan.resources;
+    let find = |name: &str| resources.iter().position(|other| other.name == name);
+    let lost = |(start, resource): (usize, &Resource)| {
+        let name = resource.name.strip_suffix("#0")?;
+        let other = ResourceId(find(&format!("{name}#1"))? as u32);
+        let start = ResourceId(start as u32);
+        let made = order.once.iter().find(|pass| accesses(&passes[**pass], start).writes())?;
+        let of_frame = order.frame.iter().map(|pass| &passes[*pass]);
+        let changes: Vec<&LinkedPass> = of_frame
+            .filter(|pass| [start, other].iter().any(|half| accesses(pass, *half).writes()))
+            .collect();
+        let (first, last) = (*changes.first()?, *changes.last()?);
+        let back = |pass: &LinkedPass| accesses(pass, start).writes();
+        let forth = |pass: &LinkedPass| accesses(pass, start).reads() && !back(pass);
+        // A different last pass may show the state, and use the other half as memory.
+        let is_lost = forth(first) && forth(last) && first.span == last.span;
+        (is_lost && changes.iter().any(|pass| back(pass))).then(|| {
+            let message = format!("the next frame does not start with the result of `{}`", last.pass.name);
+            Diagnostic::new(message, last.span, format!("writes the other half of `{name}`"))
+                .with_label(passes[*made].span, "fills the half with which every frame starts")
+                .with_help("make the number of swaps in a frame even, or copy the result to the other half")
+        })
+    };
+    resources.iter().enumerate().filter_map(lost).collect()
+}
+
+fn accesses(pass: &LinkedPass, resource: ResourceId) -> Accesses {
+    let uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
+    uses.fold(Accesses::empty(), |all, touch| all | touch.accesses)
 }
 
 /// Returns a warning for each include in which culled passes write to a port, although a pass outside reads its
