@@ -320,7 +320,7 @@ pub struct DumpBarrier {
     pub before: Option<Declared>,
     /// The image whose layout changes; `None` for a memory barrier.
     pub image: Option<Transition<String>>,
-    /// Stages and accesses: the union over all dependencies.
+    /// Stages and accesses: the union over all dependencies, without the bits that earlier barriers cover.
     #[serde(flatten)]
     pub masks: Masks,
     /// Hazards that the barrier prevents.
