@@ -189,6 +189,9 @@ pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
 }
 
 /// Runs the program with the process's arguments.
+///
+/// The program compiles shaders in a second process of its own, so its `main` calls
+/// [`serve_if_asked`](splatgraph_framework::shader::serve_if_asked) first.
 pub fn main() -> ExitCode {
     // If the program's own path is unknown, shaders are compiled in this process.
     let worker = Worker::this_program().ok();
