@@ -8,7 +8,9 @@ use super::theme::{self, Palette, ROW};
 use super::widgets::{self, hint};
 use crate::io::report::text::decimals;
 use crate::view::renderer::Renderer;
-use egui::{Align, ComboBox, DragValue, Layout, Response, RichText, Slider, SliderClamping, Ui};
+use egui::{
+    Align, ComboBox, DragValue, Id, Layout, Response, RichText, Slider, SliderClamping, Ui, UiBuilder,
+};
 use indexmap::IndexSet;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
@@ -186,6 +188,19 @@ pub fn set_line(renderer: &Renderer) -> String {
 }
 
 fn row(
+    ui: &mut Ui,
+    plan: Option<&Plan>,
+    control: &Control,
+    modified: bool,
+    controls: &mut Controls,
+) -> Option<Change> {
+    // By default, egui counts widgets to identify them: if a reload inserted a row above, the keyboard and the mouse
+    // would go on with another parameter.
+    let builder = UiBuilder::new().scope_id(Id::unique(("parameter", &control.param.name)));
+    ui.scope_builder(builder, |ui| cells(ui, plan, control, modified, controls)).inner
+}
+
+fn cells(
     ui: &mut Ui,
     plan: Option<&Plan>,
     control: &Control,

@@ -225,6 +225,31 @@ fn actions_without_another_effect_on_the_window_are_confirmed() {
 }
 
 #[test]
+fn typing_goes_on_in_the_same_parameter_when_a_reload_adds_one_above() {
+    let mut script = window(&[Tool::Parameters]);
+    click(&mut script, "param:shade#");
+    let write = |script: &mut Script, text: &str| {
+        script.input = vec![egui::Event::Text(text.to_owned())];
+        script.frame(false);
+    };
+    write(&mut script, "0.1");
+    let graph = script.path("graph.ron");
+    let text = std::fs::read_to_string(&graph).unwrap();
+    let gamma = "\"gamma\": Const(Int(default: 64, range: (1, 64))),\n    \"shade\": Live";
+    let text = text.replace("\"shade\": Live", gamma).replace("Threads(64)", "Threads(\"gamma\")");
+    std::fs::write(&graph, text).unwrap();
+    script.until("the new row", |script| script.panels().controls.find("param:gamma#").is_some());
+    let row = |script: &mut Script, name: &str| script.panels().controls.find(name).unwrap().top();
+    assert!(row(&mut script, "param:gamma#") < row(&mut script, "param:shade#"));
+    write(&mut script, "5");
+    script.press(Key::Enter, Modifiers::NONE);
+    script.frame(false);
+    let set = script.viewer().a.renderer.set();
+    assert_eq!(set.iter().collect::<Vec<_>>(), [(&"shade".to_owned(), &"0.15".to_owned())]);
+    script.close(&[]);
+}
+
+#[test]
 fn a_graph_that_fails_is_named_in_the_status_line() {
     let mut script = window(&[Tool::Parameters]);
     assert_eq!(script.panels().controls.find("problem:A"), None);
