@@ -55,7 +55,8 @@ impl State {
         let plain: Vec<String> = texts.iter().map(|text| failures::plain(text)).collect();
         let place = plain.iter().find_map(|text| origin(text));
         let mut close = false;
-        egui::Area::new(egui::Id::unique("mistakes"))
+        // An area remembers its size, and a card of other errors has another size.
+        egui::Area::new(egui::Id::unique(("mistakes", &texts)))
             .fixed_pos(view.left_bottom())
             .pivot(Align2::LEFT_BOTTOM)
             .constrain_to(view)
@@ -89,7 +90,8 @@ impl State {
                         ui.fonts_mut(|fonts| fonts.glyph_width(&FontId::monospace(TEXT), ' ')).max(1.0);
                     let columns = ((ui.max_rect().width() / glyph) as usize).max(8);
                     let height = (0.6 * view.height()).max(60.0);
-                    egui::ScrollArea::both().max_height(height).show(ui, |ui| {
+                    let scroll = egui::ScrollArea::both().max_height(height).min_scrolled_height(height);
+                    scroll.show(ui, |ui| {
                         for text in &texts {
                             let text = failures::layout(text, columns, TEXT);
                             ui.add(egui::Label::new(text).extend().selectable(true));

@@ -250,6 +250,30 @@ fn typing_goes_on_in_the_same_parameter_when_a_reload_adds_one_above() {
 }
 
 #[test]
+fn the_card_of_errors_has_room_for_longer_errors_than_its_first() {
+    let height = |script: &mut Script, part: &str, wrong: &str| {
+        let graph = script.path("graph.ron");
+        let text = std::fs::read_to_string(&graph).unwrap();
+        std::fs::write(&graph, text.replace(part, wrong)).unwrap();
+        let is_shown = |script: &mut Script| {
+            let problem = script.viewer().a.renderer.problem(true);
+            problem.is_some_and(|problem| problem.contains(wrong))
+        };
+        script.until(wrong, is_shown);
+        (0..3).for_each(|_| drop(script.frame(false)));
+        script.panels().controls.find("mistakes").expect("the card is shown").height()
+    };
+    let mut script = window(&[]);
+    let short = height(&mut script, "shade.comp", "shad.comp");
+    let long = height(&mut script, "key.comp", "kei.comp");
+    let mut fresh = window(&[]);
+    std::fs::write(fresh.path("graph.ron"), std::fs::read_to_string(script.path("graph.ron")).unwrap())
+        .unwrap();
+    let at_once = height(&mut fresh, "kei.comp", "kei.comp");
+    assert!(short < long && long == at_once, "{short}, {long}, in a new window {at_once}");
+}
+
+#[test]
 fn a_graph_that_fails_is_named_in_the_status_line() {
     let mut script = window(&[Tool::Parameters]);
     assert_eq!(script.panels().controls.find("problem:A"), None);
