@@ -31,7 +31,7 @@ fn a_scene_is_drawn_from_every_camera_with_statistics_and_sorted_keys() {
     assert_eq!(cameras.len(), 4);
     assert_eq!(text.matches("\n  monotonic: ").count(), 4, "{text}");
     for camera in cameras {
-        for key in ["device", "parameters", "counts", "passes", "phases", "buffers"] {
+        for key in ["device", "parameters", "counts", "passes", "phases", "once", "buffers"] {
             assert!(!camera[key].is_null(), "no {key} in {camera}");
         }
         let count =

@@ -39,8 +39,10 @@ pub struct CameraStats {
     pub counts: Map<String, Json>,
     /// Times of the passes, in order of execution.
     pub passes: Vec<PassTime>,
-    /// Milliseconds per phase, summed over its passes; `null` if the device has no timestamps.
+    /// Milliseconds per phase, summed over its passes of every frame; `null` if the device has no timestamps.
     pub phases: Map<String, Json>,
+    /// The same for the passes that run once.
+    pub once: Map<String, Json>,
     /// GPU time from a frame's first command to its last, without the passes that run once, in milliseconds; `None`
     /// without timestamps.
     pub gpu_ms: Option<f64>,
@@ -127,7 +129,8 @@ impl CameraStats {
             parameters: plan.params.iter().map(|p| (p.name.clone(), json(&p.value))).collect(),
             reasons: reasons(plan),
             counts,
-            phases: phase_times(&passes),
+            phases: phase_times(&passes, Run::Frame),
+            once: phase_times(&passes, Run::Once),
             passes,
             gpu_ms: total_time(plan, frames),
             record_ms: median(frames.iter().map(|f| f.record_ms).collect()).unwrap_or(0.0),
@@ -167,14 +170,8 @@ impl CameraStats {
         if let Some(busy) = self.busy.filter(|busy| *busy < BUSY) {
             line += &format!(", which was idle for {:.0} % of the time", 100.0 * (1.0 - busy));
         }
-        let once: Vec<&str> =
-            self.passes.iter().filter(|p| p.run == Run::Once).map(|p| p.phase.as_str()).collect();
-        let phases: Vec<String> = self
-            .phases
-            .iter()
-            .filter(|(phase, _)| !once.contains(&phase.as_str()))
-            .filter_map(|(phase, ms)| Some(format!("{phase} {:.3}", ms.as_f64()?)))
-            .collect();
+        let phase = |(phase, ms): (&String, &Json)| Some(format!("{phase} {:.3}", ms.as_f64()?));
+        let phases: Vec<String> = self.phases.iter().filter_map(phase).collect();
         if !phases.is_empty() {
             line += &format!(" ({})", phases.join(", "));
         }
@@ -232,9 +229,9 @@ fn pass_times(plan: &Plan, frames: &[FrameResult]) -> Vec<PassTime> {
     order.into_iter().map(time).collect()
 }
 
-fn phase_times(passes: &[PassTime]) -> Map<String, Json> {
+fn phase_times(passes: &[PassTime], run: Run) -> Map<String, Json> {
     let mut phases: Map<String, Json> = Map::new();
-    for pass in passes {
+    for pass in passes.iter().filter(|pass| pass.run == run) {
         let sum = phases.entry(pass.phase.clone()).or_insert(0.0.into());
         *sum = match (sum.as_f64(), pass.gpu_ms) {
             (Some(sum), Some(ms)) => (sum + ms).into(),
@@ -299,11 +296,17 @@ mod tests {
 
     #[test]
     fn a_phase_is_the_sum_of_its_passes_and_unknown_where_one_is() {
-        let pass =
-            |phase: &str, gpu_ms| PassTime { name: "x".into(), phase: phase.into(), gpu_ms, run: Run::Frame };
-        let passes =
-            [pass("sort", Some(1.0)), pass("draw", None), pass("sort", Some(2.5)), pass("draw", Some(1.0))];
-        let phases = phase_times(&passes);
-        assert_eq!(Json::Object(phases), serde_json::json!({ "sort": 3.5, "draw": null }));
+        let pass = |run, phase: &str, gpu_ms| PassTime { name: "x".into(), phase: phase.into(), gpu_ms, run };
+        let of_frame = |phase, gpu_ms| pass(Run::Frame, phase, gpu_ms);
+        let passes = [
+            pass(Run::Once, "sort", Some(9.0)),
+            of_frame("sort", Some(1.0)),
+            of_frame("draw", None),
+            of_frame("sort", Some(2.5)),
+            of_frame("draw", Some(1.0)),
+        ];
+        let phases = |run| Json::Object(phase_times(&passes, run));
+        assert_eq!(phases(Run::Frame), serde_json::json!({ "sort": 3.5, "draw": null }));
+        assert_eq!(phases(Run::Once), serde_json::json!({ "sort": 9.0 }), "with a phase of the frame's");
     }
 }
