@@ -70,7 +70,8 @@ pub struct CameraStats {
 
 const VISIBLE: &str = "visible";
 
-/// Statistics of the built-in graphs. Of these, [`CameraStats::line`] contains only the visible splats.
+/// Statistics of the built-in graphs that draw a scene. Of these, [`CameraStats::line`] contains only the visible
+/// splats.
 const SHIPPED: [&str; 4] = [VISIBLE, "drawn", "entries_needed", "tied"];
 
 /// Value of [`CameraStats::busy`] below which the device idles so much that its clock may fall.
@@ -152,16 +153,17 @@ impl CameraStats {
     /// Formats a summary line: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     ///
     /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. A graph that draws no scene has no
-    /// splats.
+    /// splats. In a graph without visible splats, `drawn` is a statistic like any other.
     pub fn line(&self) -> String {
-        let visible = self.stats.iter().find(|(name, _)| name == VISIBLE);
+        let visible = self.stats.iter().find(|(name, _)| name == VISIBLE).filter(|_| self.loaded.is_some());
         let splats = self.loaded.map(|loaded| match visible {
             Some((_, visible)) => {
                 format!("{} of {} splats visible", grouped((*visible).into()), grouped(loaded))
             }
             None => format!("{} splats", grouped(loaded)),
         });
-        let own = self.stats.iter().filter(|(name, _)| !SHIPPED.contains(&name.as_str()));
+        let hidden = |name: &str| visible.is_some() && SHIPPED.contains(&name);
+        let own = self.stats.iter().filter(|(name, _)| !hidden(name));
         let own = own.map(|(name, count)| format!("{name} {}", grouped((*count).into())));
         let ms = self.gpu_ms.map(|ms| format!("{ms:.3} ms"));
         let parts: Vec<String> = splats.into_iter().chain(own).chain(ms).collect();
@@ -291,6 +293,8 @@ mod tests {
         let own = [("in_view", 1500), ("loaded", 2)];
         assert_eq!(line(scene(), &own), "2,000 splats, in_view 1,500, loaded 2 on device");
         assert_eq!(line(None, &own), "in_view 1,500, loaded 2 on device");
+        assert_eq!(line(scene(), &usual[1..]), "2,000 splats, drawn 1,400, tied 3 on device");
+        assert_eq!(line(None, &usual[..1]), "visible 1,500 on device");
         assert_eq!(line(None, &[]), "drawn on device");
     }
 
