@@ -119,8 +119,8 @@ pub(super) fn unknown_order(plan: &Plan, pass: &Pass, ascending: u64) -> String 
 
 /// Returns the lowest key bit that a sort reads: the smallest push constant `shift` of its iterations, or 0.
 pub(super) fn lowest_bit(plan: &Plan, pass: &Pass) -> u32 {
-    let iterations =
-        plan.passes.iter().filter(|other| without_index(&other.name) == without_index(&pass.name));
+    let stem = without_indices(&pass.name);
+    let iterations = plan.passes.iter().filter(|other| without_indices(&other.name) == stem);
     iterations.filter_map(|pass| pushed(plan, pass, "shift")).min().unwrap_or(0)
 }
 
@@ -132,9 +132,14 @@ fn pushed(plan: &Plan, pass: &Pass, member: &str) -> Option<u32> {
     Some(u32::from_le_bytes(bytes.try_into().ok()?))
 }
 
-/// Removes the index: `sort.scatter[2]` becomes `sort.scatter`.
-pub(super) fn without_index(name: &str) -> &str {
-    name.split_once('[').map_or(name, |(stem, _)| stem)
+/// Removes the indices of a part of a name: `scatter[2]` becomes `scatter`.
+pub(super) fn without_index(part: &str) -> &str {
+    part.split_once('[').map_or(part, |(stem, _)| stem)
+}
+
+/// Removes the indices of all parts: `sort[1].scatter[2]` becomes `sort.scatter`.
+pub(super) fn without_indices(name: &str) -> String {
+    name.split('.').map(without_index).collect::<Vec<_>>().join(".")
 }
 
 /// Removes the index of a ping-pong buffer: `keys#1` becomes `keys`.

@@ -2,8 +2,8 @@
 //!
 //! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
 //! of the ping-pong pair `keys#0`, `keys#1` that the pass writes. `sort.scatter`, or just `scatter`, is the last of
-//! `sort.scatter[0]`, `sort.scatter[1]`, ... If the resource holds depth keys, the finding reports whether the keys in
-//! use ascend.
+//! `sort.scatter[0]`, `sort.scatter[1]`, ..., and of `sort[0].scatter`, `sort[1].scatter`, ... If the resource holds
+//! depth keys, the finding reports whether the keys in use ascend.
 
 mod contents;
 mod declared;
@@ -21,7 +21,7 @@ use std::path::Path;
 
 pub use contents::{Histogram, ReadAs, Words};
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
-use keys::{without_half, without_index};
+use keys::{without_half, without_index, without_indices};
 
 /// Number of words to show at each end of the contents.
 const SHOWN: usize = 8;
@@ -52,23 +52,31 @@ pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
 }
 
-/// Removes the names of includes and the index: `sort.scatter[2]` becomes `scatter`.
-fn last_part(name: &str) -> &str {
-    let stem = without_index(name);
-    stem.rsplit_once('.').map_or(stem, |(_, last)| last)
+/// Returns true if `name` is the end of a pass's name, with or without the indices of repeats: `scatter`,
+/// `sort.scatter` and `scatter[2]` are ends of `order[0].sort.scatter[2]`.
+fn is_end(name: &str, full: &str) -> bool {
+    let mut parts = full.rsplit('.');
+    name.rsplit('.').all(|part| parts.next().is_some_and(|full| full == part || without_index(full) == part))
 }
 
 /// Lists the passes that match a name, last pass first; at least one.
 fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
     let passes = plan.order();
-    let part = |full: fn(&str) -> &str| -> Vec<PassId> {
-        passes.clone().rev().filter(|id| full(&plan.pass(*id).name) == name).collect()
+    let named = |is: &dyn Fn(&str) -> bool| -> Vec<PassId> {
+        passes.clone().rev().filter(|id| is(&plan.pass(*id).name)).collect()
     };
-    let found = [part(|full| full), part(without_index), part(last_part)];
+    let depth = name.matches('.').count();
+    let found = [
+        named(&|full| full == name),
+        named(&|full| full.matches('.').count() == depth && is_end(name, full)),
+        named(&|full| is_end(name, full)),
+    ];
     found.into_iter().find(|passes| !passes.is_empty()).ok_or_else(|| {
         let names: Vec<&str> = passes.map(|id| plan.pass(id).name.as_str()).collect();
-        let stems = names.iter().flat_map(|name| [*name, without_index(name), last_part(name)]);
-        InspectError(match nearest(name, stems) {
+        let stems: Vec<String> = names.iter().map(|name| without_indices(name)).collect();
+        let ends = stems.iter().filter_map(|stem| stem.rsplit('.').next());
+        let known = names.iter().copied().chain(stems.iter().map(String::as_str)).chain(ends);
+        InspectError(match nearest(name, known) {
             Some(near) => format!("no pass `{name}` runs; did you mean `{near}`?"),
             None => format!("no pass `{name}` runs; the plan runs {}", names.join(", ")),
         })
@@ -329,7 +337,26 @@ mod tests {
         assert_eq!(resolved("keys", "sort.scatter"), (0, 1));
         assert_eq!(resolved("keys", "scatter"), (0, 1));
         assert_eq!(resolved("keys#1", "sort.scatter"), (1, 1));
+        assert_eq!(resolved("keys", "scatter[0]"), (1, 0));
         assert_eq!(resolved("args", "draw"), (2, 2));
+    }
+
+    #[test]
+    fn indices_of_any_repeat_around_a_pass_can_be_left_out() {
+        let mut plan = plan();
+        let names = ["turn[0].sort.scatter[1]", "turn[1].sort.scatter[0]", "turn[1].sort.scatter[1]"];
+        plan.passes.iter_mut().zip(names).for_each(|(pass, name)| pass.name = name.into());
+        let after = |name: &str| resolve(&plan, "args", name).map(|found| found.after.0);
+        for name in ["turn[0].sort.scatter[1]", "turn[0].sort.scatter"] {
+            assert_eq!(after(name), Ok(0), "{name}");
+        }
+        assert_eq!(after("sort.scatter[0]"), Ok(1));
+        for name in ["scatter", "sort.scatter", "scatter[1]", "turn.sort.scatter", "turn[1].sort.scatter"] {
+            assert_eq!(after(name), Ok(2), "{name}");
+        }
+        for name in ["turn", "sort", "turn.scatter", "atter"] {
+            assert!(after(name).is_err(), "{name}");
+        }
     }
 
     #[test]
