@@ -41,6 +41,8 @@ mod trade;
 mod video;
 #[cfg(feature = "window")]
 mod view;
+#[cfg(not(feature = "window"))]
+mod windowless;
 
 use crate::draw::planner::{self, GraphErrors};
 use crate::draw::session::SessionError;
@@ -60,10 +62,12 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 use tracing::info_span;
+#[cfg(not(feature = "window"))]
+use windowless as view;
 
 pub use job::{Job, Ran};
 
-const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a picture of it
+const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a picture of the demo scene
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json=stats.json
   splatgraph video scene.ply --cameras keys.json -o film.gif   # a smooth path through cameras
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
@@ -119,7 +123,6 @@ struct Cli {
 enum Command {
     Render(render::Args),
     Video(video::Args),
-    #[cfg(feature = "window")]
     View(view::Args),
     Dump(dump::Args),
     Check(check::Args),
@@ -272,7 +275,6 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
     match command {
         Command::Render(args) => render::run(args),
         Command::Video(args) => video::run(args),
-        #[cfg(feature = "window")]
         Command::View(args) => view::run(args),
         Command::Dump(args) => dump::run(args),
         Command::Check(args) => check::run(args),
