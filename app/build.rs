@@ -1,10 +1,12 @@
-//! Lists the files that are built into the binary: every graph under `pipelines/` and every shader under `shaders/`.
+//! Lists the files that are built into the binary (every graph under `pipelines/` and every shader under `shaders/`), and
+//! names the commit that it is built from.
 
 // A build script passes instructions to cargo on standard output, and creates files.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::{env, fs, io};
 
 fn main() {
@@ -24,6 +26,34 @@ fn main() {
     code.push_str("]\n");
     let target = PathBuf::from(env::var_os("OUT_DIR").expect("set by cargo")).join("builtin.rs");
     fs::write(&target, code).unwrap_or_else(|error| panic!("{}: {error}", target.display()));
+
+    println!("cargo:rerun-if-env-changed=SPLATGRAPH_COMMIT");
+    let mut version = env::var("CARGO_PKG_VERSION").expect("set by cargo");
+    let commit = env::var("SPLATGRAPH_COMMIT").ok().or_else(|| commit(&root)).unwrap_or_default();
+    if let Some(commit) = commit.lines().next().filter(|commit| !commit.is_empty()) {
+        version += &format!(" ({commit})");
+    }
+    println!("cargo:rustc-env=SPLATGRAPH_VERSION={version}");
+}
+
+/// Returns the commit of a checkout, with `-dirty` if files differ from it; `None` without a checkout or without git.
+///
+/// Cargo asks again if a source of the program differs, which compiles the program anyway. It does not watch `.git`: a
+/// commit that changes no source would compile it for nothing, and the program is as of the commit before, too.
+fn commit(root: &Path) -> Option<String> {
+    // In another folder, git would find a repository around it, such as a distribution's.
+    if !root.join(".git").exists() {
+        return None;
+    }
+    let sources = ["Cargo.lock", "app/src", "assets/src", "framework/src"].map(|source| root.join(source));
+    let backends = fs::read_dir(root.join("backends")).into_iter().flatten().flatten();
+    for source in sources.into_iter().chain(backends.map(|backend| backend.path().join("src"))) {
+        println!("cargo:rerun-if-changed={}", source.display());
+    }
+    let mut git = Command::new("git");
+    git.arg("-C").arg(root).args(["--no-optional-locks", "describe", "--always", "--dirty", "--exclude=*"]);
+    let found = git.arg("--abbrev=12").output().ok().filter(|found| found.status.success())?;
+    String::from_utf8(found.stdout).ok()
 }
 
 /// Adds the files under `folder`, each by its name from the root, with slashes, and its absolute path.

@@ -38,6 +38,7 @@ mod sweep;
 mod synth;
 mod threads;
 mod trade;
+mod version;
 mod video;
 #[cfg(feature = "window")]
 mod view;
@@ -49,6 +50,7 @@ use crate::draw::session::SessionError;
 use crate::draw::shader_cache::ShaderCache;
 use crate::io::load::LoadOptions;
 use crate::io::output::{self, say, say_styled, shell_word, terminal};
+use crate::io::program;
 use crate::io::timeline::Timeline;
 use crate::{draw::backend, draw::builtin};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -104,7 +106,7 @@ fn examples() -> String {
 /// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph source` lists
 /// the built-in ones, and `splatgraph new` writes one to start from. Pass the path of a graph to `--pipeline`.
 #[derive(Debug, Parser)]
-#[command(name = "splatgraph", version, max_term_width = 110)]
+#[command(name = "splatgraph", version = program::VERSION, max_term_width = 110)]
 #[command(after_help = examples())]
 struct Cli {
     #[command(subcommand)]
@@ -300,10 +302,13 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
 
 /// Builds the clap command. Its long help also lists graphs, devices, scene formats and generated scenes.
 fn command(arguments: &[OsString]) -> clap::Command {
-    let command = Cli::command();
-    // The lists take time to build, so only long help includes them.
-    let asked = arguments.iter().skip(1).any(|arg| arg == "--help" || arg == "help");
-    if !asked {
+    let has = |word: &str| arguments.iter().skip(1).any(|argument| argument == word);
+    let mut command = Cli::command();
+    // The lists and the program's hash take time, so only the answers that need them have them.
+    if has("--version") {
+        command = command.long_version(&*version::long().leak());
+    }
+    if !has("--help") && !has("help") {
         return command;
     }
     let presets = preset_list();

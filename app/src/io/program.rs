@@ -6,6 +6,9 @@ use std::io::{self, Read};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
+/// Version of the program, with the commit if it was known when the program was built.
+pub const VERSION: &str = env!("SPLATGRAPH_VERSION");
+
 /// The file that contains this code; unset if it is the process's executable.
 static FILE: OnceLock<PathBuf> = OnceLock::new();
 

@@ -3,6 +3,7 @@
 use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
+use crate::io::program;
 use crate::io::report::text::quoted;
 use serde::Serialize;
 use splatgraph_api::DeviceInfo;
@@ -16,7 +17,7 @@ pub const VERSION: u32 = 1;
 pub struct Origin {
     /// Version of the JSON, [`VERSION`].
     pub version: u32,
-    /// The program's version.
+    /// The program's version and commit.
     pub program: String,
     /// The device's name.
     pub device: String,
@@ -42,7 +43,7 @@ impl Origin {
     ) -> Origin {
         Origin {
             version: VERSION,
-            program: env!("CARGO_PKG_VERSION").into(),
+            program: program::VERSION.into(),
             device: device.name.clone(),
             driver: device.driver.clone(),
             copy,
