@@ -4,6 +4,9 @@
 //! the same time: each file is either complete or absent. A file that is damaged or from another build of the program
 //! is ignored and replaced. Each file contains its whole key (texts, defines, build of the program), to detect hash
 //! collisions.
+//!
+//! The linker's build id, a hash of the program's contents, identifies the build: copies of the program share shaders,
+//! and a program that differs in one byte does not. Without a build id, its size and modification time are used.
 
 use crate::io::folders;
 use splatgraph_assets::file;
@@ -13,7 +16,9 @@ use std::fs;
 use std::hash::{Hash, Hasher};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
+#[cfg(unix)]
+use std::{fs::Permissions, os::unix::fs::PermissionsExt};
 
 /// Environment variable that disables the cache if set to `off`.
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
@@ -21,6 +26,8 @@ pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
 const MAX_BYTES: u64 = 64 << 20;
 /// Maximum number of bytes that are read from a file.
 const MAX_FILE_BYTES: u64 = 16 << 20;
+/// Bytes of a program in which its build id is searched. Linkers put it behind the program headers.
+const HEAD_BYTES: u64 = 4096;
 /// Magic number at the start of a file. It changes with the file's layout.
 const MAGIC: &[u8; 8] = b"sgspv001";
 
@@ -35,15 +42,15 @@ pub struct ShaderCache {
 impl ShaderCache {
     /// Opens the user's cache for the compiler in `program`.
     ///
-    /// `None` if there is no cache folder, [`VARIABLE`] is `off`, or the program's modification time is unknown.
+    /// `None` if there is no cache folder, [`VARIABLE`] is `off`, or the program cannot be read.
     pub fn of_user(program: &Path) -> Option<ShaderCache> {
         if std::env::var_os(VARIABLE).is_some_and(|value| value == "off") {
             return None;
         }
-        let program = fs::metadata(program).ok()?;
-        let changed = program.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos();
-        let build = format!("{} {} {changed}", env!("CARGO_PKG_VERSION"), program.len());
-        Some(ShaderCache { folder: folders::cache()?.join("splatgraph/shaders"), build: build.into_bytes() })
+        Some(ShaderCache {
+            folder: folders::cache()?.join("splatgraph/shaders"),
+            build: build(program).ok()?,
+        })
     }
 
     fn path(&self, key: &[u8]) -> PathBuf {
@@ -74,7 +81,11 @@ impl ShaderCache {
         self.prune();
         let words: Vec<u8> = spirv.iter().flat_map(|word| word.to_le_bytes()).collect();
         let sum = crc32fast::hash(&words).to_le_bytes();
-        let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+        let mut file = tempfile::Builder::new();
+        // The umask applies. By default, other users of a shared folder could not read the file.
+        #[cfg(unix)]
+        file.permissions(Permissions::from_mode(0o666));
+        let mut file = file.tempfile_in(&self.folder)?;
         file.write_all(&[&self.head(key)[..], &words, &sum].concat())?;
         file.persist(self.path(key))?;
         Ok(())
@@ -97,6 +108,26 @@ impl ShaderCache {
             bytes -= length;
         }
     }
+}
+
+/// Returns the identity of a program's build: its build id or, without one, its size and modification time.
+fn build(program: &Path) -> io::Result<Vec<u8>> {
+    let program = file::open(program)?;
+    let mut head = Vec::new();
+    (&program).take(HEAD_BYTES).read_to_end(&mut head)?;
+    if let Some(id) = build_id(&head) {
+        return Ok(id.to_vec());
+    }
+    let data = program.metadata()?;
+    Ok(format!("{} {:?}", data.len(), data.modified()?).into_bytes())
+}
+
+/// Finds the GNU build id in the first bytes of an ELF file: a note with the name `GNU` and the type 3.
+fn build_id(head: &[u8]) -> Option<&[u8]> {
+    const NOTE: &[u8] = b"\x03\0\0\0GNU\0";
+    let at = head.windows(NOTE.len()).position(|window| window == NOTE)?;
+    let length = u32::from_le_bytes(*head[..at].last_chunk()?);
+    head.starts_with(b"\x7fELF").then_some(&head[at + NOTE.len()..])?.get(..length as usize)
 }
 
 fn found(folder: &Path) -> Vec<(SystemTime, u64, PathBuf)> {
@@ -146,6 +177,38 @@ mod tests {
     }
 
     #[test]
+    fn copies_of_a_program_share_shaders_and_programs_that_differ_in_their_build_id_do_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let identity = |head: &[u8], seconds: u64| {
+            let program = folder.path().join("program");
+            fs::write(&program, head).unwrap();
+            let changed = SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(seconds);
+            fs::File::options().append(true).open(&program).unwrap().set_modified(changed).unwrap();
+            build(&program).unwrap()
+        };
+        let with = |id: &[u8; 4]| [b"\x7fELF \x04\0\0\0\x04\0\0\0\x03\0\0\0GNU\0", &id[..], b"code"].concat();
+        assert_eq!(identity(&with(b"id 1"), 1), b"id 1");
+        assert_eq!(identity(&with(b"id 1"), 2), identity(&with(b"id 1"), 1));
+        assert_ne!(identity(&with(b"id 2"), 1), identity(&with(b"id 1"), 1));
+        // Without a build id, or with one that the file's end cuts off.
+        for head in [&b"code"[..], b"\x7fELF\x03\0\0\0GNU\0", b"\x7fELF\x14\0\0\0\x03\0\0\0GNU\0cut"] {
+            assert_ne!(identity(head, 1), identity(head, 2));
+            assert_ne!(identity(head, 1), identity(&[head, b"more"].concat(), 1));
+        }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn files_have_the_mode_that_the_umask_leaves() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = cache(folder.path());
+        cache.store(b"key", &[1]);
+        fs::write(folder.path().join("other"), "").unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&cache.path(b"key")), mode(&folder.path().join("other")));
+    }
+
+    #[test]
     fn a_damaged_file_is_no_shader_whatever_byte_of_it_differs_or_lacks() {
         let folder = tempfile::tempdir().unwrap();
         let cache = cache(folder.path());
@@ -172,7 +235,7 @@ mod tests {
         for key in 0..6u8 {
             cache.store(&[key], &words);
             let file = fs::File::options().append(true).open(cache.path(&[key])).unwrap();
-            file.set_modified(UNIX_EPOCH + std::time::Duration::from_secs(key.into())).unwrap();
+            file.set_modified(SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(key.into())).unwrap();
         }
         let left: Vec<u8> = (0..6).filter(|key| cache.load(&[*key]).is_some()).collect();
         assert_eq!(left, [3, 4, 5]);
