@@ -143,9 +143,11 @@ fn a_scene_after_json_is_the_scene_and_not_the_file_to_write() {
 #[test]
 fn a_window_on_the_demo_scene_does_not_overwrite_it() {
     let place = Place::shipped();
-    // With such a folder, the place is a checkout.
-    place.write("assets/splats/demo.ply", "ply");
-    refused(&place, "view --events assets/splats/demo.ply", "--events would overwrite the demo scene");
+    // With this file, the place is a checkout.
+    place.write("app/src/io/demo.rs", "");
+    let file = format!("assets/splats/{}", splatgraph::io::demo::FILE);
+    place.write(&file, "ply");
+    refused(&place, &format!("view --events {file}"), "--events would overwrite the demo scene");
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Little memory, few processes and invalid drivers: the program must exit with an error instead of panicking.
 
-use crate::place::{DRAW, Place};
+use crate::place::{DRAW, Place, shipped};
 use rustix::process::{Resource, Rlimit, setrlimit};
+use splatgraph::io::demo;
 use splatgraph_assets::synth;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -54,8 +55,10 @@ fn the_demo_scene_is_drawn_where_it_cannot_be_kept_and_a_damaged_file_of_it_is_w
     };
     let errors = drawn("/proc/none", "unkept.png");
     assert!(errors.contains("the demo scene is generated at each use, because /proc/none/"), "{errors}");
-    let file = concat!("cache/splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply");
-    place.write(file, "ply\nformat binary_little_endian 1.0\n");
+    // These files do not make the folder a checkout, which has the demo scene in assets/splats/.
+    place.write("pipelines/splat.ron", shipped("pipelines/splat.ron"));
+    place.write("assets/mine.txt", "");
+    place.write(&format!("cache/splatgraph/{}", demo::FILE), "ply\nformat binary_little_endian 1.0\n");
     let errors = drawn(&place.named("cache"), "kept.png");
     assert!(errors.contains("the demo scene is generated again\n"), "{errors}");
     assert_eq!(drawn(&place.named("cache"), "again.png"), "");

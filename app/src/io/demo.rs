@@ -12,18 +12,20 @@ use std::path::{Path, PathBuf};
 /// Name of the demo scene's generator.
 pub const NAME: &str = "demo";
 
-/// Returns the demo scene's path: `assets/splats/demo.ply` in a checkout, otherwise in the user's cache folder.
+/// Name of the demo scene's file. It contains a checksum of the file, because another build may generate another scene.
+pub const FILE: &str = "demo-56f7d1c4.ply";
+
+/// Returns the demo scene's path: in `assets/splats/` of a checkout, otherwise in the user's cache folder.
 ///
 /// `None` if there is no cache folder. The temporary folder is not used: its names are predictable, and another user
 /// could plant a file.
 pub fn path() -> Option<PathBuf> {
     let here = env::current_dir().unwrap_or_default();
-    let in_checkout =
-        |folder: &&Path| folder.join("pipelines/splat.ron").is_file() && folder.join("assets").is_dir();
+    // Projects of users have folders with the other names of a checkout, such as pipelines/ and assets/.
+    let in_checkout = |folder: &&Path| folder.join("app/src/io/demo.rs").is_file();
     match here.ancestors().find(in_checkout) {
-        Some(root) => Some(root.join("assets/splats/demo.ply")),
-        // Another version may generate another scene.
-        None => Some(folders::cache()?.join(concat!("splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply"))),
+        Some(root) => Some(root.join("assets/splats").join(FILE)),
+        None => Some(folders::cache()?.join("splatgraph").join(FILE)),
     }
 }
 
@@ -50,14 +52,20 @@ mod tests {
     use splatgraph_assets::Scene;
 
     #[test]
-    fn its_file_is_a_complete_scene() {
-        let scene = Scene::parse(&generate().unwrap(), splatgraph_assets::QUIET).unwrap();
+    fn its_file_is_a_complete_scene_with_the_checksum_in_its_name() {
+        let bytes = generate().unwrap();
+        let scene = Scene::parse(&bytes, splatgraph_assets::QUIET).unwrap();
         assert_eq!((scene.stored_degree(), scene.dropped().total()), (3, 0));
+        // Other systems' mathematical functions may round differently.
+        if cfg!(all(target_os = "linux", target_env = "gnu")) {
+            assert_eq!(FILE, format!("demo-{:08x}.ply", crc32fast::hash(&bytes)));
+        }
     }
 
     #[test]
     fn in_a_checkout_the_scene_lies_among_the_assets() {
-        assert!(path().is_some_and(|path| path.ends_with("assets/splats/demo.ply")), "{:?}", path());
+        let path = path().unwrap();
+        assert!(path.ends_with(Path::new("assets/splats").join(FILE)), "{}", path.display());
     }
 
     #[test]
