@@ -153,6 +153,44 @@ fn every_command_teaches_by_examples() {
     }
 }
 
+#[test]
+fn every_command_has_completions_and_a_manual_page() {
+    let place = Place::empty();
+    let help = place.done("--help");
+    let commands: Vec<&str> = listed_commands(&help).into_iter().filter(|name| *name != "help").collect();
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+        let script = place.done(&["completions", shell]);
+        for word in commands.iter().chain(&["pipeline", "fish"]) {
+            assert!(script.contains(word), "{shell}: no {word}");
+        }
+    }
+    // The second run replaces the pages.
+    for _ in 0..2 {
+        place.done("man pages");
+        for command in &commands {
+            let page = place.text(&format!("pages/splatgraph-{command}.1"));
+            assert!(page.contains(&format!("splatgraph {command}")) && page.contains("Examples:"), "{page}");
+        }
+        assert!(place.text("pages/splatgraph.1").contains("splatgraph\\-render(1)"));
+    }
+    place.fails("man pages/splatgraph.1", 2);
+}
+
+#[test]
+fn the_version_names_the_commit_the_features_and_the_program() {
+    let place = Place::empty();
+    let short = place.done("-V");
+    let number = concat!("splatgraph ", env!("CARGO_PKG_VERSION"));
+    let commit = short.trim_end().strip_prefix(number).unwrap_or_else(|| panic!("{short}"));
+    assert!(commit.is_empty() || commit.starts_with(" (") && commit.ends_with(')'), "{short}");
+    let long = place.done("--version");
+    let lines: Vec<&str> = long.lines().collect();
+    assert_eq!(lines[0], short.trim_end());
+    assert!(lines[1].starts_with("features: ") && lines[1].contains("window"), "{long}");
+    let hash = lines[2].strip_prefix("program: ").unwrap_or_else(|| panic!("{long}"));
+    assert!(hash.len() == 16 && hash.chars().all(|c| c.is_ascii_hexdigit()), "{long}");
+}
+
 /// Shaders for graphs with mistakes: `next.comp` counts in place, `half.vert` reads what `half.frag` writes.
 const SHADERS: [(&str, &str); 6] = [
     (

@@ -16,7 +16,7 @@ impl Random {
 
 /// The commands; frequent ones are repeated. A test compares the list with the program's commands.
 pub const COMMANDS: &str = "render render render view dump check info compare compare synth synth bench trade \
-    sweep advise popping experiment evaluate convert video merge new source params";
+    sweep advise popping experiment evaluate convert video merge new source params completions man";
 
 /// Existing files (see [`write_files`]), other spellings of their names, and missing files.
 pub const FILES: &str = "scene.ply ./scene.ply link.ply hard.ply cameras.json stats.json graph.ron \
@@ -82,6 +82,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
                 random.word("out.ron new/out.ron out.ron graph.ron nope ./.ron new/../out.ron scene.ply")
             }
             "experiment" => random.word("order sh nope "),
+            "completions" => random.word("bash elvish fish powershell zsh nope "),
             "synth" => random.word("demo demo uniform uniform nope "),
             _ => random.word(FILES),
         };

@@ -44,7 +44,9 @@ fn check(command: &Command) -> Result<()> {
         | Command::Params(_)
         | Command::Lsp(_)
         | Command::Info(_)
-        | Command::Devices(_) => Ok(()),
+        | Command::Devices(_)
+        | Command::Completions(_)
+        | Command::Man(_) => Ok(()),
     }
 }
 

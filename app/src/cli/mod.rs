@@ -10,6 +10,7 @@ mod bench;
 mod cameras;
 mod check;
 mod compare;
+mod completions;
 mod console;
 mod convert;
 mod devices;
@@ -24,6 +25,7 @@ mod job;
 mod known_devices;
 mod look_at;
 mod lsp;
+mod man;
 mod merge;
 mod new;
 mod options;
@@ -145,6 +147,8 @@ enum Command {
     Experiment(experiment::Args),
     Popping(popping::Args),
     Devices(devices::Args),
+    Completions(completions::Args),
+    Man(man::Args),
 }
 
 impl Command {
@@ -297,6 +301,8 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
         Command::Experiment(args) => experiment::run(args),
         Command::Popping(args) => popping::run(args),
         Command::Devices(args) => devices::run(args),
+        Command::Completions(args) => completions::run(args, Cli::command()),
+        Command::Man(args) => man::run(args, Cli::command()),
     }
 }
 
