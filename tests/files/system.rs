@@ -40,6 +40,14 @@ fn a_driver_that_is_none_is_an_error_that_says_so() {
             assert!(manifest != "missing.json" || errors.contains(&named), "{args:?}: {errors}");
         }
     }
+    for variable in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+        let mut command = place.program("devices");
+        command.env_remove("VK_DRIVER_FILES").env_remove("VK_ICD_FILENAMES");
+        let output = command.env(variable, "").output().expect("it runs");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{errors}");
+        assert!(errors.contains(&format!("error: {variable} is set, but empty")), "{errors}");
+    }
     assert!(!place.at("a.png").exists());
 }
 

@@ -34,13 +34,16 @@ const LOADER_SOURCE: &str = if cfg!(target_os = "macos") {
 
 /// Returns the error for a machine without a working driver, or with an environment variable that hides its drivers.
 pub(crate) fn no_driver() -> BackendError {
-    let set = |name| Some((name, std::env::var_os(name).filter(|files| !files.is_empty())?));
+    let set = |name| Some((name, std::env::var_os(name)?));
     no_driver_in(["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().find_map(set))
 }
 
 /// Returns the error for a loader that searched the files of `variable` or, with `None`, its default folders.
 pub(crate) fn no_driver_in(variable: Option<(&str, OsString)>) -> BackendError {
     BackendError::Unavailable(match variable {
+        Some((name, files)) if files.is_empty() => {
+            format!("{name} is set, but empty, which hides all drivers from the Vulkan loader: unset it")
+        }
         Some((name, files)) => format!(
             "the Vulkan loader finds no driver that works in {name}={}, and looks nowhere else: name the manifest of a \
              driver (a .json file), or unset {name}",
