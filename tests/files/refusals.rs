@@ -141,6 +141,14 @@ fn a_scene_after_json_is_the_scene_and_not_the_file_to_write() {
 }
 
 #[test]
+fn a_file_that_cannot_be_created_is_refused_before_anything_is_written() {
+    let place = Place::new();
+    for args in ["new scene.ply/my.ron", "devices --json=scene.ply/a.json", "man scene.ply"] {
+        refused(&place, args, "which cannot be written: Not a directory");
+    }
+}
+
+#[test]
 fn a_window_on_the_demo_scene_does_not_overwrite_it() {
     let place = Place::shipped();
     // With this file, the place is a checkout.

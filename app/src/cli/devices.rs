@@ -27,6 +27,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
+    options::claim_json(args.json.as_deref(), [].into_iter())?;
     let mut devices: Vec<(Api, DeviceInfo)> = Vec::new();
     for api in Api::ALL {
         match api.devices() {

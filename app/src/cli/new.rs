@@ -1,7 +1,7 @@
 //! Runs `splatgraph new`: writes a graph as a starting point.
 
 use super::outcome::{Outcome, Usage};
-use crate::io::output::{self, note, shell_word};
+use crate::io::output::{self, OutputGuard, note, shell_word};
 use anyhow::Result;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,10 @@ impl Start {
 /// Lists the files to write, with their contents. Fails if the name is invalid, or if a file exists and
 /// `--force` is not given.
 pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
-    let name = args.file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let name = args.file.file_name().unwrap_or_default();
+    let name = name
+        .to_str()
+        .ok_or_else(|| Usage(format!("expected a file name in UTF-8, found {}", args.file.display())))?;
     let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {
         Usage(format!("expected a file name with the extension .ron, found {}", args.file.display()))
     })?;
@@ -90,6 +93,8 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
             there.join(", ")
         )));
     }
+    let mut guard = OutputGuard::default();
+    files.iter().try_for_each(|(path, _)| guard.output("FILE.ron", path))?;
     Ok(files)
 }
 
@@ -164,6 +169,13 @@ mod tests {
     fn names_that_a_graph_could_not_name_are_refused() {
         for name in ["my.txt", ".ron", "my graph.ron", "it's.ron", "my", "a\"b.ron"] {
             assert!(prepare(&args(name.into(), Start::Post)).is_err(), "{name}");
+        }
+        #[cfg(unix)]
+        {
+            use std::os::unix::ffi::OsStringExt;
+            let name = std::ffi::OsString::from_vec(b"caf\xe9.ron".to_vec());
+            let error = prepare(&args(name.into(), Start::Post)).expect_err("not UTF-8").to_string();
+            assert_eq!(error, "expected a file name in UTF-8, found caf\u{fffd}.ron");
         }
     }
 }

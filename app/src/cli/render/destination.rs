@@ -83,6 +83,10 @@ impl Destination {
             }
             return Ok(Some(Destination::Picture(output.to_owned(), format)));
         }
+        // A device or a pipe, such as /dev/null.
+        if output.metadata().is_ok_and(|found| !found.is_dir() && !found.is_file()) {
+            return Ok(Some(Destination::Picture(output.to_owned(), asked.unwrap_or(Format::Png))));
+        }
         // A path such as `pictures.jpg` is more likely a mistake than a new folder.
         if let Some(extension) =
             output.extension().filter(|_| !is_folder && !output.is_dir() && asked.is_none())
@@ -150,6 +154,12 @@ mod tests {
             assert_eq!(
                 destination(&format!("render -o {name}")).unwrap(),
                 Some(Destination::Folder(name.into(), Format::Png))
+            );
+        }
+        for (format, line) in [(Format::Png, ""), (Format::Npy, " --format npy")] {
+            assert_eq!(
+                destination(&format!("render -o /dev/null{line}")).unwrap(),
+                picture("/dev/null", format)
             );
         }
         assert_eq!(destination("render --json").unwrap(), None);
