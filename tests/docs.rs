@@ -117,6 +117,20 @@ fn quoted_commands() -> Vec<(PathBuf, Vec<String>, Vec<String>)> {
     found
 }
 
+#[test]
+fn installations_use_the_tested_versions_of_the_dependencies() {
+    let pages: String = page_names().iter().map(|page| read(page)).collect();
+    let installations: Vec<&str> = pages.split("cargo install ").skip(1).collect();
+    assert!(!installations.is_empty());
+    for options in installations {
+        assert!(
+            options.starts_with("--locked "),
+            "cargo install {}",
+            options.lines().next().unwrap_or_default()
+        );
+    }
+}
+
 fn splatgraph(arguments: &[&str]) -> Output {
     let program = env!("CARGO_BIN_EXE_splatgraph");
     Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts")
