@@ -54,7 +54,7 @@ pub struct Library {
     pub memory: BTreeMap<String, String>,
     /// Additional folders on disk that graphs may use files from.
     pub include_roots: Vec<PathBuf>,
-    /// Unsaved editor texts that replace files on disk, by path.
+    /// Unsaved editor texts, by path. They replace files on disk, which may be missing.
     pub unsaved: BTreeMap<PathBuf, String>,
 }
 
@@ -362,11 +362,15 @@ impl SourceMap {
     }
 
     fn look(&mut self, from: Option<FileId>, path: &Path) -> (Content, Result<Option<FileId>, String>) {
-        let opened = match content::open(path) {
-            Ok(Found::Nothing) => return (Content::Missing, Ok(None)),
-            Ok(Found::File(file)) => Ok(file),
-            Ok(Found::Other(what)) => Err(format!("is {what}, not a file")),
-            Err(error) => Err(cannot_be_read(&error)),
+        let unsaved = self.unsaved(path);
+        let opened = match &unsaved {
+            Some(_) => Ok(None),
+            None => match content::open(path) {
+                Ok(Found::Nothing) => return (Content::Missing, Ok(None)),
+                Ok(Found::File(file)) => Ok(Some(file)),
+                Ok(Found::Other(what)) => Err(format!("is {what}, not a file")),
+                Err(error) => Err(cannot_be_read(&error)),
+            },
         };
         let canonical = canonical(path);
         let roots = match from.and_then(|from| self.file(from)).and_then(|file| file.disk.as_ref()) {
@@ -389,13 +393,12 @@ impl SourceMap {
             Ok(file) => file,
             Err(why) => return (Content::Unusable, Err(why)),
         };
-        let unsaved = self.library.unsaved.get(&canonical).cloned();
         let identity = Identity::Disk(canonical);
         if let Some(file) = self.known.get(&identity) {
             let content = self.file(*file).and_then(|f| f.disk.as_ref()).map(|disk| disk.content);
             return (content.unwrap_or(Content::Unusable), Ok(Some(*file)));
         }
-        let bytes = match content::read(file) {
+        let bytes = match file.map_or_else(|| Ok(unsaved.map(String::into_bytes)), content::read) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
                 return (Content::Unusable, Err(format!("is larger than {} MiB", MAX_FILE >> 20)));
@@ -403,7 +406,7 @@ impl SourceMap {
             Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
         };
         let content = Content::of(&bytes);
-        let text = match unsaved.map_or_else(|| content::as_text(bytes), Ok) {
+        let text = match content::as_text(bytes) {
             Ok(text) => text,
             Err(why) => return (content, Err(why)),
         };
@@ -411,6 +414,16 @@ impl SourceMap {
         let file = self.insert(displayed(path), Cow::Owned(text), Some(disk));
         self.known.insert(identity, file);
         (content, Ok(Some(file)))
+    }
+
+    /// Returns the unsaved text of a file, which may be missing from the disk.
+    fn unsaved(&self, path: &Path) -> Option<String> {
+        // Without unsaved texts, the path is not resolved: that takes several system calls, and most paths do not exist.
+        if self.library.unsaved.is_empty() {
+            None
+        } else {
+            self.library.unsaved.get(&canonical(path)).cloned()
+        }
     }
 
     /// Returns true if a graph with these roots may use `path`, which is canonical.
@@ -491,8 +504,10 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 
+/// Resolves the links and `..` in a path, or in its folder if there is no such file.
 fn canonical(path: &Path) -> PathBuf {
-    fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
+    let missing = || Some(fs::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
+    fs::canonicalize(path).ok().or_else(missing).unwrap_or_else(|| path.to_path_buf())
 }
 
 /// Returns the folders that the graph at `path` may take files from, its own folder first.

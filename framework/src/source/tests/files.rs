@@ -477,10 +477,13 @@ fn a_pipe_is_not_read_to_tell_what_it_holds() {
 #[test]
 fn an_editors_text_is_read_in_place_of_the_file_on_disk_and_not_without_one() {
     let folder = Folder::new(&[("my.ron", "saved"), ("step.comp", "saved step")]);
-    let texts = [("my.ron", "typed"), ("new.ron", "never saved")];
+    let texts = [("my.ron", "typed"), ("new.ron", "never saved"), ("new.comp", "new step")];
     let unsaved = texts.map(|(name, text)| (folder.0.join(name), text.to_string())).into();
     let mut files = SourceMap::new(Library { unsaved, ..Library::default() });
     let graph = finds(&mut files, None, &folder.path("my.ron"), Kind::Graph, "typed");
     finds(&mut files, Some(graph), "step.comp", Kind::Shader, "saved step");
-    assert!(files.find(None, &folder.path("new.ron"), Kind::Graph).is_err());
+    // A new file has a name in the editor before it is saved.
+    finds(&mut files, Some(graph), "new.comp", Kind::Shader, "new step");
+    let graph = finds(&mut files, None, &folder.path("new.ron"), Kind::Graph, "never saved");
+    finds(&mut files, Some(graph), "step.comp", Kind::Shader, "saved step");
 }
