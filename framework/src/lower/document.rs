@@ -1,6 +1,7 @@
 //! Loads graph files, and follows presets and choices to them.
 
 use indexmap::IndexMap;
+use ron::error::Error;
 use std::rc::Rc;
 
 use crate::ir::{FileId, Span};
@@ -191,7 +192,15 @@ pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Place)
     // The outline comes first because it limits the nesting, on which the RON parser recurses.
     let outline = Outline::parse(file, text).map_err(|e| vec![e])?;
     let read = |text: &str| Document::parse(text).map(drop);
-    let document = Document::parse(text).map_err(|e| vec![ron_error(&outline, text, &e, &read)])?;
+    let document = Document::parse(text).map_err(|error| {
+        let mut found = ron_error(&outline, text, &error, &read);
+        if matches!(&error.code, Error::NoSuchEnumVariant { found, .. } if found.as_str() == "Scenes") {
+            found.message = "expected a graph, a preset or a choice, found a list of scenes".into();
+            found.primary.text.clear();
+            found.help = vec!["commands take a list of scenes in place of a scene".into()];
+        }
+        vec![found]
+    })?;
     match outline.duplicates() {
         [] => Ok((document, Place::root(&Rc::new(outline)))),
         twice => Err(twice.to_vec()),
