@@ -2,7 +2,7 @@
 
 use super::outcome::Outcome;
 use crate::lsp;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use lsp_server::Connection;
 
 const EXAMPLES: &str = "Examples:
@@ -23,9 +23,10 @@ pub struct Args {
 
 pub fn run(_: &Args) -> Result<Outcome> {
     let (connection, threads) = Connection::stdio();
-    lsp::serve(&connection).context("the editor ended the connection")?;
+    let is_ended = lsp::serve(&connection).context("the connection to the editor ended")?;
     // The writer thread ends once its channel is closed.
     drop(connection);
-    threads.join().context("standard input or output cannot be used")?;
+    threads.join().context("expected messages of the Language Server Protocol on standard input")?;
+    ensure!(is_ended, "expected the request `shutdown` before the end of standard input, found none");
     Ok(Outcome::Done)
 }

@@ -2,14 +2,11 @@
 
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::requirements::Case;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of directory entries that a search visits, because the editor's folder may be a whole disk.
-const MAX_ENTRIES: usize = 20_000;
-
-/// Maximum depth of the search below each searched folder.
-const MAX_DEPTH: usize = 6;
+/// Names of the folders in which graphs and shaders are found from the folders beside them.
+const LIBRARIES: [&str; 2] = ["pipelines", "shaders"];
 
 /// Subgroup sizes for which graphs are built: the usual ones of GPUs and of CPUs.
 pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
@@ -23,48 +20,92 @@ pub fn nominal_case(lanes: u32) -> Case {
     Case { device, scene: SceneFacts::NOMINAL, size: facts::DEFAULT_SIZE }
 }
 
-/// Resolves the links and `..` in an absolute path that exists. Returns other paths unchanged.
+/// Resolves the links and `..` in an absolute path. The file may be missing from the disk, but not its folder. Returns
+/// other paths unchanged.
 pub fn canonical(path: &Path) -> PathBuf {
-    if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
+    if !path.is_absolute() {
+        return path.to_owned();
+    }
+    let missing = || Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
+    path.canonicalize().ok().or_else(missing).unwrap_or_else(|| path.to_owned())
 }
 
-/// Lists the open graphs, and all graphs below the editor's `folders` that contain the file `path`. If no such folder
-/// contains it, searches the file's own folder instead, and `pipelines` in that folder and in the two folders above it.
-pub fn graphs_near(path: &Path, open: &BTreeMap<PathBuf, String>, folders: &[PathBuf]) -> Vec<String> {
-    let path = canonical(path);
-    let mut searched: Vec<PathBuf> =
-        folders.iter().map(|f| canonical(f)).filter(|f| path.starts_with(f)).collect();
-    if searched.is_empty() {
-        searched.extend(path.parent().map(Path::to_owned));
-        searched.extend(path.ancestors().skip(1).take(3).map(|folder| folder.join("pipelines")));
-    }
-    let mut found: BTreeSet<PathBuf> = open.keys().filter(|p| is_graph(p)).map(|p| canonical(p)).collect();
-    let mut left = MAX_ENTRIES;
-    for folder in searched {
-        collect(&folder, MAX_DEPTH, &mut left, &mut found);
-    }
-    found.iter().map(|path| path.display().to_string()).collect()
+/// A search for the graphs that may use files. It visits each folder once.
+///
+/// A graph may use the files below its own folder, and those in the folders `pipelines` and `shaders` that are around
+/// or beside its own. So no search of the whole disk is needed.
+#[derive(Default)]
+pub struct Search {
+    /// The folders that were listed, and the number of levels below them that were, too.
+    listed: BTreeMap<PathBuf, usize>,
 }
 
-fn collect(folder: &Path, depth: usize, left: &mut usize, found: &mut BTreeSet<PathBuf>) {
-    let Ok(entries) = std::fs::read_dir(folder) else { return };
-    for entry in entries.flatten() {
-        if *left == 0 {
+impl Search {
+    /// Lists the graphs that may use the file at a canonical path. Leaves out folders that were listed before.
+    pub fn users_of(&mut self, file: &Path) -> Vec<PathBuf> {
+        let mut found = Vec::new();
+        for folder in file.ancestors().skip(1) {
+            self.list(folder, 0, &mut found);
+            let is_library =
+                folder.file_name().is_some_and(|name| LIBRARIES.iter().any(|other| name == *other));
+            if let Some(project) = folder.parent().filter(|_| is_library) {
+                self.list(project, 1, &mut found);
+                LIBRARIES.iter().for_each(|name| self.list(&project.join(name), usize::MAX, &mut found));
+            }
+        }
+        found
+    }
+
+    /// Adds the graphs in a folder, and in the folders at most `levels` below it. Does not follow links to folders.
+    fn list(&mut self, folder: &Path, levels: usize, found: &mut Vec<PathBuf>) {
+        if self.listed.get(folder).is_some_and(|listed| *listed >= levels) {
             return;
         }
-        *left -= 1;
-        let path = entry.path();
-        let name = entry.file_name();
-        // Symbolic links are not followed: they can form cycles.
-        match entry.file_type() {
-            Ok(kind) if kind.is_dir() && depth > 0 => {
-                let is_output = ["target", "node_modules"].iter().any(|other| name == *other);
-                if !is_output && !name.to_string_lossy().starts_with('.') {
-                    collect(&path, depth - 1, left, found);
-                }
+        self.listed.insert(folder.to_owned(), levels);
+        let Ok(entries) = std::fs::read_dir(folder) else { return };
+        for entry in entries.flatten() {
+            let path = entry.path();
+            match entry.file_type() {
+                Ok(kind) if kind.is_dir() && levels > 0 => self.list(&path, levels - 1, found),
+                Ok(_) if is_graph(&path) && path.is_file() => found.push(canonical(&path)),
+                _ => {}
             }
-            Ok(kind) if kind.is_file() && is_graph(&path) => drop(found.insert(canonical(&path))),
-            _ => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn users_of_a_file_stand_in_the_folders_above_it_and_around_its_library() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let root = folder.path().canonicalize().expect("there");
+        for name in [
+            "pipelines/top.ron",
+            "pipelines/.parts/a/b/c/d/e/f/part.ron",
+            "views/window.ron",
+            "views/below/far.ron",
+            "shaders/sort/scan.comp",
+            ".deep/1/2/3/4/5/6/7/top.ron",
+            ".deep/1/2/3/4/5/6/7/lib/blur.comp",
+        ] {
+            std::fs::create_dir_all(root.join(name).parent().expect("a folder")).expect("writable");
+            std::fs::write(root.join(name), "").expect("writable");
+        }
+        let users = |name: &str| {
+            let found = Search::default().users_of(&root.join(name));
+            let below = found.iter().filter_map(|path| path.strip_prefix(&root).ok());
+            let mut below: Vec<String> = below.map(|path| path.display().to_string()).collect();
+            below.sort();
+            below.dedup();
+            below
+        };
+        let of_the_library =
+            ["pipelines/.parts/a/b/c/d/e/f/part.ron", "pipelines/top.ron", "views/window.ron"];
+        assert_eq!(users("shaders/sort/scan.comp"), of_the_library);
+        assert_eq!(users("pipelines/new.ron"), of_the_library);
+        assert_eq!(users(".deep/1/2/3/4/5/6/7/lib/blur.comp"), [".deep/1/2/3/4/5/6/7/top.ron"]);
     }
 }

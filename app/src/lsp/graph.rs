@@ -1,83 +1,204 @@
 //! Builds the open graphs, and answers requests about them.
 
-use super::cursor::{self, Meaning, Scan};
+use super::cursor::{self, Scan};
 use super::files::{self, LANES, is_graph, nominal_case};
 use super::index::{Index, Place};
 use super::{hints, names, rename, text};
 use crate::draw::backend;
-use crate::draw::builtin;
-use crate::draw::facts::{self, SceneFacts};
+use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, Severity};
 use crate::draw::requirements::{self, Case};
-use lsp_types::{
-    CompletionItem, CompletionItemKind, CompletionTextEdit, Diagnostic, DiagnosticSeverity, Hover,
-    HoverContents, InlayHint, Location, MarkupContent, MarkupKind, Range, TextEdit, Uri,
-};
+use lsp_types::{Diagnostic, DiagnosticSeverity, InlayHint, Location, Range, TextEdit, Uri};
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::Dump;
-use splatgraph_framework::ir::{Format, LIVE_BLOCK, ParamBinding, Shape};
+use splatgraph_framework::ir::{LIVE_BLOCK, Shape};
 use splatgraph_framework::lower::{self, Control, ExpressionNames};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::schema::Document;
-use splatgraph_framework::source::Kind;
-use std::collections::{BTreeMap, BTreeSet};
-use std::ops;
+use splatgraph_framework::source::{Kind, nearest};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
-/// The texts of the open files, the planner, and the declarations and plan of every open graph.
+/// Maximum number of closed graphs that are built to find one that uses an open file.
+const MAX_TRIES: usize = 4;
+
+/// The texts of the open files, the planner, and the graphs that were built.
 #[derive(Default)]
 pub struct Workspace {
     /// Texts of the files that are open in the editor, by path.
     pub open: BTreeMap<PathBuf, String>,
-    planner: Planner,
-    known: BTreeMap<PathBuf, Known>,
-    folders: Vec<PathBuf>,
+    pub(super) planner: Planner,
+    /// The open graphs, and closed graphs that use an open shader or part.
+    pub(super) built: BTreeMap<PathBuf, Built>,
+    /// Graphs to build, the next first.
+    queue: VecDeque<PathBuf>,
+    /// For open shaders and parts that no open graph uses: closed graphs to try, the last first.
+    users: BTreeMap<PathBuf, Vec<PathBuf>>,
+    /// True if no graph is left to build, and all diagnostics are published. Changes reset it.
+    pub is_settled: bool,
 }
 
-/// The declarations of a graph. They are kept from its last valid version while it has errors.
+/// Results of a graph's build. The declarations are kept from the last valid version while the graph has errors.
 #[derive(Default)]
-struct Known {
+pub(super) struct Built {
     /// Descriptions of the resources, by name.
-    resources: BTreeMap<String, String>,
-    names: ExpressionNames,
-    controls: Vec<Control>,
+    pub resources: BTreeMap<String, String>,
+    pub names: ExpressionNames,
+    pub controls: Vec<Control>,
     /// Facts that were changed to meet the requirements, such as `device.int64 = true`; empty if the nominal facts meet
     /// them.
-    changed: String,
+    pub changed: String,
     /// Dump of the first plan; `None` if none could be built.
     dump: Option<Dump>,
+    /// True for a part, which is not built on its own to the end.
+    is_part: bool,
+    /// The diagnostics, each with its file.
+    diagnostics: Vec<(PathBuf, Diagnostic)>,
+    /// Paths that the build looked up, as they were and canonical. The paths of missing files are included.
+    files: BTreeSet<PathBuf>,
 }
 
 impl Workspace {
-    pub fn new(folders: Vec<PathBuf>) -> Workspace {
-        Workspace { folders, ..Workspace::default() }
+    /// Replaces the text of a file; `None` closes the file.
+    pub fn set(&mut self, path: PathBuf, text: Option<String>) {
+        let is_same_set = self.open.contains_key(&path) == text.is_some();
+        match text {
+            Some(text) => drop(self.open.insert(path.clone(), text)),
+            None => drop(self.open.remove(&path)),
+        }
+        self.planner.read_unsaved(self.open.clone());
+        if !is_same_set {
+            // Another graph may now use an open file.
+            self.users.clear();
+            self.built.retain(|graph, _| self.open.contains_key(graph));
+            self.queue.retain(|graph| self.open.contains_key(graph));
+        }
+        self.changed(&path);
     }
 
-    /// Builds the open graphs, and lists the diagnostics of each file, including files that are not open. Every open
-    /// graph has an entry in the result, even if it has no diagnostics.
-    pub fn diagnostics(&mut self) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
-        self.planner.read_unsaved(self.open.clone());
-        self.known.retain(|path, _| self.open.contains_key(path));
+    /// Queues the graphs that depend on a changed file. The file itself comes first if it is an open graph.
+    pub fn changed(&mut self, path: &Path) {
+        self.planner.forget_files();
+        self.is_settled = false;
+        let canonical = files::canonical(path);
+        for (graph, built) in &self.built {
+            let depends = built.files.contains(path) || built.files.contains(&canonical);
+            if depends && !self.queue.contains(graph) {
+                self.queue.push_back(graph.clone());
+            }
+        }
+        if self.open.contains_key(path) && is_graph(path) {
+            self.queue.retain(|graph| graph != path);
+            self.queue.push_front(path.to_owned());
+        }
+    }
+
+    /// Builds the next graph that a change affects, or that an open file needs. Returns false if there is none.
+    pub fn build_next(&mut self) -> bool {
+        if let Some(graph) = self.queue.pop_front() {
+            self.build(&graph);
+            return true;
+        }
+        let alone: Vec<PathBuf> = self.open.keys().filter(|path| !self.is_covered(path)).cloned().collect();
+        for path in alone {
+            if !self.users.contains_key(&path) {
+                let users = self.users_of(&path);
+                self.users.insert(path.clone(), users);
+            }
+            if let Some(user) = self.users.get_mut(&path).and_then(Vec::pop) {
+                self.build(&user);
+                // The graph may use the file only with other parameters.
+                if !self.is_covered(&path) {
+                    self.built.remove(&user);
+                }
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Builds an open graph if it was never built.
+    pub(super) fn ensure_built(&mut self, path: &Path) {
+        if !self.built.contains_key(path) {
+            self.queue.retain(|graph| graph != path);
+            self.build(path);
+        }
+    }
+
+    /// Returns true if the build of a graph reads the whole file.
+    fn is_covered(&self, path: &Path) -> bool {
+        let canonical = files::canonical(path);
+        let covers = |built: &Built| !built.is_part && built.files.contains(&canonical);
+        self.built.values().any(covers)
+    }
+
+    /// Lists closed graphs that use a file, the best last: of its folder, and no preset or choice.
+    fn users_of(&mut self, path: &Path) -> Vec<PathBuf> {
+        let name = in_index(path);
+        let index = self.index(path);
+        let mut users = index.users(&BTreeSet::from([name.clone()]));
+        users.retain(|user| *user != name && Path::new(user).is_absolute());
+        let rank = |user: &String| {
+            let is_plain = index
+                .text(user)
+                .is_some_and(|text| Scan::of(text).groups.get(1).is_some_and(|group| group.name == "Graph"));
+            (Path::new(user).parent() == Path::new(&name).parent(), is_plain)
+        };
+        users.sort_by_key(rank);
+        let whole = users.into_iter().rev().filter(|user| !self.is_part(user));
+        let mut best: Vec<PathBuf> = whole.take(MAX_TRIES).map(PathBuf::from).collect();
+        best.retain(|user| !self.built.contains_key(user));
+        best.reverse();
+        best
+    }
+
+    /// Lists the diagnostics of each file. Every open graph that was built has an entry in the result, even if it has no
+    /// diagnostics. Closed graphs show only what is in open files.
+    pub fn diagnostics(&self) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
         let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
-        let graphs: Vec<PathBuf> = self.open.keys().filter(|path| is_graph(path)).cloned().collect();
-        for path in graphs {
-            found.entry(path.clone()).or_default();
-            for plain in self.check(&path) {
-                let (file, diagnostic) = self.placed(&path, plain);
-                let of_file = found.entry(file).or_default();
-                if !of_file.contains(&diagnostic) {
-                    of_file.push(diagnostic);
+        for (graph, built) in &self.built {
+            let is_open = self.open.contains_key(graph);
+            if is_open {
+                found.entry(graph.clone()).or_default();
+            }
+            for (file, diagnostic) in &built.diagnostics {
+                if is_open || self.open.contains_key(file) {
+                    let of_file = found.entry(file.clone()).or_default();
+                    if !of_file.contains(diagnostic) {
+                        of_file.push(diagnostic.clone());
+                    }
                 }
             }
         }
         found
     }
 
+    /// Returns true if a graph that is still to be built had diagnostics in a file, whose positions are out of date.
+    pub fn is_outdated(&self, file: &Path) -> bool {
+        let has = |built: &Built| built.diagnostics.iter().any(|(other, _)| other == file);
+        self.queue.iter().filter_map(|graph| self.built.get(graph)).any(has)
+    }
+
+    fn build(&mut self, path: &Path) {
+        self.planner.forget_files();
+        self.built.entry(path.to_owned()).or_default().dump = None;
+        let found = if self.open.get(path).is_some_and(|text| is_foreign(text)) {
+            Vec::new()
+        } else {
+            self.check(path)
+        };
+        let diagnostics = found.into_iter().map(|plain| self.placed(path, plain)).collect();
+        let is_part = self.is_part(&path.display().to_string());
+        let wanted = self.planner.wanted().into_iter().map(|wanted| wanted.path);
+        let files = wanted.flat_map(|path| [files::canonical(&path), path]).collect();
+        let built = self.built.entry(path.to_owned()).or_default();
+        (built.diagnostics, built.is_part, built.files) = (diagnostics, is_part, files);
+    }
+
     /// Builds a graph for a GPU and for a CPU. Graphs of a choice that neither draws are built for devices that meet
     /// their requirements. Returns the first errors, or the warnings if there are no errors.
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
-        self.known.entry(path.to_owned()).or_default().dump = None;
         match self.warnings(path, &graph) {
             Ok(warnings) => warnings,
             Err(errors) if self.is_part(&graph) => {
@@ -108,8 +229,8 @@ impl Workspace {
         let (facts, catalog) = (case.facts(), facts::nominal_catalog());
         let controls = self.planner.controls(graph, &[], &facts, &catalog)?;
         let names = self.planner.ask((graph, &[]), &facts, &catalog, lower::expression_names)?;
-        let known = self.known.entry(path.to_owned()).or_default();
-        (known.controls, known.names, known.changed) = (controls, names, changed.to_owned());
+        let built = self.built.entry(path.to_owned()).or_default();
+        (built.controls, built.names, built.changed) = (controls, names, changed.to_owned());
         Ok(())
     }
 
@@ -118,16 +239,16 @@ impl Workspace {
         let mut resources = resources(plan);
         let named = self.names_of_includes(&path.display().to_string(), &resources);
         resources.extend(named);
-        let known = self.known.entry(path.to_owned()).or_default();
-        if known.dump.is_none() {
-            (known.resources, known.dump) = (resources, Some(backend::dump(plan)));
+        let built = self.built.entry(path.to_owned()).or_default();
+        if built.dump.is_none() {
+            (built.resources, built.dump) = (resources, Some(backend::dump(plan)));
         }
         self.planner.plain_warnings(plan)
     }
 
     /// Describes the names that the includes of a graph provide besides their resources: the output,
     /// `include.picture`, and the `let`s that choose a resource.
-    fn names_of_includes(
+    pub(super) fn names_of_includes(
         &mut self,
         graph: &str,
         resources: &BTreeMap<String, String>,
@@ -165,17 +286,6 @@ impl Workspace {
         found
     }
 
-    /// Lists the parameters of a graph that the graph at `path` includes, or of which it is a preset.
-    fn parameters(&mut self, path: &Path, included: &str) -> Vec<Control> {
-        let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
-        let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
-        let (path, _) = self.planner.path_and_text(file);
-        let (facts, catalog) = (nominal_case(LANES[0]).facts(), facts::nominal_catalog());
-        let mut of = |graph: &str| self.planner.controls(graph, &[], &facts, &catalog);
-        // The path of a built-in graph is not a file's path, so try its name.
-        of(&path).or_else(|_| of(included)).unwrap_or_default()
-    }
-
     /// Returns true for a part: a graph without an output or with ports, which is made to be included.
     fn is_part(&mut self, graph: &str) -> bool {
         match self.planner.graph_text(graph).map(|text| Document::parse(&text)) {
@@ -184,139 +294,20 @@ impl Workspace {
         }
     }
 
-    pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
-        let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
-        let none = Known::default();
-        let mut offered: BTreeMap<String, (CompletionItemKind, String)> = BTreeMap::new();
-        let mut offer = |name: &str, kind, about: String| {
-            offered.entry(name.to_owned()).or_insert((kind, about));
-        };
-        // A completion replaces the string before the cursor; in an expression, only the name before the cursor.
-        let mut start = cursor.inside.start;
-        match &cursor.meaning {
-            Meaning::Free => {}
-            Meaning::Parameter { graph } => {
-                for control in graph.iter().flat_map(|graph| self.parameters(path, graph)) {
-                    offer(&control.param.name, CompletionItemKind::FIELD, described(&control));
-                }
-            }
-            Meaning::Resource => {
-                for (name, about) in &self.known.get(path).unwrap_or(&none).resources {
-                    offer(name, CompletionItemKind::VARIABLE, about.clone());
-                }
-            }
-            Meaning::Expression => {
-                start = word(text, &cursor.inside, offset).start;
-                for (name, value) in self.known.get(path).unwrap_or(&none).names.iter() {
-                    offer(name, CompletionItemKind::CONSTANT, format!("= {value}"));
-                }
-            }
-            Meaning::Format => {
-                for format in Format::ALL {
-                    offer(
-                        format.name(),
-                        CompletionItemKind::ENUM_MEMBER,
-                        format!("{} bytes per pixel", format.bytes_per_pixel()),
-                    );
-                }
-            }
-            Meaning::Import => {
-                let catalog = facts::nominal_catalog();
-                for (name, attribute) in &catalog.attributes {
-                    let about =
-                        format!("{} planes of {} bytes per splat", attribute.planes, attribute.stride);
-                    offer(name, CompletionItemKind::VARIABLE, about);
-                }
-                for (name, bytes) in &catalog.uniforms {
-                    offer(name, CompletionItemKind::VARIABLE, format!("a uniform block of {bytes} bytes"));
-                }
-            }
-            Meaning::Graph => {
-                for file in builtin::groups().into_iter().flat_map(|(_, files)| files) {
-                    if !file.name.contains('.') {
-                        offer(&format!("{}.ron", file.name), CompletionItemKind::FILE, file.summary);
-                    }
-                }
-                for name in beside(path, "ron") {
-                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
-                }
-            }
-            Meaning::Shader { extension } => {
-                for file in builtin::groups().into_iter().flat_map(|(_, files)| files) {
-                    if has_extension(file.name, extension) {
-                        offer(file.name, CompletionItemKind::FILE, file.summary);
-                    }
-                }
-                for name in beside(path, extension) {
-                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
-                }
-            }
-            Meaning::Block { shaders } => {
-                let graph = path.display().to_string();
-                for shader in shaders {
-                    let mut names = BTreeSet::new();
-                    blocks(&mut self.planner, &graph, shader, &mut names, 0);
-                    for name in names {
-                        offer(&name, CompletionItemKind::FIELD, format!("of {shader}"));
-                    }
-                }
-            }
+    /// Lists the hints of a graph: the passes that its passes wait for, and the values of its `let`s. A part has no plan
+    /// of its own: its passes are looked up in the plans of the other graphs that were built.
+    pub fn hints(&mut self, path: &Path, text: &str) -> Vec<InlayHint> {
+        if self.queue.iter().any(|graph| graph == path) {
+            self.queue.retain(|graph| graph != path);
+            self.build(path);
         }
-        let range = text::range_of(text, start..offset);
-        let item = |(label, (kind, about)): (String, (CompletionItemKind, String))| CompletionItem {
-            text_edit: Some(CompletionTextEdit::Edit(TextEdit { range, new_text: label.clone() })),
-            label,
-            kind: Some(kind),
-            detail: Some(about),
-            ..CompletionItem::default()
-        };
-        offered.into_iter().map(item).collect()
-    }
-
-    /// Describes the parameter, value or resource at a byte offset, and the value of the whole expression. `None` if
-    /// nothing is known.
-    pub fn hover(&mut self, path: &Path, text: &str, offset: usize) -> Option<Hover> {
-        let cursor = cursor::at(text, offset)?;
-        let included = match &cursor.meaning {
-            Meaning::Parameter { graph: Some(graph) } => Some(self.parameters(path, graph)),
-            _ => None,
-        };
-        let known = self.known.get(path)?;
-        let word = &text[word(text, &cursor.inside, offset)];
-        let mut lines = Vec::new();
-        let controls = included.as_ref().unwrap_or(&known.controls);
-        if let Some(control) = controls.iter().find(|control| control.param.name == word) {
-            lines.push(format!("`{word}`: {}", described(control)));
-        } else if let Some(value) = known.names.get(word) {
-            lines.push(format!("`{word}` = {value}"));
+        if self.built.get(path).is_some_and(|built| built.is_part) {
+            while self.build_next() {}
         }
-        if let Some(about) = known.resources.get(word) {
-            lines.push(format!("`{word}`: {about}"));
-        }
-        let whole = &text[cursor.inside.clone()];
-        let is_expression =
-            matches!(cursor.meaning, Meaning::Expression | Meaning::Resource | Meaning::Format);
-        if let Some(value) = known.names.evaluate(whole).filter(|_| is_expression && whole != word) {
-            lines.push(format!("`{}` = {value}", whole.split_whitespace().collect::<Vec<_>>().join(" ")));
-        }
-        if lines.is_empty() {
-            return None;
-        }
-        let splats = grouped(SceneFacts::NOMINAL.count);
-        let with = if known.changed.is_empty() { String::new() } else { format!(", with {}", known.changed) };
-        lines.push(format!("*for {splats} splats, on the least capable supported device{with}*"));
-        let value = lines.join("\n\n");
-        let contents = HoverContents::Markup(MarkupContent { kind: MarkupKind::Markdown, value });
-        Some(Hover { contents, range: Some(text::range_of(text, cursor.inside)) })
-    }
-
-    /// Lists the hints of a graph: the barriers before its passes, and the values of its `let`s. A part has no plan of
-    /// its own: its passes are looked up in the plans of the other open graphs.
-    pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
-        let own = self.known.get(path);
-        let others = self.known.iter().filter(|(other, _)| *other != path).map(|(_, known)| known);
+        let own = self.built.get(path);
+        let others = self.built.iter().filter(|(other, _)| *other != path).map(|(_, built)| built);
         let dumps: Vec<&Dump> = own.into_iter().chain(others).filter_map(|k| k.dump.as_ref()).collect();
-        let mut found = hints::barriers(&files::canonical(path), text, &dumps);
+        let mut found = hints::waits(&files::canonical(path), text, &dumps);
         let Some(own) = own.filter(|own| own.dump.is_some()) else { return found };
         let scan = Scan::of(text);
         let lets = scan.texts.iter().filter(|place| scan.groups[place.group].lead == "let");
@@ -329,8 +320,8 @@ impl Workspace {
     }
 
     fn index(&mut self, path: &Path) -> Index {
-        let graphs = files::graphs_near(path, &self.open, &self.folders);
-        Index::of(&mut self.planner, &graphs)
+        let graphs = self.open.keys().filter(|path| is_graph(path)).map(|path| files::canonical(path));
+        Index::of(&mut self.planner, &files::canonical(path), graphs.collect())
     }
 
     pub fn definitions(&mut self, path: &Path, offset: usize) -> Vec<Location> {
@@ -339,10 +330,12 @@ impl Workspace {
         places.iter().filter_map(|place| self.location(&index, place)).collect()
     }
 
-    pub fn references(&mut self, path: &Path, offset: usize) -> Vec<Location> {
+    /// Lists the uses of the name at a byte offset, and its declarations if `is_declared` is true.
+    pub fn references(&mut self, path: &Path, offset: usize, is_declared: bool) -> Vec<Location> {
         let index = self.index(path);
         let places = index.places(&in_index(path), offset);
-        places.iter().filter_map(|(place, _)| self.location(&index, place)).collect()
+        let places = places.iter().filter(|(place, _)| is_declared || !index.is_declaration(place));
+        places.filter_map(|(place, _)| self.location(&index, place)).collect()
     }
 
     /// Returns the range and the text of the name at a byte offset; `None` if no graph declares a name there.
@@ -420,19 +413,16 @@ impl Workspace {
         if self.open.contains_key(&path) || !path.is_absolute() {
             return path;
         }
-        let Ok(canonical) = path.canonicalize() else { return path };
-        let same = |other: &&PathBuf| other.canonicalize().is_ok_and(|other| other == canonical);
-        self.open.keys().find(same).cloned().unwrap_or(canonical)
+        let canonical = files::canonical(&path);
+        self.open.keys().find(|other| files::canonical(other) == canonical).cloned().unwrap_or(canonical)
     }
 }
 
-fn described(control: &Control) -> String {
-    let kind = match control.param.binding {
-        ParamBinding::Const => "constant",
-        ParamBinding::Live { .. } => "live",
-    };
-    let about = if control.help.is_empty() { &control.label } else { &control.help };
-    format!("a {kind} parameter, here {}. {about}", control.param.value)
+/// Returns true for RON that is not meant as a graph, such as a list of scenes or another program's settings.
+fn is_foreign(text: &str) -> bool {
+    let scan = Scan::of(text);
+    let is_document = |name: &str| nearest(name, ["Graph", "Preset", "Choice"]).is_some();
+    !scan.groups.iter().any(|group| group.parent == Some(0) && is_document(&group.name))
 }
 
 fn in_index(path: &Path) -> String {
@@ -456,52 +446,35 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
 }
 
-/// Returns the range of the name at a byte offset of a string. Names consist of letters, digits, `_` and `.`.
-fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usize> {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
-    let before = text[inside.start..offset].rfind(|c| !is_part(c));
-    let after = text[offset..inside.end].find(|c| !is_part(c));
-    // `rfind` returns the start of a character, which can be several bytes long.
-    let width = |at: usize| text[inside.start + at..].chars().next().map_or(0, char::len_utf8);
-    before.map_or(inside.start, |at| inside.start + at + width(at))
-        ..after.map_or(inside.end, |at| offset + at)
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-fn has_extension(name: &str, extension: &str) -> bool {
-    Path::new(name).extension().is_some_and(|other| other == extension)
-}
-
-/// Lists the files with this extension in the folder of a graph.
-fn beside(graph: &Path, extension: &str) -> Vec<String> {
-    let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
-    let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
-    names.filter(|name| has_extension(name, extension)).collect()
-}
-
-/// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. Scans
-/// the text, because the shader may be incomplete and its constants unknown: names in inactive `#if` branches are
-/// included.
-fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
-    let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
-    for line in text.lines().map(str::trim_start) {
-        if let Some(included) = line.strip_prefix("#include \"").and_then(|rest| rest.split('"').next()) {
-            blocks(planner, graph, included, names, depth + 1);
+    #[test]
+    fn a_change_queues_the_graphs_that_depend_on_it_and_the_edited_one_first() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name);
+        let mut workspace = Workspace::default();
+        // `b.ron` refers to a graph that does not exist yet.
+        for (name, graph) in [("a.ron", "b"), ("b.ron", "missing"), ("c.ron", "splat")] {
+            let preset = format!("Preset(graph: \"{graph}\", summary: \"\", set: {{}})");
+            workspace.set(path(name), Some(preset));
         }
-        let Some(declared) = line.strip_prefix("layout(").and_then(|rest| rest.split_once(')')) else {
-            continue;
+        while workspace.build_next() {}
+        let queued = |workspace: &mut Workspace, name: &str| {
+            workspace.changed(&path(name));
+            let queue = std::mem::take(&mut workspace.queue);
+            queue.iter().map(|path| path.file_name().expect("a name").to_owned()).collect::<Vec<_>>()
         };
-        if !declared.0.contains("binding") {
-            continue;
-        }
-        let words =
-            declared.1.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').filter(|w| !w.is_empty());
-        let words: Vec<&str> = words.collect();
-        let after = |wanted: &dyn Fn(&str) -> bool| {
-            words.iter().position(|word| wanted(word)).and_then(|at| words.get(at + 1))
-        };
-        let name = after(&|w| w == "buffer")
-            .or_else(|| after(&|w| w.contains("image2D")))
-            .or_else(|| after(&|w| w == "uniform"));
-        names.extend(name.map(|name| (*name).to_owned()));
+        assert_eq!(queued(&mut workspace, "b.ron"), ["b.ron", "a.ron"]);
+        assert_eq!(queued(&mut workspace, "c.ron"), ["c.ron"]);
+        assert_eq!(queued(&mut workspace, "missing.ron"), ["a.ron", "b.ron"]);
+        assert!(queued(&mut workspace, "other.comp").is_empty());
+
+        // The hints of a part need other graphs. Their diagnostics are published afterwards.
+        let part = "Graph(version: 1, summary: \"\", passes: [])";
+        workspace.set(path("part.ron"), Some(part.to_owned()));
+        workspace.hints(&path("part.ron"), part);
+        assert!(workspace.queue.is_empty() && !workspace.is_settled);
     }
 }

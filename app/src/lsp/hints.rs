@@ -1,15 +1,16 @@
-//! Makes inlay hints: the barriers before each pass of a graph file, and the value of each `let`.
+//! Makes inlay hints: the passes that each pass of a graph file waits for, and the value of each `let`.
 
 use super::files::canonical;
 use super::text;
 use lsp_types::{InlayHint, InlayHintLabel, InlayHintTooltip, Position};
 use splatgraph_framework::dump::{self, Dump, DumpPass};
+use splatgraph_framework::plan::Since;
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Lists a hint for each pass that waits for others, at the end of the pass's first line. `dumps` are the plans that
 /// may contain passes of the file. The first plan that contains a pass determines its hint.
-pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
+pub fn waits(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     // Passes that the framework adds, such as the export, have no line of their own in the file.
     let is_written = |pass: &DumpPass| !["start", "export", "host"].contains(&pass.kind.as_str());
     let is_here = |pass: &&DumpPass| is_written(pass) && canonical(Path::new(&pass.declared.file)) == path;
@@ -25,9 +26,14 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
         }
     }
     let of_passes = |((line, _), passes): ((u32, u32), Vec<&DumpPass>)| {
-        let waiting: Vec<&&DumpPass> = passes.iter().filter(|pass| !pass.barriers.is_empty()).collect();
-        let first = waiting.first()?;
+        let waits = |pass: &&&DumpPass| !pass.dependencies.is_empty() || !pass.barriers.is_empty();
+        let waiting: Vec<&&DumpPass> = passes.iter().filter(waits).collect();
+        let first = waiting.iter().find(|pass| !pass.barriers.is_empty()).or(waiting.first())?;
         let mut label = format!("waits for {}", after(first).join(", "));
+        if first.barriers.is_empty() {
+            // An earlier barrier covers the dependencies.
+            label += " (no barrier here)";
+        }
         if passes.len() > 1 {
             label += &format!(" ({} of {} iterations wait)", waiting.len(), passes.len());
         }
@@ -35,6 +41,9 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
         for barrier in &first.barriers {
             lines.push(dump::barrier_line(barrier));
             lines.extend(barrier.dependencies.iter().map(|d| dump::cause_line(barrier, d)));
+        }
+        if lines.is_empty() {
+            lines.extend(first.dependencies.iter().map(dump::dependency_line));
         }
         let width = text.lines().nth(line as usize - 1)?.encode_utf16().count() as u32;
         let position = Position { line: line - 1, character: width };
@@ -56,19 +65,23 @@ fn hint(position: Position, label: String, tooltip: Option<String>) -> InlayHint
     }
 }
 
-/// Lists the passes that a pass's barriers wait for, and the layout transitions without an earlier writer.
+/// Lists the passes that a pass waits for; without any, the layout transitions before it.
 fn after(pass: &DumpPass) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
-    let causes = pass.barriers.iter().flat_map(|barrier| &barrier.dependencies);
-    for dependency in causes.map(|cause| &cause.conflict) {
-        let frame = if dependency.previous_frame { " of the previous frame" } else { "" };
-        let mut passes: Vec<String> =
-            dependency.after.iter().map(|place| format!("{}{frame}", place.name)).collect();
-        if passes.is_empty() {
-            passes.push(format!("a layout transition of {}", dependency.resource.name));
+    for dependency in &pass.dependencies {
+        let when = match dependency.since {
+            Since::Same => "",
+            Since::Prologue => " of the prologue",
+            Since::PreviousFrame => " of the previous frame",
+        };
+        let name = format!("{}{when}", dependency.first.name);
+        if !names.contains(&name) {
+            names.push(name);
         }
-        passes.retain(|name| !names.contains(name));
-        names.extend(passes);
+    }
+    if names.is_empty() {
+        let images = pass.barriers.iter().filter_map(|barrier| barrier.image.as_ref());
+        names.extend(images.map(|transition| format!("a layout transition of {}", transition.image)));
     }
     names
 }

@@ -4,13 +4,14 @@
 //! Declarations that share an occurrence of a name can only be renamed together, so they form a class.
 
 use super::cursor::{Group, Scan, Text};
+use super::files::{Search, canonical, is_graph};
 use super::names::{self, Kind, Mention, Role, Word, mentions, words};
 use crate::draw::planner::Planner;
 use splatgraph_framework::ir::FileId;
 use splatgraph_framework::source;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Maximum depth of nested includes, as in the framework's `lower`.
 const MAX_DEPTH: usize = 16;
@@ -63,7 +64,8 @@ struct Graph {
 
 struct Shader {
     words: Vec<Word>,
-    includes: Vec<FileId>,
+    /// Files that the shader includes, each with the range of its name.
+    includes: Vec<(Range<usize>, FileId)>,
 }
 
 pub struct Index {
@@ -78,8 +80,9 @@ pub struct Index {
 }
 
 impl Index {
-    /// Indexes the graphs at these paths, and the files that they name, directly or indirectly.
-    pub fn of(planner: &mut Planner, paths: &[String]) -> Index {
+    /// Indexes a file, some graphs, and the files that they name or that may name them, directly or indirectly. The paths
+    /// are canonical.
+    pub fn of(planner: &mut Planner, path: &Path, graphs: Vec<PathBuf>) -> Index {
         let mut index = Index {
             paths: HashMap::new(),
             graphs: BTreeMap::new(),
@@ -89,11 +92,26 @@ impl Index {
             found: BTreeMap::new(),
             class: Vec::new(),
         };
-        let mut waiting: Vec<FileId> =
-            paths.iter().filter_map(|path| planner.file(None, path, source::Kind::Graph)).collect();
-        while let Some(file) = waiting.pop() {
-            if !index.graphs.contains_key(&file) {
-                index.read_graph(planner, file, &mut waiting);
+        let mut search = Search::default();
+        let (mut waiting, mut searched) = (graphs, BTreeSet::new());
+        waiting.extend(search.users_of(path));
+        if !is_graph(path)
+            && let Some(file) = planner.file(None, &path.display().to_string(), source::Kind::Shader)
+        {
+            index.read_shader(planner, file);
+        }
+        while let Some(graph) = waiting.pop() {
+            let file = planner.file(None, &graph.display().to_string(), source::Kind::Graph);
+            let mut named: Vec<FileId> = file.into_iter().collect();
+            while let Some(file) = named.pop() {
+                if !index.graphs.contains_key(&file) {
+                    index.read_graph(planner, file, &mut named);
+                }
+            }
+            for (file, (path, _)) in &index.paths {
+                if searched.insert(*file) && Path::new(path).is_absolute() {
+                    waiting.extend(search.users_of(Path::new(path)));
+                }
             }
         }
         index.resolve();
@@ -155,22 +173,31 @@ impl Index {
         }
         let (path, text) = read(planner, file);
         let words = words(&text);
-        self.paths.insert(file, (path, text));
-        let mut includes = Vec::new();
-        for word in &words {
-            if let Word::Include(name) = word
-                && let Some(included) = planner.file(Some(file), name, source::Kind::Shader)
-            {
-                includes.push(included);
+        let included = words.iter().filter_map(|word| match word {
+            Word::Include(range) => {
+                let file = planner.file(Some(file), &text[range.clone()], source::Kind::Shader)?;
+                Some((range.clone(), file))
             }
-        }
+            Word::Name(_) => None,
+        });
+        let includes: Vec<(Range<usize>, FileId)> = included.collect();
+        self.paths.insert(file, (path, text));
         self.shaders.insert(file, Shader { words, includes: includes.clone() });
-        for included in includes {
+        for (_, included) in includes {
             self.read_shader(planner, included);
         }
     }
 
     fn resolve(&mut self) {
+        let mut included = Vec::new();
+        for (shader, read) in &self.shaders {
+            for (range, file) in &read.includes {
+                included.push((*shader, range.clone(), Form::Plain, Vec::new(), vec![self.start_of(*file)]));
+            }
+        }
+        for (shader, range, form, declarations, places) in included {
+            self.note(shader, range, form, declarations, places);
+        }
         let files: Vec<FileId> = self.graphs.keys().copied().collect();
         for file in files {
             let mut found = Vec::new();
@@ -247,7 +274,7 @@ impl Index {
             Role::Statistic => self.declared(file, |d| d.kind == Kind::Statistic && d.name == name),
             Role::Graph | Role::Shader | Role::OfShaders(_) => Vec::new(),
         };
-        let start_of = |file: &FileId| Place { file: self.paths[file].0.clone(), start: 0, end: 0 };
+        let start_of = |file: &FileId| self.start_of(*file);
         let places = match &mention.role {
             Role::Graph => graph.graphs.get(name).map(start_of).into_iter().collect(),
             Role::Shader => graph.shaders.get(name).map(start_of).into_iter().collect(),
@@ -263,6 +290,10 @@ impl Index {
             _ => Vec::new(),
         };
         (declarations, places)
+    }
+
+    fn start_of(&self, file: FileId) -> Place {
+        Place { file: self.paths[&file].0.clone(), start: 0, end: 0 }
     }
 
     fn declared(&self, file: FileId, wanted: impl Fn(&Declaration) -> bool) -> Vec<usize> {
@@ -441,7 +472,7 @@ impl Index {
             loop {
                 let shader = waiting.pop()?;
                 let Some(read) = self.shaders.get(&shader).filter(|_| seen.insert(shader)) else { continue };
-                waiting.extend(&read.includes);
+                waiting.extend(read.includes.iter().map(|(_, file)| *file));
                 return Some((shader, read));
             }
         })
@@ -490,6 +521,11 @@ impl Index {
         places
     }
 
+    /// Returns true if a name is declared at this place.
+    pub fn is_declaration(&self, place: &Place) -> bool {
+        self.declarations.iter().any(|declared| self.place_of(declared) == *place)
+    }
+
     /// Lists the paths of the graphs that a change of these files can affect.
     pub fn users(&self, changed: &BTreeSet<String>) -> Vec<String> {
         let mut users: BTreeSet<FileId> = BTreeSet::new();
@@ -523,7 +559,7 @@ fn is_picture(within: &[String], name: &str) -> bool {
 
 fn read(planner: &Planner, file: FileId) -> (String, String) {
     let (path, text) = planner.path_and_text(file);
-    (super::files::canonical(Path::new(&path)).display().to_string(), text)
+    (canonical(Path::new(&path)).display().to_string(), text)
 }
 
 struct Include {

@@ -1,8 +1,9 @@
 //! Implements the language server: errors, completion and hints while a graph or a shader is edited.
 //!
 //! Diagnostics are the errors and warnings of `splatgraph check` for two subgroup sizes, without the replay of
-//! barriers. The open graphs are rebuilt after a change, with the editor's text in place of the file's.
+//! barriers. The open graphs that depend on a changed file are rebuilt, with the editor's text in place of the file's.
 
+mod complete;
 mod cursor;
 mod files;
 mod graph;
@@ -14,16 +15,16 @@ mod rename;
 mod tests;
 mod text;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 use graph::Workspace;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{
-    DidChangeTextDocument, DidChangeWatchedFiles, DidCloseTextDocument, DidOpenTextDocument, LogMessage,
-    Notification as _, PublishDiagnostics,
+    DidChangeTextDocument, DidChangeWatchedFiles, DidCloseTextDocument, DidOpenTextDocument, Exit,
+    LogMessage, Notification as _, PublishDiagnostics,
 };
 use lsp_types::request::{
-    Completion, GotoDefinition, HoverRequest, InlayHintRequest, PrepareRenameRequest, References,
-    RegisterCapability, Rename, Request as _,
+    Completion, GotoDefinition, HoverRequest, InlayHintRefreshRequest, InlayHintRequest,
+    PrepareRenameRequest, References, RegisterCapability, Rename, Request as _, Shutdown,
 };
 use lsp_types::{
     CompletionOptions, CompletionParams, CompletionResponse, Diagnostic, DidChangeTextDocumentParams,
@@ -37,17 +38,17 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// Pause in the editor's messages after which a change is built. A build is slower than typing, so changes in quick
-/// succession are built once.
+/// Pause after a change before it is built. A build is slower than typing, so changes in quick succession are built
+/// once.
 const QUIET: Duration = Duration::from_millis(30);
 
-/// Answers an editor until it ends the connection.
+/// Answers an editor until it ends the connection. Returns false if the messages ended before the notification `exit`.
 ///
 /// # Errors
-/// The editor violates the protocol, or disconnects before it requests `shutdown`.
-pub fn serve(connection: &Connection) -> Result<()> {
+/// The editor violates the protocol, or sends `exit` before it requests `shutdown`.
+pub fn serve(connection: &Connection) -> Result<bool> {
     let capabilities = ServerCapabilities {
         text_document_sync: Some(TextDocumentSyncCapability::Kind(TextDocumentSyncKind::FULL)),
         completion_provider: Some(CompletionOptions {
@@ -64,35 +65,38 @@ pub fn serve(connection: &Connection) -> Result<()> {
         inlay_hint_provider: Some(OneOf::Left(true)),
         ..ServerCapabilities::default()
     };
-    let editor = connection.initialize(serde_json::to_value(capabilities)?)?;
-    let editor: InitializeParams = serde_json::from_value(text::with_strict_uris(editor))?;
-    let mut server = Server { workspace: Workspace::new(folders(&editor)), ..Server::default() };
-    if watches(&editor) {
+    let editor = match connection.initialize(serde_json::to_value(capabilities)?) {
+        Err(error) if error.channel_is_disconnected() => return Ok(false),
+        editor => serde_json::from_value::<InitializeParams>(text::with_strict_uris(editor?))?,
+    };
+    let workspace = editor.capabilities.workspace.unwrap_or_default();
+    if workspace.did_change_watched_files.is_some_and(|watched| watched.dynamic_registration == Some(true)) {
         connection.sender.send(registration().into())?;
     }
+    let mut server = Server {
+        workspace: Workspace::default(),
+        shown: BTreeMap::new(),
+        build_at: Instant::now(),
+        refreshes: workspace.inlay_hint.filter(|hints| hints.refresh_support == Some(true)).map(|_| 0),
+        has_built: false,
+        is_shut_down: false,
+    };
     loop {
-        let received = match server.changed {
-            // A channel without capacity is always empty, so only a wait can tell that no message follows.
-            true => connection.receiver.recv_timeout(QUIET),
-            false => connection.receiver.recv().map_err(Into::into),
+        let received = match server.workspace.is_settled {
+            true => connection.receiver.recv().map_err(Into::into),
+            // Messages that wait come before the build of the next graph.
+            false => connection.receiver.recv_deadline(server.build_at),
         };
         match received {
-            Err(error) if error.is_timeout() => publish(&mut server, connection)?,
-            Err(_) => bail!("expected the request `shutdown` before the end, found none"),
+            Err(error) if error.is_timeout() => server.build_next(connection)?,
+            Err(_) => return Ok(server.is_shut_down),
             Ok(message) => {
                 if server.take(message, connection)? {
-                    return Ok(());
+                    return Ok(true);
                 }
             }
         }
     }
-}
-
-/// Returns true if the editor reports changes of files on request.
-fn watches(editor: &InitializeParams) -> bool {
-    let workspace = editor.capabilities.workspace.as_ref();
-    let watched = workspace.and_then(|workspace| workspace.did_change_watched_files.as_ref());
-    watched.and_then(|watched| watched.dynamic_registration) == Some(true)
 }
 
 /// Asks the editor to report changes of graphs and shaders, because a shader can change without being open.
@@ -102,26 +106,6 @@ fn registration() -> Request {
     let registrations =
         json!({ "registrations": [{ "id": method, "method": method, "registerOptions": options }] });
     Request::new(method.to_owned().into(), RegisterCapability::METHOD.to_owned(), registrations)
-}
-
-/// Builds the open graphs if a text changed, and sends the diagnostics that changed.
-fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
-    if server.changed {
-        for published in server.published_after_a_change() {
-            let method = PublishDiagnostics::METHOD.to_owned();
-            connection.sender.send(Notification::new(method, published).into())?;
-        }
-    }
-    Ok(())
-}
-
-#[allow(deprecated)]
-fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
-    match &editor.workspace_folders {
-        Some(folders) => folders.iter().filter_map(|folder| text::path_of(&folder.uri)).collect(),
-        // Older clients send one root folder.
-        None => editor.root_uri.iter().filter_map(text::path_of).collect(),
-    }
 }
 
 type Answer = Result<Value, (ErrorCode, String)>;
@@ -137,28 +121,41 @@ fn answered<P: DeserializeOwned, R: serde::Serialize>(
     serde_json::to_value(result).map_err(|error| (ErrorCode::InternalError, error.to_string()))
 }
 
-#[derive(Default)]
 struct Server {
-    /// True if a text or a file has changed since the last build.
-    changed: bool,
     workspace: Workspace,
     /// Diagnostics that the editor shows, by file.
     shown: BTreeMap<PathBuf, Vec<Diagnostic>>,
+    /// Time at which the last change is built.
+    build_at: Instant,
+    /// Number of requests to the editor to read the hints again; `None` if it does not support them.
+    refreshes: Option<i32>,
+    /// True if a graph was built since the last such request.
+    has_built: bool,
+    /// True after the request `shutdown`.
+    is_shut_down: bool,
 }
 
 impl Server {
     /// Handles a message; returns true if it ended the connection.
     fn take(&mut self, message: Message, connection: &Connection) -> Result<bool> {
         match message {
-            Message::Request(request) if connection.handle_shutdown(&request)? => return Ok(true),
-            Message::Request(request) => {
-                // These requests need a build of the newest text. Completion and hover use the last valid build.
-                if ![Completion::METHOD, HoverRequest::METHOD].contains(&request.method.as_str()) {
-                    publish(self, connection)?;
-                }
-                connection.sender.send(self.answer(request).into())?;
+            Message::Request(Request { id, .. }) if self.is_shut_down => {
+                let message = "expected the notification `exit` after `shutdown`, found a request".to_owned();
+                let refused = Response::new_err(id, ErrorCode::InvalidRequest as i32, message);
+                connection.sender.send(refused.into())?;
             }
-            Message::Notification(notification) => {
+            Message::Request(request) if request.method == Shutdown::METHOD => {
+                self.is_shut_down = true;
+                // No graph is built any more.
+                self.workspace.is_settled = true;
+                connection.sender.send(Response::new_ok(request.id, ()).into())?;
+            }
+            Message::Request(request) => connection.sender.send(self.answer(request).into())?,
+            Message::Notification(Notification { method, .. }) if method == Exit::METHOD => {
+                ensure!(self.is_shut_down, "expected the request `shutdown` before `exit`, found none");
+                return Ok(true);
+            }
+            Message::Notification(notification) if !self.is_shut_down => {
                 let method = notification.method.clone();
                 if let Err(error) = self.note(notification) {
                     let message = format!("expected the parameters of {method}, found others: {error}");
@@ -166,9 +163,30 @@ impl Server {
                     connection.sender.send(Notification::new(LogMessage::METHOD.to_owned(), log).into())?;
                 }
             }
-            Message::Response(_) => {}
+            Message::Notification(_) | Message::Response(_) => {}
         }
         Ok(false)
+    }
+
+    /// Builds a graph, and sends the diagnostics that changed. After the last graph, asks the editor to read the hints
+    /// again, because those of a file depend on other files, too.
+    fn build_next(&mut self, connection: &Connection) -> Result<()> {
+        self.workspace.is_settled = !self.workspace.build_next();
+        if !self.workspace.is_settled {
+            self.has_built = true;
+        } else if std::mem::take(&mut self.has_built)
+            && let Some(count) = &mut self.refreshes
+        {
+            *count += 1;
+            let method = InlayHintRefreshRequest::METHOD.to_owned();
+            let id = format!("{method} {count}");
+            connection.sender.send(Request::new(id.into(), method, Value::Null).into())?;
+        }
+        for published in self.changed_diagnostics() {
+            let method = PublishDiagnostics::METHOD.to_owned();
+            connection.sender.send(Notification::new(method, published).into())?;
+        }
+        Ok(())
     }
 
     /// Records what the editor reports. A notification that cannot be parsed changes nothing.
@@ -192,9 +210,13 @@ impl Server {
             }
             DidChangeWatchedFiles::METHOD => {
                 let changes = serde_json::from_value::<DidChangeWatchedFilesParams>(params)?.changes;
-                // The server reads an open file from the editor, not from the disk.
-                let is_closed = |path: PathBuf| !self.workspace.open.contains_key(&path);
-                self.changed |= changes.iter().filter_map(|change| text::path_of(&change.uri)).any(is_closed);
+                for path in changes.iter().filter_map(|change| text::path_of(&change.uri)) {
+                    // The server reads an open file from the editor, not from the disk.
+                    if !self.workspace.open.contains_key(&path) {
+                        self.workspace.changed(&path);
+                        self.build_at = Instant::now() + QUIET;
+                    }
+                }
             }
             _ => {}
         }
@@ -204,18 +226,25 @@ impl Server {
     fn set(&mut self, uri: &Uri, text: Option<String>) {
         // A document without a path, such as an unsaved one, has no folder to find its shaders in.
         let Some(path) = text::path_of(uri) else { return };
-        match text {
-            Some(text) => drop(self.workspace.open.insert(path, text)),
-            None => drop(self.workspace.open.remove(&path)),
-        }
-        self.changed = true;
+        // Positions count from after the byte order mark, as in a file on disk.
+        let text = text.map(|text| text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text));
+        self.workspace.set(path, text);
+        self.build_at = Instant::now() + QUIET;
     }
 
-    /// Builds the open graphs, and returns the new diagnostics of the files in which they changed.
-    fn published_after_a_change(&mut self) -> Vec<PublishDiagnosticsParams> {
-        self.changed = false;
-        let found = self.workspace.diagnostics();
+    /// Lists the diagnostics of the files in which they changed.
+    fn changed_diagnostics(&mut self) -> Vec<PublishDiagnosticsParams> {
+        let mut found = self.workspace.diagnostics();
         let gone = self.shown.keys().filter(|path| !found.contains_key(*path)).cloned().collect::<Vec<_>>();
+        // Files with diagnostics of graphs that are still to be built are published after these.
+        let outdated =
+            found.keys().filter(|path| self.workspace.is_outdated(path)).cloned().collect::<Vec<_>>();
+        for path in outdated {
+            match self.shown.get(&path) {
+                Some(shown) => drop(found.insert(path, shown.clone())),
+                None => drop(found.remove(&path)),
+            }
+        }
         let cleared = gone.into_iter().map(|path| (path, Vec::new()));
         let changed = found.iter().filter(|(path, all)| self.shown.get(*path) != Some(*all));
         let changed = changed.map(|(path, all)| (path.clone(), all.clone()));
@@ -250,7 +279,7 @@ impl Server {
                 let Some((path, offset)) = self.any_place(&params.text_document_position) else {
                     return Ok(Vec::new());
                 };
-                Ok(self.workspace.references(&path, offset))
+                Ok(self.workspace.references(&path, offset, params.context.include_declaration))
             }),
             PrepareRenameRequest::METHOD => answered(params, |params: TextDocumentPositionParams| {
                 let place = self.any_place(&params);
@@ -279,11 +308,12 @@ impl Server {
 
     fn hints(&mut self, params: &InlayHintParams) -> Vec<InlayHint> {
         let path = text::path_of(&params.text_document.uri).filter(|path| files::is_graph(path));
-        let Some((path, text)) = path.and_then(|path| Some((path.clone(), self.workspace.open.get(&path)?)))
+        let Some((path, text)) =
+            path.and_then(|path| Some((path.clone(), self.workspace.open.get(&path)?.clone())))
         else {
             return Vec::new();
         };
-        hints::within(self.workspace.hints(&path, text), params.range.start.line, params.range.end.line)
+        hints::within(self.workspace.hints(&path, &text), params.range.start.line, params.range.end.line)
     }
 
     fn completion(&mut self, at: &TextDocumentPositionParams) -> CompletionResponse {

@@ -167,7 +167,8 @@ pub fn continues_name(c: char) -> bool {
 pub enum Word {
     /// The byte range of an identifier that does not follow a dot.
     Name(Range<usize>),
-    Include(String),
+    /// The byte range of the name of an included file.
+    Include(Range<usize>),
 }
 
 /// Lists the names in a shader's text outside of comments, and the files that it includes.
@@ -183,8 +184,9 @@ pub fn words(text: &str) -> Vec<Word> {
         } else if rest.starts_with("/*") {
             at += rest.find("*/").map_or(rest.len(), |end| end + 2);
         } else if let Some(file) = rest.strip_prefix("#include \"") {
-            let name = file.split(['"', '\n']).next().unwrap_or_default();
-            found.push(Word::Include(name.to_owned()));
+            let start = at + rest.len() - file.len();
+            let length = file.find(['"', '\n']).unwrap_or(file.len());
+            found.push(Word::Include(start..start + length));
             at += rest.find('\n').unwrap_or(rest.len());
         } else if c.is_ascii_alphanumeric() || c == '_' {
             let length = rest.find(|c| !continues_name(c)).unwrap_or(rest.len());
@@ -212,9 +214,8 @@ mod tests {
                 prop_assert_eq!(text.get(mention.range), Some(mention.name.as_str()));
             }
             for word in words(&text) {
-                if let Word::Name(range) = word {
-                    prop_assert!(text.get(range).is_some());
-                }
+                let (Word::Name(range) | Word::Include(range)) = word;
+                prop_assert!(text.get(range).is_some());
             }
         }
     }
@@ -258,6 +259,6 @@ mod tests {
             })
             .collect();
         assert_eq!(names, ["int", "x", "N", "p"]);
-        assert_eq!(words(text)[0], Word::Include("a.glsl".into()));
+        assert_eq!(words(text)[0], Word::Include(10..16));
     }
 }

@@ -49,7 +49,7 @@ impl Editor {
 
     fn start_with(capabilities: Value) -> Editor {
         let (server, connection) = Connection::memory();
-        let server = thread::spawn(move || serve(&server).expect("the editor follows the protocol"));
+        let server = thread::spawn(move || assert!(serve(&server).expect("the editor follows the protocol")));
         let folder = tempfile::tempdir().expect("a folder");
         let mut editor = Editor { connection, folder, server, requests: 0 };
         for (name, text) in
@@ -317,6 +317,120 @@ fn blocks_resources_names_and_formats_are_offered_where_each_can_stand() {
 }
 
 #[test]
+fn a_completion_replaces_the_name_around_the_cursor_and_no_other() {
+    let mut editor = Editor::start();
+    editor.open("graph.ron", GRAPH);
+    assert!(editor.published().1.is_empty());
+    for (from, marked, name, after) in [
+        ("words + 1", "wo|rds + 1", "width", "width + 1"),
+        (": \"table\"", ": \"width > 5 ? 'picture' : 'ta|ble'\"", "table", "width > 5 ? 'picture' : 'table'"),
+        (": \"table\"", ": \"wi| > 5 ? 'picture' : 'table'\"", "words", "words > 5 ? 'picture' : 'table'"),
+        (": \"table\"", ": \"front(ta|b)\"", "table", "front(table)"),
+        (
+            "show.comp",
+            "width > 5 ? 'sort/sc|.comp' : 'show.comp'",
+            "show.comp",
+            "width > 5 ? 'show.comp' : 'show.comp'",
+        ),
+        ("show.comp\"", "sh| , size", "show.comp", "\"show.comp , size"),
+    ] {
+        let (text, place) = editor.at("graph.ron", &GRAPH.replacen(from, marked, 1));
+        editor.change("graph.ron", &text);
+        let items = editor.request("textDocument/completion", place);
+        let item = items.as_array().expect("a list").iter().find(|item| item["label"] == name);
+        let edit = item.unwrap_or_else(|| panic!("{name} is not in {items}"))["textEdit"].clone();
+        let edit: lsp_types::TextEdit = serde_json::from_value(edit).expect("an edit");
+        let mut edited = text.clone();
+        let at = |position| text::offset_of(&text, position);
+        edited.replace_range(at(edit.range.start)..at(edit.range.end), &edit.new_text);
+        assert!(edited.contains(after), "{marked}: {edited}");
+    }
+    editor.end();
+}
+
+#[test]
+fn names_are_offered_in_a_graph_that_was_never_valid() {
+    let mut editor = Editor::start();
+    let broken = GRAPH.replace("stride: 4", "stride: ");
+    let place = editor.place("graph.ron", &broken.replace(": \"table\"", ": \"ta|ble\""));
+    assert_eq!(editor.offered(place), ["picture", "table"]);
+    let place = editor.at("graph.ron", &broken.replace("words + 1", "wo|rds + 1")).1;
+    let names = editor.offered(place);
+    for name in ["width", "words", "scene.count"] {
+        assert!(names.iter().any(|other| other == name), "{name} is not in {names:?}");
+    }
+    editor.end();
+}
+
+#[test]
+fn a_shader_and_a_part_that_are_open_alone_are_checked_with_a_closed_graph() {
+    let editor = Editor::start();
+    let broken = SHADER.replace("vec4(table[0])", "vec4(tabel[0])");
+    editor.open("show.comp", &broken);
+    let (uri, found) = editor.published();
+    assert_eq!((uri, found.len()), (editor.uri("show.comp"), 1));
+    editor.change("show.comp", SHADER);
+    assert_eq!(editor.published(), (editor.uri("show.comp"), vec![]));
+    editor.end();
+
+    let editor = Editor::start();
+    let part = GRAPH.replace("resources: {", "ports: { \"to\": Image(format: \"rgba8\") }, resources: {");
+    let outer = OUTER.replace("name: \"inner\",", "name: \"inner\", with: { \"to\": \"copy\" },");
+    editor.write("outer.ron", &outer);
+    editor.open("graph.ron", &part.replace("words + 1", "wrods + 1"));
+    assert_eq!(editor.published(), (editor.uri("graph.ron"), vec![]));
+    let (uri, found) = editor.published();
+    let message = found[0]["message"].as_str().expect("text");
+    assert_eq!(uri, editor.uri("graph.ron"));
+    assert!(message.contains("wrods"), "{message}");
+    editor.end();
+}
+
+#[test]
+fn new_files_are_checked_before_they_are_saved() {
+    let editor = Editor::start();
+    editor.open("new.ron", &GRAPH.replace("show.comp", "new.comp"));
+    let (uri, found) = editor.published();
+    assert_eq!((uri, found.len()), (editor.uri("new.ron"), 1), "{found:?}");
+    editor.open("new.comp", &SHADER.replace("vec4(table[0])", "vec4(tabel[0])"));
+    let found = BTreeMap::from([editor.published(), editor.published()]);
+    assert!(found[&editor.uri("new.ron")].is_empty(), "{found:?}");
+    assert_eq!(found[&editor.uri("new.comp")][0]["range"]["start"]["line"], 3);
+    editor.end();
+}
+
+#[test]
+fn ron_that_is_no_graph_has_no_errors() {
+    let editor = Editor::start();
+    for (name, text) in [
+        ("scenes.ron", "Scenes([Scene(file: \"garden.ply\")])"),
+        ("settings.ron", "#![enable(implicit_some)]\n(window: (width: 3))"),
+    ] {
+        editor.open(name, text);
+        assert_eq!(editor.published(), (editor.uri(name), vec![]));
+    }
+    editor.open("typo.ron", &GRAPH.replace("Graph(", "Grahp("));
+    let (uri, found) = editor.published();
+    assert_eq!((uri, found.len()), (editor.uri("typo.ron"), 1));
+    editor.open("marked.ron", &format!("\u{feff}{GRAPH}"));
+    assert_eq!(editor.published(), (editor.uri("marked.ron"), vec![]));
+    editor.end();
+}
+
+#[test]
+fn after_shutdown_requests_are_refused_and_other_messages_ignored() {
+    let mut editor = Editor::start();
+    editor.request("shutdown", Value::Null);
+    let response = lsp_server::Response::new_ok(RequestId::from("client/registerCapability".to_owned()), ());
+    editor.connection.sender.send(response.into()).expect("the server listens");
+    editor.open("graph.ron", GRAPH);
+    let refused = editor.answer("textDocument/hover", Value::Null);
+    assert_eq!(refused["error"]["code"], -32600);
+    editor.notify("exit", Value::Null);
+    editor.server.join().expect("the server ends");
+}
+
+#[test]
 fn hovering_tells_the_value_of_a_name_and_of_the_expression_around_it() {
     let mut editor = Editor::start();
     editor.open("graph.ron", GRAPH);
@@ -334,7 +448,17 @@ fn hovering_tells_the_value_of_a_name_and_of_the_expression_around_it() {
     );
     let table = told("\"Table\": \"table\"", "\"Table\": \"ta|ble\"");
     assert!(table.starts_with("`table`: a buffer of 9 x 4 bytes"), "{table}");
-    assert_eq!(told("summary: \"\"", "summary: \"|\""), "");
+    let declared = told("\"words\": ", "\"wo|rds\": ");
+    assert!(declared.starts_with("`words` = 8"), "{declared}");
+    // The name of a shader's block, and free texts, are no names of the graph.
+    for (from, to) in [
+        ("summary: \"\"", "summary: \"|\""),
+        ("\"picture\": \"picture\"", "\"pic|ture\": \"picture\""),
+        ("summary: \"\"", "summary: \"the ta|ble\""),
+        ("ring width", "ring wi|dth"),
+    ] {
+        assert_eq!(told(from, to), "", "{to}");
+    }
     editor.end();
 }
 
@@ -522,29 +646,50 @@ fn definitions_lead_to_declarations_files_and_blocks() {
         let column = of.lines().nth(line as usize).expect("a line").find(text).expect("there") as u64;
         (name.to_owned(), line, column)
     };
-    let mut defined = |file: &str, whole: &str, from: &str, to: &str| {
+    let defined = |editor: &mut Editor, file: &str, whole: &str, from: &str, to: &str| {
         let place = editor.place(file, &whole.replacen(from, to, 1));
         editor.defined(place)
     };
     let width = at(1, "width", GRAPH, "graph.ron");
-    assert_eq!(defined("outer.ron", OUTER, "width / 2", "wid|th / 2"), std::slice::from_ref(&width));
-    assert_eq!(defined("copy.comp", COPY, "WIDTH", "|WIDTH"), [width]);
+    assert_eq!(
+        defined(&mut editor, "outer.ron", OUTER, "width / 2", "wid|th / 2"),
+        std::slice::from_ref(&width)
+    );
+    assert_eq!(defined(&mut editor, "copy.comp", COPY, "WIDTH", "|WIDTH"), [width]);
     let table = at(3, "table\": Buffer", GRAPH, "graph.ron");
-    assert_eq!(defined("outer.ron", OUTER, "inner.table", "inner.tab|le"), [table]);
-    assert_eq!(defined("outer.ron", OUTER, "graph.ron", "graph|.ron"), [("graph.ron".to_owned(), 0, 0)]);
-    assert_eq!(defined("outer.ron", OUTER, "copy.comp", "cop|y.comp"), [("copy.comp".to_owned(), 0, 0)]);
+    assert_eq!(defined(&mut editor, "outer.ron", OUTER, "inner.table", "inner.tab|le"), [table]);
+    assert_eq!(
+        defined(&mut editor, "outer.ron", OUTER, "graph.ron", "graph|.ron"),
+        [("graph.ron".to_owned(), 0, 0)]
+    );
+    assert_eq!(
+        defined(&mut editor, "outer.ron", OUTER, "copy.comp", "cop|y.comp"),
+        [("copy.comp".to_owned(), 0, 0)]
+    );
     let block = at(3, "Table", COPY, "copy.comp");
-    assert_eq!(defined("outer.ron", OUTER, "\"Table\"", "\"|Table\""), [block]);
+    assert_eq!(defined(&mut editor, "outer.ron", OUTER, "\"Table\"", "\"|Table\""), [block]);
+    editor.write("help.glsl", "");
+    let including = COPY.replace("void main", "#include \"help.glsl\"\nvoid main");
+    let place = editor.place("copy.comp", &including.replace("help.glsl", "he|lp.glsl"));
+    assert_eq!(editor.defined(place), [("help.glsl".to_owned(), 0, 0)]);
     // A built-in file has no path that an editor could open.
     let built_in = GRAPH.replace("show.comp", "sort/scan.comp");
-    assert_eq!(defined("graph.ron", &built_in, "sort/scan", "sort/sc|an"), []);
+    assert_eq!(defined(&mut editor, "graph.ron", &built_in, "sort/scan", "sort/sc|an"), []);
     editor.end();
 }
 
 #[test]
-fn hints_show_the_barrier_before_a_pass_and_the_value_of_a_let() {
-    let mut editor = Editor::start();
+fn hints_show_what_a_pass_waits_for_and_the_value_of_a_let() {
+    let refreshes = json!({ "workspace": { "inlayHint": { "refreshSupport": true } } });
+    let mut editor = Editor::start_with(refreshes);
     editor.open("outer.ron", OUTER);
+    // The hints depend on other files, so the editor must ask again after each build.
+    let asked = loop {
+        if let Message::Request(request) = editor.connection.receiver.recv().expect("a message") {
+            break request.method;
+        }
+    };
+    assert_eq!(asked, "workspace/inlayHint/refresh");
     let hints = |editor: &mut Editor, name: &str, lines: (u32, u32)| {
         let range = json!({ "start": { "line": lines.0, "character": 0 }, "end": { "line": lines.1, "character": 0 } });
         let document = json!({ "uri": editor.uri(name) });
@@ -567,6 +712,45 @@ fn hints_show_the_barrier_before_a_pass_and_the_value_of_a_let() {
     // A graph with an error has no plan, and its lines may have moved, so it has no hints.
     editor.change("outer.ron", &OUTER.replace("inner.table", "inner.tabel"));
     assert_eq!(hints(&mut editor, "outer.ron", (0, 20)).0, []);
+    // The barrier before `one` serves `two`, too.
+    let two = |name: &str| {
+        format!(
+            "Dispatch(name: \"{name}\", shader: \"read.comp\", size: Groups(1), bind: {{ \"From\": \"table\", \"To\": \"{name}\" }}),\n"
+        )
+    };
+    let graph = GRAPH
+        .replace(
+            "passes: [",
+            &format!(
+                "passes: [Fill(name: \"fill\", buffer: \"table\", value: 1),\n{}{}",
+                two("one"),
+                two("two")
+            ),
+        )
+        .replace("\"Table\": \"table\"", "\"From\": \"one\", \"Table\": \"two\"")
+        .replace(
+            "resources: {",
+            "resources: { \"one\": Buffer(stride: 4, count: 4), \"two\": Buffer(stride: 4, count: 4),",
+        );
+    let from = "#version 460\nlayout(set = 0, binding = 2, std430) readonly buffer From { uint from[]; };";
+    let to = "layout(set = 0, binding = 3, std430) writeonly buffer To { uint to[]; };";
+    editor.write("read.comp", &format!("{from}\n{to}\nvoid main() {{ to[0] = from[0]; }}"));
+    let show = SHADER
+        .replace("#version 460", from)
+        .replace("table[0] = 1;", "")
+        .replace("vec4(table[0])", "vec4(table[0] + from[0])");
+    editor.write("show.comp", &show);
+    editor.open("graph.ron", &graph);
+    let found = hints(&mut editor, "graph.ron", (4, 20)).0.into_iter().map(|hint| hint.1);
+    assert_eq!(
+        found.collect::<Vec<_>>(),
+        [
+            "waits for export of the previous frame",
+            "waits for fill, show of the previous frame",
+            "waits for fill, show of the previous frame (no barrier here)",
+            "waits for two, one, export of the previous frame",
+        ]
+    );
     editor.end();
 }
 
@@ -594,5 +778,12 @@ fn parameters_of_the_shipped_graphs_are_found_through_choices_and_shared_shaders
     assert!(!of_the_sort.contains("digit4.ron"), "{of_the_sort:?}");
     let of_the_order = files_with("parts/depth_order.ron");
     assert!(of_the_order.contains("digit4.ron") && !of_the_order.contains("sort.ron"), "{of_the_order:?}");
+    // Without the declaration, only uses are listed.
+    let mut place = editor.place("graph.ron", &GRAPH.replace("2 * width", "2 * wi|dth"));
+    for (is_declared, count) in [(true, 6), (false, 5)] {
+        place["context"] = json!({ "includeDeclaration": is_declared });
+        let found = editor.request("textDocument/references", place.clone());
+        assert_eq!(found.as_array().expect("a list").len(), count, "{found}");
+    }
     editor.end();
 }

@@ -1,0 +1,279 @@
+//! Offers completions, and describes what is under the pointer, from the last build of a graph.
+
+use super::cursor::{self, Meaning, Scan};
+use super::files::{LANES, nominal_case};
+use super::graph::Workspace;
+use super::names::{self, Role, mentions};
+use super::text;
+use crate::draw::builtin;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::planner::Planner;
+use lsp_types::{
+    CompletionItem, CompletionItemKind, CompletionTextEdit, Hover, HoverContents, MarkupContent, MarkupKind,
+    TextEdit,
+};
+use splatgraph_assets::grouped;
+use splatgraph_framework::ir::{Format, ParamBinding};
+use splatgraph_framework::lower::Control;
+use splatgraph_framework::schema::is_choice;
+use splatgraph_framework::source::Kind;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops;
+use std::path::Path;
+
+impl Workspace {
+    /// Lists the parameters of a graph that the graph at `path` includes, or of which it is a preset.
+    fn parameters(&mut self, path: &Path, included: &str) -> Vec<Control> {
+        let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
+        let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
+        let (path, _) = self.planner.path_and_text(file);
+        let (facts, catalog) = (nominal_case(LANES[0]).facts(), facts::nominal_catalog());
+        let mut of = |graph: &str| self.planner.controls(graph, &[], &facts, &catalog);
+        // The path of a built-in graph is not a file's path, so try its name.
+        of(&path).or_else(|_| of(included)).unwrap_or_default()
+    }
+
+    pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
+        let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
+        self.ensure_built(path);
+        let mut offered: BTreeMap<String, (CompletionItemKind, String)> = BTreeMap::new();
+        let mut offer = |name: &str, kind, about: String| {
+            offered.entry(name.to_owned()).or_insert((kind, about));
+        };
+        let whole = &text[cursor.inside.clone()];
+        let is_quoted = text[cursor.inside.start..offset].matches('\'').count() % 2 == 1;
+        let meaning = match cursor.meaning {
+            // The condition of an expression that chooses a resource, a shader or a format.
+            Meaning::Resource | Meaning::Shader { .. } | Meaning::Format
+                if is_choice(whole) && !is_quoted =>
+            {
+                Meaning::Expression
+            }
+            meaning => meaning,
+        };
+        // A completion replaces the name around the cursor. The name of a file may contain more characters.
+        let is_file = matches!(meaning, Meaning::Graph | Meaning::Shader { .. });
+        let is_part = |c: char| is_in_name(c) || is_file && matches!(c, '/' | '-' | ' ');
+        let mut range = around(text, &cursor.inside, offset, is_part);
+        // A string that is not closed reaches to the end of its line.
+        range.end = offset + text[offset..range.end].trim_end().len();
+        match &meaning {
+            Meaning::Free => {}
+            Meaning::Parameter { graph } => {
+                for control in graph.iter().flat_map(|graph| self.parameters(path, graph)) {
+                    offer(&control.param.name, CompletionItemKind::FIELD, described(&control));
+                }
+            }
+            Meaning::Resource => {
+                for (name, about) in self.built.get(path).iter().flat_map(|built| &built.resources) {
+                    offer(name, CompletionItemKind::VARIABLE, about.clone());
+                }
+                for (name, about) in self.names_of_includes(&path.display().to_string(), &BTreeMap::new()) {
+                    offer(&name, CompletionItemKind::VARIABLE, about);
+                }
+                for name in declared(text, &[names::Kind::Resource]) {
+                    offer(&name, CompletionItemKind::VARIABLE, "of this graph".into());
+                }
+            }
+            Meaning::Expression => {
+                for (name, value) in self.built.get(path).iter().flat_map(|built| built.names.iter()) {
+                    offer(name, CompletionItemKind::CONSTANT, format!("= {value}"));
+                }
+                for (name, value) in nominal_case(LANES[0]).facts().named() {
+                    offer(&name, CompletionItemKind::CONSTANT, format!("= {value}"));
+                }
+                for name in declared(text, &[names::Kind::Parameter, names::Kind::Let]) {
+                    offer(&name, CompletionItemKind::CONSTANT, "of this graph".into());
+                }
+            }
+            Meaning::Format => {
+                for format in Format::ALL {
+                    offer(
+                        format.name(),
+                        CompletionItemKind::ENUM_MEMBER,
+                        format!("{} bytes per pixel", format.bytes_per_pixel()),
+                    );
+                }
+            }
+            Meaning::Import => {
+                let catalog = facts::nominal_catalog();
+                for (name, attribute) in &catalog.attributes {
+                    let about =
+                        format!("{} planes of {} bytes per splat", attribute.planes, attribute.stride);
+                    offer(name, CompletionItemKind::VARIABLE, about);
+                }
+                for (name, bytes) in &catalog.uniforms {
+                    offer(name, CompletionItemKind::VARIABLE, format!("a uniform block of {bytes} bytes"));
+                }
+            }
+            Meaning::Graph => {
+                for file in builtin::groups().into_iter().flat_map(|(_, files)| files) {
+                    if !file.name.contains('.') {
+                        offer(&format!("{}.ron", file.name), CompletionItemKind::FILE, file.summary);
+                    }
+                }
+                for name in beside(path, "ron") {
+                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
+                }
+            }
+            Meaning::Shader { extension } => {
+                for file in builtin::groups().into_iter().flat_map(|(_, files)| files) {
+                    if has_extension(file.name, extension) {
+                        offer(file.name, CompletionItemKind::FILE, file.summary);
+                    }
+                }
+                for name in beside(path, extension) {
+                    offer(&name, CompletionItemKind::FILE, "beside this graph".into());
+                }
+            }
+            Meaning::Block { shaders } => {
+                let graph = path.display().to_string();
+                for shader in shaders {
+                    let mut names = BTreeSet::new();
+                    blocks(&mut self.planner, &graph, shader, &mut names, 0);
+                    for name in names {
+                        offer(&name, CompletionItemKind::FIELD, format!("of {shader}"));
+                    }
+                }
+            }
+        }
+        let range = text::range_of(text, range);
+        let item = |(label, (kind, about)): (String, (CompletionItemKind, String))| CompletionItem {
+            text_edit: Some(CompletionTextEdit::Edit(TextEdit { range, new_text: label.clone() })),
+            label,
+            kind: Some(kind),
+            detail: Some(about),
+            ..CompletionItem::default()
+        };
+        offered.into_iter().map(item).collect()
+    }
+
+    /// Describes the parameter, value or resource at a byte offset, and the value of the whole expression. `None` if
+    /// nothing is known.
+    pub fn hover(&mut self, path: &Path, text: &str, offset: usize) -> Option<Hover> {
+        let cursor = cursor::at(text, offset)?;
+        self.ensure_built(path);
+        let word = &text[around(text, &cursor.inside, offset, is_in_name)];
+        let is_expression =
+            matches!(cursor.meaning, Meaning::Expression | Meaning::Resource | Meaning::Format);
+        let role = mentions(text, &Scan::of(text))
+            .into_iter()
+            .find(|mention| (mention.range.start..=mention.range.end).contains(&offset))
+            .map(|mention| mention.role);
+        let included = match &role {
+            Some(Role::ParameterOf(graph)) => self.parameters(path, graph),
+            _ => Vec::new(),
+        };
+        let built = self.built.get(path)?;
+        let control = match &role {
+            Some(Role::ParameterOf(_)) => included.iter().find(|control| control.param.name == word),
+            Some(Role::Value | Role::Declares(names::Kind::Parameter)) => {
+                built.controls.iter().find(|control| control.param.name == word)
+            }
+            _ => None,
+        };
+        let value = match &role {
+            Some(Role::Value | Role::Declares(names::Kind::Let) | Role::Resource(_)) => built.names.get(word),
+            // The name of a fact has a dot, and is declared nowhere.
+            None if is_expression && word.contains('.') => built.names.get(word),
+            _ => None,
+        };
+        let resource = match &role {
+            Some(Role::Resource(_) | Role::Include(_) | Role::Declares(names::Kind::Resource)) => {
+                built.resources.get(word)
+            }
+            _ => None,
+        };
+        let mut lines = Vec::new();
+        match (control, value) {
+            (Some(control), _) => lines.push(format!("`{word}`: {}", described(control))),
+            (None, Some(value)) => lines.push(format!("`{word}` = {value}")),
+            (None, None) => {}
+        }
+        lines.extend(resource.map(|about| format!("`{word}`: {about}")));
+        let whole = &text[cursor.inside.clone()];
+        if let Some(value) = built.names.evaluate(whole).filter(|_| is_expression && whole != word) {
+            lines.push(format!("`{}` = {value}", whole.split_whitespace().collect::<Vec<_>>().join(" ")));
+        }
+        if lines.is_empty() {
+            return None;
+        }
+        let splats = grouped(SceneFacts::NOMINAL.count);
+        let with = if built.changed.is_empty() { String::new() } else { format!(", with {}", built.changed) };
+        lines.push(format!("*for {splats} splats, on the least capable supported device{with}*"));
+        let value = lines.join("\n\n");
+        let contents = HoverContents::Markup(MarkupContent { kind: MarkupKind::Markdown, value });
+        Some(Hover { contents, range: Some(text::range_of(text, cursor.inside)) })
+    }
+}
+
+fn described(control: &Control) -> String {
+    let kind = match control.param.binding {
+        ParamBinding::Const => "constant",
+        ParamBinding::Live { .. } => "live",
+    };
+    let about = if control.help.is_empty() { &control.label } else { &control.help };
+    format!("a {kind} parameter, here {}. {about}", control.param.value)
+}
+
+fn is_in_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || matches!(c, '_' | '.')
+}
+
+/// Returns the range of the characters around a byte offset of a string for which `is_part` is true.
+fn around(
+    text: &str,
+    inside: &ops::Range<usize>,
+    offset: usize,
+    is_part: impl Fn(char) -> bool,
+) -> ops::Range<usize> {
+    let before = text[inside.start..offset].trim_end_matches(&is_part).len();
+    let after = text[offset..inside.end].find(|c| !is_part(c));
+    inside.start + before..after.map_or(inside.end, |at| offset + at)
+}
+
+/// Lists the names of these kinds that the text declares. It may be invalid, and not built yet.
+fn declared(text: &str, kinds: &[names::Kind]) -> Vec<String> {
+    let is_wanted = |role: &Role| matches!(role, Role::Declares(kind) if kinds.contains(kind));
+    let all = mentions(text, &Scan::of(text)).into_iter();
+    all.filter(|mention| is_wanted(&mention.role)).map(|mention| mention.name).collect()
+}
+
+fn has_extension(name: &str, extension: &str) -> bool {
+    Path::new(name).extension().is_some_and(|other| other == extension)
+}
+
+/// Lists the files with this extension in the folder of a graph.
+fn beside(graph: &Path, extension: &str) -> Vec<String> {
+    let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
+    let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+    names.filter(|name| has_extension(name, extension)).collect()
+}
+
+/// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines. Scans
+/// the text, because the shader may be incomplete and its constants unknown: names in inactive `#if` branches are
+/// included.
+fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
+    let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
+    for line in text.lines().map(str::trim_start) {
+        if let Some(included) = line.strip_prefix("#include \"").and_then(|rest| rest.split('"').next()) {
+            blocks(planner, graph, included, names, depth + 1);
+        }
+        let Some(declared) = line.strip_prefix("layout(").and_then(|rest| rest.split_once(')')) else {
+            continue;
+        };
+        if !declared.0.contains("binding") {
+            continue;
+        }
+        let words =
+            declared.1.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').filter(|w| !w.is_empty());
+        let words: Vec<&str> = words.collect();
+        let after = |wanted: &dyn Fn(&str) -> bool| {
+            words.iter().position(|word| wanted(word)).and_then(|at| words.get(at + 1))
+        };
+        let name = after(&|w| w == "buffer")
+            .or_else(|| after(&|w| w.contains("image2D")))
+            .or_else(|| after(&|w| w == "uniform"));
+        names.extend(name.map(|name| (*name).to_owned()));
+    }
+}
