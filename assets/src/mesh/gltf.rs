@@ -22,6 +22,9 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+/// Extension for attributes of 8 and 16 bits.
+const QUANTIZATION: &str = "KHR_mesh_quantization";
+
 /// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
@@ -32,20 +35,22 @@ impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0 or are damaged, require any extension, have primitives other than triangles, or have
-    /// no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text names the accessor, node or
+    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, have primitives
+    /// other than triangles, or have no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text names the accessor, node or
     /// image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
         let gltf =
             Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error.to_string()))?;
-        if let Some(extension) = gltf.extensions_required().next() {
-            let message = format!("expected no required extension, found {extension}");
+        if let Some(extension) = gltf.extensions_required().find(|name| *name != QUANTIZATION) {
+            let message = format!("expected no required extension but {QUANTIZATION}, found {extension}");
             return Err(wrong("extensionsRequired", message));
         }
         let Gltf { document, blob } = gltf;
-        let json = document.into_json();
+        let mut json = document.into_json();
+        // The crate refuses extensions that it does not know.
+        json.extensions_required.clear();
         check_accessors(&json)?;
         let document = Document::from_json(json).map_err(invalid)?;
         let files = Files::read(&document, folder)?;
@@ -329,16 +334,23 @@ impl<'a> Reader<'a> {
         bytes.ok_or_else(|| wrong(part, format!("buffer view {} is beyond its buffer", view.index())))
     }
 
-    /// Reads vectors of floats. Vectors of two can also be normalised unsigned integers of 8 or 16 bits.
+    /// Reads vectors of floats, or of integers of 8 or 16 bits, which may be normalised.
     fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, SceneError> {
         let expected = if N == 3 { Dimensions::Vec3 } else { Dimensions::Vec2 };
         let part = format!("accessor {}", accessor.index());
         let (kind, dimensions) = (accessor.data_type(), accessor.dimensions());
-        let scalar: fn(&[u8]) -> f32 = match (kind, accessor.normalized()) {
-            (DataType::F32, _) => |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]),
-            (DataType::U8, true) if N == 2 => |b| f32::from(b[0]) / 255.0,
-            (DataType::U16, true) if N == 2 => |b| f32::from(u16::from_le_bytes([b[0], b[1]])) / 65535.0,
-            _ => return Err(wrong(part, format!("expected floats, found {kind:?}"))),
+        let (scalar, greatest): (fn(&[u8]) -> f32, f32) = match kind {
+            DataType::F32 => (|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]), f32::INFINITY),
+            DataType::I8 => (|b| f32::from(b[0] as i8), 127.0),
+            DataType::U8 => (|b| f32::from(b[0]), 255.0),
+            DataType::I16 => (|b| f32::from(i16::from_le_bytes([b[0], b[1]])), 32767.0),
+            DataType::U16 => (|b| f32::from(u16::from_le_bytes([b[0], b[1]])), 65535.0),
+            DataType::U32 => return Err(wrong(part, "expected floats, or 8 or 16 bits, found U32")),
+        };
+        let is_normalized = accessor.normalized() && kind != DataType::F32;
+        let value = |bytes: &[u8]| match scalar(bytes) {
+            value if is_normalized => (value / greatest).max(-1.0),
+            value => value,
         };
         if dimensions != expected {
             return Err(wrong(part, format!("expected {expected:?}, found {dimensions:?}")));
@@ -346,7 +358,7 @@ impl<'a> Reader<'a> {
         let size = kind.size();
         let read: Vec<[f32; N]> = self
             .elements(accessor, N * size)?
-            .map(|bytes| std::array::from_fn(|axis| scalar(&bytes[axis * size..])))
+            .map(|bytes| std::array::from_fn(|axis| value(&bytes[axis * size..])))
             .collect();
         match read.as_flattened().iter().find(|value| !value.is_finite()) {
             None => Ok(read),

@@ -65,6 +65,22 @@ fn x_and_y_of_a_file_change_their_signs_and_flat_triangles_get_their_normals() {
 }
 
 #[test]
+fn positions_of_16_bits_are_read_with_the_extension_that_allows_them() {
+    let floats = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let read = |kind: &str| {
+        let text = changed("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_mesh_quantization\"],")
+            .replace("5126", kind)
+            .replace("\"byteLength\":36}],", "\"byteLength\":36,\"byteStride\":8}],")
+            // The 16-bit words 0, 0, 0; 32767, 0, 0; and 0, -32768, 0.
+            .replace(floats, "AAAAAAAAAAD/fwAAAAAAAAAAAIAAAAAAAAAAAAAAAAAAAAAA");
+        Mesh::parse(text.as_bytes(), None).unwrap().positions
+    };
+    assert_eq!(read("5122,\"normalized\":true"), [[0.0; 3], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    assert_eq!(read("5122"), [[0.0; 3], [-32767.0, 0.0, 0.0], [0.0, 32768.0, 0.0]]);
+    assert_eq!(read("5123")[2], [0.0, -32768.0, 0.0]);
+}
+
+#[test]
 fn a_mirrored_node_keeps_its_front_outside() {
     let read = Mesh::parse(changed("\"mesh\":0", "\"mesh\":0,\"scale\":[-1,1,1]").as_bytes(), None).unwrap();
     assert_eq!(read.normals, [[0.0, 0.0, 1.0]; 3]);
@@ -131,7 +147,7 @@ fn mistakes_are_told_with_their_part() {
         ("\"count\":3", "\"count\":4000000000", "accessor 0"),
         ("\"byteLength\":36,", "\"byteLength\":37,", "buffer 0`: expected 37 bytes, found 36"),
         ("\"buffer\":0,", "\"buffer\":0,\"byteOffset\":4,", "buffer view 0 is beyond its buffer"),
-        ("5126", "5121", "expected floats"),
+        ("5126", "5125", "expected floats"),
         ("\"VEC3\"", "\"VEC2\"", "expected Vec3, found Vec2"),
         (
             "{\"POSITION\":0}",
