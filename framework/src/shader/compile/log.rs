@@ -194,7 +194,11 @@ impl Entry<'_> {
             };
         }
         let message = match self.token {
-            Some("assign") => format!("`{}`: {}", found.unwrap_or("="), self.message),
+            // In an argument, glslang's column is that of a name or a comma.
+            Some("assign") => match found.filter(|found| found.ends_with('=')) {
+                Some(operator) => format!("`{operator}`: {}", self.message),
+                None => self.message.clone(),
+            },
             Some(token) => format!("`{token}`: {}", self.message),
             None => self.message.clone(),
         };

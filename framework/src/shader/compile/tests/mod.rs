@@ -106,7 +106,7 @@ fn errors_are_at_the_token_that_they_are_about() {
         ),
         (
             "void add(inout uint x) {}\nvoid main() { const uint k = 1u; uint j = 2u; add(k); }",
-            "6:51: k | `k`: l-value required (can't modify a const) | ",
+            "6:51: k | l-value required (can't modify a const) | ",
         ),
         (
             "void main() { const uint k = 1u; uint j = 2u; k += j; }",
