@@ -6,7 +6,9 @@ use crate::io::image::{Depth, Format, Image, npz_names, split_member};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
 use crate::io::report::text;
+use crate::studies::evaluation::{Mean, mean};
 use anyhow::{Context, Result, bail};
+use serde::Serialize;
 use serde_json::{Value, json};
 use splatgraph_reference::metrics::{self, Comparison, MetricError, flip};
 use std::collections::BTreeMap;
@@ -15,8 +17,8 @@ use std::path::{Path, PathBuf};
 /// Compare pictures: PSNR, SSIM, FLIP and the worst pixel
 ///
 /// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts as a
-/// folder of arrays. Pictures of two folders are matched by name without extension. A picture without a partner is an
-/// error.
+/// folder of arrays. Pictures of two folders are matched by name without extension, and the means over all pictures are
+/// printed. A picture without a partner is an error.
 ///
 /// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian
 /// window of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the
@@ -75,6 +77,24 @@ impl Found {
     }
 }
 
+/// Means over the pictures of two folders, as in `evaluate`.
+#[derive(Serialize)]
+struct Means {
+    #[serde(flatten)]
+    of_values: Mean,
+    flip_8_bits: Option<f64>,
+}
+
+impl Means {
+    fn of(found: &[Found]) -> Means {
+        let of = |score: &dyn Fn(&Found) -> Option<f64>| mean(found.iter().map(score));
+        let psnr_db = of(&|found| Some(found.psnr()));
+        let (ssim, flip) = (of(&|found| found.all.ssim), of(&|found| Some(found.flip)));
+        let flip_8_bits = of(&|found| Some(found.flip_8_bits));
+        Means { of_values: Mean { psnr_db, ssim, flip }, flip_8_bits }
+    }
+}
+
 struct Pair {
     name: String,
     a: PathBuf,
@@ -82,15 +102,15 @@ struct Pair {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let (text, outcome) = compare(args)?;
+    let (text, below) = compare(args)?;
     let printed = match &args.json {
         Some(path) => options::write_text(Some(path), &format!("{text}\n")),
         None => options::print(&text),
     };
-    if let Outcome::Failed = outcome {
-        say(format!("error: PSNR is below the {} dB of --min-psnr", args.min_psnr.unwrap_or_default()));
-    }
-    printed.map(|()| outcome)
+    printed?;
+    let Some(below) = below else { return Ok(Outcome::Done) };
+    say(format!("error: {below}"));
+    Ok(Outcome::Failed)
 }
 
 pub(super) struct Work {
@@ -149,8 +169,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { pairs, folders, diffs })
 }
 
-/// Compares the pictures. Returns the text to print, and the outcome.
-fn compare(args: &Args) -> Result<(String, Outcome)> {
+/// Compares the pictures. Returns the text to print, and an error if a PSNR is below `--min-psnr`.
+fn compare(args: &Args) -> Result<(String, Option<String>)> {
     let Work { pairs, folders, diffs } = prepare(args)?;
     let mut found = Vec::with_capacity(pairs.len());
     for (index, pair) in pairs.iter().enumerate() {
@@ -173,8 +193,12 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     } else {
         sentence(&found[0])
     };
-    let below = args.min_psnr.is_some_and(|least| found[worst].psnr() < least);
-    Ok((text, if below { Outcome::Failed } else { Outcome::Done }))
+    let psnr = found[worst].psnr();
+    let below = args.min_psnr.filter(|least| psnr < *least).map(|least| {
+        let name = one_line(&pairs[worst].name);
+        format!("{name}: expected at least the {least} dB of --min-psnr, found {psnr:.4} dB")
+    });
+    Ok((text, below))
 }
 
 enum Pictures {
@@ -343,6 +367,11 @@ fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
             format!("({}, {})", worst.x, worst.y),
         ]
     }));
+    let Means { of_values: Mean { psnr_db, ssim, flip }, flip_8_bits } = Means::of(found);
+    let text = |mean: Option<f64>, digits: usize| mean.map_or("-".into(), |mean| format!("{mean:.digits$}"));
+    let [ssim, flip, flip_8_bits] = [ssim, flip, flip_8_bits].map(|mean| text(mean, 6));
+    let count = format!("{} pictures", found.len());
+    rows.push(vec!["mean".into(), text(psnr_db, 2), ssim, flip, flip_8_bits, String::new(), count]);
     text::table(&rows) + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
@@ -364,7 +393,7 @@ fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value
         return entry(&pairs[0], &found[0]);
     }
     let entries: Vec<Value> = pairs.iter().zip(found).map(|(p, c)| entry(p, c)).collect();
-    json!({ "pictures": entries, "worst": pairs[worst].name })
+    json!({ "pictures": entries, "mean": Means::of(found), "worst": pairs[worst].name })
 }
 
 #[cfg(test)]
@@ -389,14 +418,14 @@ mod tests {
         (root, a, b)
     }
 
-    /// Returns the printed text and the outcome.
-    fn told(a: &Path, b: &Path, options: &[&str]) -> Result<(String, Outcome)> {
+    /// Returns the printed text, and the error of `--min-psnr`.
+    fn told(a: &Path, b: &Path, options: &[&str]) -> Result<(String, Option<String>)> {
         let line = [&["compare", a.to_str().unwrap(), b.to_str().unwrap()], options].concat();
         compare(&parsed(line)?)
     }
 
-    fn compared(a: &Path, b: &Path, options: &[&str]) -> Result<Outcome> {
-        told(a, b, options).map(|(_, outcome)| outcome)
+    fn compared(a: &Path, b: &Path, options: &[&str]) -> Result<Option<String>> {
+        told(a, b, options).map(|(_, below)| below)
     }
 
     #[test]
@@ -404,8 +433,29 @@ mod tests {
         let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.exr", 0.5)], &[("x.exr", 0.5), ("y.png", 0.6)]);
         std::fs::write(a.join("stats.json"), "{}").unwrap();
         // 0.6 is 153 / 255, and a difference of 0.1 is 20 dB.
-        assert_eq!(compared(&a, &b, &["--min-psnr", "19.9"]).unwrap(), Outcome::Done);
-        assert_eq!(compared(&a, &b, &["--min-psnr", "20.1"]).unwrap(), Outcome::Failed);
+        assert_eq!(compared(&a, &b, &["--min-psnr", "19.9"]).unwrap(), None);
+        let error = compared(&a, &b, &["--min-psnr", "20.1"]).unwrap().unwrap();
+        assert!(error.starts_with("y: expected at least the 20.1 dB of --min-psnr, found 20.00"), "{error}");
+    }
+
+    #[test]
+    fn the_means_of_two_folders_are_those_of_decibels() {
+        let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.npy", 0.5)], &[("x.npy", 0.6), ("y.npy", 0.51)]);
+        let json: Value = serde_json::from_str(&told(&a, &b, &["--json"]).unwrap().0).unwrap();
+        let near = |name: &str, expected: f64| {
+            let found = json["mean"][name].as_f64().unwrap();
+            assert!((found - expected).abs() < 1e-4, "{name}: {found}, expected {expected}");
+        };
+        near("psnr_db", 30.0);
+        for name in ["ssim", "flip", "flip_8_bits"] {
+            let of = |picture: usize| json["pictures"][picture][name].as_f64().unwrap();
+            near(name, 0.5 * (of(0) + of(1)));
+        }
+        let text = told(&a, &b, &[]).unwrap().0;
+        let mean = text.lines().find(|line| line.starts_with("mean")).unwrap();
+        assert!(mean.contains(" 30.00 ") && mean.ends_with("2 pictures"), "{text}");
+        std::fs::copy(a.join("x.npy"), b.join("x.npy")).unwrap();
+        assert!(told(&a, &b, &["--json"]).unwrap().0.contains("\"psnr_db\": \"inf\""));
     }
 
     #[test]
@@ -461,7 +511,7 @@ mod tests {
             &[("camera0.npy", 0.5), ("camera10.npy", 0.2)],
         );
         grey(0.9).save(&b.join("camera0-background.npy")).unwrap();
-        assert_eq!(compared(&a, &b, &["--by-number", "--min-psnr", "999"]).unwrap(), Outcome::Done);
+        assert_eq!(compared(&a, &b, &["--by-number", "--min-psnr", "999"]).unwrap(), None);
         let message = compared(&a, &b, &[]).unwrap_err().to_string();
         assert!(message.contains("--by-number"), "{message}");
     }

@@ -64,6 +64,12 @@ pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, M
     })
 }
 
+/// Returns the mean of values: `None` if one of them is, or without values.
+pub fn mean(values: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
+    let count = values.len();
+    values.sum::<Option<f64>>().filter(|_| count > 0).map(|sum| sum / count as f64)
+}
+
 impl Score {
     /// Returns PSNR in decibels, infinite if the pictures are equal.
     fn psnr(&self) -> f64 {
@@ -74,11 +80,8 @@ impl Score {
 impl Evaluation {
     /// Computes the means of the scores: `None` if a view is missing, because a partial mean could mislead.
     pub fn new(views: Vec<Score>, missing: Vec<String>) -> Evaluation {
-        let is_whole = !views.is_empty() && missing.is_empty();
-        let mean = |of: &dyn Fn(&Score) -> Option<f64>| {
-            let sum = views.iter().map(of).sum::<Option<f64>>().filter(|_| is_whole);
-            sum.map(|sum| sum / views.len() as f64)
-        };
+        let mean =
+            |of: &dyn Fn(&Score) -> Option<f64>| mean(views.iter().map(of)).filter(|_| missing.is_empty());
         let mean = Mean {
             psnr_db: mean(&|score| Some(score.psnr())),
             ssim: mean(&|score| score.ssim),
