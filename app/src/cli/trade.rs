@@ -303,15 +303,18 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
 
 fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {
     let load = |(camera, stem): (&Camera, &String)| -> Result<Image> {
-        let formats = [Format::Npy, Format::Exr, Format::Png];
+        let formats = ["npy", "exr", "png", "jpg", "jpeg", "JPG", "JPEG"];
         let path = formats
             .map(|format| folder.join(format!("{stem}.{format}")))
             .into_iter()
             .find(|path| path.exists());
         let Some(path) = path else {
-            bail!("expected the picture {stem}.npy, .exr or .png in {}, found none", folder.display());
+            bail!("expected the picture {stem}.npy, .exr, .png or .jpg in {}, found none", folder.display());
         };
-        let image = Image::load(&path)?;
+        let image = match Format::of(&path) {
+            Some(_) => Image::load(&path)?,
+            None => Image::load_photograph(&path, [0.0; 3])?,
+        };
         if (image.width, image.height) != (camera.width as usize, camera.height as usize) {
             bail!(
                 "{}: expected {} x {} pixels, as the camera has, found {} x {} (--size changes the cameras)",

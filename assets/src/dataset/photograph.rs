@@ -80,6 +80,9 @@ pub(super) fn size(path: &Path) -> Result<(u32, u32)> {
     let wrong = |found: String| {
         Error::new(ErrorKind::InvalidData, format!("expected a PNG or JPEG photograph, found {found}"))
     };
+    if !head.starts_with(b"\xFF\xD8") {
+        return Err(wrong("another format".into()));
+    }
     decoder.decode_headers().map_err(|error| wrong(error.to_string()))?;
     let size = decoder.dimensions().ok_or_else(|| wrong("a JPEG without a size".into()))?;
     Ok((size.0 as u32, size.1 as u32))

@@ -9,11 +9,19 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+/// Returns true for a PNG file, and false for a JPEG file.
 fn is_png(path: &Path) -> Result<bool, ImageError> {
     let mut head = [0; 4];
     let mut file = open(path)?;
     file.read_exact(&mut head).map_err(|error| ImageError::new(path, error))?;
-    Ok(head == *b"\x89PNG")
+    let found = match &head {
+        b"\x89PNG" => return Ok(true),
+        [0xFF, 0xD8, ..] => return Ok(false),
+        b"II*\0" | b"MM\0*" => "a TIFF file".to_owned(),
+        b"RIFF" => "a WebP file".to_owned(),
+        other => format!("a file that begins with `{}`", other.escape_ascii()),
+    };
+    Err(ImageError::new(path, format!("expected a PNG or JPEG photograph, found {found}")))
 }
 
 /// A decoder whose header has been read.
@@ -123,7 +131,11 @@ mod tests {
             std::fs::write(&path, bytes).unwrap();
             Image::load_photograph(&path, [0.0; 3]).unwrap_err().to_string()
         };
-        assert!(said(b"GIF89a..").contains("expected a PNG or JPEG photograph, found "));
+        for (bytes, what) in
+            [(b"GIF89a..", "a file that begins with `GIF8`"), (b"II*\0\x08\0\0\0", "a TIFF file")]
+        {
+            assert!(said(bytes).ends_with(&format!("expected a PNG or JPEG photograph, found {what}")));
+        }
         assert!(said(b"").contains("photo.png: "));
         for end in 4..JPEG.len() / 2 {
             std::fs::write(&path, &JPEG[..end]).unwrap();
