@@ -60,6 +60,9 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     assert_eq!(drawn["views"].as_array().map(Vec::len), Some(9));
     assert!(psnr(&drawn) > 50.0, "{drawn:#}");
     assert_eq!(drawn["all"], true);
+    let rule = |line: &str| place.code(line).1.contains("2 of 9 views are scored, every 8th by name");
+    assert!(rule("evaluate scene.ply -c views"));
+    assert!(!rule("evaluate scene.ply -c views --all"));
     let table = place.done("evaluate scene.ply -c views --all --json=scores.json");
     assert!(table.contains("view-0000.png") && place.json("scores.json")["mean"] == drawn["mean"], "{table}");
     assert_eq!(
@@ -160,6 +163,16 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
             ("render scene.ply --orbit 2 -o one.png", 2, "expected one camera for the picture"),
         ],
     );
+    let identity = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]";
+    place.write(
+        "views/transforms.json",
+        format!(
+            r#"{{"w": 96, "h": 54, "fl_x": 80, "test_filenames": ["./images/view-0000.png", "images/x.png"],
+                "frames": [{{"file_path": "images/view-0000.png", "transform_matrix": {identity}}}]}}"#
+        ),
+    );
+    let why = "`test_filenames`: expected photographs of frames, found images/x.png; --all scores all frames";
+    place.refuses("", &[("evaluate scene.ply -c views/transforms.json", 1, why)]);
     let wrong = place.text("views/sparse/0/cameras.txt");
     place.write("views/sparse/0/cameras.txt", wrong.replacen("PINHOLE", "OPENCV", 1));
     let why = "cameras.txt:2: `k1`: expected a value, found the end of the line";

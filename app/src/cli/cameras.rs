@@ -120,6 +120,13 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
+/// Warns the user if the dataset has masks.
+pub fn tell_masks(dataset: &Dataset) {
+    if dataset.has_masks {
+        say("masks (`mask_path`) are not read: all pixels are scored");
+    }
+}
+
 /// Registers the files of a dataset, given as `PATH` or `PATH#INDEX`, and its photographs as inputs.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {

@@ -36,8 +36,9 @@ pub const EXAMPLES: &str = "Examples:
 /// Score a scene against photographs: PSNR, SSIM and FLIP per test view, and their means
 ///
 /// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own
-/// (Blender, nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. PSNR and
-/// SSIM are computed as in `compare`. Their means over the views are comparable with published tables.
+/// (Blender, nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. A line on
+/// standard error says so. PSNR and SSIM are computed as in `compare`. Their means over the views are comparable with
+/// published tables.
 ///
 /// A view does not stop the others if its photograph is missing, damaged or of another shape, or if its picture has
 /// values that are not finite. The JSON lists it in `missing`, there are no means, and the exit code is 1.
@@ -54,7 +55,8 @@ pub struct Args {
     photographs: Option<PathBuf>,
     /// Compare at 1/N of the photographs' width and height
     ///
-    /// Uses the photographs in a folder images_N beside images/ if that folder exists, and averages pixels otherwise.
+    /// Uses the photographs in a folder images_N beside images/ if that folder exists (for a transforms.json, beside the
+    /// images/ in the photographs' names), and averages pixels otherwise.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     downscale: u32,
     /// Score all views, not only the test views
@@ -159,27 +161,44 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     if let Renderer::Reference = args.backend {
         refuse_graph_options(&args.pipeline, &args.set, &args.device)?;
     }
-    let dataset = Dataset::load(&args.cameras)?;
+    let dataset = Dataset::load_with(&args.cameras, args.photographs.as_deref())?;
     cameras::tell_off_center(&dataset);
-    let chosen: Vec<_> = if args.all { dataset.views.iter().collect() } else { dataset.test_views() };
-    if chosen.is_empty() {
+    cameras::tell_masks(&dataset);
+    if let Some(name) = dataset.unmatched.first().filter(|_| !args.all) {
+        let more = match dataset.unmatched.len() - 1 {
+            0 => String::new(),
+            more => format!(" and {more} more without a frame"),
+        };
         bail!(
-            "{}: expected at least one test view, found none among {} views; --all scores all of them",
+            "{}: `test_filenames`: expected photographs of frames, found {}{more}; --all scores all frames",
             args.cameras.display(),
-            dataset.views.len()
+            one_line(name)
         );
     }
-    let Some(folder) = args.photographs.as_ref().or(dataset.photographs.as_ref()) else {
+    let is_reduced = args.photographs.is_none() && args.downscale > 1;
+    let reduced = is_reduced.then(|| dataset.reduced(args.downscale)).flatten();
+    let downscale = if reduced.is_some() { 1 } else { args.downscale };
+    let found = reduced.as_ref().unwrap_or(&dataset);
+    let count = found.views.len();
+    let chosen: Vec<_> = if args.all { found.views.iter().collect() } else { found.test_views() };
+    if chosen.is_empty() {
+        bail!(
+            "{}: expected at least one test view, found none among {count} views; --all scores all of them",
+            args.cameras.display()
+        );
+    }
+    if chosen.len() < count && found.views.iter().all(|view| view.test.is_none()) {
+        say(format!(
+            "{} of {count} views are scored, every {TEST_EVERY}th by name; --all scores all",
+            chosen.len()
+        ));
+    }
+    let Some(folder) = args.photographs.as_ref().or(found.photographs.as_ref()) else {
         let text = format!(
             "{}: expected a folder `images` near the cameras, found none: name it with --photographs",
             args.cameras.display()
         );
         return Err(Usage(text).into());
-    };
-    let smaller = folder.with_file_name(format!("images_{}", args.downscale));
-    let (folder, downscale) = match args.photographs.is_none() && args.downscale > 1 && smaller.is_dir() {
-        true => (&smaller, 1),
-        false => (folder, args.downscale),
     };
     let view = |view: &splatgraph_assets::View| View {
         name: view.photograph.clone(),
@@ -196,7 +215,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let mut claim = || -> Result<(), Usage> {
         guard.scene("the scene", &args.scene)?;
         cameras::claim_dataset(&mut guard, &dataset)?;
-        cameras::claim_photographs(&mut guard, folder, &dataset.views)?;
+        cameras::claim_photographs(&mut guard, folder, &found.views)?;
         guard.input("the graph", Path::new(&args.pipeline))?;
         args.json.iter().try_for_each(|path| guard.output("--json", path))?;
         if let Some(output) = &args.output {
@@ -329,12 +348,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     options::print_beside(args.json.as_deref(), &found.table())?;
     if let Some(path) = &args.json {
         options::write_text(Some(path), &(as_json(request(args), &found) + "\n"))?;
-    }
-    if !args.all && views.len() == 1 {
-        say(format!(
-            "only one view was scored: with fewer than {} views, the first is the only test view",
-            TEST_EVERY + 1
-        ));
     }
     let outcome = match drawer {
         Drawer::Device(session) => validated(args.device.validate, &session.into_device().close()),

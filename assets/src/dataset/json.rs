@@ -16,14 +16,15 @@ use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, V
 use std::cell::Cell;
 use std::collections::HashSet;
 use std::marker::PhantomData;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Parses a camera file in either format: an object is a `transforms.json`, anything else a list.
-pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
+/// Parses a camera file in either format: an object is a `transforms.json`, anything else a list. Sizes that the file
+/// lacks are those of the photographs in `folder`, or else beside the file.
+pub(super) fn parse(text: &str, path: &Path, folder: Option<&Path>) -> Result<Dataset, CameraError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let reached = Cell::new(None);
     let parsed = if text.trim_start().starts_with('{') {
-        transforms(text, path, &reached)
+        transforms(text, path, folder, &reached)
     } else {
         let view = |camera: Camera| {
             let (img_name, photograph) =
@@ -114,12 +115,14 @@ struct Fields {
     p1: Option<f64>,
     p2: Option<f64>,
     camera_model: Option<String>,
-    is_fisheye: bool,
+    is_fisheye: Option<bool>,
+    /// Image that marks the pixels to ignore.
+    mask_path: Option<IgnoredAny>,
     file_path: Option<String>,
     /// Camera-to-world, row by row.
     transform_matrix: Option<[[f64; 4]; 4]>,
     /// Photographs reserved for tests, in nerfstudio's files.
-    test_filenames: Option<HashSet<String>>,
+    test_filenames: Option<HashSet<PathBuf>>,
 }
 
 impl Fields {
@@ -141,13 +144,23 @@ macro_rules! either {
     };
 }
 
+/// Returns a path without a leading `./`.
+fn plain(path: &Path) -> &Path {
+    path.strip_prefix(".").unwrap_or(path)
+}
+
 /// Converts a frame to a view. Raises `off_center` to the distance of the view's principal point from the image's
-/// centre.
-fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> Result<View, String> {
+/// centre. `size` returns the size of a photograph.
+fn view(
+    frame: &Fields,
+    file: &Fields,
+    size: impl FnOnce(&str) -> Result<(u32, u32), String>,
+    off_center: &mut f64,
+) -> Result<View, String> {
     let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
     let matrix = frame.transform_matrix.ok_or("missing field `transform_matrix`")?;
     let model = frame.camera_model.as_deref().or(file.camera_model.as_deref()).unwrap_or("PINHOLE");
-    let is_fisheye = frame.is_fisheye || file.is_fisheye;
+    let is_fisheye = either!(is_fisheye of frame, file).unwrap_or_default();
     let projection = match model {
         "OPENCV_FISHEYE" => Projection::Fisheye,
         "EQUIRECTANGULAR" => Projection::Equirectangular,
@@ -165,14 +178,7 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
     }
     let sides = [("w", either!(w of frame, file)), ("h", either!(h of frame, file))];
     let (width, height) = match sides.map(|(_, side)| side) {
-        [None, None] => {
-            let path = photograph::find(folder, photograph).map_err(|error| {
-                format!(
-                    "missing fields `w` and `h`, the size in pixels, and its photograph: {error}; add for instance \"w\": 800, \"h\": 800"
-                )
-            })?;
-            photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))?
-        }
+        [None, None] => size(photograph)?,
         _ => {
             let side = |(name, side): (&str, Option<f64>)| match side {
                 Some(side) if (1.0..=f64::from(u32::MAX)).contains(&side) && side.fract() == 0.0 => {
@@ -210,21 +216,70 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
         fy: fy.unwrap_or(fx),
         projection,
     };
-    let test = file.test_filenames.as_ref().map(|names| names.contains(photograph));
+    let test = file.test_filenames.as_ref().map(|names| names.contains(plain(Path::new(photograph))));
     Ok(View { camera, photograph: photograph.to_owned(), test })
 }
 
-/// Reads a `transforms.json` in two passes, because the file's values may follow its frames.
-fn transforms(text: &str, path: &Path, reached: &Cell<Option<usize>>) -> serde_json::Result<Dataset> {
-    let file: Fields = serde_json::from_str(text)?;
+/// Reads the size of a frame's photograph.
+fn size_of(folder: &Path, photograph: &str) -> Result<(u32, u32), String> {
+    let path = photograph::find(folder, photograph).map_err(|error| {
+        format!(
+            "missing fields `w` and `h`, the size in pixels, and its photograph: {error}; add for instance \"w\": 800, \"h\": 800"
+        )
+    })?;
+    photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))
+}
+
+/// Reads a `transforms.json`: first the file's own values, which may follow its frames, then the frames.
+fn transforms(
+    text: &str,
+    path: &Path,
+    photographs: Option<&Path>,
+    reached: &Cell<Option<usize>>,
+) -> serde_json::Result<Dataset> {
+    let mut file: Fields = serde_json::from_str(text)?;
+    file.test_filenames =
+        file.test_filenames.map(|names| names.iter().map(|name| plain(name).to_owned()).collect());
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-    let mut off_center = 0.0;
-    let view = |frame: Fields| view(&frame, &file, &folder, &mut off_center);
-    let mut views = whole(text, Frames(List { reached, view, entry: PhantomData }))?;
-    for (view, id) in views.iter_mut().zip(0..) {
+    // A photograph that is missing or damaged is taken to be as large as the first one that is not.
+    let (first, is_lost) = (Cell::new(None), Cell::new(false));
+    let size = |photograph: &str, is_last: bool| match size_of(photographs.unwrap_or(&folder), photograph) {
+        Ok(size) => {
+            first.set(first.get().or(Some(size)));
+            Ok(size)
+        }
+        Err(error) => first.get().map_or_else(
+            || {
+                is_lost.set(true);
+                if is_last { Err(error) } else { Ok((1, 1)) }
+            },
+            Ok,
+        ),
+    };
+    let read = |is_last: bool| {
+        let (mut off_center, mut has_masks) = (0.0, file.mask_path.is_some());
+        let view = |frame: Fields| {
+            has_masks |= frame.mask_path.is_some();
+            view(&frame, &file, |photograph| size(photograph, is_last), &mut off_center)
+        };
+        let views = whole(text, Frames(List { reached, view, entry: PhantomData }))?;
+        serde_json::Result::Ok(Dataset { views, off_center, has_masks, ..Dataset::default() })
+    };
+    let mut dataset = read(false)?;
+    if is_lost.get() {
+        dataset = read(true)?;
+    }
+    for (view, id) in dataset.views.iter_mut().zip(0..) {
         view.camera.id = id;
     }
-    Ok(Dataset { views, photographs: Some(folder), off_center, ..Dataset::default() })
+    if let Some(mut names) = file.test_filenames {
+        for view in &dataset.views {
+            names.remove(plain(Path::new(&view.photograph)));
+        }
+        dataset.unmatched = names.into_iter().map(|name| name.display().to_string()).collect();
+        dataset.unmatched.sort();
+    }
+    Ok(Dataset { photographs: Some(folder), ..dataset })
 }
 
 struct Frames<'a, F>(List<'a, Fields, F>);

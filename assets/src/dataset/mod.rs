@@ -37,9 +37,17 @@ impl Dataset {
     /// No format is recognised, the file cannot be read, or a camera is malformed or has distortion. The error names
     /// the file, and if possible the line or byte and the field.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, CameraError> {
-        let path = path.as_ref();
+        Self::load_with(path.as_ref(), None)
+    }
+
+    /// Reads a dataset as [`Dataset::load`] does. If its cameras have no sizes, those of the photographs in `photographs`
+    /// are used.
+    ///
+    /// # Errors
+    /// The errors of [`Dataset::load`].
+    pub fn load_with(path: &Path, photographs: Option<&Path>) -> Result<Self, CameraError> {
         if path.is_dir() {
-            return Self::load_folder(path);
+            return Self::load_folder(path, photographs);
         }
         // COLMAP's files come in pairs; either one identifies the model.
         let name = path.file_stem().and_then(|stem| stem.to_str());
@@ -53,7 +61,15 @@ impl Dataset {
             return Ok(dataset);
         }
         let text = file::read_text(path, MAX_CAMERA_BYTES).map_err(CameraError::io(path))?;
-        Ok(Self { files: vec![path.to_owned()], ..Self::parse(&text, path)? })
+        let mut dataset = Self { files: vec![path.to_owned()], ..json::parse(&text, path, photographs)? };
+        // Blender's scenes have a file for each split.
+        let test = match name {
+            Some("transforms_test") => Some(true),
+            Some("transforms_train" | "transforms_val") => Some(false),
+            _ => None,
+        };
+        dataset.views.iter_mut().for_each(|view| view.test = view.test.or(test));
+        Ok(dataset)
     }
 
     /// Parses the text of a `cameras.json` or a `transforms.json`. Errors name `path`; photographs are in its folder.
@@ -61,25 +77,24 @@ impl Dataset {
     /// # Errors
     /// The errors of [`Dataset::load`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, CameraError> {
-        json::parse(text, path)
+        json::parse(text, path, None)
     }
 
-    fn load_folder(folder: &Path) -> Result<Self, CameraError> {
+    fn load_folder(folder: &Path, photographs: Option<&Path>) -> Result<Self, CameraError> {
         for colmap in ["", "sparse/0", "sparse"].map(|below| folder.join(below)) {
             if colmap::is_folder(&colmap) {
                 return Self::load_colmap(&colmap);
             }
         }
-        let [train, test] = ["train", "test"].map(|split| folder.join(format!("transforms_{split}.json")));
-        if test.exists() {
-            let mut dataset = Self::load(&test)?;
-            dataset.views.iter_mut().for_each(|view| view.test = Some(true));
-            if train.exists() {
-                let train = Self::load(&train)?;
-                dataset.off_center = dataset.off_center.max(train.off_center);
-                dataset.files.extend(train.files);
-                let views = train.views.into_iter().map(|view| View { test: Some(false), ..view });
-                dataset.views.extend(views);
+        let splits = ["test", "train", "val"].map(|split| folder.join(format!("transforms_{split}.json")));
+        if splits[0].exists() {
+            let mut dataset = Self::load_with(&splits[0], photographs)?;
+            for file in splits[1..].iter().filter(|file| file.exists()) {
+                let split = Self::load_with(file, photographs)?;
+                dataset.off_center = dataset.off_center.max(split.off_center);
+                dataset.has_masks |= split.has_masks;
+                dataset.files.extend(split.files);
+                dataset.views.extend(split.views);
             }
             return Ok(dataset);
         }
@@ -87,7 +102,8 @@ impl Dataset {
             .map(|name| folder.join(name))
             .into_iter();
         let file = files.find(|file| file.exists());
-        file.map_or_else(|| Err(CameraError::NoCameras { path: folder.to_owned() }), Self::load)
+        let none = || Err(CameraError::NoCameras { path: folder.to_owned() });
+        file.map_or_else(none, |file| Self::load_with(&file, photographs))
     }
 
     /// Reads the cameras of a glTF file; `None` for a file with neither its magic number nor the extension `.gltf`.
@@ -125,6 +141,26 @@ impl Dataset {
         let mut views: Vec<&View> = self.views.iter().collect();
         views.sort_by(|a, b| a.photograph.cmp(&b.photograph));
         views.into_iter().step_by(TEST_EVERY).collect()
+    }
+
+    /// Returns the dataset with smaller photographs, from folders `images_N` beside `images`, with N the `factor`.
+    /// `None` unless there is such a folder for every photograph.
+    pub fn reduced(&self, factor: u32) -> Option<Self> {
+        let folder = self.photographs.as_ref()?;
+        let beside = |images: &Path| images.with_file_name(format!("images_{factor}"));
+        if folder.ends_with("images") {
+            let photographs = Some(beside(folder)).filter(|folder| folder.is_dir());
+            return photographs.map(|folder| Self { photographs: Some(folder), ..self.clone() });
+        }
+        let reduced = |view: &View| {
+            let path = Path::new(&view.photograph);
+            let images = path.ancestors().skip(1).find(|around| around.ends_with("images"))?;
+            let smaller = beside(images).join(path.strip_prefix(images).ok()?);
+            let found = folder.join(beside(images)).is_dir();
+            found.then(|| View { photograph: smaller.display().to_string(), ..view.clone() })
+        };
+        let views = self.views.iter().map(reduced).collect::<Option<_>>()?;
+        Some(Self { views, ..self.clone() })
     }
 
     /// Finds the file of a view's photograph in `folder`. The name's extension may be missing or differ.

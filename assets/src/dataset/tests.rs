@@ -360,6 +360,9 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
     assert_eq!(dataset.views[0].camera.img_name, "images/f");
     let own = parse(&nerfstudio("", "\"fl_x\": 55,")).unwrap();
     assert_eq!((own.views[0].camera.fx, own.views[0].camera.fy), (55.0, 80.0));
+    let own = parse(&nerfstudio("\"is_fisheye\": true,", "\"is_fisheye\": false,")).unwrap();
+    assert_eq!(own.views[0].camera.projection, Projection::Pinhole);
+    assert!(!own.has_masks && parse(&nerfstudio("", "\"mask_path\": \"m.png\",")).unwrap().has_masks);
     for (of_frame, what) in [
         ("\"k1\": 0.1,", "`k1`: expected 0, a lens without distortion, found 0.1; undistort"),
         (
@@ -397,7 +400,7 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
         std::fs::write(folder.path().join(format!("transforms_{split}.json")), text).unwrap();
     };
     write("train", &["r_1", "r_2", "r_3"]);
-    write("test", &["r_0"]);
+    write("test", &["lost", "r_0"]);
     let said = Dataset::load(folder.path()).unwrap_err().to_string();
     assert!(
         said.contains("transforms_test.json:1:")
@@ -406,16 +409,31 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
             ),
         "{said}"
     );
-    ["r_0.png", "r_1.png", "r_2.png", "r_3.png"].into_iter().for_each(png);
+    write("val", &["r_4"]);
+    ["r_0.png", "r_1.png", "r_4.png"].into_iter().for_each(png);
+    std::fs::write(folder.path().join("r_2.png"), "\x7FPNG").unwrap();
     let dataset = Dataset::load(folder.path()).unwrap();
-    assert_eq!(dataset.views.len(), 4);
+    assert_eq!(dataset.views.len(), 6);
     assert_eq!(
         dataset.files,
-        ["test", "train"].map(|split| folder.path().join(format!("transforms_{split}.json")))
+        ["test", "train", "val"].map(|split| folder.path().join(format!("transforms_{split}.json")))
     );
-    let [test] = dataset.test_views().try_into().unwrap();
-    assert_eq!((test.camera.img_name.as_str(), test.camera.width, test.camera.height), ("r_0", 100, 80));
+    // Photographs that are missing or damaged do not count.
+    let size = |view: &View| (view.camera.width, view.camera.height, view.camera.fx.round());
+    assert!(dataset.views.iter().all(|view| size(view) == (100, 80, 100.0)), "{dataset:#?}");
+    let [_, test] = dataset.test_views().try_into().unwrap();
+    assert_eq!(test.camera.img_name, "r_0");
     assert!((test.camera.fx - 100.0).abs() < 1e-9 && test.camera.fy == test.camera.fx);
+    // A split's file alone is the split.
+    for (split, count, of) in [("test", 2, 2), ("train", 0, 3), ("val", 0, 1)] {
+        let split = Dataset::load(folder.path().join(format!("transforms_{split}.json"))).unwrap();
+        assert_eq!((split.test_views().len(), split.views.len()), (count, of));
+    }
+    let elsewhere = tempfile::tempdir().unwrap();
+    let file = elsewhere.path().join("transforms_test.json");
+    std::fs::copy(folder.path().join("transforms_test.json"), &file).unwrap();
+    assert!(Dataset::load(&file).is_err());
+    assert_eq!(Dataset::load_with(&file, Some(folder.path())).unwrap().views[0].camera.width, 100);
     assert_eq!(Dataset::photograph_in(folder.path(), test).unwrap(), folder.path().join("./r_0.png"));
 }
 
@@ -474,6 +492,36 @@ fn each_eighth_view_in_the_order_of_names_is_a_test() {
     let dataset = Dataset { views: (0..17).map(view).collect(), ..Dataset::default() };
     let names: Vec<&str> = dataset.test_views().iter().map(|view| view.photograph.as_str()).collect();
     assert_eq!(names, ["00.png", "08.png", "16.png"]);
+}
+
+#[test]
+fn test_names_are_paths_and_those_without_a_view_are_listed() {
+    let tests = r#""test_filenames": ["./images//f.jpg", "images/lost.jpg", "images/gone.jpg"],"#;
+    let dataset = Dataset::parse(&nerfstudio(tests, ""), Path::new("transforms.json")).unwrap();
+    assert_eq!(dataset.views[0].test, Some(true));
+    assert_eq!(dataset.unmatched, ["images/gone.jpg", "images/lost.jpg"]);
+}
+
+#[test]
+fn reduced_photographs_lie_beside_those_of_full_size_and_not_beside_the_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = folder.path().join("dataset");
+    for name in ["images_2", "images_3", "dataset/images", "dataset/images_2"] {
+        std::fs::create_dir_all(folder.path().join(name)).unwrap();
+    }
+    let reduced = |name: &str, factor| {
+        let text = nerfstudio("", "").replace("images/f.jpg", name);
+        let views = Dataset::parse(&text, &dataset.join("transforms.json")).unwrap().reduced(factor)?.views;
+        Some((views[0].photograph.clone(), views[0].camera.img_name.clone()))
+    };
+    let found = |photograph: &str, name: &str| Some((photograph.to_owned(), name.to_owned()));
+    assert_eq!(reduced("images/f.jpg", 2), found("images_2/f.jpg", "images/f"));
+    assert_eq!(reduced("./images/a/f.jpg", 2), found("./images_2/a/f.jpg", "images/a/f"));
+    assert_eq!(reduced("../images/f.jpg", 3), found("../images_3/f.jpg", "../images/f"));
+    assert_eq!((reduced("images/f.jpg", 3), reduced("f.jpg", 2), reduced("images", 2)), (None, None, None));
+    let colmap = Dataset { photographs: Some(dataset.join("images")), ..Dataset::default() };
+    assert_eq!(colmap.reduced(2).unwrap().photographs, Some(dataset.join("images_2")));
+    assert_eq!(colmap.reduced(3), None);
 }
 
 #[test]

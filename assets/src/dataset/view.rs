@@ -23,6 +23,10 @@ pub struct Dataset {
     pub photographs: Option<PathBuf>,
     /// Files that the cameras were read from; empty for a parsed text.
     pub files: Vec<PathBuf>,
+    /// Names of test photographs in the dataset (`test_filenames`) that no view has.
+    pub unmatched: Vec<String>,
+    /// True if the dataset has masks (`mask_path`), which are not read.
+    pub has_masks: bool,
     /// Largest distance of a principal point from its image's centre, in pixels along an axis.
     pub off_center: f64,
 }
