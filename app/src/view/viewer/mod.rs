@@ -305,8 +305,9 @@ impl Viewer {
         self.open_in(RendererId::A, path);
     }
 
-    /// Opens a scene or a graph in a viewport, or cameras. Scenes are recognised by their contents, and loaded on another
-    /// thread; other `.ron` files are graphs, and other `.json` files cameras.
+    /// Opens a scene or a graph in viewport `id`, or replaces the viewer's cameras. A `.ron` file that is no list of
+    /// scenes is a graph, a `.json` file without a scene's header has cameras, and any other file is a scene, loaded on
+    /// another thread. Failures become events.
     pub fn open_in(&mut self, id: RendererId, path: &Path) {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
