@@ -366,6 +366,7 @@ fn number(
     let mut slider = Slider::new(&mut moved, min..=max)
         .show_value(false)
         .clamping(SliderClamping::Edits)
+        .smart_aim(false)
         .logarithmic(min > 0.0 && (max / min).log10() > DECADES);
     if step > 0.0 {
         // Round off the error of the multiplication: 0.3, not 0.30000000000000004.
@@ -373,6 +374,10 @@ fn number(
         slider = slider.step_by(step).max_decimals(digits);
     }
     controls.see(name, ui.add(slider).rect);
+    if moved != value {
+        // egui rounds to steps after it clamps, so the last step can be outside the range.
+        moved = moved.clamp(min, max);
+    }
     let mut typed = moved;
     let drag = DragValue::new(&mut typed)
         .range(min..=max)
@@ -444,6 +449,8 @@ mod tests {
         let keys: [&[Key]; 4] = [&[Key::Tab], &[], &[Key::ArrowRight], &[Key::ArrowRight]];
         assert_eq!(values(FLOOR, floor, &keys), [floor, floor, 0.005, 0.006]);
         assert_eq!(values(FLOOR, 0.02, &keys), [0.02; 4], "the end of the range");
+        let uneven = Scale { min: 0.0, max: 1.0, step: 0.4 };
+        assert_eq!(values(uneven, 0.8, &keys), [0.8, 0.8, 1.0, 1.0], "the third step is 1.2");
     }
 
     #[test]
