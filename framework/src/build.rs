@@ -10,8 +10,7 @@ use tracing::info_span;
 /// Reads a graph, lowers it, compiles and links its shaders, and solves for order, memory and dependencies.
 ///
 /// Errors point into the files; an `Err` holds at least one, and [`GraphErrors`](crate::source::GraphErrors) makes one
-/// error of them. If the compiler is cancelled, the build fails with the
-/// message [`CANCELLED`].
+/// error of them. If the compiler is cancelled, the build fails with the message [`CANCELLED`].
 ///
 /// ```
 /// use splatgraph_framework::build;

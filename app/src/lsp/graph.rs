@@ -36,6 +36,8 @@ pub struct Workspace {
     users: BTreeMap<PathBuf, Vec<PathBuf>>,
     /// True if no graph is left to build, and all diagnostics are published. Changes reset it.
     pub is_settled: bool,
+    /// True if a graph was built since the server reset it.
+    pub has_built: bool,
 }
 
 /// Results of a graph's build. The declarations are kept from the last valid version while the graph has errors.
@@ -80,6 +82,10 @@ impl Workspace {
     pub fn changed(&mut self, path: &Path) {
         self.planner.forget_files();
         self.is_settled = false;
+        if !self.open.contains_key(path) {
+            // The closed file may now use an open one.
+            self.users.clear();
+        }
         let canonical = files::canonical(path);
         for (graph, built) in &self.built {
             let depends = built.files.contains(path) || built.files.contains(&canonical);
@@ -144,7 +150,7 @@ impl Workspace {
                 .is_some_and(|text| Scan::of(text).groups.get(1).is_some_and(|group| group.name == "Graph"));
             (Path::new(user).parent() == Path::new(&name).parent(), is_plain)
         };
-        users.sort_by_key(rank);
+        users.sort_by_cached_key(rank);
         let whole = users.into_iter().rev().filter(|user| !self.is_part(user));
         let mut best: Vec<PathBuf> = whole.take(MAX_TRIES).map(PathBuf::from).collect();
         best.retain(|user| !self.built.contains_key(user));
@@ -179,7 +185,13 @@ impl Workspace {
         self.queue.iter().filter_map(|graph| self.built.get(graph)).any(has)
     }
 
+    /// Returns true for an open file for which a closed graph may still be built. Its diagnostics come from that graph.
+    pub fn is_waiting(&self, file: &Path) -> bool {
+        !self.is_settled && self.open.contains_key(file) && !self.is_covered(file)
+    }
+
     fn build(&mut self, path: &Path) {
+        self.has_built = true;
         self.planner.forget_files();
         self.built.entry(path.to_owned()).or_default().dump = None;
         let found = if self.open.get(path).is_some_and(|text| is_foreign(text)) {
@@ -474,7 +486,8 @@ mod tests {
         // The hints of a part need other graphs. Their diagnostics are published afterwards.
         let part = "Graph(version: 1, summary: \"\", passes: [])";
         workspace.set(path("part.ron"), Some(part.to_owned()));
+        workspace.has_built = false;
         workspace.hints(&path("part.ron"), part);
-        assert!(workspace.queue.is_empty() && !workspace.is_settled);
+        assert!(workspace.queue.is_empty() && !workspace.is_settled && workspace.has_built);
     }
 }

@@ -78,7 +78,6 @@ pub fn serve(connection: &Connection) -> Result<bool> {
         shown: BTreeMap::new(),
         build_at: Instant::now(),
         refreshes: workspace.inlay_hint.filter(|hints| hints.refresh_support == Some(true)).map(|_| 0),
-        has_built: false,
         is_shut_down: false,
     };
     loop {
@@ -129,8 +128,6 @@ struct Server {
     build_at: Instant,
     /// Number of requests to the editor to read the hints again; `None` if it does not support them.
     refreshes: Option<i32>,
-    /// True if a graph was built since the last such request.
-    has_built: bool,
     /// True after the request `shutdown`.
     is_shut_down: bool,
 }
@@ -172,9 +169,8 @@ impl Server {
     /// again, because those of a file depend on other files, too.
     fn build_next(&mut self, connection: &Connection) -> Result<()> {
         self.workspace.is_settled = !self.workspace.build_next();
-        if !self.workspace.is_settled {
-            self.has_built = true;
-        } else if std::mem::take(&mut self.has_built)
+        if self.workspace.is_settled
+            && std::mem::take(&mut self.workspace.has_built)
             && let Some(count) = &mut self.refreshes
         {
             *count += 1;
@@ -235,6 +231,9 @@ impl Server {
     /// Lists the diagnostics of the files in which they changed.
     fn changed_diagnostics(&mut self) -> Vec<PublishDiagnosticsParams> {
         let mut found = self.workspace.diagnostics();
+        // The graph that gave these was dropped, and is built again.
+        let waiting = self.shown.iter().filter(|(path, _)| self.workspace.is_waiting(path));
+        found.extend(waiting.map(|(path, shown)| (path.clone(), shown.clone())));
         let gone = self.shown.keys().filter(|path| !found.contains_key(*path)).cloned().collect::<Vec<_>>();
         // Files with diagnostics of graphs that are still to be built are published after these.
         let outdated =

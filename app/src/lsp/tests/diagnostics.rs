@@ -102,8 +102,23 @@ fn a_shader_and_a_part_that_are_open_alone_are_checked_with_a_closed_graph() {
     editor.open("show.comp", &broken);
     let (uri, found) = editor.published();
     assert_eq!((uri, found.len()), (editor.uri("show.comp"), 1));
+    // Opening another file does not hide the errors for a while.
+    editor.open("scenes.ron", "Scenes([])");
+    assert_eq!(editor.published(), (editor.uri("scenes.ron"), vec![]));
+    editor.change("show.comp", &broken.replace("table[0] = 1", "tabla[0] = 1"));
+    let (uri, found) = editor.published();
+    assert_eq!((uri, found.len()), (editor.uri("show.comp"), 1));
+    assert!(found[0]["message"].as_str().expect("text").starts_with("`tabla`: "), "{found:?}");
     editor.change("show.comp", SHADER);
     assert_eq!(editor.published(), (editor.uri("show.comp"), vec![]));
+    // A graph that is new on the disk is tried.
+    editor.open("lone.comp", &broken);
+    let new = GRAPH.replace("show.comp", "lone.comp");
+    editor.write("new.ron", &new);
+    let changes = json!([{ "uri": editor.uri("new.ron"), "type": 1 }]);
+    editor.notify("workspace/didChangeWatchedFiles", json!({ "changes": changes }));
+    let (uri, found) = editor.published();
+    assert_eq!((uri, found.len()), (editor.uri("lone.comp"), 1));
     editor.end();
 
     let editor = Editor::start();
