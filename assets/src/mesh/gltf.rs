@@ -24,6 +24,8 @@ use std::path::{Path, PathBuf};
 
 /// Extension for attributes of 8 and 16 bits.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
+/// Extension that scales texture coordinates. It is not read. Quantized texture coordinates depend on it.
+const TEXTURE_TRANSFORM: &str = "KHR_texture_transform";
 
 /// Maximum size of a buffer or an image in its own file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -35,9 +37,9 @@ impl Mesh {
     /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, have primitives
-    /// other than triangles, or have no triangles; a buffer or an image cannot be read; or a limit is exceeded. The text names the accessor, node or
-    /// image.
+    /// The bytes are not glTF 2.0 or are damaged, require an extension other than `KHR_mesh_quantization`, use
+    /// `KHR_texture_transform` with it, have primitives other than triangles, or have no triangles; a buffer or an image
+    /// cannot be read; or a limit is exceeded. The text names the accessor, node or image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         json::check(json_of(bytes), json::GLTF_OBJECT).map_err(|message| wrong("glTF", message))?;
@@ -46,6 +48,11 @@ impl Mesh {
         if let Some(extension) = gltf.extensions_required().find(|name| *name != QUANTIZATION) {
             let message = format!("expected no required extension but {QUANTIZATION}, found {extension}");
             return Err(wrong("extensionsRequired", message));
+        }
+        let is_quantized = gltf.extensions_required().any(|name| name == QUANTIZATION);
+        if is_quantized && gltf.extensions_used().any(|name| name == TEXTURE_TRANSFORM) {
+            let message = format!("expected {QUANTIZATION} without {TEXTURE_TRANSFORM}, found both");
+            return Err(wrong("extensionsUsed", message));
         }
         let Gltf { document, blob } = gltf;
         let mut json = document.into_json();

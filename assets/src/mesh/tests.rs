@@ -148,6 +148,11 @@ fn mistakes_are_told_with_their_part() {
         ("\"byteLength\":36,", "\"byteLength\":37,", "buffer 0`: expected 37 bytes, found 36"),
         ("\"buffer\":0,", "\"buffer\":0,\"byteOffset\":4,", "buffer view 0 is beyond its buffer"),
         ("5126", "5125", "expected floats"),
+        (
+            "\"scene\":0,",
+            "\"scene\":0,\"extensionsRequired\":[\"KHR_mesh_quantization\"],\"extensionsUsed\":[\"KHR_texture_transform\"],",
+            "expected KHR_mesh_quantization without KHR_texture_transform, found both",
+        ),
         ("\"VEC3\"", "\"VEC2\"", "expected Vec3, found Vec2"),
         (
             "{\"POSITION\":0}",
