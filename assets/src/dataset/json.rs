@@ -18,13 +18,20 @@ use std::collections::HashSet;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
-/// Parses a camera file in either format: an object is a `transforms.json`, anything else a list. Sizes that the file
-/// lacks are those of the photographs in `folder`, or else beside the file.
-pub(super) fn parse(text: &str, path: &Path, folder: Option<&Path>) -> Result<Dataset, CameraError> {
+/// Parses a camera file in either format: an object is a `transforms.json`, anything else a list.
+///
+/// Sizes that the file lacks are those of the photographs. `folder` has the photographs; `None` for the file's folder.
+/// `fallback` is the size if no photograph can be read.
+pub(super) fn parse(
+    text: &str,
+    path: &Path,
+    folder: Option<&Path>,
+    fallback: Option<(u32, u32)>,
+) -> Result<Dataset, CameraError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let reached = Cell::new(None);
     let parsed = if text.trim_start().starts_with('{') {
-        transforms(text, path, folder, &reached)
+        transforms(text, path, folder, fallback, &reached)
     } else {
         let view = |camera: Camera| {
             let (img_name, photograph) =
@@ -235,26 +242,29 @@ fn transforms(
     text: &str,
     path: &Path,
     photographs: Option<&Path>,
+    fallback: Option<(u32, u32)>,
     reached: &Cell<Option<usize>>,
 ) -> serde_json::Result<Dataset> {
     let mut file: Fields = serde_json::from_str(text)?;
     file.test_filenames =
         file.test_filenames.map(|names| names.iter().map(|name| plain(name).to_owned()).collect());
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-    // A photograph that is missing or damaged is taken to be as large as the first one that is not.
+    // A lost photograph, missing or damaged, has the size of the first readable one. Before that one is found, its size
+    // is unknown, so the frames are read again.
     let (first, is_lost) = (Cell::new(None), Cell::new(false));
     let size = |photograph: &str, is_last: bool| match size_of(photographs.unwrap_or(&folder), photograph) {
         Ok(size) => {
             first.set(first.get().or(Some(size)));
             Ok(size)
         }
-        Err(error) => first.get().map_or_else(
-            || {
+        Err(error) => match first.get() {
+            Some(size) => Ok(size),
+            None if is_last => fallback.ok_or(error),
+            None => {
                 is_lost.set(true);
-                if is_last { Err(error) } else { Ok((1, 1)) }
-            },
-            Ok,
-        ),
+                Ok((1, 1))
+            }
+        },
     };
     let read = |is_last: bool| {
         let (mut off_center, mut has_masks) = (0.0, file.mask_path.is_some());

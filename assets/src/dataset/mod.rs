@@ -40,12 +40,21 @@ impl Dataset {
         Self::load_with(path.as_ref(), None)
     }
 
-    /// Reads a dataset as [`Dataset::load`] does. If its cameras have no sizes, those of the photographs in `photographs`
-    /// are used.
+    /// Reads a dataset as [`Dataset::load`] does. Cameras without a size get that of their photograph in the folder
+    /// `photographs`.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`].
     pub fn load_with(path: &Path, photographs: Option<&Path>) -> Result<Self, CameraError> {
+        Self::load_sized(path, photographs, None)
+    }
+
+    /// Reads a dataset as [`Dataset::load_with`] does. `fallback` is the size if no photograph can be read.
+    fn load_sized(
+        path: &Path,
+        photographs: Option<&Path>,
+        fallback: Option<(u32, u32)>,
+    ) -> Result<Self, CameraError> {
         if path.is_dir() {
             return Self::load_folder(path, photographs);
         }
@@ -61,7 +70,8 @@ impl Dataset {
             return Ok(dataset);
         }
         let text = file::read_text(path, MAX_CAMERA_BYTES).map_err(CameraError::io(path))?;
-        let mut dataset = Self { files: vec![path.to_owned()], ..json::parse(&text, path, photographs)? };
+        let mut dataset =
+            Self { files: vec![path.to_owned()], ..json::parse(&text, path, photographs, fallback)? };
         // Blender's scenes have a file for each split.
         let test = match name {
             Some("transforms_test") => Some(true),
@@ -77,7 +87,7 @@ impl Dataset {
     /// # Errors
     /// The errors of [`Dataset::load`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, CameraError> {
-        json::parse(text, path, None)
+        json::parse(text, path, None, None)
     }
 
     fn load_folder(folder: &Path, photographs: Option<&Path>) -> Result<Self, CameraError> {
@@ -89,8 +99,10 @@ impl Dataset {
         let splits = ["test", "train", "val"].map(|split| folder.join(format!("transforms_{split}.json")));
         if splits[0].exists() {
             let mut dataset = Self::load_with(&splits[0], photographs)?;
+            // The photographs of the other splits may not be there: only test views are scored.
+            let size = dataset.views.first().map(|view| (view.camera.width, view.camera.height));
             for file in splits[1..].iter().filter(|file| file.exists()) {
-                let split = Self::load_with(file, photographs)?;
+                let split = Self::load_sized(file, photographs, size)?;
                 dataset.off_center = dataset.off_center.max(split.off_center);
                 dataset.has_masks |= split.has_masks;
                 dataset.files.extend(split.files);

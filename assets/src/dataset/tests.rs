@@ -429,6 +429,10 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
         let split = Dataset::load(folder.path().join(format!("transforms_{split}.json"))).unwrap();
         assert_eq!((split.test_views().len(), split.views.len()), (count, of));
     }
+    // A split without any photograph has the size of the test views, but not alone.
+    std::fs::remove_file(folder.path().join("r_4.png")).unwrap();
+    assert_eq!(Dataset::load(folder.path()).unwrap(), dataset);
+    assert!(Dataset::load(folder.path().join("transforms_val.json")).is_err());
     let elsewhere = tempfile::tempdir().unwrap();
     let file = elsewhere.path().join("transforms_test.json");
     std::fs::copy(folder.path().join("transforms_test.json"), &file).unwrap();
