@@ -38,8 +38,9 @@ fn main() {
 
 /// Returns the commit of a checkout, with `-dirty` if files differ from it; `None` without a checkout or without git.
 ///
-/// Cargo asks again if a source of the program differs, which compiles the program anyway. It does not watch `.git`: a
-/// commit that changes no source would compile it for nothing, and the program is as of the commit before, too.
+/// Cargo runs this script again if a source of the program differs, which compiles the program anyway. It does not watch
+/// `.git`, which would compile the program after every commit. Edits that are compiled first and committed later
+/// therefore keep the earlier commit, with `-dirty`.
 fn commit(root: &Path) -> Option<String> {
     // In another folder, git would find a repository around it, such as a distribution's.
     if !root.join(".git").exists() {

@@ -54,8 +54,9 @@ pub struct Measured {
 
 /// Writes the scene in every format, reads it back, and compares its exact pictures with the original's.
 ///
-/// Cameras are in the world's coordinates, because the files can have other offsets than the scene. A format that loses the scene's tags is drawn without them, which counts as
-/// error. The scene's mesh is not drawn: no format stores it, and the price is that of the splats.
+/// Cameras are in the world's coordinates, because the files can have other offsets than the scene. A format that loses
+/// the scene's tags is drawn without them, which counts as error. The scene's mesh is not drawn: no format stores it, and
+/// the price is that of the splats.
 ///
 /// # Errors
 /// A picture does not fit in memory, a written file cannot be read, or its pictures have values that are not finite.

@@ -20,8 +20,8 @@ pub struct Wanted {
 /// Measures candidates on a scene, and adds them to a report. Calls `kept` after each number of splats and size.
 ///
 /// # Errors
-/// The subject has no camera, the device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn gives a row with the
-/// reason.
+/// The subject has no camera, the device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn
+/// gives a row with the reason.
 pub fn study<E: From<StudyError>>(
     subject: &Subject,
     wanted: &Wanted,
