@@ -60,7 +60,7 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     assert_eq!(drawn["views"].as_array().map(Vec::len), Some(9));
     assert!(psnr(&drawn) > 50.0, "{drawn:#}");
     assert_eq!(drawn["all"], true);
-    let rule = |line: &str| place.code(line).1.contains("2 of 9 views are scored, every 8th by name");
+    let rule = |line: &str| place.code(line).1.contains("scored: every 8th view by name, 2 of 9");
     assert!(rule("evaluate scene.ply -c views"));
     assert!(!rule("evaluate scene.ply -c views --all"));
     let table = place.done("evaluate scene.ply -c views --all --json=scores.json");

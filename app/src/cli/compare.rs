@@ -107,10 +107,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Some(path) => options::write_text(Some(path), &format!("{text}\n")),
         None => options::print(&text),
     };
+    if let Some(below) = &below {
+        say(format!("error: {below}"));
+    }
     printed?;
-    let Some(below) = below else { return Ok(Outcome::Done) };
-    say(format!("error: {below}"));
-    Ok(Outcome::Failed)
+    Ok(if below.is_some() { Outcome::Failed } else { Outcome::Done })
 }
 
 pub(super) struct Work {

@@ -187,12 +187,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             args.cameras.display()
         );
     }
-    if chosen.len() < count && found.views.iter().all(|view| view.test.is_none()) {
-        say(format!(
-            "{} of {count} views are scored, every {TEST_EVERY}th by name; --all scores all",
-            chosen.len()
-        ));
-    }
+    let every = chosen.len() < count && found.views.iter().all(|view| view.test.is_none());
     let Some(folder) = args.photographs.as_ref().or(found.photographs.as_ref()) else {
         let text = format!(
             "{}: expected a folder `images` near the cameras, found none: name it with --photographs",
@@ -231,6 +226,12 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         Ok(())
     };
     claim()?;
+    if every {
+        say(format!(
+            "scored: every {TEST_EVERY}th view by name, {} of {count}; --all scores all",
+            views.len()
+        ));
+    }
     Ok(Work { guard, downscale, views, stems })
 }
 

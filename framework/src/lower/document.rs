@@ -194,7 +194,9 @@ pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Place)
     let read = |text: &str| Document::parse(text).map(drop);
     let document = Document::parse(text).map_err(|error| {
         let mut found = ron_error(&outline, text, &error, &read);
-        if matches!(&error.code, Error::NoSuchEnumVariant { found, .. } if found.as_str() == "Scenes") {
+        if matches!(&error.code, Error::NoSuchEnumVariant { found, outer, .. }
+            if found.as_str() == "Scenes" && outer.as_deref() == Some("Document"))
+        {
             found.message = "expected a graph, a preset or a choice, found a list of scenes".into();
             found.primary.text.clear();
             found.help = vec!["commands take a list of scenes in place of a scene".into()];
