@@ -53,7 +53,9 @@ fn commit(root: &Path) -> Option<String> {
     }
     let mut git = Command::new("git");
     // Set in hooks of a repository that builds this one.
-    ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"].map(|variable| git.env_remove(variable));
+    for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
+        git.env_remove(variable);
+    }
     git.arg("-C").arg(root).args(["--no-optional-locks", "describe", "--always", "--dirty", "--exclude=*"]);
     let found = git.arg("--abbrev=12").output().ok().filter(|found| found.status.success())?;
     String::from_utf8(found.stdout).ok()
