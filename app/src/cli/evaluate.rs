@@ -55,8 +55,8 @@ pub struct Args {
     photographs: Option<PathBuf>,
     /// Compare at 1/N of the photographs' width and height
     ///
-    /// Uses the photographs in a folder images_N beside images/ if that folder exists (for a transforms.json, beside the
-    /// images/ in the photographs' names), and averages pixels otherwise.
+    /// Uses the photographs in a folder images_N beside images/ if that folder exists (for a transforms.json, beside
+    /// the images/ in the photographs' names), and averages pixels otherwise.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     downscale: u32,
     /// Score all views, not only the test views
