@@ -208,6 +208,8 @@ const NOT_SHOWN: &[&str] = &[
     "source/files.rs: (looked for {})",
     "source/files.rs: <unknown file>",
     "source/content.rs",
+    // Searched for in messages.
+    "source/errors.rs: any device",
     "source/files.rs: is {what}, not a file",
     "source/files.rs: leads to {}, which ",
     "source/files.rs: {link}is outside the graph's folder",
