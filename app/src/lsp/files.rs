@@ -2,6 +2,7 @@
 
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::requirements::Case;
+use splatgraph_framework::source;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -20,14 +21,10 @@ pub fn nominal_case(lanes: u32) -> Case {
     Case { device, scene: SceneFacts::NOMINAL, size: facts::DEFAULT_SIZE }
 }
 
-/// Resolves the links and `..` in an absolute path. The file may be missing from the disk, but not its folder. Returns
-/// other paths unchanged.
+/// Resolves the links and `..` in an absolute path as the framework does. Returns relative paths, which built-in files
+/// have, unchanged.
 pub fn canonical(path: &Path) -> PathBuf {
-    if !path.is_absolute() {
-        return path.to_owned();
-    }
-    let missing = || Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
-    path.canonicalize().ok().or_else(missing).unwrap_or_else(|| path.to_owned())
+    if path.is_absolute() { source::canonical(path) } else { path.to_owned() }
 }
 
 /// A search for the graphs that may use files. It visits each folder once.

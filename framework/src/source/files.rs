@@ -504,8 +504,10 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 
-/// Resolves the links and `..` in a path, or in its folder if there is no such file.
-fn canonical(path: &Path) -> PathBuf {
+/// Resolves the links and `..` in a path, or in its folder if there is no such file. Returns other paths unchanged.
+///
+/// [`Library::unsaved`] has its texts by these paths.
+pub fn canonical(path: &Path) -> PathBuf {
     let missing = || Some(fs::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
     fs::canonicalize(path).ok().or_else(missing).unwrap_or_else(|| path.to_path_buf())
 }

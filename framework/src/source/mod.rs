@@ -29,7 +29,7 @@ mod token;
 pub use content::{Content, Wanted};
 pub use diagnostic::{Diagnostic, Label, nearest};
 pub use errors::{GraphErrors, PlainDiagnostic, Severity};
-pub use files::{Kind, Library, NotFound, SourceMap};
+pub use files::{Kind, Library, NotFound, SourceMap, canonical};
 pub use outline::Outline;
 pub use place::Place;
 pub use render::{render, render_warnings};
