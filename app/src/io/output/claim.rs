@@ -19,7 +19,7 @@ pub enum Claim {
 
 /// Writes the `description` of a request to `file`, unless the file exists, or `stray` finds a result.
 ///
-/// Of two concurrent requests, one writes its description, and the other finds it.
+/// If two requests are concurrent, one writes its description, and the other finds it.
 ///
 /// # Errors
 /// The file cannot be read or written.
