@@ -16,6 +16,7 @@ use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, one_line, say};
 use crate::io::own_file;
 use crate::io::progress::Progress;
+use crate::io::report::text;
 use crate::studies::evaluation::{Evaluation, Score, score};
 use anyhow::{Context, Result, anyhow, bail};
 use serde::{Deserialize, Serialize};
@@ -369,7 +370,7 @@ pub struct Part {
 fn hash_of(photograph: &Path) -> std::io::Result<String> {
     let mut hash = DefaultHasher::new();
     hash.write(&own_file::read(photograph)?);
-    Ok(format!("{:016x}", hash.finish()))
+    Ok(text::hex(hash.finish()))
 }
 
 pub struct Views {

@@ -13,6 +13,7 @@ use super::outcome::{self, Outcome, Usage};
 use crate::draw::session::Session;
 use crate::draw::stats;
 use crate::io::output::{self, Claim, one_line, say};
+use crate::io::report::text;
 use crate::io::{own_file, program};
 use anyhow::{Context, Result, bail};
 use serde::de::IgnoredAny;
@@ -409,7 +410,7 @@ pub fn origin_of(
     (pipeline, set): (&str, &[(String, String)]),
 ) -> Result<Origin> {
     let hash = |file: Wanted| match file.content {
-        Content::Bytes { hash, .. } => Some(format!("{hash:016x}")),
+        Content::Bytes { hash, .. } => Some(text::hex(hash)),
         _ => None,
     };
     // Sorted by hash: the order of the paths depends on the folders.
@@ -431,7 +432,7 @@ pub fn origin_of(
 /// [`Scene::offset`].
 pub fn origin(scene: &Scene, cameras: &Json) -> Result<Origin> {
     let program = program::hash().context("the program's file cannot be read")?;
-    let hash = format!("{:016x}", scene.identity());
+    let hash = text::hex(scene.identity());
     let rules = scene.notes().rules();
     let origin = json!({ "program": program, "scene": hash, TAGS: rules, "cameras": cameras });
     Ok(origin.as_object().cloned().unwrap_or_default())

@@ -9,6 +9,7 @@
 //! and a program that differs in one byte does not. Without a build id, its size and modification time are used.
 
 use crate::io::folders;
+use crate::io::report::text;
 use splatgraph_assets::file;
 use splatgraph_framework::shader::SpirvStore;
 use std::collections::hash_map::DefaultHasher;
@@ -56,7 +57,7 @@ impl ShaderCache {
     fn path(&self, key: &[u8]) -> PathBuf {
         let mut hasher = DefaultHasher::new();
         (&self.build, key).hash(&mut hasher);
-        self.folder.join(format!("{:016x}.spv", hasher.finish()))
+        self.folder.join(text::hex(hasher.finish()) + ".spv")
     }
 
     /// Returns the bytes before the SPIR-V.

@@ -1,5 +1,6 @@
 //! Identifies the build of the program, on which its numbers and pictures depend.
 
+use super::report::text;
 use std::fs::File;
 use std::hash::{DefaultHasher, Hasher};
 use std::io::{self, Read};
@@ -30,7 +31,7 @@ pub fn hash() -> io::Result<String> {
     let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
     loop {
         match file.read(&mut bytes)? {
-            0 => return Ok(format!("{:016x}", hash.finish())),
+            0 => return Ok(text::hex(hash.finish())),
             count => hash.write(&bytes[..count]),
         }
     }

@@ -18,6 +18,7 @@ use crate::io::film::{Format, Rate};
 use crate::io::image;
 use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
 use crate::io::progress::Progress;
+use crate::io::report::text;
 use crate::studies::measurement::plans;
 use anyhow::{Context, Result, anyhow, bail};
 use sequence::Sequence;
@@ -367,9 +368,9 @@ impl Job<'_> {
         let mut record = json!({
             "frames": self.film.frames,
             "size": [width, height],
-            "scene": format!("{:016x}", session.scene().identity()),
+            "scene": text::hex(session.scene().identity()),
             "graph": self.args.drawing.pipeline,
-            "plan": format!("{:016x}", plans::fingerprint(plan)),
+            "plan": text::hex(plans::fingerprint(plan)),
             "background": self.args.background,
             "samples": self.film.samples,
             "cameras": format!("{:08x}", crc32fast::hash(&serde_json::to_vec(cameras)?)),

@@ -18,6 +18,11 @@ pub fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
+/// Formats a hash as 16 hexadecimal digits, because many JSON readers round 64-bit integers.
+pub fn hex(hash: u64) -> String {
+    format!("{hash:016x}")
+}
+
 /// Formats a number with at most `digits` decimals, without trailing zeros.
 pub fn decimals(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");

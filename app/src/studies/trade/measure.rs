@@ -3,6 +3,7 @@
 use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
+use crate::io::report::text::hex;
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::time::{Baseline, MAX_DURATION, has_range};
 use crate::studies::measurement::view::{self, Drawn, Measured, Measuring, View};
@@ -11,17 +12,12 @@ use serde::{Deserialize, Serialize};
 use splatgraph_framework::plan::Plan;
 use std::thread::Scope;
 
-/// Formats a hash as 16 hexadecimal digits, because many JSON readers round 64-bit integers.
-pub fn hex(hash: u64) -> String {
-    format!("{hash:016x}")
-}
-
 /// A row of the ledger: the measurements of a setting in a view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// The setting's name.
     pub setting: String,
-    /// Hash of the setting's plans, as [`hex`] formats it; `None` if one cannot be built.
+    /// Hash of the setting's plans, as 16 hexadecimal digits; `None` if one cannot be built.
     pub plan: Option<String>,
     /// The camera's name.
     pub camera: String,

@@ -1,12 +1,13 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
 use super::ledger::{self, Book, Ledger, Origin, check_replaceable};
-use super::measure::{MAX_PENDING, Pending, Sessions, hex};
+use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
 use crate::draw::session::Session;
 use crate::io::image::Image;
 use crate::io::program;
+use crate::io::report::text::hex;
 use crate::studies::measurement::plans::{Planned, to_measure};
 use crate::studies::measurement::settings;
 use crate::studies::measurement::time::FRAMES_DIVISOR;
