@@ -21,7 +21,8 @@ impl Views {
         &self.list
     }
 
-    /// Adds a view at the end, and returns its index. A name already in use gets a number; an empty one becomes `view`.
+    /// Adds a view at the end, and returns its index. The name is trimmed; if it is in use, it gets a number; if it is
+    /// empty, it becomes `view`.
     pub fn add(&mut self, name: &str, camera: Camera) -> usize {
         let img_name = self.free_name(name);
         Arc::make_mut(&mut self.list).push(Camera { img_name, ..camera });

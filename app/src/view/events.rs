@@ -173,7 +173,7 @@ pub enum Event {
         #[serde(flatten)]
         swap: Swap,
     },
-    /// A plan could not be built, or a frame drawn; the previous plan and picture stay.
+    /// A plan could not be built, or a frame could not be drawn; the previous plan and picture stay.
     Failed {
         /// Renderer that failed.
         renderer: RendererId,
@@ -243,7 +243,7 @@ pub enum Event {
         /// Path of the written file.
         path: PathBuf,
     },
-    /// Splats were selected or hidden.
+    /// The selected or hidden splats changed.
     Marked {
         /// Number of selected splats after the change.
         selected: u32,

@@ -107,7 +107,7 @@ impl History {
         self.frames
     }
 
-    /// Returns the plan of the newest recorded frame.
+    /// Returns the plan of the newest recorded frame; `None` before the first frame.
     pub fn plan(&self) -> Option<&Arc<Plan>> {
         self.samples.back().map(|sample| &sample.plan)
     }
@@ -135,8 +135,8 @@ impl History {
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
     }
 
-    /// Computes the median GPU time of a frame outside its passes, in milliseconds. `None` without timestamps, and
-    /// before the first frame that the table covers.
+    /// Computes the median GPU time of a frame outside its passes, in milliseconds; `None` if no frame that the table
+    /// covers has the times of all its passes.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
@@ -158,7 +158,8 @@ impl History {
         Quantiles::of(self.steady().map(|s| s.record_ms))
     }
 
-    /// Lists the phases, each followed by its passes, in the order of their first run.
+    /// Lists the phases of the newest frame that the table covers, in execution order, each followed by its passes;
+    /// empty if the table covers no frame.
     pub fn table(&self) -> Vec<Row> {
         let Some(last) = self.steady().last() else { return Vec::new() };
         let mut rows = Vec::new();

@@ -32,7 +32,8 @@ pub struct Latest<T> {
 }
 
 impl<T: Send + 'static> Latest<T> {
-    /// Creates an idle worker. `name` names its threads; `wake` is called when a result is ready.
+    /// Creates an idle worker. `name` is a verb phrase: it names the threads, and completes the error `no thread can be
+    /// started to`. `wake` is called when a result is ready.
     pub fn new(name: &'static str, wake: Wake) -> Latest<T> {
         Latest { name, request: None, turn: Arc::default(), wake }
     }

@@ -41,7 +41,7 @@ pub struct OpenedScene {
     pub scene: Arc<Scene>,
     /// The cameras beside the scene; `None` if there is no such file.
     pub cameras: Option<CamerasBeside>,
-    /// Loading time, in milliseconds.
+    /// Loading time of the scene and the cameras, in milliseconds.
     pub load_ms: f64,
 }
 
@@ -130,7 +130,7 @@ impl Opening {
     /// Reads a scene for a viewport, and the cameras beside it, if any; cancels the viewport's previous request.
     ///
     /// # Errors
-    /// The system cannot start a thread.
+    /// The system cannot start a thread. The previous request is cancelled even then.
     pub fn open_scene(&mut self, id: RendererId, path: &Path) -> Result<(), String> {
         self.newest += 1;
         let load = self.load;
@@ -150,7 +150,7 @@ impl Opening {
     /// Reads cameras; cancels the previous request for the same role.
     ///
     /// # Errors
-    /// The system cannot start a thread.
+    /// The system cannot start a thread. The previous request is cancelled even then.
     pub fn open_cameras(&mut self, role: CameraRole, path: &Path) -> Result<(), String> {
         self.newest += 1;
         self.cameras[role as usize].start(self.newest, path, |path, _| load_cameras(path))

@@ -71,7 +71,8 @@ pub struct GpuTrack {
 }
 
 impl GpuTrack {
-    /// Adds the passes of a finished frame. `name` names the track on the first call; later calls ignore it.
+    /// Adds the passes of a finished frame. `name` names the track on the first call; later calls ignore it. Does
+    /// nothing unless a Tracy client runs.
     pub fn push(&mut self, name: &str, plan: &Plan, result: &FrameResult) {
         #[cfg(feature = "tracy")]
         if let Some(client) = tracy_client::Client::running() {

@@ -59,7 +59,7 @@ pub struct FrameRequest {
 
 /// Results of a window frame.
 pub struct Frame {
-    /// Output for the window system: clipboard, pointer shape.
+    /// Output for the window system, such as clipboard and pointer shape.
     pub platform: egui::PlatformOutput,
     /// Requests to the window, in the order of the user's input.
     pub commands: Vec<Command>,

@@ -1,7 +1,8 @@
 //! Draws one of the two pictures of the scene, and records its times and inspections.
 //!
-//! A frame is drawn if it would differ from the last one, if something is to be read from it, or if the last one failed
-//! or lost its results. A plan whose frames may differ for equal inputs is drawn continuously.
+//! A frame is drawn if it would differ from the last one, if something is to be read from it, if the last one failed or
+//! lost its results, if the plan has no times except the prologue frame's, or if the window does not show the plan yet.
+//! A plan whose frames may differ for equal inputs is drawn continuously, as is every plan on request.
 //!
 //! The window's graph reads the picture on the device. If the window has its own device, the picture is copied through
 //! host memory.
@@ -165,8 +166,8 @@ impl Viewport {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes choices that depend on facts: the graphs that a preset or choice resolves to, and constants with their
-    /// reasons; `None` if there are none.
+    /// Describes choices that depend on facts: constants with their reasons, after the graphs that a preset or choice
+    /// resolves to; `None` if no constant depends on facts.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
@@ -332,7 +333,8 @@ impl Viewport {
         self.collect(view.to_host);
     }
 
-    /// Returns true if the only finished frame of a plan ran the prologue, so that its times are not representative.
+    /// Returns true if all finished frames of a plan ran the prologue, so that their times are not representative, and
+    /// none is in flight.
     fn lacks_times(&self, plan: &Arc<Plan>) -> bool {
         let measured = self.history.is_of(plan) && self.history.steady_frames() == 0;
         measured && self.renderer.in_flight() == 0

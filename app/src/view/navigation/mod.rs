@@ -316,9 +316,11 @@ impl Navigation {
         pinhole.with_projection(pose.projection, self.bounds.center())
     }
 
-    /// Flies to a camera, and takes over its vertical field of view; a wider view shows more at the sides.
+    /// Flies to a camera, or jumps if flights are disabled, and takes over its vertical field of view; a wider view
+    /// shows more at the sides. Invalid values of the camera are replaced by defaults.
     ///
-    /// The pivot becomes the point of the camera's axis that is nearest to the scene's centre, if that is ahead.
+    /// The pivot becomes the point of the camera's axis that is nearest to the scene's centre. If that is not ahead,
+    /// the pivot is one scene size ahead.
     pub fn set_camera(&mut self, camera: &Camera) {
         self.own_field_of_view = false;
         let goal = self.goal_of(camera);
@@ -332,7 +334,7 @@ impl Navigation {
         self.arrive(goal);
     }
 
-    /// Returns true if this camera is shown unmoved, or a flight goes to it.
+    /// Returns true if the current view, or during a flight its destination, is this camera's view.
     pub fn shows(&self, camera: &Camera) -> bool {
         let pose = self.flight.as_ref().map_or(&self.pose, |flight| &flight.to.pose);
         // The distance to the pivot is not part of the view.
@@ -359,7 +361,7 @@ impl Navigation {
 
     /// Applies the input; returns true if the camera moved.
     ///
-    /// A flight to another camera continues until other input stops it.
+    /// A flight to another camera ends early if the input moves the camera.
     pub fn update(&mut self, input: &Input) -> bool {
         let before = (self.pose, self.unmoved.is_some());
         let input = Input {

@@ -14,8 +14,8 @@ pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 /// Name of the buffer with the view's indirect draw arguments: one draw for each part of an unscaled picture A, and one
 /// for every other composition.
 pub const VIEW_DRAW: &str = "frame.view_draw";
-/// Names of the buffers with the pixels of pictures A and B, packed. Each picture is split into parts of whole rows, so
-/// that no part exceeds the maximum size of a storage binding.
+/// Names of the buffers with the pixels of pictures A and B, packed. A picture that is too large for one storage
+/// binding is split into parts of whole rows.
 pub const PICTURES: [[&str; PARTS]; 2] = [
     ["frame.picture_a0", "frame.picture_a1", "frame.picture_a2", "frame.picture_a3"],
     ["frame.picture_b0", "frame.picture_b1", "frame.picture_b2", "frame.picture_b3"],
@@ -70,9 +70,9 @@ pub struct Composition {
     pub window: [u32; 2],
     /// Rectangle of the view in the window: left, top, width, height in pixels.
     pub view: [u32; 4],
-    /// Picture A, drawn left of the split line.
+    /// Picture A; without a comparison, it fills the view.
     pub a: Option<Shown>,
-    /// Picture B, drawn right of the split line.
+    /// Picture B, drawn only in comparisons.
     pub b: Option<Shown>,
     /// Choice between A and the comparisons of A and B.
     pub mode: Mode,
@@ -99,7 +99,7 @@ struct Block {
 const _: () = assert!(size_of::<Block>() == 80);
 
 impl Composition {
-    /// Packs the uniform block `WINDOW`.
+    /// Packs the uniform block [`WINDOW`].
     pub fn bytes(&self) -> Vec<u8> {
         let block = Block {
             view: self.view,

@@ -65,7 +65,7 @@ impl Interface {
         Interface { window, view, texels, pieces }
     }
 
-    /// Returns true if `other` would draw the same pixels.
+    /// Returns true if `other` has the same layout, texels and meshes, and so draws the same pixels.
     pub fn is(&self, other: &Interface) -> bool {
         self.is_placed_as(other) && self.pieces == other.pieces
     }

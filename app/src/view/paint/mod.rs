@@ -95,8 +95,8 @@ impl Painter {
     /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of
     /// `Context::tessellate`, whose scale is `pixels_per_point`.
     ///
-    /// Packs only the part of the interface that differs from the one in the window: see [`Painter::drawn`]. Skips
-    /// paint callbacks, malformed meshes, and meshes with an unknown texture.
+    /// Packs everything over the view, and elsewhere only what covers the difference to the interface in the window:
+    /// see [`Painter::drawn`]. Skips paint callbacks, malformed meshes, and meshes with an unknown texture.
     pub fn paint(
         &mut self,
         mut changes: TexturesDelta,

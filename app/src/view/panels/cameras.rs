@@ -1,4 +1,5 @@
-//! Draws the cameras tool: field of view, saved views, the keyframe path, and export of the picture as a command line.
+//! Draws the cameras tool: field of view, saved views, the keyframe path, and copying of the camera as JSON and of the
+//! picture as a command line.
 
 use super::controls::{Command, Controls};
 use super::theme::{self, GRID, ROW};
@@ -183,7 +184,7 @@ fn write_button(
     }
 }
 
-/// Adds the view to the path; returns a confirmation, or reports the error.
+/// Adds the view to the path; returns a confirmation, or reports the error and returns `None`.
 pub fn record(viewer: &mut Viewer) -> Option<String> {
     match viewer.record_key() {
         Ok(()) => Some(format!("Key {} added to the path", viewer.path.keys().len())),

@@ -136,8 +136,9 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
         .shadow(ui.visuals().popup_shadow)
 }
 
-/// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner. Draws nothing before a
-/// frame is measured, or if the texts do not fit.
+/// Draws frame time, rate, splat count, memory, a note if no splat is in view, and a sparkline, in the picture's top
+/// left corner. `interval` is the time between frames, in milliseconds. Draws nothing before a frame is measured, or if
+/// the texts do not fit.
 pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, controls: &mut Controls) {
     let viewport = &viewer.a;
     let Some(total) = viewport.history.total() else { return };
@@ -215,8 +216,8 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     }
 }
 
-/// Draws the comparison card at the bottom of the split line: progress or result, and a button that marks the worst
-/// pixel.
+/// Draws the comparison card at the bottom of the split line: the median times of A and B, progress or result, and a
+/// button that marks the worst pixel. Draws nothing without a comparison.
 pub fn comparison(
     ctx: &Context,
     viewer: &mut Viewer,

@@ -1,4 +1,4 @@
-//! Shows the selected pass, barrier or resource with its contents, or the picked splat.
+//! Shows the selected pass, barrier or resource with its contents.
 
 use super::contents::{self, Target};
 use super::controls::Command;

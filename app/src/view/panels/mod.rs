@@ -95,7 +95,7 @@ pub struct Panels {
     pub vsync: bool,
     /// True to show the frame time and messages over the picture.
     pub hud: bool,
-    /// Renderer whose parameters and times are shown.
+    /// Viewport that the tools show and change.
     pub selected: RendererId,
     /// Positions of controls, for scripted input.
     pub controls: Controls,
@@ -125,7 +125,7 @@ pub struct Panels {
     /// True if the program itself may have changed settings since the last frame: it dropped or restored parameters, or
     /// loaded a scene, whose selected and hidden splats may have new indices.
     by_program: bool,
-    /// The newest first.
+    /// Recently opened scenes, the newest first.
     recent: Vec<PathBuf>,
     scene_search: String,
     camera_search: String,
@@ -138,7 +138,7 @@ pub struct Panels {
     frame_ms: VecDeque<f64>,
     /// Phase whose passes are plotted; `None` to plot all phases.
     plotted: Option<String>,
-    /// Start of the last frame; `None` after a pause.
+    /// Time of the last frame if it had a new picture of A, otherwise `None`.
     before: Option<Instant>,
     /// Time of A's newest picture.
     newest: Instant,
@@ -246,7 +246,8 @@ impl Panels {
         }
     }
 
-    /// Restores a saved arrangement; returns false, without changes, if it is invalid or lacks a tool.
+    /// Restores a saved arrangement, except scenes that no longer exist; returns false, without changes, if it is
+    /// invalid or lacks a tool.
     pub fn restore(&mut self, arrangement: Arrangement, ctx: &Context) -> bool {
         let Arrangement { layout, hud, mut recent, zoom } = arrangement;
         if !layout.is_sound() {

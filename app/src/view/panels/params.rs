@@ -16,7 +16,7 @@ use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 
-/// A slider is logarithmic if its range spans more than this many powers of ten.
+/// A slider is logarithmic if its range begins above 0 and spans more than this many powers of ten.
 const DECADES: f64 = 2.0;
 
 const NUMBER: f32 = 80.0;
@@ -126,8 +126,8 @@ impl State {
     }
 }
 
-/// Returns the title of a parameter's group: the part of the graph that declares it, or, in a graph without parts, the
-/// phase of the passes that depend on it.
+/// Returns the title of a parameter's group. In a graph with parts, this is the part that declares it, or `this graph`;
+/// in a graph without parts, the phase of the passes that depend on it.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.clone();

@@ -1,4 +1,5 @@
-//! Selects splats in the picture with a box or a brush, and draws the card with the number of selected splats.
+//! Selects splats in the picture with a box or a brush, and draws the card with the tools, the number of selected
+//! splats, and the buttons for them.
 //!
 //! While a tool is active, the left button selects instead of moving the camera. The card is shown while a tool is
 //! active, or any splat is selected or hidden.

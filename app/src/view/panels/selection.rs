@@ -47,7 +47,7 @@ impl fmt::Display for Selection {
     }
 }
 
-/// The dump of the current plan, made once per plan.
+/// Cache of the dump of one plan.
 #[derive(Default)]
 pub struct Dumped {
     plan: Option<(Arc<Plan>, Dump)>,

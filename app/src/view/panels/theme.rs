@@ -89,7 +89,8 @@ pub const LIGHT: Palette = Palette {
     life: rgb(0xc3cedd),
 };
 
-/// Colours of phases, distinguishable with any colour vision (Okabe and Ito). More phases repeat them.
+/// Colours of phases, distinguishable with any colour vision: those of Okabe and Ito, with grey in place of black. More
+/// phases repeat them.
 /// <https://jfly.uni-koeln.de/color/>
 const PHASES: [Color32; 8] = [
     rgb(0x56b4e9),

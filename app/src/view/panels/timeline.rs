@@ -1,5 +1,6 @@
-//! Draws the plan as a timeline: bars for passes, with widths proportional to their times; diamonds for barriers
-//! between them; and memory below. The lanes match the dump page.
+//! Draws the plan as a timeline: bars for passes, diamonds for barriers between them, and memory below. The bars'
+//! widths are proportional to the passes' times, or equal if the user chooses so or the times are missing or
+//! unreliable. The lanes match the dump page.
 //!
 //! The wheel over the passes zooms (elsewhere with Ctrl), and dragging pans. Clicking a pass, a barrier or a resource
 //! selects it for all tools; Tab and Enter do the same from the keyboard.
@@ -512,7 +513,8 @@ fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (V
     (columns, x.max(1.0))
 }
 
-/// Groups the resources that match `filter` into rows: shared blocks, then transient resources, then all others.
+/// Groups the resources into rows: shared blocks, then transient resources, then all others. Keeps the rows in which
+/// the title or any resource's name contains `filter`.
 fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
     let wanted = filter.trim().to_lowercase();
     let find = |name: &String| dump.resources.iter().find(|resource| resource.name == *name);

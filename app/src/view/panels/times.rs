@@ -15,8 +15,9 @@ use std::sync::Arc;
 
 const COLUMN: f32 = 72.0;
 
-/// Draws the times of one viewport. `window` is the history of the window's graph; `plotted` is the phase whose passes
-/// are plotted, `None` for all phases.
+/// Draws the times of one viewport. `loaded` is the scene's number of splats; `interval` is the time between frames, in
+/// milliseconds. `window` is the history of the window's graph; `plotted` is the phase whose passes are plotted, `None`
+/// to plot all phases.
 pub fn show(
     ui: &mut Ui,
     viewport: &Viewport,

@@ -1,4 +1,4 @@
-//! Draws the bar at the top: scene, camera and graph, the comparison, the tools, and the frame time.
+//! Draws the bar at the top: scene, camera and graph, the comparison, the tools, the view menu, and the frame time.
 
 use super::hud;
 use super::layout::Tool;
@@ -22,8 +22,9 @@ const LIST: f32 = 400.0;
 /// Width of buttons with file titles, in points.
 const TITLE: f32 = 132.0;
 
-/// Width of the frame time, and of the device name and splat count beside it, in points.
+/// Width of the frame time, in points.
 const TIME: f32 = 120.0;
+/// Width of the device name and splat count beside the frame time, in points.
 const DEVICE: f32 = 320.0;
 
 /// Draws a button that opens a list below it. The list stays open until a click outside. The title is `start` followed

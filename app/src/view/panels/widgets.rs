@@ -93,8 +93,9 @@ pub fn rank(wanted: &str, names: &[&str], about: &str) -> Option<u8> {
     names.iter().filter_map(|name| of(name)).min().or_else(|| of(about).map(|_| 3))
 }
 
-/// Draws the items of an open list that have a [`rank`] for `wanted`, the best match first; returns the item that is
-/// clicked, or the best match if Enter is pressed. `row` draws an item, and returns its name for scripts.
+/// Draws the items of an open list that have a [`rank`] for `wanted`, the best match first. Returns the item that is
+/// clicked, or the best match if Enter is pressed and `wanted` is not empty, and closes the list. `row` draws an item,
+/// and returns its name for scripts.
 pub fn list<T>(
     ui: &mut Ui,
     controls: &mut Controls,
@@ -167,7 +168,7 @@ pub fn link(ui: &mut Ui, text: impl Into<String>) -> Response {
     ui.add(egui::Link::new(RichText::new(text).color(Palette::of(ui).accent)))
 }
 
-/// Formats milliseconds with three significant digits, such as `0.153 ms`, `12.4 ms`, `5.75 s`.
+/// Formats milliseconds as in [`three_digits`], such as `0.153 ms`, `12.4 ms`, `5.75 s`.
 pub fn time(ms: f64) -> String {
     let (value, unit) = if ms >= 999.5 { (ms / 1e3, "s") } else { (ms, "ms") };
     format!("{} {unit}", three_digits(value))
@@ -183,7 +184,8 @@ pub fn three_digits(value: f64) -> String {
     }
 }
 
-/// Draws values as a line graph, oldest at the left, scaled from 0 to the largest value.
+/// Draws values as a line graph, oldest at the left, scaled from 0 to the largest value. Draws nothing for fewer than
+/// two values, or if the largest is not positive and finite.
 pub fn sparkline(painter: &Painter, rect: Rect, values: &[f64], stroke: Stroke) {
     let most = values.iter().copied().fold(0.0, f64::max);
     if values.len() < 2 || most <= 0.0 || !most.is_finite() {

@@ -17,7 +17,8 @@ impl Renderer {
     /// `inputs`.
     ///
     /// Returns false without a plan, while the renderer is paused or its device is lost, before the retry that follows
-    /// a [`Renderer::trouble`], or if the device does not finish an older frame within [`Renderer::patience`].
+    /// a [`Renderer::trouble`], or if [`FRAMES_IN_FLIGHT`] frames are in flight and the oldest does not finish within
+    /// [`Renderer::patience`]. After a plan's first frame, waits for it, also up to [`Renderer::patience`].
     ///
     /// # Errors
     /// The device fails. The caller passes the error to [`Renderer::report`], unless it retries with other inputs.
@@ -68,7 +69,7 @@ impl Renderer {
         plan.live_bytes_of(self.controls.iter().map(|control| &control.param))
     }
 
-    /// Records an error of [`Renderer::submit`], and schedules the next attempt to draw.
+    /// Records an error of drawing: the device becomes lost, or the next attempt to draw is scheduled.
     pub fn report(&mut self, error: BackendError) {
         self.changes += 1;
         self.redraw = true;
@@ -104,7 +105,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Waits for the oldest frame in flight, and takes its result; returns true if it is finished.
+    /// Waits up to `patience` for the oldest frame in flight, and takes its result. Returns true if it is finished, or
+    /// if no frame is in flight.
     fn wait_for_oldest(&mut self, patience: Duration) -> Result<bool, BackendError> {
         if !self.wait_for(0, patience)? {
             return Ok(false);
@@ -123,7 +125,8 @@ impl Renderer {
         Ok(true)
     }
 
-    /// Waits for the frame in flight at this index, and stores its result; returns true if it is finished.
+    /// Waits up to `patience` for the frame in flight at this index, and stores its result. Returns true if it is
+    /// finished, or if there is no such frame.
     fn wait_for(&mut self, index: usize, patience: Duration) -> Result<bool, BackendError> {
         let reads_block = self.reads_block();
         let (Some(device), Some(frame)) = (&mut self.device.device, self.in_flight.get_mut(index)) else {
@@ -167,9 +170,10 @@ impl Renderer {
     }
 }
 
-/// Takes the results of finished frames of all renderers of a device. If [reads block](Renderer::reads_block), first
-/// waits up to `patience` for the newest frame: reading an older result would block just as long. Returns false if that
-/// frame is still in flight; the caller must not submit another one then.
+/// Takes the results of finished frames of all renderers of a device, and reports errors to their renderers. If polling
+/// a frame blocks until newer ones are finished ([`Renderer::reads_block`]), first waits up to `patience` for the
+/// newest frame. Returns false, without results, if that frame is still in flight; the caller must not submit another
+/// one then.
 pub(in crate::view) fn collect(renderers: &mut [&mut Renderer], patience: Duration) -> bool {
     let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
     if let Some(newest) = newest.filter(|newest| newest.reads_block()) {

@@ -225,7 +225,7 @@ impl Renderer {
         self.state.good()
     }
 
-    /// Returns the size of the plan's pictures, in pixels.
+    /// Returns the size of the plan's pictures, in pixels; (0, 0) without a plan.
     pub fn size(&self) -> (u32, u32) {
         self.size
     }
@@ -286,7 +286,8 @@ impl Renderer {
         self.redraw
     }
 
-    /// Returns the time by which [`Renderer::poll`] must be called even if nothing wakes the owner.
+    /// Returns the time by which [`Renderer::poll`] must be called even if nothing wakes the owner; `None` if it need
+    /// not be.
     pub(super) fn next(&self) -> Option<Instant> {
         let rebuild = match self.build.pause {
             Some(Pause::Retry(time)) => Some(time),
@@ -313,7 +314,8 @@ impl Renderer {
         self.watcher.kind()
     }
 
-    /// Selects another graph, and replaces all changed parameters with `set`. Those that the graph rejects are dropped.
+    /// Selects another graph, and replaces all changed parameters with `set`. Values that the graph rejects are dropped
+    /// and reported.
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.choice = Choice { graph: graph.to_owned(), set };
         self.rejected.clear();
@@ -471,7 +473,7 @@ impl Renderer {
         }
     }
 
-    /// Returns the time of the next attempt to build after a transient failure.
+    /// Counts a transient failure, and returns the time of the next attempt to build.
     fn next_attempt(&mut self) -> Instant {
         self.attempts += 1;
         self.now + pause_after(self.attempts - 1)
@@ -558,7 +560,8 @@ impl Renderer {
         self.rejected.extend(dropped);
     }
 
-    /// Sets the new plan's parameters to the settings that changed after the build was requested.
+    /// Sets the new plan's parameters to the current settings, which may have changed since the build was requested. A
+    /// constant without a setting keeps its value in the plan.
     fn apply_set(&mut self) {
         for Control { param, unset, .. } in &mut self.controls {
             match self.choice.set.get(&param.name).map(|text| parse_value(text, &param.domain)) {

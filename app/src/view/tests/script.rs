@@ -79,7 +79,8 @@ const SHADERS: [(&str, &str); 3] = [
     ),
 ];
 
-/// Devices opened during the visit, each with a context from which its messages are read at the end.
+/// Devices opened during the visit: each with a context, if any, from which its messages are read at the end, and the
+/// journal of its calls.
 type Devices = Vec<(Option<Backend>, Journal)>;
 
 /// Final state of a visit, for comparison with other visits.

@@ -15,18 +15,18 @@ use std::path::Path;
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl Viewer {
-    /// Returns the camera of the last frame's pictures in world coordinates, as in files, at the pictures' size.
+    /// Returns the current camera in world coordinates, as in files, at the size of the last frame's pictures.
     pub fn world_camera(&self) -> Camera {
         self.world_camera_of(self.asked)
     }
 
-    /// Returns the camera of the last frame's pictures, in the coordinates of A's scene and at the pictures' size.
+    /// Returns [`Viewer::picture_camera_of`] A.
     pub fn picture_camera(&self) -> Camera {
         self.picture_camera_of(RendererId::A)
     }
 
-    /// Returns the camera of a viewport's last picture, in the coordinates of its scene, with the projection of its
-    /// graph.
+    /// Returns the current camera at the size of the last frame's pictures, in the coordinates of a viewport's scene,
+    /// with the projection of its graph.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());
@@ -115,8 +115,8 @@ impl Viewer {
         }
     }
 
-    /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced. Fails if
-    /// they cannot be keys of a path.
+    /// Uses a file's cameras as `role` says: views are appended, keys and selectable cameras are replaced. Fails if the
+    /// new keys cannot form a path.
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,

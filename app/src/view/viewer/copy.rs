@@ -11,7 +11,7 @@ use std::time::Instant;
 /// Name of the graph that makes the copies, in its pass [`PASS`].
 const GRAPH: &str = "bench/copy";
 const PASS: &str = "copy";
-/// Number of frames measured; their median is the result.
+/// Number of frames drawn. The result is the median of those without the prologue.
 const FRAMES: u64 = 40;
 /// Size of the measuring graph's output, in pixels; it is never shown.
 const SIZE: (u32, u32) = (16, 16);

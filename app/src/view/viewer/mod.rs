@@ -330,9 +330,10 @@ impl Viewer {
         }
     }
 
-    /// Replaces the selectable cameras, given in scene coordinates, and selects the first.
+    /// Replaces the selectable cameras, given in scene coordinates, selects the first, and jumps to it. Without
+    /// cameras, the view stays.
     ///
-    /// The mean of their up directions becomes the navigation's.
+    /// The mean of their up directions becomes the navigation's, or the scene's if they cancel out.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
             let up = navigation::mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());

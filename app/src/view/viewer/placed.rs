@@ -28,7 +28,8 @@ struct Lists {
 impl PlacedFiles {
     /// Watches a scene file that is about to be loaded, if it is a list of scenes.
     ///
-    /// The file on the screen stays watched until [`PlacedFiles::settle`], because the load may fail.
+    /// The file on the screen stays watched until [`PlacedFiles::settle`], because the load may fail. Returns an error
+    /// if no watcher can be started.
     pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> std::io::Result<()> {
         // A watched file may be missing or half written, and is then not recognised.
         if !self.follows(id, path) && !splatgraph_assets::names_scenes(path) {

@@ -1,8 +1,8 @@
 //! Connects to the display, and reports its loss as an error.
 //!
-//! Winit panics if its connection to an X server breaks, and libX11 exits the process with code 1 and a line on
-//! standard error. This module converts both to an error. A panic of this program in a winit callback is instead an
-//! internal error: see [`guarded`].
+//! If the connection to an X server breaks, winit panics, which [`guarded`] converts to an error, or libX11 exits the
+//! process with code 1 and a line on standard error: see [`set_open`]. A panic of this program in a winit callback is
+//! instead an internal error.
 
 use anyhow::{Context as _, Result, anyhow};
 use std::cell::{Cell, RefCell};
@@ -75,7 +75,7 @@ enum Whose {
     Library,
 }
 
-/// A panic that ended the event loop.
+/// A panic caught by [`guarded`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}", self.text())]
 pub struct Panic {
@@ -200,7 +200,7 @@ pub fn is_left_open() -> bool {
     OPEN.load(Ordering::Relaxed)
 }
 
-/// Returns `size`, reduced to fit on the display, in pixels.
+/// Returns `size`, in pixels, reduced to fit on the display; unchanged if the display's size is unknown.
 pub fn at_most(target: &ActiveEventLoop, size: (u32, u32)) -> (u32, u32) {
     let monitor = library(|| target.primary_monitor().or_else(|| target.available_monitors().next()));
     let monitor =

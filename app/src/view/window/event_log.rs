@@ -17,8 +17,8 @@ pub enum Seen {
     Control { name: String, left: f32, top: f32, right: f32, bottom: f32 },
     /// A control disappeared.
     ControlGone { name: String },
-    /// The window shows a frame. `number` counts from 1. While something is being built, loaded or compared, `busy` is
-    /// true; the frame may then show the previous state.
+    /// The window shows a frame. `number` counts from 1. While a request is pending, such as a build, a load or a
+    /// comparison, `busy` is true; the frame may then show the previous state.
     Frame { number: u64, busy: bool },
 }
 
@@ -42,7 +42,7 @@ impl EventLog {
         EventLog { out, begun: Instant::now(), window: None, controls: BTreeMap::new() }
     }
 
-    /// Writes the events of a frame, followed by `frame`.
+    /// Writes the events of a frame, then the changes of the window and its controls, then `frame`.
     pub fn write(
         &mut self,
         events: &[Event],

@@ -73,7 +73,8 @@ pub struct WindowOptions<'a> {
     pub events: Option<Log>,
     /// File for a picture of the window, saved once everything is built; the window then closes.
     pub screenshot: Option<PathBuf>,
-    /// Minimum number of frames before the screenshot; without a screenshot, the number after which the window closes.
+    /// Minimum number of frames before the screenshot is saved or the window closes, which also wait until everything
+    /// is built. `None` means 3 with a screenshot; without one, the window stays open.
     pub frames: Option<u64>,
 }
 

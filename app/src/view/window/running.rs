@@ -35,7 +35,8 @@ const LOOK: u32 = 16;
 /// Maximum wait for each device's frames, and for a build, when the window closes.
 const CLOSING: Duration = Duration::from_secs(3);
 
-/// Time after which the program gives up if the window's own graph never had enough memory.
+/// Time after which the program gives up if the window's own graph never could be drawn because of a transient failure,
+/// such as a lack of memory.
 const BLIND: Duration = Duration::from_secs(3);
 
 /// Running time of a pass after which the window's title names it.
@@ -55,8 +56,9 @@ pub struct Running {
     pub asked: bool,
     /// True if the window system has discarded the window's content.
     pub redraw: bool,
-    /// Time of the next frame, and of the next poll of frames in flight.
+    /// Time of the next frame.
     pub next: Option<Instant>,
+    /// Time of the next poll of frames in flight.
     pub look: Option<Instant>,
     /// The next frame is not drawn before this time; see [`Running::interval`].
     pub earliest: Instant,
@@ -66,7 +68,7 @@ pub struct Running {
     pub title: String,
     /// Time since which the window's own graph could not be built; `None` if it can.
     pub blind: Option<Instant>,
-    /// Name of the pass in the last [`Event::Slow`].
+    /// Pass or frame that is reported as slow; `None` if none is.
     pub slow: Option<String>,
     pub kept: Option<PathBuf>,
     pub open: dialog::Dialog,
