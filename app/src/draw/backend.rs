@@ -67,7 +67,7 @@ impl Api {
         Api::find(name).ok_or_else(|| Api::refusal(name, &[]))
     }
 
-    /// Finds an API by its name.
+    /// Finds an API by its name; `None` if the name is unknown.
     pub fn find(name: &str) -> Option<Api> {
         Api::ALL.into_iter().find(|api| api.name() == name)
     }
@@ -77,7 +77,7 @@ impl Api {
         refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
 
-    /// Finds an API that can draw pictures by its name.
+    /// Finds, by its name, an API that draws pictures.
     ///
     /// # Errors
     /// The name is unknown, or that of [`Api::Null`]. The error lists the APIs that draw.
@@ -92,7 +92,7 @@ impl Api {
     /// Lists the devices that the API finds on this machine.
     ///
     /// # Errors
-    /// The API is not installed.
+    /// The API is not installed, or its devices cannot be listed.
     pub fn devices(self) -> Result<Vec<DeviceInfo>, BackendError> {
         match self {
             Api::Vulkan => Vulkan::devices(),
@@ -194,8 +194,8 @@ impl Backend {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`BackendError::Unavailable`], with installation advice, if a driver, the validation layer or a suitable device
-    /// is missing.
+    /// [`BackendError::Unavailable`] if a driver, the validation layer or a suitable device is missing, or if the API
+    /// has no such validation.
     pub fn open(api: Api, options: &Options) -> Result<Backend, BackendError> {
         match api {
             Api::Vulkan => Vulkan::open(options).map(Backend::Vulkan),
@@ -227,8 +227,8 @@ impl Backend {
 
     /// Opens a second device that does not delay this device's frames, for example to draw beside a window.
     ///
-    /// On a GPU, it is another context of this device. On a CPU, devices of one Vulkan instance share a queue and
-    /// threads, so the new device gets its own instance.
+    /// For a GPU, it is another context of this device, and `options` are ignored. On a CPU, devices of one Vulkan
+    /// instance share a queue and threads, so the same device is opened with `options` in an instance of its own.
     ///
     /// # Errors
     /// See [`Backend::open`].

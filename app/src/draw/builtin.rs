@@ -1,7 +1,8 @@
 //! Lists the graphs and shaders that are built into the program.
 //!
-//! The build script embeds everything under `pipelines/` and `shaders/`, so that an installed program needs no
-//! checkout. Files on disk take precedence (see [`SourceMap::find`]), so edits in a checkout take effect immediately.
+//! The build script embeds every graph under `pipelines/` and every shader under `shaders/`, so that an installed
+//! program needs no checkout. Files on disk take precedence (see [`SourceMap::find`]), so edits in a checkout take
+//! effect immediately.
 
 use crate::draw::facts;
 use splatgraph_framework::ir::Request;
@@ -46,7 +47,8 @@ pub fn filters() -> Vec<&'static str> {
     FILES.iter().filter_map(name).collect()
 }
 
-/// Lists the names of the built-in graphs that have an output named `output` besides the picture, sorted.
+/// Lists the names of the built-in graphs that declare an output named `output` besides the picture, sorted by path.
+/// Presets and choices of these graphs are not listed.
 pub fn giving(output: &str) -> Vec<&'static str> {
     let gives = |text: &str| matches!(Document::parse(text), Ok(Document::Graph(graph)) if graph.outputs.contains_key(output));
     let files = FILES.iter().filter(|(path, text)| path.starts_with("pipelines/") && gives(text));
@@ -60,7 +62,8 @@ pub struct File {
     pub name: &'static str,
     /// Contents of the file.
     pub text: &'static str,
-    /// The graph's summary, or the first sentence of the shader's comment; empty if there is none.
+    /// The graph's summary, or the first sentence of the shader's comment; empty if there is none, `has errors` for an
+    /// invalid graph.
     pub summary: String,
 }
 
@@ -140,7 +143,7 @@ pub struct Preset {
     pub name: &'static str,
     /// Summary in one line.
     pub summary: String,
-    /// Parameters, with their values for a nominal scene.
+    /// Parameters, with their values for a nominal scene; empty if the graph has errors.
     pub params: Vec<Control>,
 }
 

@@ -77,7 +77,8 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the error of a view depth in f32, relative to the coordinates it is computed from: four roundings, doubled.
+/// Bound on the error of a view depth in f32, relative to the sum of the coordinates that it is computed from: four
+/// roundings, doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
 /// Computes an upper bound on the distance, also computed in f32, from the camera to any splat in the scene's box.
@@ -142,7 +143,8 @@ impl Double {
     }
 }
 
-/// Chooses the reference point for positions in camera space. `depth` is the scene's depth range.
+/// Chooses the reference point for positions in camera space: the camera itself, or a point amid the scene for a
+/// telephoto view of a distant scene. `depth` is the scene's depth range.
 ///
 /// A position relative to the camera is rounded by 6e-8 of its distance. On the picture, this is fx * 6e-8 pixels at
 /// any distance: several pixels for a long focal length. Relative to a point inside the scene, it is rounded by 6e-8 of
@@ -158,10 +160,11 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     std::array::from_fn(|axis| camera.position[axis] + 0.5 * (near + far) * forward[axis])
 }
 
-/// Finds the camera file that belongs to a scene, at the paths that the reference implementation uses.
+/// Finds the camera file that belongs to a scene; `None` if there is none.
 ///
-/// The paths are `NAME.cameras.json` (also for `NAME.compressed.ply`) and `cameras.json` in the scene's folder. For
-/// `point_cloud/iteration_N/point_cloud.ply`, up to three parent folders are searched as well.
+/// Searches for `NAME.cameras.json` (also for `NAME.compressed.ply`), then for `cameras.json` in the scene's folder. If
+/// the scene is named `point_cloud.ply`, the three folders above are searched as well, because the reference
+/// implementation writes `cameras.json` beside `point_cloud/iteration_N/point_cloud.ply`.
 pub fn beside(scene: &Path) -> Option<PathBuf> {
     let stem = Path::new(scene.file_stem()?);
     let is_compressed =

@@ -1,8 +1,8 @@
 //! Draws pictures together with the order in which their splats were drawn.
 //!
 //! A wrong picture usually comes from a wrong order, so studies capture both. The order is read from the buffer that a
-//! graph binds as `Order`, after its last reader. The distance between two orders is Kendall's tau distance: the number
-//! of pairs of splats that they order differently.
+//! graph binds as `Order`, after the last pass that binds it. The distance between two orders is Kendall's tau
+//! distance: the number of pairs of splats that they order differently.
 
 use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
 use crate::io::image::Image;
@@ -30,7 +30,7 @@ pub enum CaptureError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The graph's output is not a picture.
+    /// The device returned no picture, or the graph's output has no colours.
     #[error(transparent)]
     Pixels(#[from] PixelsError),
 }
@@ -38,7 +38,7 @@ pub enum CaptureError {
 /// Draws a frame of a prepared session, and reads its picture and order back.
 ///
 /// # Errors
-/// The device fails, or the graph's output has no colours.
+/// The session is not prepared, the device fails, or the graph's output has no colours.
 pub fn take(session: &mut Session, camera: &Camera) -> Result<Capture, CaptureError> {
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();

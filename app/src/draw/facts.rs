@@ -130,8 +130,8 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
 /// the graphs require 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
 /// shader (guaranteed: 4), and [`PORTABLE_FEATURES`] (guaranteed: only the basic subgroup operations).
 ///
-/// Images have the largest size of common GPUs (guaranteed: 4096): a plan without a device should not refuse an image
-/// that some device can draw.
+/// Images have the largest size of common GPUs (guaranteed: 4096), and passes up to 8 targets (guaranteed: 4): a plan
+/// without a device should not refuse what some device can draw.
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -152,8 +152,8 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
 
 /// Returns the facts of the smallest GPU of family Apple 7.
 ///
-/// Buffer size, threadgroup memory and threads are the minima in Apple's "Metal Feature Set Tables". Other limits are
-/// those of [`portable_device`].
+/// Buffer size, threadgroup memory, threads and image size are the minima in Apple's "Metal Feature Set Tables", and
+/// `fma` rounds once. All else is as for [`portable_device`].
 pub fn apple_device() -> DeviceFacts {
     DeviceFacts {
         max_storage_bytes: 1 << 28,

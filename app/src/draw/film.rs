@@ -39,7 +39,8 @@ pub struct Film {
 }
 
 impl Film {
-    /// Computes the cameras of a frame's samples. Their times are centred on the frame's time.
+    /// Computes the cameras of a frame's samples, whose times are centred on the frame's time. Empty for a path without
+    /// keys.
     pub fn cameras(&self, frame: u32) -> Vec<Camera> {
         let at = |sample: u32| {
             let share = (f64::from(sample) + 0.5) / f64::from(self.samples) - 0.5;
@@ -68,8 +69,8 @@ pub struct DrawOptions {
 
 /// Draws frames of a film, and returns the GPU time of all samples in milliseconds; `None` without timestamps.
 ///
-/// `encode` runs on other threads. `done` receives its results in the order of the frames. The session must be prepared
-/// for the size of the pictures.
+/// `encode` runs on threads of the pool; see [`Pictures::start`]. `done` receives its results in the order of the
+/// frames. The session must be prepared for the size of the pictures.
 ///
 /// # Errors
 /// The device fails, the graph's output has no colours, or `encode` or `done` fails.

@@ -213,7 +213,7 @@ fn build(
     planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
 }
 
-/// Finds a number of splats that fits, within 0.1 % of the largest.
+/// Finds a number of splats that fits, within 0.1 % of the largest; `None` if no number was found that fits.
 fn most(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Option<u64> {
     let (mut fit, mut none) = (0, wanted.scene.count);
     while none - fit > (fit / 1000).max(1) {

@@ -35,8 +35,8 @@ pub struct Frames {
 impl Frames {
     /// Chooses the rounds and frames for a session that is prepared at the camera's size.
     ///
-    /// Without a requested number of frames, draws two and uses [`frames_of`] for the time of the second, divided by
-    /// `part`, but at least 1.
+    /// If [`Frames::frames`] is `None`, draws two frames, and divides [`frames_of`] the second frame's `wall_ms` by
+    /// `part`; the result is at least 1.
     ///
     /// # Errors
     /// The device fails.
@@ -66,7 +66,7 @@ impl Timed {
     }
 }
 
-/// Lists the passes of a frame that have times, in order of execution. Passes that run once are omitted.
+/// Lists the passes that a frame executed on the device, in order of execution. Passes that run once are omitted.
 pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
     let ran = |id: &PassId| frame.result.pass_ms.iter().any(|(pass, _)| pass == id);
     plan.frame.iter().copied().filter(ran).collect()
@@ -78,12 +78,12 @@ pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     names.into_iter().collect()
 }
 
-/// Computes the median of a value over frames; `None` if a frame lacks the value.
+/// Computes the median of a value over frames; `None` if a frame lacks the value, or without frames.
 pub fn median_of(frames: &[Timed], value: impl Fn(&Timed) -> Option<f64>) -> Option<f64> {
     median(frames.iter().map(value).collect::<Option<Vec<_>>>()?)
 }
 
-/// Computes the median GPU time of frames, in milliseconds; `None` without timestamps.
+/// Computes the median GPU time of frames, in milliseconds; `None` without timestamps or without frames.
 pub fn gpu_ms(frames: &[Timed]) -> Option<f64> {
     median_of(frames, |frame| frame.result.total_ms)
 }
@@ -146,7 +146,7 @@ pub fn rounds(
 /// Duration of a warm-up: an idle device may run at a lower clock.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws interleaved frames for at least `least`.
+/// Draws interleaved frames for at least `least`, and at least two frames of each session.
 ///
 /// Returns the host time of the last turn, one frame of each session, in milliseconds.
 ///
@@ -168,7 +168,7 @@ pub fn warm_up(sessions: &mut [&mut Session], camera: &Camera, least: Duration) 
 }
 
 /// Computes the GPU's utilisation: its time divided by the host time of the frames, at most 1; `None` without
-/// timestamps.
+/// timestamps or without frames.
 pub fn busy(frames: &[Timed]) -> Option<f64> {
     let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;
     let all: f64 = frames.iter().map(|frame| frame.wall_ms).sum();

@@ -62,7 +62,8 @@ pub struct Keys {
 const CLASS_BITS: u32 = 11;
 
 impl Keys {
-    /// Prepares keys of `bits` bits for depths from `near` to `far`, the range of the scene's box.
+    /// Prepares keys of `bits` bits, of which equalised keys use at most 31, for depths from `near` to `far`, the range
+    /// of the scene's box.
     ///
     /// `depths` are those of the frame's visible splats; only [`Mapping::Equalised`] reads them.
     pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
@@ -202,7 +203,8 @@ fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     WIDTHS.rev().take_while(enough).last()
 }
 
-/// Makes `count` cameras in a circle around the middle of a scene. The first is `first`.
+/// Makes `count` cameras in a circle around the middle of a scene. The circle starts at `first`; each name is that of
+/// `first` and an index.
 pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let turned = |at: u32| Camera {

@@ -40,7 +40,8 @@ impl<T: Send + 'static> Pictures<T> {
     /// First waits for older pictures if the queue or the memory is full, and returns their results.
     ///
     /// # Errors
-    /// One of these pictures failed. The error is that of the oldest.
+    /// One of these pictures failed. The error is that of the oldest; `work` is not started, and the results of
+    /// pictures before the failed one are lost.
     pub fn start(&mut self, bytes: u64, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<Vec<T>> {
         let room = memory::available().map_or(u64::MAX, |available| available / MEMORY_SHARE / bytes.max(1));
         let most = self.jobs.min(usize::try_from(room).unwrap_or(usize::MAX)).max(1);

@@ -103,7 +103,7 @@ impl Planner {
     /// Builds the plan of `graph`, a preset's name or a path. Later values in `set` override earlier ones.
     ///
     /// # Errors
-    /// The graph or its shaders have errors.
+    /// See [`Planner::plan_candidate`].
     pub fn plan(
         &mut self,
         graph: &str,
@@ -117,7 +117,8 @@ impl Planner {
     /// Builds a plan like [`Planner::plan`], for the graph at index `candidate` of [`lower::candidates`], if given.
     ///
     /// # Errors
-    /// The graph or its shaders have errors, or its requirements are not met.
+    /// The graph or its shaders have errors, its requirements are not met, or an image or dispatch is too large for the
+    /// device.
     pub fn plan_candidate(
         &mut self,
         graph: &str,
@@ -170,6 +171,9 @@ impl Planner {
     }
 
     /// Lists the parameters of `graph`, with the values of `set`; growing ones are at least [`Planner::capacities`].
+    ///
+    /// # Errors
+    /// The graph cannot be read, or a value in `set` is invalid.
     pub fn controls(
         &mut self,
         graph: &str,
@@ -180,7 +184,10 @@ impl Planner {
         self.ask((graph, set), facts, catalog, lower::controls).map(|(_, controls)| controls)
     }
 
-    /// Lists the settings that `graph` rejects; see [`lower::rejected_settings`].
+    /// Lists the names of the settings in `set` that `graph` rejects; see [`lower::rejected_settings`].
+    ///
+    /// # Errors
+    /// The graph or its parameters have errors, or its requirements are not met.
     pub fn rejected_settings(
         &mut self,
         graph: &str,
@@ -204,6 +211,9 @@ impl Planner {
 
     /// Asks about a graph with the parameters in `set`, without building it: `ask` is a function of [`lower`], such as
     /// [`lower::standing`].
+    ///
+    /// # Errors
+    /// Those of `ask`.
     pub fn ask<T>(
         &mut self,
         (graph, set): (&str, &[(String, String)]),

@@ -29,7 +29,8 @@ pub struct Build {
     pub is_drawn: bool,
     /// Index of the graph in its choice; see [`splatgraph_framework::lower::candidates`].
     pub index: usize,
-    /// Name by which the choice refers to a graph that is not drawn; `None` for a graph alone.
+    /// Name by which the choice refers to a graph that is not drawn; `None` if the graph is drawn or is not part of a
+    /// choice.
     pub name: Option<String>,
     /// A case that meets the graph's requirements; `None` if none was found.
     pub case: Option<Case>,
@@ -109,8 +110,11 @@ pub fn undrawn(
 }
 
 impl Build {
-    /// Builds the plan; `None` without a case. `set` is used only for a graph alone: graphs of a choice may lack its
-    /// parameters.
+    /// Builds the plan; `None` without a case. `set` is ignored for a graph of a choice that is not drawn: it may lack
+    /// the parameters.
+    ///
+    /// # Errors
+    /// See [`Planner::plan_candidate`].
     pub fn plan(
         &self,
         planner: &mut Planner,
@@ -147,7 +151,7 @@ impl Case {
         facts::facts(&self.scene, &self.device, self.size)
     }
 
-    /// Returns the imports of a graph that draws the scene.
+    /// Returns `catalog` with the scene's number of splats.
     pub fn catalog(&self, catalog: &Catalog) -> Catalog {
         facts::with_count(catalog.clone(), self.scene.count)
     }

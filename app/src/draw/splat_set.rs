@@ -89,7 +89,7 @@ impl SplatSet {
     /// Formats the set as the text of a selection file. `count` is the number of splats in the scene.
     ///
     /// # Errors
-    /// The text does not fit in memory.
+    /// Those of [`serde_json::to_string`]; numbers cause none.
     pub fn to_json(&self, count: u32) -> serde_json::Result<String> {
         serde_json::to_string(&SelectionFile { splats: count, indices: self.indices() })
     }
@@ -97,7 +97,8 @@ impl SplatSet {
     /// Reads a selection file. `count` is the number of splats in the scene.
     ///
     /// # Errors
-    /// The file cannot be read, belongs to another scene, or lists a splat that the scene lacks.
+    /// The file cannot be read, is no selection file or too large for one, has another number of splats than the scene,
+    /// or lists a splat that the scene lacks.
     pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
         let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
         let limit = MAX_FRAME_BYTES + MAX_INDEX_BYTES * u64::from(count);

@@ -24,7 +24,7 @@ pub struct CameraStats {
     pub pipeline: String,
     /// Graphs and presets on which the pipeline is based, the graph last; empty if the pipeline is a graph itself.
     pub based_on: Vec<String>,
-    /// Graphs of a choice that the device cannot run, in the order of the choice.
+    /// Graphs of a choice whose requirements are not met, in the order of the choice.
     pub fallbacks: Vec<Fallback>,
     /// Name of the device.
     pub device: String,
@@ -39,7 +39,7 @@ pub struct CameraStats {
     pub counts: Map<String, Json>,
     /// Times of the passes, in order of execution.
     pub passes: Vec<PassTime>,
-    /// Milliseconds per phase, summed over its passes of every frame; `null` if the device has no timestamps.
+    /// Milliseconds per phase, summed over its passes that run in every frame; `null` if one of them has no time.
     pub phases: Map<String, Json>,
     /// The same for the passes that run once.
     pub once: Map<String, Json>,
@@ -152,8 +152,8 @@ impl CameraStats {
 
     /// Formats a summary line: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     ///
-    /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. A graph that draws no scene has no
-    /// splats. In a graph without visible splats, `drawn` is a statistic like any other.
+    /// Statistics of a user's graph follow the splats, such as `in_view 153,746`. The splats are omitted if the graph
+    /// draws no scene. Without a statistic `visible`, the statistics of the built-in graphs are listed like a user's.
     pub fn line(&self) -> String {
         let visible = self.stats.iter().find(|(name, _)| name == VISIBLE).filter(|_| self.loaded.is_some());
         let splats = self.loaded.map(|loaded| match visible {
@@ -207,6 +207,7 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
 }
 
 /// Computes a quantile of ascending values: the smallest value that is at least as large as a fraction `q` of them.
+/// `None` without values.
 #[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;

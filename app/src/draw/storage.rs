@@ -2,8 +2,8 @@
 //!
 //! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their values form a ladder, from the
 //! most accurate to the smallest. The plan of each rung is built in order, until its resident bytes fit. Rungs whose
-//! plan cannot be built are skipped. If the user sets one of them, `covariance` or `position_storage`, there is nothing
-//! to choose.
+//! plan cannot be built are skipped. If the user sets one of these parameters, `covariance` or `position_storage`,
+//! there is nothing to choose.
 
 use crate::draw::fit;
 use crate::draw::planner::GraphErrors;
@@ -158,7 +158,7 @@ impl fmt::Display for Choice {
 /// Parses a memory size: a number of bytes, or a number with a unit, such as `8GiB` or `500MB`.
 ///
 /// # Errors
-/// The text is not a size, or the size is less than a byte.
+/// The text is not a size, or the size is less than a byte or not less than 2^64 bytes.
 pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let expected = || format!("expected bytes, such as 8GiB, 500MB or 1073741824, found `{text}`");
     let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());

@@ -64,7 +64,8 @@ impl Words {
         })
     }
 
-    /// Counts every `stride`th word of `range` in `bins` equal bins over the range of the values.
+    /// Counts the values of every `stride`th word with an index in `range`, in `bins` bins that divide the range of the
+    /// finite values equally.
     pub fn histogram(&self, range: Range<usize>, stride: usize, read: ReadAs, bins: usize) -> Histogram {
         let range = range.start.min(self.len())..range.end.min(self.len());
         let numbers = || range.clone().step_by(stride.max(1)).filter_map(|index| self.number(index, read));
@@ -86,8 +87,9 @@ impl Words {
 
     /// Converts an image to a picture: `[height, width, channels]` in colour, `[height, width]` in grey.
     ///
-    /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. `None` for
-    /// other shapes, and for a shape that does not match the number of words.
+    /// A fourth channel is ignored. Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. Infinite
+    /// and NaN values count as 0. `None` for other shapes, for a shape that does not match the number of words, and
+    /// without words.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {
         let (height, width, channels) = match *shape {
             [height, width] => (height as usize, width as usize, 1),

@@ -17,7 +17,8 @@ pub fn holds_keys(name: &str) -> bool {
     (last.starts_with("keys") || without_half(last).ends_with("_keys")) && !name.starts_with("last(")
 }
 
-/// Finds the last pass of a frame that writes sort keys. Returns the names of the resource and the pass.
+/// Finds the last pass of a frame that writes sort keys. Returns the names of the resource and the pass; `None` if
+/// there is no such pass.
 pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
     plan.frame.iter().rev().find_map(|id| {
         let pass = plan.pass(*id);

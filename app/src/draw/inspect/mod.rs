@@ -1,7 +1,8 @@
 //! Reads the contents of a buffer or an image after a pass.
 //!
 //! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
-//! of the ping-pong pair `keys#0`, `keys#1` that the pass writes. `sort.scatter`, or just `scatter`, is the last of
+//! of the ping-pong pair `keys#0`, `keys#1` that the pass writes. A resource's name may also lack its first parts, and
+//! `keys` may be any resource that holds depth keys. `sort.scatter`, or just `scatter`, is the last of
 //! `sort.scatter[0]`, `sort.scatter[1]`, ..., and of `sort[0].scatter`, `sort[1].scatter`, ... If the resource holds
 //! depth keys, the finding reports whether the keys in use ascend.
 
@@ -34,7 +35,7 @@ pub struct InspectError(String);
 /// Resolves `RESOURCE@PASS` in a plan. If several passes match, prefers the last one that uses the resource.
 ///
 /// # Errors
-/// The plan has no such resource or pass.
+/// The plan has no such resource or pass, or several resources match and the pass does not decide between them.
 pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
     let passes = find_passes(plan, pass)?;
     let target = |after: &PassId| {

@@ -202,7 +202,8 @@ impl Session {
         self.planner.share_memory = false;
     }
 
-    /// Requests outputs of the graph besides its picture, such as `depth`, from the next [`Session::prepare`].
+    /// Requests outputs of the graph besides its picture, such as `depth`, from the next [`Session::prepare`]. If the
+    /// names change, discards the plan and frames in flight.
     ///
     /// [`outputs::draw`](crate::draw::outputs::draw) reads them.
     pub fn set_outputs(&mut self, names: &[String]) {
@@ -276,7 +277,7 @@ impl Session {
         (facts, facts::catalog(&self.scene))
     }
 
-    /// Builds the plan for a picture size, without loading it.
+    /// Builds the plan for a picture size, without loading it. Growing parameters have their defaults.
     ///
     /// # Errors
     /// The graph or its shaders have errors.
@@ -285,7 +286,7 @@ impl Session {
         Ok(self.plan_of(&pipeline, &set, size)?)
     }
 
-    /// Builds the plan of another graph for a picture size, without loading it.
+    /// Builds the plan of another graph for a picture size, without loading it. Growing parameters have their defaults.
     ///
     /// # Errors
     /// The graph or its shaders have errors.
@@ -302,7 +303,8 @@ impl Session {
         plan
     }
 
-    /// Chooses the most accurate storage that fits in the device's memory, for pictures of this size.
+    /// Chooses the most accurate storage that fits in the device's memory, for pictures of this size, and sets it like
+    /// [`Session::set_graph`].
     ///
     /// Returns `None` like [`Choice::within`], and if there is no limit and the scene is small for the device. The
     /// storage is then unchanged.
