@@ -118,10 +118,12 @@ impl Subject<'_> {
         format!("{} ({})", info.name, info.driver)
     }
 
-    /// Reads the graphs, to report mistakes before anything is measured. Returns their [files](Subject::files).
+    /// Reads the graphs, to report mistakes before anything is measured. Returns their [files](Subject::files). Errors
+    /// of shaders are found only when a graph is drawn.
     ///
     /// # Errors
-    /// The subject has no camera, the device cannot create another context, or a graph has errors.
+    /// The subject has no camera, the device cannot create another context, a graph cannot be read, or a value of a
+    /// parameter is invalid.
     pub fn check(&self, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
         let first = self.first()?;
         let mut session = self.session("", &[])?;
@@ -153,7 +155,7 @@ impl Subject<'_> {
 /// An error of a study.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
-    /// A graph has errors, or the device failed.
+    /// A session failed, for example because a graph has errors.
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),

@@ -74,7 +74,7 @@ const DRAWN: (usize, usize) = (12, 3);
 /// Measures one parameter at a time and every preset, then the most promising combinations.
 ///
 /// # Errors
-/// The graph has errors, the device fails, or the listener cancels.
+/// The graph has errors, the device fails, an exact picture does not fit in memory, or the listener cancels.
 pub fn study(
     subject: &Subject,
     needs: &[Need],
@@ -134,7 +134,7 @@ pub fn study(
 
 /// Returns the exact settings with the narrowest sufficient keys for their depth mapping.
 ///
-/// `None` if their keys already have that width, or if no width suffices.
+/// `None` if their keys already have that width, if no width suffices, or if the graph lacks `key_map` or `key_bits`.
 fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;

@@ -110,10 +110,10 @@ pub struct Found {
 /// Measurements of a candidate, or the reason that it cannot be drawn.
 pub type Outcome = Result<Found, String>;
 
-/// Returns why a candidate cannot be drawn, if only this candidate fails.
+/// Returns why a candidate cannot be drawn: its graph has errors, or the device rejects its plan.
 ///
 /// # Errors
-/// The error, if it is the device's: no other candidate can be drawn either.
+/// Any other error, such as one of the device: no candidate is then measured further.
 pub fn reason(error: SessionError) -> Result<String, SessionError> {
     match error {
         SessionError::Graph(errors) => Ok(errors.text(false).trim().to_owned()),
@@ -148,10 +148,10 @@ pub struct Bench<'a> {
 impl Bench<'_> {
     /// Measures candidates from each camera, interleaved. Each camera is one step of the task, named by `place`.
     ///
-    /// A candidate that cannot be drawn gives the reason; the others are still measured.
+    /// A candidate whose plan cannot be built or loaded gives the reason; the others are still measured.
     ///
     /// # Errors
-    /// The device fails, or the listener cancels.
+    /// The device fails, a frame needs more capacity than its graph or the device allows, or the listener cancels.
     pub fn measure(
         &self,
         candidates: &[Setting],

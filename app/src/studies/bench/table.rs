@@ -113,7 +113,7 @@ fn candidates(rows: &[Row]) -> String {
     table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())
 }
 
-/// Returns a note if the device idles for most of the time between frames, otherwise an empty string.
+/// Returns a note if the device is idle for more than half of the frames' host time, otherwise an empty string.
 fn resting(row: &Row, found: &Found) -> String {
     let busy = found.mean.gpu_ms.zip(found.mean.wall_ms).map(|(gpu, wall)| gpu.median / wall.median);
     match busy.filter(|busy| *busy < BUSY) {

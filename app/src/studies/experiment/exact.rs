@@ -15,7 +15,7 @@ pub const GAIN: f32 = 4.0;
 /// Names and values of parameters, as `--set` takes them.
 pub type Set = Vec<(String, String)>;
 
-/// Lists the exact values of the graph's parameters.
+/// Sets the session's graph to [`GRAPH`], and lists the exact values of its parameters.
 ///
 /// # Errors
 /// The graph cannot be read.

@@ -27,7 +27,8 @@ pub enum Kind {
 /// Runs an experiment, and returns its page. `view` describes the scene and the view, in words.
 ///
 /// # Errors
-/// The graph has errors, the device fails, a picture cannot be encoded, or the listener cancels.
+/// The graph has errors, the device fails, a picture cannot be compared or encoded, an exact picture does not fit in
+/// memory, or the listener cancels.
 pub fn study(
     subject: &Subject,
     kind: Kind,

@@ -54,7 +54,8 @@ pub struct Order {
 /// Draws and measures every way of blending and every key width.
 ///
 /// # Errors
-/// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
+/// The graph has errors, a picture cannot be compared, the device fails, the exact picture does not fit in memory, or
+/// the listener cancels.
 pub fn measure(
     session: &mut Session,
     camera: &Camera,

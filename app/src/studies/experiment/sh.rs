@@ -72,7 +72,8 @@ pub struct Sh {
 /// Several cameras are used as the directions. A single camera is turned around the part by each of [`DEGREES`].
 ///
 /// # Errors
-/// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
+/// The graph has errors, a picture cannot be compared, the device fails, an exact picture does not fit in memory, or
+/// the listener cancels.
 pub fn measure(
     session: &mut Session,
     cameras: &[Camera],

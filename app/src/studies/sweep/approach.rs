@@ -43,7 +43,8 @@ pub struct Fit {
 pub const STEPS: [(f64, u32); 8] =
     [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
 
-/// Makes the cameras of [`STEPS`]: `first`, moved forward towards the median depth of the splats in its view.
+/// Makes the cameras of [`STEPS`]: `first`, moved forward towards the median depth of the splats in its view, with the
+/// picture's width and height divided.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
     let seen = |p: &[f32; 3]| {
@@ -68,7 +69,7 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
 /// Measures each camera of [`cameras`]. The exact renderer counts the fragments, with an early stop if `stops`.
 ///
 /// # Errors
-/// The device fails, or the listener cancels.
+/// The session fails, an exact picture does not fit in memory, or the listener cancels.
 pub fn measure(
     session: &mut Session,
     cameras: &[Camera],
@@ -93,7 +94,7 @@ pub fn measure(
     Ok(found)
 }
 
-/// Returns the milliseconds of the phase that blends: `draw` or `rasterise`.
+/// Returns the milliseconds of the phase that blends, `draw` or else `rasterise`; `None` if the graph has neither.
 pub fn blending(time: &Time) -> Option<f64> {
     time.phases.get("draw").or_else(|| time.phases.get("rasterise")).copied()
 }

@@ -72,7 +72,8 @@ impl Sweep<'_> {
         Ok(found)
     }
 
-    /// Measures the view with each of `counts` splats. `each` receives every step with its picture.
+    /// Measures the view with each of `counts` splats. `each` receives every step with its picture. [`Choice::Nearest`]
+    /// is not measured if [`Sweep::nearest`] is `None`.
     ///
     /// # Errors
     /// The device fails, `each` fails, or a part of the scene does not fit in memory. The inner error is the reason

@@ -27,7 +27,8 @@ pub struct Wanted {
 /// Measures quality and time with fewer and fewer splats. Also returns the pictures of the first view.
 ///
 /// # Errors
-/// The graph has errors, a picture cannot be compared, the device fails, or the listener cancels.
+/// The graph has errors, a picture cannot be compared, the device fails, an exact picture or a part of the scene does
+/// not fit in memory, or the listener cancels.
 pub fn study(
     subject: &Subject,
     wanted: &Wanted,
@@ -86,7 +87,8 @@ impl Study {
     /// Measures a view, given as the index of one of the subject's cameras. Also returns the pictures.
     ///
     /// # Errors
-    /// A picture cannot be compared, the device fails, or the listener cancels.
+    /// A picture cannot be compared, the device fails, an exact picture or a part of the scene does not fit in memory,
+    /// or the listener cancels.
     pub fn view(
         &mut self,
         subject: &Subject,
@@ -122,7 +124,7 @@ impl Study {
     /// Measures the approach of the first camera.
     ///
     /// # Errors
-    /// The device fails, or the listener cancels.
+    /// The device fails, an exact picture does not fit in memory, or the listener cancels.
     pub fn approach(
         &mut self,
         subject: &Subject,

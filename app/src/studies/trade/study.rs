@@ -107,7 +107,7 @@ impl Study {
     /// Opens a ledger, with the rows of an earlier run that has the same origin.
     ///
     /// # Errors
-    /// The file has rows of another origin.
+    /// See [`Book::open`].
     pub fn book(&self, file: Option<PathBuf>, listener: &mut dyn Listener) -> Result<Book, StudyError> {
         let plans: Vec<_> =
             self.settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
@@ -123,7 +123,7 @@ impl Study {
     /// Adds the missing rows and pictures of some views, which are given as indices of the subject's cameras.
     ///
     /// # Errors
-    /// The device fails, a file cannot be written, or the listener cancels.
+    /// The device fails, a file cannot be written, an exact picture does not fit in memory, or the listener cancels.
     pub fn measure(
         &mut self,
         subject: &Subject,

@@ -119,7 +119,7 @@ pub struct Book {
 /// Checks that [`Book::save`] may replace a file: a ledger of any version of the program, an empty file, or no file.
 ///
 /// # Errors
-/// The file cannot be read, or it has other contents.
+/// The path is not a regular file, or the file cannot be read or has other contents.
 pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
     let is_replaceable = || -> std::io::Result<bool> {
         if !fs::metadata(path)?.is_file() {
@@ -151,10 +151,12 @@ impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed, and locks the file's folder.
     ///
     /// `plans` are the settings, each with the hash of its plans; without any, all rows are kept. Also returns why rows
-    /// of the file are dropped. Without a path, nothing is saved. A ledger of another program or device is set aside.
+    /// of the file are dropped, `None` if none are. Without a path, nothing is saved. A ledger of another program or
+    /// device is set aside.
     ///
     /// # Errors
-    /// The file has rows of other inputs, or another process measures in the folder: rows would be lost.
+    /// The file has rows of other inputs, or another process measures in the folder: rows would be lost. Or the folder
+    /// cannot be locked, or a ledger cannot be set aside.
     pub fn open(
         path: Option<PathBuf>,
         origin: Origin,
