@@ -41,7 +41,7 @@ pub fn generate() -> Result<Vec<u8>, Cause> {
     Ok(bytes)
 }
 
-/// Returns the initial camera of the demo scene.
+/// Returns the initial camera of the demo scene; `None` if the generator has no cameras.
 pub fn camera() -> Option<Camera> {
     synth::demo_cameras().into_iter().next()
 }

@@ -1,4 +1,5 @@
-//! Reads files that the program writes and reads again: ledgers, results of views, device facts, the viewer's state.
+//! Reads whole files of limited size: files that the program wrote, such as ledgers, results of views, device facts and
+//! the viewer's state, and photographs to hash.
 
 use splatgraph_assets::file;
 use std::io;

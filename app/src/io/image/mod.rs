@@ -5,7 +5,8 @@
 //! from linear light.
 //!
 //! Three formats can be written and read: `.npy` (float32), `.exr` (float32, with attributes for the encoding) and
-//! `.png` (8 bits per channel). `#` selects an array of a `.npz` archive: `golden.npz#camera0`.
+//! `.png` (8 bits per channel). `#` selects an array of a `.npz` archive: `golden.npz#camera0`. Photographs
+//! ([`Image::load_photograph`]) are PNG or JPEG files.
 
 mod exr;
 #[cfg(test)]

@@ -40,8 +40,8 @@ pub fn claim(file: &Path, description: &[u8], stray: impl FnOnce() -> Option<Pat
     }
 }
 
-/// Locks the folder of `file` until the result is dropped, and creates the folder. `None` if the folder does not
-/// support locks, as on some network disks.
+/// Creates the folder of `file`, and locks it until the result is dropped. `None` if the folder cannot be opened, or
+/// does not support locks, as on some network disks.
 ///
 /// # Errors
 /// Another process holds the lock ([`ErrorKind::WouldBlock`]), or the folder cannot be created.
