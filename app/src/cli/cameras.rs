@@ -37,7 +37,8 @@ pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camer
     Ok(Some(all))
 }
 
-/// Loads cameras as [`load`] does, for pictures of `size`, or of the cameras' own sizes.
+/// Loads cameras as [`load`] does, for pictures of `size`, or of the cameras' own sizes if it is `None`. The cameras
+/// are not resized.
 ///
 /// # Errors
 /// The errors of [`load`] and, without `size`, of [`check_size`].
@@ -86,6 +87,9 @@ fn is_json(spec: &str) -> bool {
 }
 
 /// Loads the cameras of `PATH` or `PATH#INDEX` in any format of [`Dataset`], or parses the text of a `cameras.json`.
+///
+/// # Errors
+/// The file or the text is invalid, or has no cameras.
 pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if is_json(spec) {
         let name = Path::new("--cameras");

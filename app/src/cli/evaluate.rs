@@ -105,8 +105,8 @@ impl View {
     /// Returns the camera of the picture to draw: at `1/downscale` of the photograph's size.
     ///
     /// # Errors
-    /// The photograph cannot be read, or its aspect ratio differs from the camera's by more than one pixel and one
-    /// percent.
+    /// The photograph cannot be read, its aspect ratio differs from the camera's by more than one pixel and one
+    /// percent, or the picture is too large; see [`cameras::check_size`].
     fn drawn(&self, downscale: u32) -> Result<Camera> {
         let path = self.photograph()?;
         let (width, height) = Image::photograph_size(path)?;

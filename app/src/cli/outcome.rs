@@ -58,7 +58,8 @@ pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     }
 }
 
-/// Returns true if messages have colours: standard error is a terminal that can show them, and `NO_COLOR` is not set.
+/// Returns true if messages have colours: standard error is a terminal that can show them, and `NO_COLOR` is unset or
+/// empty.
 pub fn colour() -> bool {
     let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty());
     std::io::stderr().is_terminal()

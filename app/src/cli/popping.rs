@@ -137,7 +137,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
-/// Lists the variants without duplicates: the given graphs and parameters, or all built-in graphs.
+/// Lists the variants without duplicates: the given graphs and parameters or, if none are given, the built-in graphs
+/// for pinhole cameras except `auto`.
 ///
 /// If only `--with` is given, `auto` without parameters comes first.
 fn variants(args: &Args) -> Vec<Setting> {

@@ -61,8 +61,8 @@ impl ScenesArgs {
         self.scene.iter().try_for_each(|path| fit::check_header(path, &load, device, pipeline, set))
     }
 
-    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera if that scene is
-    /// drawn.
+    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera; `None` if a
+    /// scene is named.
     ///
     /// # Errors
     /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.

@@ -53,7 +53,8 @@ impl Kept {
         CameraStats { busy, frames, record_ms, ..stats }
     }
 
-    /// Computes the fraction of time that the device spends drawing, at most 1; `None` if it cannot be known.
+    /// Computes the fraction of time that the device spends drawing, at most 1; `None` with fewer than four measured
+    /// frames, or without timestamps.
     ///
     /// Measured from the end of the first frame to the end of the last but one: the last also reads the picture back.
     fn busy(&self) -> Option<f64> {
