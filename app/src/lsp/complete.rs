@@ -22,7 +22,8 @@ use std::ops;
 use std::path::Path;
 
 impl Workspace {
-    /// Lists the parameters of a graph that the graph at `path` includes, or of which it is a preset.
+    /// Lists the parameters of `included`, a graph that an include or a preset in the graph at `path` names; empty if
+    /// `included` has errors.
     fn parameters(&mut self, path: &Path, included: &str) -> Vec<Control> {
         let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
         let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
@@ -232,7 +233,7 @@ fn around(
     inside.start + before..after.map_or(inside.end, |at| offset + at)
 }
 
-/// Lists the names of these kinds that the text declares. It may be invalid, and not built yet.
+/// Lists the names of these kinds that the text declares. The text may be invalid, and not built yet.
 fn declared(text: &str, kinds: &[names::Kind]) -> Vec<String> {
     let is_wanted = |role: &Role| matches!(role, Role::Declares(kind) if kinds.contains(kind));
     let all = mentions(text, &Scan::of(text)).into_iter();
@@ -243,7 +244,7 @@ fn has_extension(name: &str, extension: &str) -> bool {
     Path::new(name).extension().is_some_and(|other| other == extension)
 }
 
-/// Lists the files with this extension in the folder of a graph.
+/// Lists the names of the files with this extension in the folder of a graph.
 fn beside(graph: &Path, extension: &str) -> Vec<String> {
     let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());

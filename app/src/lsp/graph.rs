@@ -131,14 +131,16 @@ impl Workspace {
         }
     }
 
-    /// Returns true if the build of a graph reads the whole file.
+    /// Returns true if a graph that is not a part was built and used the file.
     fn is_covered(&self, path: &Path) -> bool {
         let canonical = files::canonical(path);
         let covers = |built: &Built| !built.is_part && built.files.contains(&canonical);
         self.built.values().any(covers)
     }
 
-    /// Lists closed graphs that use a file, the best last: of its folder, and no preset or choice.
+    /// Lists at most [`MAX_TRIES`] closed graphs to try for a file: those that use it, are no parts and were not built.
+    /// The best is last: graphs of the file's folder are better than others, and a `Graph` is better than a preset or a
+    /// choice.
     fn users_of(&mut self, path: &Path) -> Vec<PathBuf> {
         let name = in_index(path);
         let index = self.index(path);

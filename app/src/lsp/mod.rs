@@ -44,7 +44,7 @@ use std::time::{Duration, Instant};
 /// once.
 const QUIET: Duration = Duration::from_millis(30);
 
-/// Answers an editor until it ends the connection. Returns false if the messages ended before the notification `exit`.
+/// Answers an editor until it ends the connection. Returns false if the messages ended before the request `shutdown`.
 ///
 /// # Errors
 /// The editor violates the protocol, or sends `exit` before it requests `shutdown`.
@@ -124,7 +124,7 @@ struct Server {
     workspace: Workspace,
     /// Diagnostics that the editor shows, by file.
     shown: BTreeMap<PathBuf, Vec<Diagnostic>>,
-    /// Time at which the last change is built.
+    /// Earliest time of the next build: a pause after the last change.
     build_at: Instant,
     /// Number of requests to the editor to read the hints again; `None` if it does not support them.
     refreshes: Option<i32>,
@@ -321,14 +321,15 @@ impl Server {
         CompletionResponse::Array(items.unwrap_or_default())
     }
 
-    /// Resolves a position in an open graph or shader to the file and the byte offset.
+    /// Resolves a position in an open file to the file's path and the byte offset; `None` if the file is not open.
     fn any_place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let offset = text::offset_of(self.workspace.open.get(&path)?, at.position);
         Some((path, offset))
     }
 
-    /// Resolves a position in an open graph to the file, its text and the byte offset.
+    /// Resolves a position in an open graph to the file's path, its text and the byte offset; `None` if the file is not
+    /// open or no graph.
     fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, String, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let text = self.workspace.open.get(&path).filter(|_| files::is_graph(&path))?.clone();

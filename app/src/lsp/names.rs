@@ -30,7 +30,7 @@ pub enum Role {
     Resource(Vec<String>),
     /// The use of an include, in the graph to which these includes lead.
     Include(Vec<String>),
-    /// The use of a parameter of the graph with this name, in `set` or `Only` of an include.
+    /// The use of a parameter of the graph with this name, in `set` or `Only` of an include, or in `set` of a preset.
     ParameterOf(String),
     /// The use of a port of the graph with this name, in `with` of an include.
     PortOf(String),
