@@ -115,6 +115,9 @@ fn member<'a>(
 }
 
 /// Lists the names of the arrays in an archive, sorted.
+///
+/// # Errors
+/// The archive cannot be read.
 pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
     let npz = open_npz(archive)?;
     let mut names: Vec<String> =

@@ -25,6 +25,9 @@ pub struct CopyLimit {
 }
 
 /// Makes a placeholder scene and camera for graphs that draw no splats.
+///
+/// # Errors
+/// The scene cannot be generated.
 pub fn no_scene() -> Result<(Scene, Camera), synth::SynthError> {
     let scene = synth::generate("demo", 1, 0)?;
     let camera = Camera::framing(&scene, DEFAULT_SIZE.0, DEFAULT_SIZE.1);
