@@ -13,6 +13,10 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
 
     `value` is an array of numpy, anything with `__dlpack__` in the CPU's memory, or anything that `numpy.asarray` accepts. `name` is the
     argument's name, for errors. `None` in `shape` matches any length.
+
+    Raises:
+        TypeError: `value` is not an array of numbers.
+        ValueError: it has another shape, is not in the CPU's memory, or requires gradients.
     """
     return np.ascontiguousarray(_found(value, name, shape), dtype=dtype)
 
@@ -20,7 +24,7 @@ def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtyp
 def picture(value: Any, name: str, shape: Sequence[int | None]) -> np.ndarray:
     """Returns a picture as `array` does, in float32. Integers of 8 and 16 bits are divided by their maximum, which is white.
 
-    Other integers are refused, because it is unknown which value is white.
+    Other integers raise a TypeError, because it is unknown which value is white.
     """
     found = _found(value, name, shape)
     if found.dtype.kind not in "iu":

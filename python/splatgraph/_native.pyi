@@ -26,9 +26,9 @@ class GraphError(Error):
 
     #: Path of the file with the first error, as it was given; "params" or "pipeline" if it is in that argument.
     file: str
-    #: Its line, from 1.
+    #: Line of the first error, from 1.
     line: int
-    #: Its column, from 1, in characters.
+    #: Column of the first error, from 1, in characters.
     column: int
     #: All errors, rendered with the source text.
     text: str

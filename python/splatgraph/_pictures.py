@@ -29,6 +29,10 @@ def compare(a: Any, b: Any) -> Comparison:
     Args:
         a: display-encoded colours, [height, width, 3]: floats (0 is black, 1 is white), uint8 or uint16.
         b: like `a`.
+
+    Raises:
+        TypeError: `a` or `b` is not a picture of these types.
+        ValueError: the pictures differ in size, or a value is not finite.
     """
     found = _native.compare(a, b)
     worst = found["worst"]

@@ -24,9 +24,10 @@ def plan(
         params: values of the graph's parameters.
         scene: the scene to draw; without one, a million splats with harmonics of degree 3.
         size: width and height of the pictures, in pixels.
-        subgroup_size: number of invocations in a subgroup: 32 on most GPUs, 4 to 16 on CPUs, 64 or 128 on some GPUs.
+        subgroup_size: number of invocations in a subgroup: 32 on most GPUs; 4, 8 or 16 on CPUs; 64 or 128 on some GPUs.
 
     Raises:
         GraphError: the graph or a shader has errors.
+        ValueError: `size` or `subgroup_size` is none of the possible values.
     """
     return _native.plan(graph_name(pipeline), texts(params), scene, pair_of_sides(size, "size"), subgroup_size)

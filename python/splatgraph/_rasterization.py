@@ -118,7 +118,8 @@ def rasterization(
         camera_model: "pinhole"; "ortho", which draws (x, y, z) at (fx x + cx, fy y + cy); or "fisheye", equidistant, without distortion.
         covars: covariances in square world units instead of `quats` and `scales`, [..., N, 3, 3].
         device: a part of the device's name, or its index in `splatgraph devices`.
-        packed, tile_size, channel_chunk, segmented: ignored, because they do not affect pictures.
+        tile_size: side of the tiles that the dict of sizes and counts is for, in pixels, at least 1; it does not affect pictures.
+        packed, channel_chunk, segmented: ignored, because they do not affect pictures.
         sparse_grad, absgrad, distributed, with_ut, with_eval3d, radial_coeffs, tangential_coeffs, thin_prism_coeffs,
             ftheta_coeffs, rolling_shutter, viewmats_rs: not supported except for the defaults.
 
@@ -129,6 +130,7 @@ def rasterization(
     Raises:
         NotImplementedError: the named argument has an unsupported value.
         ValueError: the named argument has a wrong shape or range.
+        TypeError: the named argument is not an array of numbers, or not an integer.
         DeviceError: no suitable device was found, or the device failed.
     """
     _refuse_unsupported(
@@ -352,7 +354,7 @@ def _renderer(device: str | int | None, params: dict[str, Any]) -> Iterator[Rend
 
 
 def _like(given: Any, values: np.ndarray) -> Any:
-    """Converts to an array of `given`'s library, if that has `from_dlpack`."""
+    """Converts to an array of `given`'s library, such as torch; returns numpy's if the library has no `from_dlpack`."""
     library = sys.modules.get(type(given).__module__.partition(".")[0])
     convert = None if isinstance(given, np.ndarray) else getattr(library, "from_dlpack", None)
     return values if convert is None else convert(values)

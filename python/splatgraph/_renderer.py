@@ -28,7 +28,7 @@ class Param:
 
     name: str
     value: Value
-    #: The value if the parameter is not set.
+    #: The value if neither a preset nor the caller sets the parameter.
     default: Value
     #: The value that costs no accuracy, if the graph names one.
     exact: Value | None
@@ -36,7 +36,7 @@ class Param:
     kind: str
     #: Minimum and maximum; None if the parameter is not a number.
     range: tuple[float, float] | None
-    #: Step of a slider; None if the graph names none.
+    #: Step of a slider for a float; None for other kinds.
     step: float | None
     #: The allowed values; None if the parameter is not a choice of names.
     choices: tuple[str, ...] | None
@@ -188,6 +188,9 @@ class Renderer:
 
         Raises:
             GraphError: the graph or a shader has errors, or the graph lacks an output.
+            SceneError: the scene has no splats.
+            DeviceError: the device failed.
+            Error: the camera's projection is not the graph's, or the renderer is closed.
         """
         drawn = self._submit(camera, outputs).result()
         return drawn[0] if outputs is None else drawn
@@ -262,7 +265,7 @@ class Renderer:
                 raise
 
     def use(self, pipeline: str | os.PathLike[str], params: Mapping[str, Setting] | None = None) -> None:
-        """Draws with another graph from now on.
+        """Draws with another graph from now on; `params` replace all earlier parameters.
 
         Raises:
             GraphError: the graph cannot be read, or a parameter is invalid. Nothing is changed then.
@@ -287,7 +290,7 @@ class Renderer:
 
     @property
     def stats(self) -> dict[str, Any] | None:
-        """Times in milliseconds, counts and memory in bytes of the last returned picture, as in `splatgraph render --json`."""
+        """Times in milliseconds, counts and memory in bytes of the last returned picture, or None, as in `splatgraph render --json`."""
         return self._engine.stats
 
     @property

@@ -21,11 +21,12 @@ Progress = Callable[[str, int, int, str], object]
 
 @dataclasses.dataclass(frozen=True)
 class Share:
-    """A share of the exact settings' time."""
+    """A share of the exact settings' time; over several views, the mean of their shares."""
 
     #: Median over the frames of a frame's time divided by the time of the exact settings' frame right before it.
     median: float
-    #: 99 % confidence interval of the median; None with fewer than 8 frames in all rounds, or without a noise floor.
+    #: 99 % confidence interval of the median, widened to the noise floor; None with fewer than 8 frames in all rounds, or without a
+    #: noise floor.
     range: tuple[float, float] | None
 
 
@@ -243,6 +244,7 @@ def advise(
         rounds, frames, progress, backend, device: see `trade`.
 
     Raises:
+        ValueError: an argument has a wrong shape or range.
         GraphError: the graph has errors.
         DeviceError: no suitable device was found, or the device failed.
     """

@@ -26,11 +26,11 @@ try:
 except ImportError:
     raise (SystemExit if __name__ == "__main__" else ImportError)("splatgraph.ray needs Ray: pip install 'splatgraph[ray]'") from None
 
-#: Attempts per view, and consecutive failed starts of workers, before giving up.
+#: Attempts per view, and consecutive failures to open a scene or to start a worker, before giving up.
 TRIES = 3
 #: Batches assigned to a worker: one is drawn, the next one waits there.
 AHEAD = 2
-#: Maximum number of views in a batch.
+#: Maximum number of views in a batch, unless `--batch` sets the number.
 LARGEST = 64
 #: Seconds between lines of progress if standard error is not a terminal.
 EVERY = 10.0
@@ -61,7 +61,7 @@ class Worker:
 
 
 def _device(ids: list[Any]) -> list[str]:
-    """Returns the option that names a worker's device; empty on the CPU."""
+    """Returns the option that names a worker's device; empty if Ray assigned no GPU."""
     if not ids:
         return []
     command = [sys.executable, "-m", "splatgraph", "devices", "--json"]
@@ -76,7 +76,7 @@ def _device(ids: list[Any]) -> list[str]:
 
 @dataclasses.dataclass
 class Scene:
-    """A scene's unfinished views."""
+    """A scene, its views, and the batches that no worker has yet."""
 
     name: str
     arguments: list[str]
@@ -202,7 +202,10 @@ class Run:
             self._retry(scene, view, reason)
 
     def _bury(self, worker: Any, reference: Any, reason: str | None) -> None:
-        """Removes a worker and reassigns its batches. If the started batch has one view, this counts as an attempt of the view."""
+        """Removes a worker and reassigns its batches. `reason` is why it died; None if it could not open the scene.
+
+        If it died in a batch of one view, this counts as an attempt of the view.
+        """
         own = self.workers.pop(worker)
         begun = next(iter(own))
         lost = sum(len(running.views) for running in own.values())
@@ -322,7 +325,7 @@ def _scenes(options: argparse.Namespace, more: list[str]) -> Iterator[Scene]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs a command line. Returns the exit code: 1 if a view failed or is missing."""
+    """Runs a command line. Returns the exit code: 1 if a view failed or is missing, or 130 after Ctrl-C."""
     options, more = _parser().parse_known_args(arguments)
     if options.cpus < 1 or (options.batch is not None and options.batch < 1):
         raise SystemExit("error: --cpus, --batch: expected numbers above 0")

@@ -242,7 +242,7 @@ def _check_address(host: str, port: int) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs a command line, until Ctrl-C."""
+    """Runs a command line, until Ctrl-C. Returns the exit code: 1 if the scene or the viewer cannot be opened."""
     parser = argparse.ArgumentParser(prog="python -m splatgraph.viser", description="Show a scene in browsers, drawn on this machine.")
     parser.add_argument("scene", metavar="SCENE", help="a scene file")
     parser.add_argument("-p", "--pipeline", default="auto", metavar="NAME", help="the graph: the name of a built-in one, or a path")

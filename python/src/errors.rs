@@ -27,8 +27,8 @@ create_exception!(
 
 Attributes:
     file (str): path of the file with the first error, as it was given; `params` or `pipeline` if it is in that argument.
-    line (int): its line, from 1.
-    column (int): its column, from 1, in characters.
+    line (int): line of the first error, from 1.
+    column (int): column of the first error, from 1, in characters.
     text (str): all errors, rendered with the source text.
     errors (list[dict]): the errors, each with file, line, column, end_line, end_column, severity, message, label, help."
 );
@@ -114,7 +114,7 @@ fn diagnostic<'py>(py: Python<'py>, found: &PlainDiagnostic) -> PyResult<Bound<'
     Ok(dict)
 }
 
-/// Converts JSON to dicts, lists and numbers.
+/// Converts JSON to Python's own types, such as dicts, lists and numbers.
 pub fn to_python<'py>(py: Python<'py>, value: &Json) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (value.to_string(),))
 }

@@ -61,8 +61,8 @@ impl Scene {
         let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
         let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
         let sh = take::<f32>(sh, "sh", &[Some(count), None, Some(3)])?;
-        // Without the check, which is for gsplat's function, opacities above 1 are capped like alphas, opacities below 0
-        // are invisible, and negative scales count as positive.
+        // Only gsplat's function omits the check. Opacities above 1 are then capped like alphas, opacities below 0 are
+        // invisible, and negative scales count as positive.
         if _checked {
             let hint = "logarithms: numpy.exp gives the scales";
             check(&scales, |scale| scale < 0.0, "scales: expected no negative values", hint)?;

@@ -12,7 +12,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 
 def psnr(a, b, peak=None):
-    """Returns the peak signal-to-noise ratio in dB; the peak is 1, or the maximum of `b` if that is larger."""
+    """Returns the peak signal-to-noise ratio in dB. By default, the peak is 1, or the maximum of `abs(b)` if that is larger."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     peak = max(1.0, np.abs(b).max()) if peak is None else peak
     error = np.mean((a - b) ** 2)
