@@ -73,7 +73,7 @@ fn a_picture_is_the_same_in_every_format_and_compares_as_such() {
 }
 
 #[test]
-fn dumps_show_eight_four_and_three_digits() {
+fn dumps_show_every_digit_of_the_sort() {
     let place = Place::empty();
     for (preset, digits) in [("digit4", 8), ("digit8", 4), ("digit11", 3), ("key16", 2), ("unsorted", 0)] {
         let dump = place.told(&format!("dump {preset} --format json"));
@@ -89,7 +89,7 @@ fn dumps_show_eight_four_and_three_digits() {
 }
 
 #[test]
-fn the_accounts_of_a_file_and_of_a_plan_are_complete() {
+fn info_shows_the_bytes_of_a_file_and_the_buffers_of_a_plan() {
     let place = Place::demo(5000);
     let bytes = std::fs::metadata(place.at("scene.ply")).expect("there").len();
     let text = place.done("info scene.ply --pipeline splat");
@@ -191,7 +191,8 @@ fn the_version_names_the_commit_the_features_and_the_program() {
     assert!(hash.len() == 16 && hash.chars().all(|c| c.is_ascii_hexdigit()), "{long}");
 }
 
-/// Shaders for graphs with mistakes: `next.comp` counts in place, `half.vert` reads what `half.frag` writes.
+/// Shaders for graphs with mistakes. Among them, `next.comp` counts in place, and `half.vert` reads what `half.frag`
+/// writes.
 const SHADERS: [(&str, &str); 6] = [
     (
         "next.comp",
@@ -228,7 +229,7 @@ const SHADERS: [(&str, &str); 6] = [
 ];
 
 /// Runs `check` on a graph of these passes. It has the buffers `words` and `past`, the ping-pong buffer `keys` and the
-/// image `image`.
+/// image `image`; `past` and `image` are histories. Returns the folder and what the program printed.
 fn checked(passes: &str, output: &str) -> (Place, Output) {
     let place = Place::empty();
     for (name, text) in SHADERS {

@@ -4,7 +4,7 @@ use crate::common;
 use crate::place::Place;
 use serde_json::Value;
 
-/// Returns the minimum PSNR, in dB, between two scenes' pictures by the exact renderer.
+/// Returns the minimum PSNR over the cameras, in dB, between two scenes' pictures by the exact renderer.
 fn least_psnr(place: &Place, [a, b]: [&str; 2], cameras: &str) -> f64 {
     for (scene, pictures) in [(a, "a"), (b, "b")] {
         let render = format!("render {scene} --backend reference --cameras {cameras} --size 240x135");
@@ -18,7 +18,7 @@ fn least_psnr(place: &Place, [a, b]: [&str; 2], cameras: &str) -> f64 {
 }
 
 #[test]
-fn a_scene_is_converted_to_every_format_and_drawn_alike() {
+fn a_scene_is_converted_to_spz_compressed_ply_and_splat_and_drawn_alike() {
     let place = Place::demo(5000);
     // The demo scene's harmonics exceed the range of most formats.
     for (to, least) in [("spz", 15.0), ("compressed.ply", 25.0), ("splat", 12.0)] {

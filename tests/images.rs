@@ -166,8 +166,9 @@ fn narrow_keys_and_no_sort_cost_accuracy() {
 }
 
 #[test]
-fn every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene() {
-    let Some(data) = common::data("every_form_of_the_sort_and_of_the_covariance_draws_the_same_scene") else {
+fn serial_and_subgroup_sorts_and_the_factored_covariance_draw_the_same() {
+    let Some(data) = common::data("serial_and_subgroup_sorts_and_the_factored_covariance_draw_the_same")
+    else {
         return;
     };
     let golden = Golden::whole(&data, "playbot-31k");

@@ -171,7 +171,7 @@ fn mistakes_are_told_with_their_part() {
 }
 
 #[test]
-fn of_millions_of_errors_in_a_document_the_first_is_shown() {
+fn of_several_errors_in_a_document_the_first_is_shown_and_the_others_are_counted() {
     let text = said("\"nodes\":[{\"mesh\":0}", "\"nodes\":[{\"mesh\":7},{\"mesh\":8},{\"mesh\":9}");
     assert!(text.contains("nodes[0].mesh: Index out of bounds, and 2 more"), "{text}");
 }

@@ -469,7 +469,7 @@ fn a_graph_names_no_files_outside_of_its_folders() {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_is_not_read_to_tell_what_it_holds() {
+fn a_device_or_a_folder_is_not_read_to_tell_what_it_holds() {
     assert_eq!(Content::at(std::path::Path::new("/dev/zero")), Content::Unusable);
     assert_eq!(Content::at(std::path::Path::new("/")), Content::Missing);
 }
