@@ -1,7 +1,8 @@
 //! The built-in graphs and an example, lowered to Metal's encoders, fences and barriers.
 //!
-//! Nothing here needs a Mac. [`bound`] gives the minimum numbers of encoders, waits and barriers. The model of Metal's
-//! rules must accept each list of encoders, and object if a wait, an update, a barrier or a part of one is removed.
+//! Nothing here needs a Mac. [`bound`] gives the minimum numbers of encoders, fences, waits and barriers. The model
+//! of Metal's rules must accept each list of encoders, and object if a wait, an update, a barrier or a part of one is
+//! removed.
 
 use crate::common::{self, say, settings};
 use splatgraph::draw::backend;

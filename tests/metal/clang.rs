@@ -11,7 +11,7 @@ const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal");
 /// Compiler flags. Metal's language is based on C++14; the header needs slightly more.
 ///
 /// Literals are floats, as in Metal, and products and sums are rounded separately, as by lavapipe. Warnings are errors,
-/// except about code that SPIRV-Cross leaves unused.
+/// except about unknown attributes and code that SPIRV-Cross leaves unused.
 const FLAGS: [&str; 12] = [
     "-std=c++17",
     "-Xclang",
@@ -45,7 +45,8 @@ fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
 /// so the header has a type with one set of members.
 const ARRAY: (&str, &str) = ("template<typename T, size_t Num>\nstruct spvUnsafeArray\n{", "\n};\n");
 
-/// Converts a shader's text to C++, in a separate namespace.
+/// Converts a shader's text to C++, in a separate namespace. A compute shader also gets the C function
+/// `kernel_{index}`, which calls it.
 ///
 /// Threadgroup variables get another qualifier than references to them.
 fn as_cpp(shader: &Shader, msl: &Msl, index: usize) -> String {
@@ -153,7 +154,7 @@ pub fn check(shaders: &[&Shader]) -> usize {
     known.len()
 }
 
-/// Checks a text that is C++ with the header as it is.
+/// Checks that a text is valid C++ with the header. The error has clang's messages.
 pub fn check_text(text: &str) -> Result<(), String> {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("text.cpp"), text).expect("written");
@@ -225,7 +226,8 @@ impl Library {
         found
     }
 
-    /// Runs a kernel. Returns the machine's error, such as an access beyond a buffer.
+    /// Runs a kernel. Returns the machine's error, such as threads at different barriers. An access beyond a buffer
+    /// ends the process.
     pub fn run(&self, shader: &Shader, call: Call) -> Result<(), String> {
         let msl = shader.msl.as_ref().expect("translated");
         let kernel = self.symbol(&format!("kernel_{}", self.known[&msl.source]));

@@ -63,7 +63,8 @@ pub struct Cpu<'a> {
 }
 
 impl<'a> Cpu<'a> {
-    /// Allocates the resources, and fills those that the host provides. `plan` must not share memory.
+    /// Allocates the resources, and fills those that the host provides. `plan` must share no memory and have no host
+    /// buffers.
     pub fn new(plan: &'a Plan, library: &'a Library, scene: &dyn SceneData, inputs: &FrameInputs) -> Cpu<'a> {
         let memory = plan.resources.iter().map(|resource| {
             let mut memory = Memory::new(resource.bytes() as usize);
@@ -95,7 +96,7 @@ impl<'a> Cpu<'a> {
         u32::from_le_bytes(bytes)
     }
 
-    /// Runs a pass. Returns false if it is a draw, which is skipped.
+    /// Runs a pass. Returns false if it is a draw, which is skipped. Export and host passes do nothing.
     pub fn run(&mut self, pass: PassId, reversed: bool) -> Result<bool, String> {
         let plan = self.plan;
         let pass = plan.pass(pass);

@@ -39,7 +39,7 @@ fn written(plan: &Plan, pass: PassId) -> BTreeSet<ResourceId> {
 /// Runs the prologue and one frame of a plan without shared memory on lavapipe and on the CPU.
 ///
 /// Each pass starts from lavapipe's state. Draws run only on lavapipe. Fails if a word differs by more than `loose`
-/// allows.
+/// allows, or if a word of the output is never written.
 pub fn compare(
     device: &mut Vulkan,
     library: &Library,
@@ -159,8 +159,8 @@ impl Loose {
 
 /// Returns the plan with shaders whose float operations lavapipe must not reorder.
 ///
-/// Every float operation is decorated like operations on `precise` variables. Otherwise lavapipe's optimiser factors
-/// sums, and no other compiler would give the same bits.
+/// Float arithmetic is decorated like operations on `precise` variables. Otherwise lavapipe's optimiser factors sums,
+/// and no other compiler would give the same bits.
 fn in_order(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     for shader in &mut plan.shaders {
@@ -169,7 +169,7 @@ fn in_order(plan: &Plan) -> Plan {
     plan
 }
 
-/// Adds `NoContraction` to every float arithmetic instruction of a module (SPIR-V 1.6, 3.52 "Instructions").
+/// Adds `NoContraction` to a module's instructions that `ARITHMETIC` lists (SPIR-V 1.6, 3.52 "Instructions").
 fn precise(spirv: &[u32]) -> Vec<u32> {
     /// Opcodes of FNegate, FAdd, FSub, FMul, FDiv, Dot, and VectorTimesScalar to MatrixTimesMatrix.
     const ARITHMETIC: [u32; 11] = [127, 129, 131, 133, 136, 142, 143, 144, 145, 146, 148];

@@ -76,7 +76,7 @@ impl Stage {
     }
 }
 
-/// Graphs that together use the kernels for GPUs and for CPUs, with all forms of their parameters.
+/// Graphs that together use the kernels for GPUs and for CPUs, with many forms of their parameters.
 const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
     ("tiled", &[SUBGROUP, ROOM]),
     ("tiled", &[SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),
@@ -180,7 +180,7 @@ float written_log2(float x) {
 #define log(x) (0.6931472 * written_log2(x))
 ";
 
-/// Copies the shipped graphs and shaders to `to`, with [`WRITTEN_OUT`] in every compute shader.
+/// Copies the shipped graphs and shaders that draw splats to `to`, with [`WRITTEN_OUT`] in every compute shader.
 fn write_out(to: &Path) {
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     for folder in ["pipelines", "pipelines/parts", "shaders", "shaders/sort", "shaders/tiles"] {

@@ -1,4 +1,4 @@
-//! The sorts in both variants, with every digit width.
+//! The subgroup sort and the serial sort, with every digit width.
 
 use super::clang::Library;
 use super::cpu::Cpu;

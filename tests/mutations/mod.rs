@@ -240,7 +240,7 @@ impl Bench {
         Bench { device, scene, camera, loads: 0 }
     }
 
-    /// Draws a few frames of a plan with these barriers and returns the layer's messages.
+    /// Draws [`FRAMES`] frames of a plan with these barriers and returns the layer's messages.
     fn messages(&mut self, plan: &Plan, barriers: Barriers) -> Vec<String> {
         self.loads += 1;
         // A new identity for every plan, so that no history continues and every prologue runs.

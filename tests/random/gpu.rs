@@ -1,4 +1,4 @@
-//! Random graphs on the CPU driver, with synchronization validation: a plan gives equal bytes for every order of its
+//! Random graphs on the tests' device, with synchronization validation: a plan gives equal bytes for every order of its
 //! passes, with and without shared memory, and with maximal barriers.
 
 use splatgraph::draw::backend::Backend;

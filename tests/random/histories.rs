@@ -37,7 +37,7 @@ const GRAPH: &str = r#"Graph(
 "#;
 
 const SHADERS: [(&str, &str); 6] = [
-    // Writes one of sixteen words, a different one in each frame, and reads none: the other words must be kept.
+    // Writes one of sixteen words, another than in the previous frame, and reads none: the other words must be kept.
     (
         "part.comp",
         "layout(set = 0, binding = 0, std430) readonly buffer Sum { uint sum[]; };

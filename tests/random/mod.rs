@@ -3,7 +3,7 @@
 //! `recipe` generates raw material with proptest, `sketch` turns it into a valid graph, and `render` writes the graph's
 //! file and shaders. `compiler` replaces glslang, `builds` builds and counts, and `orders` finds the other orders of a
 //! frame. The properties here need no GPU: the [oracle](splatgraph_vulkan::sync::model) judges. The properties in `gpu`
-//! run the shaders.
+//! and `histories` run the shaders.
 
 pub mod builds;
 mod compiler;
@@ -105,7 +105,7 @@ fn passes_without_readers_decide_nothing() {
     });
 }
 
-/// Returns the plan without line numbers and without culled passes.
+/// Returns the plan without line numbers, culled passes and warnings.
 fn placeless(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     plan.culled.clear();

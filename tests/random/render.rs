@@ -24,7 +24,7 @@ pub struct Files {
 pub struct Style {
     /// True for other names of equal length, which sort in reverse.
     pub other_names: bool,
-    /// True to add passes without readers, after the others.
+    /// True to add passes without readers, each after another pass.
     pub idle_passes: bool,
     /// True to move passes that access only buffers into included graphs.
     pub includes: bool,

@@ -228,7 +228,8 @@ impl Sketch {
         }
     }
 
-    /// Converts a wish to a pass, without regard to other passes. `None` if the pass would write nothing.
+    /// Converts a wish to a pass, without regard to other passes. `None` if the pass would write nothing or is a draw
+    /// without a target.
     fn pass(&self, wish: &PassWish, limits: Limits) -> Option<Pass> {
         let work = match &wish.kind {
             Kind::Dispatch { once, local } => Work::Dispatch { once: *once, local: *local },
@@ -442,8 +443,8 @@ impl Sketch {
 
     /// Moves passes that may be anywhere in the file.
     ///
-    /// Such a pass accesses no ping-pong buffer. Except for reads of the previous frame, it accesses no history and no
-    /// resource with several writers.
+    /// Such a pass runs in every frame and outside repeats, and accesses no ping-pong buffer. Except for reads of the
+    /// previous frame, it accesses no history and no resource with several writers.
     fn move_passes(&mut self) {
         let mut writers: BTreeMap<Target, usize> = BTreeMap::new();
         count_writers(&self.nodes, &self.passes, 1, &mut writers);

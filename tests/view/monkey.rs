@@ -6,7 +6,7 @@
 //! - nothing panics, and no frame fails;
 //! - an action that only looks (open a tool, select a pass, scroll, resize, change the theme) changes no setting;
 //! - the picture stays within the window;
-//! - at the end, the picture has the bytes that `render` draws with the same settings.
+//! - at the end, on a device that draws, the picture has the bytes that `render` draws with the same settings.
 //!
 //! `SPLATGRAPH_LONG` runs 10,000 actions on every preset.
 

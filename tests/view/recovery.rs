@@ -1,7 +1,7 @@
 //! Things are broken and repaired repeatedly: picture and memory afterwards must be as before.
 //!
-//! Each cycle breaks one thing of every kind: a graph, a shader, a scene, a size, an inspection, and the device itself,
-//! which is closed and reopened as after its loss. `SPLATGRAPH_LONG` runs more cycles.
+//! Each cycle breaks one thing of every kind: a graph, a shader, a scene, a size, an inspection, a file that a pipe
+//! replaces, and the device itself, which is closed and reopened as after its loss. `SPLATGRAPH_LONG` runs more cycles.
 
 use super::whole::{PATIENCE, TestShell};
 use crate::common;

@@ -101,8 +101,9 @@ fn soak(length: Length) {
     soak.viewer.close();
 }
 
-/// Fails if the process has more memory in the last third of the run than in the middle third; the first third fills
-/// caches. After the first third, the device's memory, open files and threads must stay the same.
+/// Fails if the median of the resident memory is over `noise` bytes larger in the last third of the run than in the
+/// middle third; the first third fills caches. After the first third, open files, threads and the listed bytes must
+/// stay the same, and the device's memory except for padding and egui's textures.
 fn check_growth(references: &[Reference], noise: u64) {
     let third = references.len() / 3;
     assert!(third >= 3, "{} reference states are too few to tell", references.len());
