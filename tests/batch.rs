@@ -31,7 +31,7 @@ fn scene() -> Place {
     place
 }
 
-/// Returns the name of the picture that each line of the output begins with.
+/// Returns the picture's name from each line of the output that reports a picture.
 fn named((text, errors): &(String, String)) -> Vec<String> {
     let text = errors.clone() + text;
     let lines = text.lines().filter(|line| line.contains("view") && line.contains(" x "));

@@ -10,7 +10,8 @@ pub fn not_run(test: &str, needs: &str) {
     let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
 }
 
-/// Returns the folder of captured scenes in `SPLATGRAPH_DATA`; `None`, with a report, if there is none.
+/// Returns the folder of captured scenes in `SPLATGRAPH_DATA`; `None`, with a report, if the variable is not set. Fails
+/// if it is set and the folder lacks `scenes/`.
 pub fn captures(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
     match &folder {

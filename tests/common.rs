@@ -1,4 +1,4 @@
-//! Shared by the tests: an open device, the data folder, and the choice of long runs.
+//! Shared by the tests: devices, plans, graphs, the data folder, separate processes, and the choice of long runs.
 
 use crate::again::passes_again;
 use crate::captures::captures;
@@ -69,7 +69,7 @@ pub fn assert_silent(device: &mut impl Device, what: &str) {
     assert!(messages.is_empty(), "{what}: the validation layers say\n{}", messages.join("\n"));
 }
 
-/// Returns the folder with `scenes/` and `golden/`; reports the test as not run without it.
+/// Returns the folder with `scenes/` and `golden/`; `None`, with a report, if `SPLATGRAPH_DATA` is not set.
 pub fn data(test: &str) -> Option<PathBuf> {
     captures(test)?.parent().map(PathBuf::from)
 }

@@ -1,5 +1,5 @@
-//! Checks the documentation against the repository: every path and link resolves, and quoted output equals what the
-//! commands print.
+//! Checks the documentation against the repository. Every path, link and anchor resolves. Quoted output, versions, the
+//! fields of output files, and the tutorial's listings are those of the program and its files.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
@@ -136,7 +136,8 @@ fn splatgraph(arguments: &[&str]) -> Output {
     Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts")
 }
 
-/// Replaces `scenes/...` with the path of the captured scene. Returns `None` if `SPLATGRAPH_DATA` is not set.
+/// Replaces `scenes/...` with the path of the captured scene. Returns `None` if there is such an argument and
+/// `SPLATGRAPH_DATA` is not set.
 fn with_scenes(arguments: &[String]) -> Option<Vec<String>> {
     let resolve = |argument: &String| match argument.starts_with("scenes/") {
         true => Path::new(&std::env::var_os("SPLATGRAPH_DATA")?)
@@ -149,7 +150,7 @@ fn with_scenes(arguments: &[String]) -> Option<Vec<String>> {
     arguments.iter().map(resolve).collect()
 }
 
-/// Returns true if `output` contains the quoted lines in order. A quoted `...` matches any number of lines.
+/// Returns true if `output` contains the quoted lines one after another. A quoted `...` matches any number of lines.
 fn is_quoted_from(output: &str, quoted: &[String]) -> bool {
     let output: Vec<&str> = output.lines().map(str::trim_end).collect();
     let mut rest = output.as_slice();
@@ -196,7 +197,7 @@ struct Fields {
     names: BTreeSet<String>,
     /// Names of the first column, each also as `object.name`; true if a document must have the field.
     rows: BTreeMap<String, bool>,
-    /// Fields with names that the table does not list.
+    /// Fields whose own fields the table does not list: maps, and objects that are described elsewhere.
     opaque: BTreeSet<String>,
 }
 
@@ -229,7 +230,7 @@ fn fields(section: &str) -> Fields {
     found
 }
 
-/// Collects the keys of all objects, each also as `object.key`.
+/// Collects the keys of all objects outside `opaque` fields, each also as `object.key`.
 fn keys_of(value: &serde_json::Value, of: &str, opaque: &BTreeSet<String>, keys: &mut BTreeSet<String>) {
     for (key, value) in value.as_object().into_iter().flatten() {
         keys.extend([key.clone(), format!("{of}.{key}")]);

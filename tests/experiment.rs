@@ -26,7 +26,6 @@ fn rows(page: &str) -> BTreeMap<String, Vec<String>> {
     found
 }
 
-/// Parses a number of a table; `equal` is an infinite PSNR.
 fn number(cell: &str) -> f64 {
     cell.parse().unwrap_or_else(|e| panic!("`{cell}`: {e}"))
 }

@@ -3,6 +3,8 @@
 use serde_json::{Value, json};
 
 /// Joins a JSON document and its binary chunk into a `.glb` file.
+///
+/// The format demands that chunks are padded to 4 bytes. These are not, and the readers accept that.
 pub fn joined(document: &Value, binary: &[u8]) -> Vec<u8> {
     let text = document.to_string();
     let word = |value: usize| (value as u32).to_le_bytes();

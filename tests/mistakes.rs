@@ -1,7 +1,7 @@
-//! Mistakes that users make, and the complete output that they see.
+//! Mistakes that users make, and what the program then says.
 //!
-//! A test copies the small graph of `tests/graphs/two_steps`, breaks it, runs the program on it and compares the whole
-//! output. The golden files of the framework have all other mistakes.
+//! Some tests copy the small graph of `tests/graphs/two_steps`, break it, run the program on it and compare the whole
+//! standard error. The golden files of the framework have the other mistakes in graphs.
 
 use crate::place::Place;
 use std::fs;

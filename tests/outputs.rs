@@ -1,4 +1,4 @@
-//! Outputs besides the picture: every graph's outputs against the exact renderer's, and plans without outputs.
+//! Outputs besides the picture: graphs' outputs against the exact renderer's, and plans without outputs.
 
 use crate::common::{self, EXACT_TILES, Graph, OPEN, QUADS, settings};
 use crate::golden::Golden;
@@ -18,8 +18,8 @@ const TOLERANCE: f64 = 1e-4;
 /// The outputs that quads can draw too.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
-/// Returns scenes with cameras of 160 x 90 pixels: a capture, the scene of the rules' edge cases, a random scene, and a
-/// scene with wide positions.
+/// Returns scenes with cameras of 160 x 90 pixels: a capture if there is one, the scene of the rules' edge cases, a
+/// random scene, and a scene with wide positions.
 fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     let mut found = Vec::new();
     for golden in Golden::all("outputs of captures").into_iter().filter(|golden| golden.name != "biker") {
@@ -55,8 +55,8 @@ fn numbers(output: &Output) -> Vec<f64> {
     }
 }
 
-/// Counts the pixels at which an output differs from the exact one beyond the tolerance. Only the pixels that `counts`
-/// marks are compared; an output has several values per pixel if it is a vector.
+/// Counts the pixels at which an output differs from the exact one beyond the tolerance, which integers lack. Only the
+/// pixels that `counts` marks are compared; an output has several values per pixel if it is a vector.
 fn differing(found: &Output, exact: &Output, counts: &[bool]) -> usize {
     assert_eq!((&found.name, &found.shape), (&exact.name, &exact.shape));
     let channels = found.words.len() / counts.len();

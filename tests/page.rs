@@ -8,7 +8,8 @@ use crate::place::Place;
 use serde_json::Value;
 use std::process::Command;
 
-/// Returns the browser's command; reports the test as not run without one.
+/// Returns the browser's command; `None`, with a report, without one. Fails if `SPLATGRAPH_CHROMIUM` names a program
+/// that does not run.
 fn chromium(test: &str) -> Option<String> {
     let named = std::env::var("SPLATGRAPH_CHROMIUM").ok();
     let usual = ["chromium", "chromium-browser", "google-chrome"].map(String::from);

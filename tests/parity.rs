@@ -1,9 +1,9 @@
 //! One picture by every backend: the same plans draw the same on each API, within a stated bound.
 //!
 //! Machines with two APIs are rare. So Vulkan's pictures, drawn by lavapipe, are stored in `tests/parity/`, and each
-//! backend of the machine is compared with them. With Vulkan, this keeps the stored pictures up to date; with Metal, it
-//! compares Metal with Vulkan without a Vulkan driver. That takes a real Mac: the virtual GPUs of hosted runners are
-//! refused (docs/metal.md).
+//! backend of the machine is compared with them. With Vulkan, this finds stored pictures that are out of date; with
+//! Metal, it compares Metal with Vulkan without a Vulkan driver. That takes a real Mac: the virtual GPUs of hosted
+//! runners are refused (docs/metal.md).
 
 use splatgraph::draw::backend::{Api, Backend, Validation};
 use splatgraph::draw::session::Session;

@@ -155,6 +155,7 @@ impl Place {
         command
     }
 
+    /// Runs the program. `render` and `video` use the tests' device, unless the line names a device or a backend.
     pub fn run(&self, line: &(impl Line + ?Sized)) -> Output {
         let words = line.words();
         let draws = matches!(words.first(), Some(&("render" | "video")));
@@ -203,7 +204,7 @@ impl Place {
         }
     }
 
-    /// Lists the files below a folder, with their contents.
+    /// Lists the files below a folder, with their contents. The names begin with `below`.
     pub fn files(&self, below: &str) -> BTreeMap<String, Vec<u8>> {
         let mut found = BTreeMap::new();
         collect(&self.at(below), Path::new(below), &mut found);

@@ -1,4 +1,5 @@
-//! The plan of every built-in graph, as `splatgraph dump` prints it, with subgroups of 4, 8, 32 and 64 lanes.
+//! The plan of every built-in graph, with subgroups of 4, 8, 32 and 64 lanes. It is the text of `splatgraph dump`
+//! without the reasons for the values of parameters.
 //!
 //! The texts are in `tests/plans/*.snap`; widths with equal plans share one. After an intended change of plans:
 //!

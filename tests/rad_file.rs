@@ -75,7 +75,7 @@ fn headed(magic: &[u8], document: &Value) -> Vec<u8> {
     [magic, &(text.len() as u32).to_le_bytes(), &padded(&text)].concat()
 }
 
-/// Builds a chunk of `count` splats that begins with splat `base`.
+/// Builds a chunk of `count` splats that begins with splat `base`. The format calls a raw deflate stream `gz`.
 pub fn chunk(base: u64, count: u64, arrays: &[Array], compressed: bool) -> Vec<u8> {
     let (mut payload, mut properties) = (Vec::new(), Vec::new());
     for Array { property, encoding, min, max, bytes } in arrays {
@@ -102,6 +102,7 @@ pub fn chunk(base: u64, count: u64, arrays: &[Array], compressed: bool) -> Vec<u
 }
 
 /// Builds a file of `count` splats. If `names` are given, the chunks are expected in files of those names.
+/// `entries` is the number of entries of the palette of harmonics.
 pub fn file(count: u64, chunks: &[Vec<u8>], names: &[&str], entries: Option<u64>) -> Vec<u8> {
     let mut offset = 0;
     let mut places = Vec::new();

@@ -1,10 +1,10 @@
 //! Scenes at the extremes: numbers of a scene, a camera and a picture's size at which formulas fail.
 //!
-//! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer
-//! and then by every preset, and no picture may contain a non-finite value. The exact renderer follows the rules of
-//! quads here (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors come from
-//! arithmetic, from order and from the target's format. The errors are printed as rows of the table in
-//! docs/accuracy-tables.md.
+//! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn by the exact renderer and
+//! then by every pinhole preset, and no picture may contain a non-finite value. The truth follows the rules of quads
+//! (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors come from arithmetic, from
+//! order and from the target's format. For comparison, the exact renderer also draws by the published rules. The errors
+//! are printed for the table in docs/accuracy-tables.md.
 
 mod cases;
 mod surveyed;
@@ -48,7 +48,7 @@ impl Error {
     }
 }
 
-/// Draws with the exact renderer and changed rules; fails on non-finite values.
+/// Draws with the exact renderer and changed rules; fails on non-finite colors and on a transmittance outside 0 to 1.
 fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &str)]) -> Image {
     let mut rules = Rules::PUBLISHED;
     for (name, value) in changes {
@@ -73,8 +73,8 @@ impl Way {
 
     /// Lists the pinhole presets, then variants of `splat`, `tiled` and `front_to_back`.
     ///
-    /// The presets blend in 32-bit floats; tiles draw by the rules of quads. `factored` adds the factored covariance
-    /// and `bytes` an 8-bit target.
+    /// Quads blend in 32-bit floats, and tiles do not stop early. `factored` adds the factored covariance and `bytes`
+    /// an 8-bit target.
     fn all(factored: bool, bytes: bool) -> Vec<Way> {
         let full = [("target", "rgba32f")];
         let preset = |preset: &'static str| match preset {
@@ -232,7 +232,8 @@ fn every_case_of_the_table_is_held_to_its_bounds() {
     assert!(missing.is_empty(), "{missing:?}");
 }
 
-/// Draws numbers near the maximum of f32. Sums overflow, so no error bound applies, but the picture must be finite.
+/// Draws the largest and the smallest normal numbers of f32. Sums overflow, so no error bound applies, but the picture
+/// must be finite.
 #[test]
 fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
     let camera = cases::small(Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 79.0, (64, 36)));
@@ -264,8 +265,8 @@ fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
     draw(scene, &camera, ways);
 }
 
-/// Runs a shader in `width` workgroups of one invocation, which writes the image `color` of `width` x 1 pixels. Returns the
-/// pixels. `shader` is the text after the declarations.
+/// Runs a shader in `width` workgroups of one invocation; it writes the image `color` of `width` x 1 pixels. Returns
+/// the session and the pixels. `shader` is the text after the declarations.
 fn computed(shader: &str, width: u32) -> (Session, Vec<[f32; 3]>) {
     let place = Place::empty();
     let declarations = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\

@@ -1,4 +1,5 @@
-//! The disk is full at each file in turn: the old file stays, no other file is left, and the exit code reports it.
+//! A limit on the size of files stands for a full disk: each output is whole or the old file, no other file is left,
+//! and the exit code reports it.
 
 use super::system::limit;
 use crate::place::{DRAW, Place};

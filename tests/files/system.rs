@@ -1,4 +1,4 @@
-//! Little memory, few processes and invalid drivers: the program must exit with an error instead of panicking.
+//! Little memory, few processes, invalid drivers, and pipes in place of files: the program must not panic.
 
 use crate::place::{DRAW, Place, shipped};
 use rustix::process::{Resource, Rlimit, setrlimit};

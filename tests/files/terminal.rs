@@ -115,7 +115,7 @@ fn other_names_of_standard_output_are_standard_output() {
     assert!(both.contains("both go to standard output"), "{both}");
 }
 
-/// Returns the first character that a terminal would act on, if any.
+/// Returns the first character that a terminal would act on, besides line breaks and tabs, if any.
 fn acts(text: &str) -> Option<char> {
     text.chars().find(|c| {
         !matches!(c, '\n' | '\t')

@@ -23,7 +23,7 @@ pub const FILES: &str = "scene.ply ./scene.ply link.ply hard.ply cameras.json st
     step.comp a.npy b.npy a.png pics more . pipe scene.ply/x.png missing.ply cameras.json#0 \
     cameras.json#one cameras.json#99 arrays.npz#x ";
 
-/// Names for outputs: new files, and existing inputs.
+/// Names for outputs: new files, existing inputs, devices, folders, and names that are refused.
 const OUTPUTS: &str = "out.png out.exr out.npy out.ply out.json out.html new/folder/out.png out \
     out.png/x.npy - /dev/null /dev/full new/./out.png new/../out.png out.jpg  . .. scene.ply ./scene.ply \
     link.ply hard.ply cameras.json stats.json graph.ron step.comp a.npy a.png pics \u{202e}gnp.\x1b[2J.png";
@@ -113,7 +113,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
     words
 }
 
-/// Adds an option, mostly one of the command's, with a value, mostly of its type.
+/// Adds an option, mostly one of the command's, and usually a value, mostly of its type.
 fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
     let own = match command {
         "render" => {
