@@ -181,7 +181,8 @@ fn every_mistake_is_described_as_its_golden_file_says() {
 /// The folders that report no mistakes in graphs.
 const WITHOUT_DIAGNOSTICS: [&str; 4] = ["msl", "dump", "oracle", "reload"];
 
-/// Messages that no golden file shows. Each entry is a source file, or a source file and the start of a message.
+/// Messages that no golden file shows. Each entry is a source file or folder, or a source file and the start of a
+/// message.
 const NOT_SHOWN: &[&str] = &[
     // Outputs are requested by facts, not in the file; tested in lower/tests.rs.
     "lower/results.rs: this graph has no output `{name}`",

@@ -123,7 +123,8 @@ fn sizes_take_the_place_of_a_buffer() {
     assert!(errors[0].problem.ends_with("found 32"), "{errors:?}");
 }
 
-/// Translates a compute shader that binds the image `counts` at 0 and the buffer `B0` at 60.
+/// Translates a compute shader that binds the image `counts` at 0 and the buffer `B0` at 60. Returns the error; empty
+/// if there is none.
 fn refusal(declarations: &str, body: &str) -> String {
     let mut plan = plan(&shader(1, ""), 1);
     let text = format!(

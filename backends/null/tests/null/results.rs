@@ -19,7 +19,7 @@ fn bound(name: &str, number: u32, resource: ResourceId) -> Binding {
     Binding { name: name.to_string(), binding: number, element: 0, kind, resource }
 }
 
-/// Builds the plan of the unit tests for an output of `width` pixels, with two more prologue passes.
+/// Builds the plan of the unit tests for an output that is `width` pixels wide, with two more prologue passes.
 ///
 /// `sum` computes `sums` from the scene, and `fold` computes `table` from them. Frames read both.
 pub fn folding(width: u32) -> Plan {

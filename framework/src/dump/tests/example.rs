@@ -1,4 +1,4 @@
-//! A hand-made plan with every construct that a plan can have, and its dump with barriers as an API could place them.
+//! A hand-made plan with most constructs that a plan can have, and its dump with barriers as an API could place them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -119,7 +119,8 @@ pub fn splat(digits: u32, count: u64) -> Plan {
     m.finish(last, args, digits)
 }
 
-/// Returns a plan's dump with barriers: before each pass one for all its dependencies, and one per layout change.
+/// Returns a plan's dump with barriers: before each pass one for its dependencies without a layout change, and one per
+/// layout change.
 pub fn dump(plan: &Plan) -> Dump {
     let ids = |ids: &[PassId]| ids.iter().copied().map(Some).collect::<Vec<_>>();
     let calls = [ids(&plan.prologue), vec![None], ids(&plan.frame)].concat();

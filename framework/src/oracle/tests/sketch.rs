@@ -2,7 +2,8 @@
 
 use splatgraph_framework::{ir::*, plan::*};
 
-/// A plan under construction. Buffers have 64 bytes, and each resource has its own memory unless shared.
+/// A plan under construction. [`Self::buffer`] and [`Self::image`] take 64 bytes; each transient resource has its own
+/// memory unless shared.
 pub struct Sketch {
     pub plan: Plan,
 }

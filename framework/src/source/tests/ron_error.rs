@@ -1,4 +1,4 @@
-//! The golden files of `framework/tests/golden/in/syntax.ron` show the message and the place of every mistake.
+//! The golden files of `framework/tests/golden/in/syntax.ron` show the message and the place of more mistakes.
 
 use super::*;
 use crate::ir::FileId;

@@ -59,7 +59,7 @@ impl Case {
         self.barriers.at_mut(self.at(pass))
     }
 
-    /// Replaces the memory barrier before a pass by one with these sides.
+    /// Replaces the memory barriers before a pass by one with these sides; image barriers stay.
     fn between(mut self, pass: &str, source: Side, target: Side) -> Case {
         let call = self.before(pass);
         call.retain(|b| b.image.is_some());
@@ -135,7 +135,7 @@ fn stage(stages: Stages) -> Side {
 }
 
 impl Build {
-    /// Adds a dispatch that reads all of a buffer and writes its own.
+    /// Adds a dispatch that reads all of a buffer and writes a buffer of its own.
     fn reads(&mut self, name: &str, buffer: ResourceId) {
         let sink = self.words(&format!("sink of {name}"), 4);
         let shader = self.shader(
