@@ -165,7 +165,7 @@ pub enum StudyError {
     /// Two pictures cannot be compared.
     #[error("{0}")]
     Metric(#[from] MetricError),
-    /// A picture cannot be encoded.
+    /// A picture cannot be encoded or written.
     #[error("{0}")]
     Image(#[from] ImageError),
     /// A plot cannot be drawn.

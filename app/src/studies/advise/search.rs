@@ -15,9 +15,9 @@ use splatgraph_reference::metrics::decibels;
 /// Limits within which a setting must stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Budget {
-    /// Minimum PSNR of every view, in decibels.
+    /// Minimum PSNR of every view, in decibels; `None` for no minimum.
     pub psnr: Option<f64>,
-    /// Maximum mean GPU time of a frame, in milliseconds.
+    /// Maximum mean GPU time of a frame, in milliseconds; `None` for no maximum.
     pub ms: Option<f64>,
 }
 

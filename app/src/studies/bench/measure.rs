@@ -27,7 +27,7 @@ pub struct Part {
     pub gpu_ms: Option<Figure>,
     /// Estimate of the bytes that the pass or phase moves; see [`bytes::of_pass`].
     pub bytes: u64,
-    /// Bandwidth: `bytes` per GPU time, in 10^9 bytes per second.
+    /// Bandwidth: `bytes` per GPU time, in 10^9 bytes per second. `None` if the time is unknown or 0.
     pub gb_per_s: Option<f64>,
     /// `gb_per_s` divided by the device's copy limit; `None` if either is unknown.
     pub of_copy: Option<f64>,
@@ -52,11 +52,12 @@ impl Part {
 pub struct Figures {
     /// Milliseconds on the GPU from a frame's first command to its last; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Milliseconds outside of passes, such as those of barriers.
+    /// GPU milliseconds outside of passes, such as those of barriers; `None` without timestamps.
     ///
     /// Measured, like `phases` and `passes`, in frames with per-pass timestamps, which slow a frame down.
     pub between_ms: Option<Figure>,
-    /// Host time until the frame is submitted, in milliseconds.
+    /// Host time until the frame is submitted, in milliseconds; `None` only without frames, like the other times of the
+    /// host.
     pub submit_ms: Option<Figure>,
     /// Host time to record and submit the frame, in milliseconds; part of `submit_ms`.
     pub record_ms: Option<Figure>,
@@ -141,7 +142,7 @@ pub struct Bench<'a> {
     pub scene: Arc<Scene>,
     /// Numbers of frames and rounds.
     pub frames: Frames,
-    /// The copy limit in 10^9 bytes per second, if known.
+    /// The copy limit, in 10^9 bytes per second; `None` if it is unknown.
     pub copy: Option<f64>,
 }
 

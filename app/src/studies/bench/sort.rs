@@ -37,9 +37,10 @@ pub struct Sorted {
     /// Upper bound of the sort's GPU time, in milliseconds: its passes plus all time between the frame's passes.
     /// `None` without timestamps.
     pub at_most_ms: Option<f64>,
-    /// Host time of the whole frame in milliseconds, including the generation of the pairs.
+    /// Host time of the whole frame in milliseconds, including the generation of the pairs; see
+    /// [`Figures::wall_ms`](super::measure::Figures::wall_ms).
     pub wall_ms: Option<Figure>,
-    /// Pairs sorted per GPU time, in 10^9 per second.
+    /// Pairs sorted per GPU time, in 10^9 per second; `None` if the time is unknown or 0.
     pub gkeys_per_s: Option<f64>,
     /// Passes of the sort, in order of execution.
     pub passes: Vec<Part>,

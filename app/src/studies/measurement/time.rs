@@ -50,12 +50,12 @@ pub const MAX_DURATION: Duration = Duration::from_secs(8);
 
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
-/// Both sessions must be prepared at the camera's size. They warm up first if `effort` [has a range](has_range). Rounds
-/// end when the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if
-/// there is a range.
+/// Both sessions must be prepared at the camera's size. They warm up first if `effort` is enough for a range; see
+/// [`has_range`]. Rounds end when the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`,
+/// or after `longest` if there is a range.
 ///
 /// # Errors
-/// The device fails.
+/// See [`interleaved::rounds`].
 pub fn time_in_turns(
     session: &mut Session,
     exact: Baseline,
@@ -101,7 +101,7 @@ pub fn has_range(effort: Effort) -> bool {
 /// without a range.
 ///
 /// # Errors
-/// The device fails.
+/// See [`interleaved::rounds`].
 pub fn time_alone(
     session: &mut Session,
     camera: &Camera,
@@ -127,7 +127,7 @@ fn alone(time: Time, rounds: &[Round]) -> Time {
 struct Round {
     own_ms: Option<f64>,
     exact_ms: Option<f64>,
-    /// The share of each turn.
+    /// The share of each turn; `None` without timestamps.
     turns: Option<Vec<f64>>,
     busy: Option<f64>,
     phases: Vec<(String, Option<f64>)>,

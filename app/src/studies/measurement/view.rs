@@ -100,7 +100,7 @@ impl Measuring<'_> {
 /// The picture is compared with the truth on another thread; on a device that is a CPU, before the time is measured.
 ///
 /// # Errors
-/// The device fails.
+/// The session fails. A picture that cannot be compared is an error of [`Measuring::finish`].
 pub fn measure<'scope>(
     scope: &'scope Scope<'scope, '_>,
     session: &mut Session,

@@ -49,7 +49,8 @@ pub struct Sweep<'a> {
     pub pipeline: &'a str,
     /// Names and values of the graph's parameters.
     pub set: &'a [(String, String)],
-    /// Frame time with all splats, in milliseconds, by which the view's shares are multiplied. Set by [`Sweep::all`].
+    /// Frame time with all splats, in milliseconds, by which the view's shares are multiplied; set by [`Sweep::all`].
+    /// `None` before that, and without timestamps.
     pub ms: Option<f64>,
     /// Parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
     pub nearest: Option<&'a [(String, String)]>,

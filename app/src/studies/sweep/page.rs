@@ -32,7 +32,7 @@ pub struct SweepResult {
     pub steps: Vec<Step>,
     /// Steps of the first camera's approach; see [`super::approach`].
     pub closer: Vec<Closer>,
-    /// The line fitted to the approach's times; see [`fit()`].
+    /// The line fitted to the approach's times; `None` if [`fit()`] finds none.
     pub fit: Option<Fit>,
 }
 

@@ -234,7 +234,7 @@ impl Book {
         rows.insert(at, row);
     }
 
-    /// Writes the file.
+    /// Writes the file; does nothing without a path.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -276,9 +276,9 @@ pub struct Line {
     pub setting: String,
     /// Mean time over the views, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
-    /// Largest spread over the views, in milliseconds.
+    /// Largest spread over the views, in milliseconds; `None` without timestamps.
     pub spread_ms: Option<f64>,
-    /// Mean share of the exact settings' time over the views, with its range.
+    /// Mean share of the exact settings' time over the views, with its range; `None` without timestamps.
     pub share: Option<Share>,
     /// PSNR of the mean squared error over all views, in decibels; infinite for equal pictures.
     #[serde(serialize_with = "decibels::serialize_number")]
@@ -296,7 +296,8 @@ pub struct Line {
     pub off: f64,
     /// Number of pairs of splats in the wrong order, summed over the views; `None` if it is unknown for a view.
     pub inversions: Option<u64>,
-    /// Share of the host's frame time that the device spends drawing, at most 1; the lowest of the views.
+    /// Share of the host's frame time that the device spends drawing, at most 1; the lowest of the views. `None`
+    /// without timestamps.
     pub busy: Option<f64>,
     /// Largest use of device memory in any view, in bytes.
     pub gpu_bytes: u64,
