@@ -1,6 +1,6 @@
 //! Chooses the graphics backend: a [`Backend`] holds a device of the chosen API, and forwards every call to it.
 //!
-//! Each build contains the APIs of its operating system; `--backend` selects one.
+//! Each build contains Vulkan and the null device, and on Apple's systems Metal; `--backend` selects one.
 
 use splatgraph_api::{
     BackendError, Compiled, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap,

@@ -82,7 +82,7 @@ pub struct Fit {
     pub needed_bytes: u64,
     /// Bytes of the resources that are freed after the first frame. They may be in host memory if the device is full.
     pub loading_bytes: u64,
-    /// Name and bytes of the largest storage buffer.
+    /// Name and bytes of the largest storage buffer; `None` if the plan has no storage buffers.
     pub largest: Option<(String, u64)>,
     /// Names and bytes of the storage buffers that exceed the device's maximum binding size.
     pub too_large: Vec<(String, u64)>,
@@ -134,7 +134,7 @@ pub fn may_exceed(count: u64, size: (u32, u32), device: &DeviceFacts, heap: &Hea
     count.saturating_mul(MAX_SPLAT_BYTES) > device.max_storage_bytes || usual_bytes(count, size) > free
 }
 
-/// Returns true if a scene of `count` splats [may exceed](may_exceed) the least capable supported device.
+/// Returns true if [`may_exceed`] does for the least capable supported device, with 512 MiB of memory.
 pub fn may_exceed_any(count: u64, size: (u32, u32)) -> bool {
     let heap = Heap { bytes: MIN_MEMORY, available: None };
     may_exceed(count, size, &Target::nominal().facts, &heap)

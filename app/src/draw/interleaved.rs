@@ -35,11 +35,11 @@ pub struct Frames {
 impl Frames {
     /// Chooses the rounds and frames for a session that is prepared at the camera's size.
     ///
-    /// If [`Frames::frames`] is `None`, draws two frames, and divides [`frames_of`] the second frame's `wall_ms` by
-    /// `part`; the result is at least 1.
+    /// If [`Frames::frames`] is `None`, draws two frames, passes the second one's `wall_ms` to [`frames_of`], and
+    /// divides the result by `part`; the number of frames is at least 1.
     ///
     /// # Errors
-    /// The device fails.
+    /// See [`Session::submit`] and [`Session::wait`].
     pub fn choose(self, session: &mut Session, camera: &Camera, part: u32) -> Result<Effort, SessionError> {
         let usual = || -> Result<u32, SessionError> {
             frame(session, camera)?;
@@ -103,7 +103,7 @@ pub enum Timestamps {
 /// Draws a single frame, with timestamps of its passes.
 ///
 /// # Errors
-/// The device fails.
+/// See [`Session::submit`] and [`Session::wait`].
 pub fn frame(session: &mut Session, camera: &Camera) -> Result<Timed, SessionError> {
     draw(session, camera, Timestamps::Passes)
 }
@@ -123,7 +123,7 @@ fn draw(session: &mut Session, camera: &Camera, timestamps: Timestamps) -> Resul
 /// The sessions must be prepared at the camera's size.
 ///
 /// # Errors
-/// The device fails.
+/// See [`Session::submit`] and [`Session::wait`].
 pub fn rounds(
     sessions: &mut [&mut Session],
     camera: &Camera,
@@ -151,7 +151,7 @@ pub const WARM_UP: Duration = Duration::from_millis(200);
 /// Returns the host time of the last turn, one frame of each session, in milliseconds.
 ///
 /// # Errors
-/// The device fails.
+/// See [`Session::submit`] and [`Session::wait`].
 pub fn warm_up(sessions: &mut [&mut Session], camera: &Camera, least: Duration) -> Result<f64, SessionError> {
     let begun = Instant::now();
     let turn = Effort { rounds: 1, frames: 1 };

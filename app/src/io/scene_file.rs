@@ -108,7 +108,7 @@ pub struct Original {
     dropped: Dropped,
     notes: FileNotes,
     norms: QuaternionNorms,
-    /// Names the properties and elements that are not read.
+    /// Names the properties and elements that are not read; `None` if there are none.
     unread: Option<String>,
 }
 

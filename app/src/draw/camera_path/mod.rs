@@ -234,7 +234,8 @@ impl Playback {
 
     /// Advances by the seconds since the last frame, and returns the camera; `None` unless the path is playing.
     ///
-    /// The first call shows the current position. An open path stops at its last camera; a closed path repeats.
+    /// The first call after [`Self::play`] does not advance. An open path stops at its last camera; a closed path
+    /// repeats.
     pub fn advance(&mut self, seconds: f64, path: &CameraPath) -> Option<Camera> {
         if !self.playing {
             return None;

@@ -43,7 +43,7 @@ pub struct KeyOrder {
     pub ascending: bool,
     /// Number of keys that are smaller than the previous key.
     pub descents: u64,
-    /// Index of the first key that is smaller than the previous one.
+    /// Index of the first key that is smaller than the previous one; `None` if all keys ascend.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub first_descent: Option<u64>,
 }

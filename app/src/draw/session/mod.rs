@@ -122,7 +122,7 @@ pub struct Session {
     /// Frames in flight in the order of submission, with the inputs to repeat them.
     flying: Vec<Flight>,
     growths: u32,
-    /// Time at which the last frame was known to be complete.
+    /// Time at which the last frame was known to be complete; `None` before the first.
     completed: Option<Instant>,
 }
 
@@ -280,7 +280,7 @@ impl Session {
     /// Builds the plan for a picture size, without loading it. Growing parameters have their defaults.
     ///
     /// # Errors
-    /// The graph or its shaders have errors.
+    /// See [`Planner::plan`].
     pub fn plan_for(&mut self, size: (u32, u32)) -> Result<Plan, SessionError> {
         let (pipeline, set) = (self.pipeline.clone(), self.set.clone());
         Ok(self.plan_of(&pipeline, &set, size)?)
@@ -289,7 +289,7 @@ impl Session {
     /// Builds the plan of another graph for a picture size, without loading it. Growing parameters have their defaults.
     ///
     /// # Errors
-    /// The graph or its shaders have errors.
+    /// See [`Planner::plan`].
     pub fn plan_of(
         &mut self,
         pipeline: &str,
@@ -381,7 +381,8 @@ impl Session {
     /// about a plan once, and the graphs of a choice that the device cannot run, whenever that list changes.
     ///
     /// # Errors
-    /// The graph or its shaders have errors, or the device rejects the plan.
+    /// The plan cannot be built (see [`Planner::plan`]), also because the scene has no splats; or the device rejects
+    /// the plan, or fails.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
