@@ -139,7 +139,8 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Rejects graphs and parameters that are invalid on this device and on the least capable supported one.
+/// Rejects graphs and parameters that are invalid both on this device and on the least capable supported one. Prints
+/// the settings without an effect.
 ///
 /// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {

@@ -1,4 +1,4 @@
-//! Defines the command line, one file per command.
+//! Defines the command line, one module per command.
 //!
 //! A command is a struct of arguments, documented by its help text, and a function `run`. Results go to standard
 //! output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command

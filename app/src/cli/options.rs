@@ -232,7 +232,8 @@ pub fn built_in_graphs() -> Vec<&'static str> {
 
 const FRAMING: &str = "framing";
 
-/// Lists the camera names that [`scene_and_cameras`] will return, before the scene is loaded.
+/// Lists the names of the cameras of [`scene_and_cameras`], before empty and duplicate ones get unique names, and
+/// before the scene is loaded.
 pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<String> {
     let own = || {
         scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |camera| camera.img_name)

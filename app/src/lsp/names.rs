@@ -171,7 +171,7 @@ pub enum Word {
     Include(Range<usize>),
 }
 
-/// Lists the names in a shader's text outside of comments, and the files that it includes.
+/// Lists the names in a shader's text outside of comments, except after a dot, and the files that it includes.
 pub fn words(text: &str) -> Vec<Word> {
     let mut found = Vec::new();
     let mut at = 0;

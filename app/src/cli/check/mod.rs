@@ -151,7 +151,8 @@ fn exceeded(device: &Target, plan: &Plan) -> Option<String> {
         .or_else(|| exceeded_of(plan, device.storage_images, "storage images", is_image))
 }
 
-/// Describes the shaders that bind more than `most` resources of a kind; `None` if there are none.
+/// Describes the shaders that bind more than `most` resources of a kind; `None` if there are none, or `most` is
+/// unknown.
 fn exceeded_of(
     plan: &Plan,
     most: Option<usize>,

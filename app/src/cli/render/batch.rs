@@ -22,7 +22,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use tracing::info_span;
 
-/// Cameras whose frames are in flight, and whose pictures are being written.
+/// Cameras whose frames are in flight or whose pictures are being written, and the statistics of the others.
 pub struct Batch {
     /// `None` if no picture is written.
     pub destination: Option<Destination>,
