@@ -4,8 +4,8 @@
 const uint CLASSES = 2048u;
 const uint CLASS_BITS = 11u;
 
-// Returns a depth's position in the range, in units of 2^-32, non-decreasing in z; depths outside are clamped. The
-// upper CLASS_BITS bits are the class.
+// Returns a depth's position in the range, scaled by the power of two that lets the range fill 32 bits; depths outside are clamped. Does
+// not decrease with z. The upper CLASS_BITS bits are the class.
 uint depth_place(float z) {
     float near = camera.depth.y;
 #if KEY_OF == KEY_OF_DISTANCE

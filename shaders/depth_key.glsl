@@ -1,9 +1,9 @@
-// Converts view depth to a sort key of KEY_BITS bits, non-decreasing in z: near to far.
+// Converts the depth that orders splats, view z or distance, to a sort key of KEY_BITS bits, non-decreasing: near to far.
 //
 // `float_bits` takes the bits of the float, which sort like the number if it is positive: exact at 32 bits, and still
 // exact below that if the scene's depth range has at most 2^KEY_BITS floats. `linear` gives equal steps of depth,
-// `logarithmic` equal ratios. `equalised` assigns keys to the classes of depths in proportion to their splats in this frame, in
-// equal steps within a class, and uses at most 31 bits. Depths outside of the scene's range are clamped to it.
+// `logarithmic` equal ratios. `equalised` assigns keys to the classes of depths in proportion to their splats in this frame, in equal steps
+// within a class, and uses at most 31 bits. Depths outside of the scene's range are clamped to it, except for 32-bit `float_bits`.
 //
 // Every step is monotone in floating point too: integer arithmetic, or one correctly rounded operation by a constant.
 // That excludes log2() and division by the range, which need not be monotone on every device.

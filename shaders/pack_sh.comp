@@ -30,7 +30,7 @@ float largest(vec4 v) {
     return max(max(v.x, v.y), max(v.z, v.w));
 }
 
-// Four coefficients from float 4 `word` + 3 on; 0 beyond the last.
+// Packs the four coefficients from float 4 `word` + 3 on, divided by `scale`; 0 beyond the last.
 uint bytes_of(uint word, float scale) {
     vec4 v = vec4(0.0);
     if (word < uint(SH_WORDS)) {

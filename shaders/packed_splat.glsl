@@ -59,7 +59,7 @@ const uint ACROSS_BITS[3] = uint[3](0u, 0u, 0u);
 #define RECORD_WORDS (2 * RECORD_PLANES)
 #define OUTLINE_BITS (OPACITY_BITS + 3u * SCALE_BITS + 2u + 3u * ROTATION_BITS)
 
-// Minimum and maximum logarithm of a scale; minimum and maximum constant coefficient; largest component along and across of each band.
+// Minimum and maximum logarithm of a scale; minimum and maximum constant coefficient; each band's largest part along, then each across.
 const uint RANGES = 10u;
 
 // Returns an orthonormal basis whose first vector is `along`; the others are rotated by an angle.

@@ -20,7 +20,7 @@ const float BRIGHTEST = BRIGHTEST_HALF;
 const float BRIGHTEST = BRIGHTEST_FLOAT;
 #endif
 
-// Projects splat `i`, writes its record if it is visible, and returns its view depth, or -1 if it is not.
+// Projects splat `i`, and writes its record if it is visible. Returns the depth that orders it, or -1 if it is not visible.
 float project(uint i) {
     Projection p;
     if (!project_splat(i, p)) {

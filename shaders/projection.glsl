@@ -129,7 +129,7 @@ struct Projection {
     vec3 from_camera;   // from the camera to the splat, in the world
 };
 
-// Projects splat `i`; returns false if it is behind the near plane, fainter than the alpha floor, or not a number.
+// Projects splat `i`; returns false if it is behind the near plane, not above the alpha floor, without area, culled, or not a number.
 bool project_splat(uint i, out Projection splat) {
     vec3 p = position_of(i);
     mat4 view = camera.view;

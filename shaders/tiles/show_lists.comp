@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Shows the length of each bin's list instead of the picture: black for none, then from blue over red and yellow to white, a colour for
+// Shows the length of each bin's list instead of the picture: black for none, then blue, magenta, orange, yellow and white, a colour for
 // each four doublings, up to 2^20 splats.
 
 #include "bins.glsl"
