@@ -36,7 +36,8 @@ fn advice(camera: Projection) -> String {
     if camera.is_pinhole() { String::new() } else { format!(": use --pipeline {camera}") }
 }
 
-/// Returns the projection among a graph's parameters; pinhole if there is no such parameter.
+/// Returns the projection among a graph's parameters; pinhole if there is no such parameter, or if its value is not the
+/// name of a projection.
 pub fn of_params<'a>(params: impl IntoIterator<Item = &'a Param>) -> Projection {
     let value = params.into_iter().find(|param| param.name == PARAMETER).map(|param| &param.value);
     match value {
@@ -45,7 +46,7 @@ pub fn of_params<'a>(params: impl IntoIterator<Item = &'a Param>) -> Projection 
     }
 }
 
-/// Returns the projection among a graph's controls; pinhole if there is no such parameter.
+/// Returns the projection among a graph's controls; see [`of_params`].
 pub fn of_controls(controls: &[Control]) -> Projection {
     of_params(controls.iter().map(|control| &control.param))
 }

@@ -79,7 +79,7 @@ fn distance(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     (x - along * u).hypot(y - along * v)
 }
 
-/// Finds the splats in a region of the picture. Hidden splats are left out.
+/// Finds the splats in a region of the picture, without those in [`Masked::hidden`].
 ///
 /// `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is called from several threads;
 /// once it returns true, the result is `None`.

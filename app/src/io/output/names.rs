@@ -77,7 +77,8 @@ fn key(name: &str) -> String {
     name.to_uppercase().to_lowercase()
 }
 
-/// Replaces everything in a name that is not valid in a file name.
+/// Makes a name valid on all systems: replaces characters that a system refuses, and a leading dot; puts `_` before a
+/// name that Windows reserves for a device; and names an empty one after its index.
 fn sanitized(name: &str, index: usize) -> String {
     let is_refused = |c: char| {
         matches!(c, '/' | '\\' | '<' | '>' | ':' | '"' | '|' | '?' | '*' | '\n' | '\t') || is_harmful(c)
@@ -98,7 +99,7 @@ fn sanitized(name: &str, index: usize) -> String {
     name
 }
 
-/// Cuts a name to at most `room` bytes; a name that was cut ends in a hash of the whole name.
+/// Cuts a name to at most `room` bytes, at least 9; a name that was cut ends in a hash of the whole name.
 fn shortened(name: &str, room: usize) -> String {
     if name.len() <= room {
         return name.to_owned();

@@ -62,7 +62,7 @@ pub struct Two {
 /// Computes and draws the example, in its own context on the session's device.
 ///
 /// # Errors
-/// The graph has errors, or the device fails.
+/// The graph has errors, the device fails, or the exact picture does not fit in memory.
 pub fn work_out(session: &mut Session) -> Result<Two, StudyError> {
     let scene = scene();
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, SIZE);

@@ -34,7 +34,8 @@ impl Album {
         Album { folder: Some(ledger.with_file_name(FOLDER)) }
     }
 
-    /// Stores a picture, the truth and their difference, if no other view of the setting is as far from the truth.
+    /// Stores a picture, the truth and their difference, if no other view of the setting is as far from the truth. Does
+    /// nothing without a folder, or for a row without measurements.
     ///
     /// # Errors
     /// A file cannot be written.

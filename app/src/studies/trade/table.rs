@@ -42,7 +42,7 @@ pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     ]
 }
 
-/// Formats the share with half of its range, such as `70.2 ± 0.4 %`.
+/// Formats the share with half of its range, such as `70.2 ± 0.4 %`; `-` without a share, and `?` for a missing range.
 fn share(line: &Line) -> String {
     let Some(share) = line.share else { return "-".into() };
     match share.range {
