@@ -131,7 +131,7 @@ fn view(subject: &Subject) -> String {
     )
 }
 
-/// Registers the inputs and the page. An error means that the page would overwrite an input.
+/// Registers the inputs and the page. An error means that the page would overwrite an input, or cannot be written.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let (common, ..) = args.kind.parts();
     let mut guard = options::claim_inputs(common.scene.as_deref(), common.cameras.as_deref())?;

@@ -195,8 +195,8 @@ impl Manifest {
         }
     }
 
-    /// Names the inputs that differ from another description's. Files outside of the folder are compared by file name
-    /// only, because each folder has its own.
+    /// Names the inputs that differ from another description's; only the command if that differs. Files outside of the
+    /// folder are compared by file name only, because each folder has its own.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
@@ -368,7 +368,7 @@ pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
 /// Detects truncated files. Files are written atomically, but an interrupted copy or a full disk can truncate them
 /// later.
 fn is_whole(path: &Path) -> Result<bool> {
-    /// The last chunk of a PNG file, with its checksum.
+    /// The type and the checksum of a PNG file's last chunk, which has no data.
     const PNG_END: &[u8] = b"IEND\xae\x42\x60\x82";
     Ok(match path.extension().and_then(OsStr::to_str) {
         Some("json") => serde_json::from_slice::<IgnoredAny>(&own_file::read(path)?).is_ok(),
@@ -430,6 +430,9 @@ pub fn origin_of(
 
 /// Returns the inputs that determine the pictures of a scene, except for the graph. `cameras` are relative to
 /// [`Scene::offset`].
+///
+/// # Errors
+/// The program's file cannot be read.
 pub fn origin(scene: &Scene, cameras: &Json) -> Result<Origin> {
     let program = program::hash().context("the program's file cannot be read")?;
     let hash = text::hex(scene.identity());

@@ -119,7 +119,7 @@ pub fn load_scene(path: &Path, load: &LoadOptions) -> Result<Scene> {
     load_scene_unless(&NEVER, path, load)
 }
 
-/// Loads a scene and shows the progress. Fails soon after `cancel` becomes true.
+/// Loads a scene and shows the progress. Fails soon after `cancel` becomes true, and for a file with only a mesh.
 pub fn load_scene_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> Result<Scene> {
     match load_any_unless(cancel, path, load)? {
         Content::Splats(scene) => Ok(*scene),

@@ -446,7 +446,7 @@ fn in_index(path: &Path) -> String {
 /// Messages of the errors that every part has when it is built alone.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
-/// Describes the resources of a plan, by the names in its graph.
+/// Describes the resources of a plan, by the names in its graph. Resources that no graph names are left out.
 fn resources(plan: &Plan) -> BTreeMap<String, String> {
     let about = |shape: &Shape| match shape {
         Shape::Buffer { stride, count } => format!("a buffer of {} x {stride} bytes", grouped(*count)),

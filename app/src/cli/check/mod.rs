@@ -202,7 +202,7 @@ enum Verdict {
     Right(String),
     /// A named device does not meet these requirements.
     Lacking(String),
-    /// Violations that the oracle found.
+    /// The problems that [`verify`] found.
     Wrong(String),
 }
 
@@ -403,7 +403,7 @@ fn too_large(
 /// Verifies a plan: checks its dependencies, replays it with its barriers, and tries every mutation of the barriers.
 ///
 /// # Errors
-/// The text lists missing and needless barriers.
+/// The text lists wrong dependencies and hazards or, if there are none, needless barriers.
 fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     let objections = oracle::dependencies(plan);
     let mut problems: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();

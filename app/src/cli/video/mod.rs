@@ -116,10 +116,11 @@ pub(super) struct Work {
     guard: OutputGuard,
 }
 
-/// Reads the keys, and determines the output format.
+/// Checks the command line, reads the keys, and determines the number of frames and the destination.
 ///
 /// # Errors
-/// The command line is invalid, or the cameras cannot be read or do not form a path.
+/// The command line is invalid, an output cannot be written or is an input, or the cameras cannot be read or do not
+/// form a path.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
