@@ -23,8 +23,8 @@ pub struct LastGood<P, E> {
     newest: Attempt,
     /// Earliest time to show an error of the newest attempt; `None` to show it at once.
     patient_until: Option<Instant>,
-    /// The visible error. It is kept while newer attempts are running.
-    shown: Option<E>,
+    /// The visible error and its attempt. It is kept while newer attempts are running.
+    shown: Option<(Attempt, E)>,
     /// Error of the newest attempt, delayed until `patient_until`.
     kept_back: Option<E>,
 }
@@ -61,10 +61,10 @@ impl<P, E> LastGood<P, E> {
     }
 
     fn begin(&mut self, now: Instant, patient_until: Option<Instant>) -> Attempt {
-        if self.is_due(now) && self.kept_back.is_some() {
-            self.shown = self.kept_back.take();
+        let newest = self.newest;
+        if let Some(error) = self.kept_back.take().filter(|_| self.is_due(now)) {
+            self.shown = Some((newest, error));
         }
-        self.kept_back = None;
         self.patient_until = patient_until;
         self.newest.number += 1;
         self.newest
@@ -78,7 +78,7 @@ impl<P, E> LastGood<P, E> {
         }
         self.good = Some(product);
         self.good_attempt = attempt.number;
-        self.shown = None;
+        self.shown.take_if(|(of, _)| *of <= attempt);
         if attempt == self.newest {
             self.kept_back = None;
         }
@@ -100,7 +100,7 @@ impl<P, E> LastGood<P, E> {
     /// Returns the error to show: the newest attempt's unless it is delayed, otherwise the error shown before.
     pub fn error(&self, now: Instant) -> Option<&E> {
         let newer = if self.is_due(now) { self.kept_back.as_ref() } else { None };
-        newer.or(self.shown.as_ref())
+        newer.or(self.shown.as_ref().map(|(_, error)| error))
     }
 
     /// Returns the time at which a delayed error becomes visible; `None` if no error is delayed.
@@ -215,6 +215,15 @@ mod tests {
         shown.failed(worse, "two");
         assert_eq!(shown.error(now + 1300 * MS), Some(&"two"));
         assert_eq!(shown.good(), Some(&"second"));
+        // An attempt that began before the visible error succeeds late.
+        let late = shown.changed(now + 2000 * MS);
+        let worst = shown.changed(now + 2100 * MS);
+        shown.failed(worst, "three");
+        let newest = shown.changed(now + 3000 * MS);
+        assert!(shown.succeeded(late, "third"));
+        assert_eq!((shown.good(), shown.error(now + 3000 * MS)), (Some(&"third"), Some(&"three")));
+        assert!(shown.succeeded(newest, "fourth"));
+        assert_eq!(shown.error(now + 3000 * MS), None);
     }
 
     #[test]
