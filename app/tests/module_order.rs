@@ -1,8 +1,9 @@
-//! Checks the files of every crate: imports run one way, between modules and between files, and modules have one layout.
+//! Checks the files of every crate: imports between files form no circle, and modules have one layout. In the crates of
+//! [`ORDERS`], imports between modules run one way.
 //!
 //! An import is a path, in a `use` or in code, that leads to another file of the crate. A re-exported name (`use
 //! child::Name` in `mod.rs`) counts as an import of the file that defines it. Tests may import anything: files and
-//! folders called `tests`, `testing` or `fuzz`, and code under `#[cfg(test)]`.
+//! folders called `tests`, `testing` or `fuzz`, and code under `#[cfg(test)]`. So may `main.rs`.
 
 // The tests write files of their own.
 #![allow(clippy::disallowed_methods)]
@@ -286,8 +287,8 @@ fn target<'a>(files: &'a BTreeMap<Module, File>, own: &Module, path: &[String]) 
     files.get_key_value(&at).map(|(found, _)| found).filter(|found| *found != own)
 }
 
-/// Splits code into names and punctuation, with line numbers. Leaves out comments, strings, and modules under
-/// `#[cfg(test)]`.
+/// Splits code into names and punctuation, with line numbers. Leaves out comments, strings within a line, and blocks
+/// under `#[cfg(test)]`.
 fn tokens(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     let (mut after_cfg, mut in_tests) = (false, false);

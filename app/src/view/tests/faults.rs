@@ -40,7 +40,7 @@ fn whatever_call_of_the_device_fails_the_viewer_goes_on_and_ends_in_the_same_sta
             if std::env::var_os("SPLATGRAPH_LONG").is_some() { 1 } else { count.div_ceil(SOME).max(1) };
         faults.extend((0..count).step_by(step as usize).map(|after| Fault { point, after }));
     }
-    // More threads than cores: a visit mostly waits for files to settle, and for retries.
+    // The threads need no core each: a visit mostly waits for files to settle, and for retries.
     let (next, reached, lost) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
     let work = || {
         while let Some(fault) = faults.get(next.fetch_add(1, Ordering::Relaxed)) {

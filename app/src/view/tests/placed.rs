@@ -15,8 +15,8 @@ fn drag() -> Input {
     Input { size: [320.0, 180.0], seconds: 0.01, moved: [90.0, 20.0], drags: true, ..Input::default() }
 }
 
-/// Starts to open a list of scenes in a viewer that shows `first.ply`. Returns the viewer, and a function that replaces the
-/// list.
+/// Starts to open a list of scenes in a viewer that shows `first.ply`. Returns the viewer, and a function that replaces
+/// the list.
 fn opened(list: &str) -> (Script, impl Fn(&str)) {
     let mut script = Script::open(&Config::default());
     let file = script.path("both.ron");
