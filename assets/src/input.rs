@@ -93,11 +93,61 @@ impl Input<'_> {
         let buffers = (rayon::current_num_threads() * PIECE.max(stride)) as u64;
         Ok(Columns::allocate(count, degree, wide, beside.saturating_add(buffers), self.memory)?)
     }
+
+    /// Allocates the arrays of a scene, as [`Input::allocate`] does, and fills them in parallel from tables.
+    ///
+    /// `convert` gets the row of every table and the splat's index, and pushes one splat.
+    pub(crate) fn fill<const N: usize>(
+        &self,
+        (count, degree, wide): (u64, u32, bool),
+        tables: [Table; N],
+        beside: u64,
+        done: &Done,
+        convert: impl Fn([&[u8]; N], usize, &mut Rows) + Sync,
+    ) -> Result<Filled, SceneError> {
+        let stride: usize = tables.iter().map(|table| table.stride).sum();
+        let width: usize = tables.iter().map(|table| table.width).sum();
+        let rows_at_once = (PIECE / stride).max(1);
+        let mut columns = self.allocate(count, degree, wide, (stride, beside))?;
+        let buffers = Buffers::default();
+        let gathered = columns.fill(|out: &mut Rows| {
+            buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
+                for first in (0..out.len()).step_by(rows_at_once) {
+                    done.check()?;
+                    let count = rows_at_once.min(out.len() - first);
+                    let first = out.first() + first;
+                    let mut left = &mut buffer[..count * stride];
+                    let mut pieces: [&[u8]; N] = [&[]; N];
+                    for (table, piece) in tables.iter().zip(&mut pieces).filter(|(table, _)| table.width > 0)
+                    {
+                        let (rows, others) = left.split_at_mut(count * table.stride);
+                        info_span!("read rows", bytes = rows.len())
+                            .in_scope(|| table.read(first, count, rows))?;
+                        (*piece, left) = (rows, others);
+                    }
+                    let _span = info_span!("convert rows", count).entered();
+                    for row in 0..count {
+                        let at = |at: usize| {
+                            let Table { stride, width, .. } = tables[at];
+                            &pieces[at][row * stride..][..width]
+                        };
+                        convert(std::array::from_fn(at), first + row, out);
+                    }
+                    done.add((count * width) as u64)?;
+                }
+                Ok(())
+            })
+        })?;
+        Ok((columns, gathered))
+    }
 }
+
+/// The arrays of a scene, filled from a file.
+pub(crate) type Filled = (Columns, Gathered);
 
 /// Creates the scene from the stored splats; fails if all of the file's `count` were dropped.
 pub(crate) fn finish(
-    (columns, gathered): (Columns, Gathered),
+    (columns, gathered): Filled,
     count: u64,
     size_breakdown: SizeBreakdown,
     notes: FileNotes,
@@ -109,67 +159,33 @@ pub(crate) fn finish(
     Ok(scene)
 }
 
-/// A table of rows of equal length in a file.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Table {
+/// A table in a file, with a row for each splat.
+#[derive(Clone, Copy)]
+pub(crate) struct Table<'a> {
+    pub source: Source<'a>,
     /// Offset of the first row.
     pub start: u64,
-    /// Bytes of a row; 0 if the file lacks the table.
+    /// Distance in bytes from one row to the next.
     pub stride: usize,
+    /// Bytes of a row; 0 if the file lacks the table.
+    pub width: usize,
 }
 
-/// Fills `columns` in parallel from tables that have a row for each splat.
-///
-/// `convert` gets the row of every table and the splat's index, and pushes one splat.
-pub(crate) fn fill<const N: usize>(
-    source: &Source,
-    tables: [Table; N],
-    columns: &mut Columns,
-    done: &Done,
-    convert: impl Fn([&[u8]; N], usize, &mut Rows) + Sync,
-) -> Result<Gathered, SceneError> {
-    let stride: usize = tables.iter().map(|table| table.stride).sum();
-    let rows_at_once = (PIECE / stride).max(1);
-    let buffers = Buffers::default();
-    columns.fill(|out: &mut Rows| {
-        buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
-            in_pieces(out, rows_at_once, done, |first, count, out| {
-                let mut left = &mut buffer[..count * stride];
-                let mut pieces: [&[u8]; N] = [&[]; N];
-                for (table, piece) in tables.iter().zip(&mut pieces) {
-                    let (rows, others) = left.split_at_mut(count * table.stride);
-                    info_span!("read rows", bytes = rows.len())
-                        .in_scope(|| source.read(table.start + (first * table.stride) as u64, rows))?;
-                    (*piece, left) = (rows, others);
-                }
-                let _span = info_span!("convert rows", count).entered();
-                for row in 0..count {
-                    let at =
-                        |table: usize| &pieces[table][row * tables[table].stride..][..tables[table].stride];
-                    convert(std::array::from_fn(at), first + row, out);
-                }
-                Ok(count * stride)
-            })
-        })
-    })
-}
+impl<'a> Table<'a> {
+    /// The table that a file lacks.
+    pub(crate) const NONE: Self = Self { source: Source::Bytes(&[]), start: 0, stride: 0, width: 0 };
 
-/// Calls `work` for at most `most` rows of a chunk at a time.
-///
-/// `work` gets the index of the first row in the scene, and the number of rows. It pushes their splats, and returns the
-/// number of bytes that it read.
-pub(crate) fn in_pieces(
-    out: &mut Rows,
-    most: usize,
-    done: &Done,
-    mut work: impl FnMut(usize, usize, &mut Rows) -> Result<usize, SceneError>,
-) -> Result<(), SceneError> {
-    for first in (0..out.len()).step_by(most) {
-        done.check()?;
-        let bytes = work(out.first() + first, most.min(out.len() - first), out)?;
-        done.add(bytes as u64)?;
+    /// Creates a table without gaps between its rows.
+    pub(crate) fn new(source: Source<'a>, start: u64, width: usize) -> Self {
+        Self { source, start, stride: width, width }
     }
-    Ok(())
+
+    /// Reads `count` rows, at least one, from index `first` on, each at a multiple of the stride in `buffer`. The file
+    /// can end with the last row, so its stride is not read.
+    pub(crate) fn read(&self, first: usize, count: usize, buffer: &mut [u8]) -> io::Result<()> {
+        let bytes = (count - 1) * self.stride + self.width;
+        self.source.read(self.start + (first * self.stride) as u64, &mut buffer[..bytes])
+    }
 }
 
 /// The summed progress of parallel chunks. If the load is cancelled, all of them stop.

@@ -59,10 +59,9 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
 
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let SceneHeader { count, .. } = header(input.source)?;
-    let mut columns = input.allocate(count, 0, false, (STRIDE, 0))?;
     let done = Done::new(input.source.length(), input.progress)?;
-    let table = [Table { start: 0, stride: STRIDE }];
-    let gathered = input::fill(input.source, table, &mut columns, &done, |[row], _, out| {
+    let table = [Table::new(*input.source, 0, STRIDE)];
+    let filled = input.fill((count, 0, false), table, 0, &done, |[row], _, out| {
         let (splat, norm) = splat(row);
         out.push(&splat, norm);
     })?;
@@ -71,7 +70,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let field = |(name, kind, size): (&str, &str, u64)| FieldSize::column(name, kind, size, count);
     let rows = ElementSize::new("splat", count, fields.into_iter().map(field).collect());
     let size_breakdown = SizeBreakdown::new(".splat".into(), input.source.length(), 0, vec![rows]);
-    input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
+    input::finish(filled, count, size_breakdown, FileNotes::default())
 }
 
 /// Converts a row; also returns the length of its quaternion.

@@ -3,36 +3,43 @@
 use super::container::Container;
 use super::document::{Accessor, item};
 use crate::error::{SceneError, wrong};
-use crate::floats::Floats;
-use crate::input::Source;
+use crate::input::Table;
+use crate::scalar::Scalar;
 
-pub(super) struct Column<'a> {
-    source: Source<'a>,
-    start: u64,
-    stride: usize,
-    component: Component,
-    normalized: bool,
-    width: usize,
-    pub count: u64,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    F32,
+/// The type of an accessor's numbers.
+#[derive(Clone, Copy)]
+pub(crate) struct Component {
+    pub scalar: Scalar,
+    /// Value that stands for 1; `None` unless the numbers are normalised integers.
+    one: Option<f32>,
 }
 
 impl Component {
-    fn bytes(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::F32 => 4,
-        }
+    /// Creates the type with a number of OpenGL; `None` if it is none of floats and integers of 8 or 16 bits.
+    pub(crate) fn new(kind: u32, normalized: bool) -> Option<Self> {
+        let (scalar, one) = match kind {
+            5120 => (Scalar::I8, 127.0),
+            5121 => (Scalar::U8, 255.0),
+            5122 => (Scalar::I16, 32767.0),
+            5123 => (Scalar::U16, 65535.0),
+            5126 => return Some(Self { scalar: Scalar::F32, one: None }),
+            _ => return None,
+        };
+        Some(Self { scalar, one: normalized.then_some(one) })
     }
+
+    /// Reads number `at` of `bytes`.
+    #[inline]
+    pub(crate) fn number(self, bytes: &[u8], at: usize) -> f32 {
+        let value = self.scalar.value::<false>(&bytes[at * self.scalar.size()..]);
+        self.one.map_or(value, |one| (value / one).max(-1.0))
+    }
+}
+
+pub(super) struct Column<'a> {
+    pub table: Table<'a>,
+    pub component: Component,
+    pub count: u64,
 }
 
 impl<'a> Column<'a> {
@@ -52,19 +59,13 @@ impl<'a> Column<'a> {
         if accessor.sparse.is_some() {
             return Err(fault("expected values in a row, found a sparse accessor".into()));
         }
-        let component = match accessor.component_type {
-            5120 => Component::I8,
-            5121 => Component::U8,
-            5122 => Component::I16,
-            5123 => Component::U16,
-            5126 => Component::F32,
-            found => {
-                return Err(fault(format!("expected the componentType 5120 to 5123 or 5126, found {found}")));
-            }
-        };
+        let found = accessor.component_type;
+        let component = Component::new(found, normalized).ok_or_else(|| {
+            fault(format!("expected the componentType 5120 to 5123 or 5126, found {found}"))
+        })?;
         let view = accessor.buffer_view.ok_or_else(|| fault("expected a bufferView, found none".into()))?;
         let (source, start, view) = container.view(view)?;
-        let size = (width * component.bytes()) as u64;
+        let size = (width * component.scalar.size()) as u64;
         let stride = view.byte_stride.unwrap_or(size);
         if !(size..=252).contains(&stride) {
             return Err(fault(format!("expected a byteStride of {size} to 252, found {stride}")));
@@ -78,65 +79,7 @@ impl<'a> Column<'a> {
                 view.byte_length
             )));
         }
-        let stride = stride as usize;
-        Ok(Self { source, start: start + byte_offset, stride, component, normalized, width, count })
-    }
-
-    /// Returns the number of bytes of all values, without padding between elements.
-    pub(super) fn total_bytes(&self) -> u64 {
-        self.count * self.bytes() as u64
-    }
-
-    pub(super) fn kind(&self) -> &'static str {
-        match self.component {
-            Component::I8 => "char",
-            Component::U8 => "uchar",
-            Component::I16 => "short",
-            Component::U16 => "ushort",
-            Component::F32 => "float",
-        }
-    }
-
-    fn number(&self, bytes: &[u8]) -> f32 {
-        let signed = |value: i16, most: f32| {
-            if self.normalized { (f32::from(value) / most).max(-1.0) } else { value.into() }
-        };
-        let unsigned = |value: u16, most: f32| {
-            if self.normalized { f32::from(value) / most } else { value.into() }
-        };
-        match (self.component, bytes) {
-            (Component::I8, [a]) => signed(i8::from_le_bytes([*a]).into(), 127.0),
-            (Component::U8, [a]) => unsigned((*a).into(), 255.0),
-            (Component::I16, [a, b]) => signed(i16::from_le_bytes([*a, *b]), 32767.0),
-            (Component::U16, [a, b]) => unsigned(u16::from_le_bytes([*a, *b]), 65535.0),
-            (Component::F32, [a, b, c, d]) => f32::from_le_bytes([*a, *b, *c, *d]),
-            _ => unreachable!("a component has as many bytes as its type"),
-        }
-    }
-}
-
-impl Floats for Column<'_> {
-    fn width(&self) -> usize {
-        self.width
-    }
-
-    fn bytes(&self) -> usize {
-        self.width * self.component.bytes()
-    }
-
-    fn stride(&self) -> usize {
-        self.stride
-    }
-
-    fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError> {
-        let (rows, size) = (out.len() / self.width, self.component.bytes());
-        let bytes = &mut buffer[..(rows - 1) * self.stride + self.width * size];
-        self.source.read(self.start + (first * self.stride) as u64, bytes)?;
-        for (row, out) in bytes.chunks(self.stride).zip(out.chunks_exact_mut(self.width)) {
-            for (bytes, out) in row.chunks_exact(size).zip(out) {
-                *out = self.number(bytes);
-            }
-        }
-        Ok(())
+        let (start, stride, width) = (start + byte_offset, stride as usize, size as usize);
+        Ok(Self { table: Table { source, start, stride, width }, component, count })
     }
 }

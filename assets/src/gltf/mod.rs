@@ -28,6 +28,7 @@ mod tests;
 mod write;
 
 pub(crate) use cameras::cameras;
+pub(crate) use columns::Component;
 pub(crate) use container::{MAGIC, begins_as_gltf};
 pub(crate) use read::{header, parse};
 pub(crate) use write::{write, write_head};

@@ -5,8 +5,7 @@ use super::container::{self, Container};
 use super::document::{Document, Primitive, SPLATTING, Splats};
 use crate::activation;
 use crate::error::{SceneError, wrong};
-use crate::floats::{self, Floats, Piece, ROWS};
-use crate::input::{self, Done, Input, SceneHeader, Source};
+use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::node_transform::NodeTransform;
 use crate::scene::{FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::similarity::Similarity;
@@ -15,6 +14,9 @@ use crate::spz;
 use glam::DQuat;
 use std::f64::consts::PI;
 use std::path::Path;
+
+/// Number of attributes of splats of degree 3.
+const MAX_COLUMNS: usize = 4 + 16;
 
 pub(super) fn coefficient(band: u32, index: u32) -> String {
     format!("{SPLATTING}:SH_DEGREE_{band}_COEF_{index}")
@@ -78,23 +80,26 @@ fn primitive(
     }
     let logarithmic = is_logarithmic(&columns[2])?;
     let transform = NodeTransform::new(splats.place, degree);
-    let done = Done::new(columns.iter().map(Column::total_bytes).sum(), input.progress)?;
-    let filled = floats::fill(input, (count, degree), &columns, 0, &done, |pieces, at, out| {
-        let (mut splat, norm) = splat(pieces, at, logarithmic);
+    let bytes = |column: &Column| column.count * column.table.width as u64;
+    let done = Done::new(columns.iter().map(bytes).sum(), input.progress)?;
+    let tables: [Table; MAX_COLUMNS] =
+        std::array::from_fn(|at| columns.get(at).map_or(Table::NONE, |column| column.table));
+    let filled = input.fill((count, degree, false), tables, 0, &done, |rows, _, out| {
+        let (mut splat, norm) = splat(&columns, rows, logarithmic);
         transform.apply(&mut splat);
         out.push(&splat, norm);
     })?;
     let fields = columns.iter().zip(&names).map(|(column, name)| {
         let name = name.trim_start_matches(SPLATTING).trim_start_matches(':');
-        FieldSize::column(name, column.kind(), column.bytes() as u64, count)
+        FieldSize::column(name, column.component.scalar.name(), column.table.width as u64, count)
     });
     let scene = input::finish(filled, count, SizeBreakdown::default(), FileNotes::default())?;
     Ok((scene.with_offset(transform.offset()), fields.collect()))
 }
 
-/// Converts row `at` of the attributes; also returns the length of its quaternion.
-fn splat(pieces: &[Piece], at: usize, logarithmic: bool) -> (Splat, f64) {
-    let of = |piece: usize, number: usize| pieces[piece].row(at)[number];
+/// Converts the row of each column to a splat; also returns the length of its quaternion.
+fn splat(columns: &[Column], rows: [&[u8]; MAX_COLUMNS], logarithmic: bool) -> (Splat, f64) {
+    let of = |column: usize, number: usize| columns[column].component.number(rows[column], number);
     let [x, y, z, w] = [0, 1, 2, 3].map(|number| f64::from(of(1, number)));
     let (rotation, norm) = activation::unit([w, x, y, z]);
     let mut splat = Splat {
@@ -107,7 +112,7 @@ fn splat(pieces: &[Piece], at: usize, logarithmic: bool) -> (Splat, f64) {
         opacity: of(3, 0).clamp(0.0, 1.0),
         sh: [0.0; 48],
     };
-    for (number, value) in splat.sh.iter_mut().enumerate().take(3 * (pieces.len() - 4)) {
+    for (number, value) in splat.sh.iter_mut().enumerate().take(3 * (columns.len() - 4)) {
         *value = of(4 + number / 3, number % 3);
     }
     (splat, norm)
@@ -115,12 +120,15 @@ fn splat(pieces: &[Piece], at: usize, logarithmic: bool) -> (Splat, f64) {
 
 /// Returns true if the scales are logarithms: one of them is negative.
 fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
-    let (count, most) = (scales.count as usize, ROWS.min(scales.count as usize));
-    let (mut buffer, mut values) = (vec![0; most * scales.stride()], vec![0f32; most * scales.width()]);
-    for first in (0..count).step_by(most) {
-        let values = &mut values[..most.min(count - first) * scales.width()];
-        scales.read(first, &mut buffer, values)?;
-        if values.iter().any(|value| *value < 0.0) {
+    /// Number of rows that are read at a time.
+    const ROWS: usize = 4096;
+    let (table, count) = (scales.table, scales.count as usize);
+    let mut buffer = vec![0; ROWS.min(count) * table.stride];
+    for first in (0..count).step_by(ROWS) {
+        let rows = ROWS.min(count - first);
+        table.read(first, rows, &mut buffer)?;
+        let mut rows = buffer.chunks_exact(table.stride).take(rows);
+        if rows.any(|row| (0..3).any(|axis| scales.component.number(row, axis) < 0.0)) {
             return Ok(true);
         }
     }

@@ -9,7 +9,7 @@ use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MAX_TEXELS};
 use crate::error::{SceneError, wrong};
 use crate::file;
-use crate::gltf::MAGIC;
+use crate::gltf::{Component, MAGIC};
 use crate::json;
 use crate::uri::{self, Resource};
 use crate::words::word;
@@ -346,27 +346,14 @@ impl<'a> Reader<'a> {
         let expected = if N == 3 { Dimensions::Vec3 } else { Dimensions::Vec2 };
         let part = format!("accessor {}", accessor.index());
         let (kind, dimensions) = (accessor.data_type(), accessor.dimensions());
-        let (scalar, greatest): (fn(&[u8]) -> f32, f32) = match kind {
-            DataType::F32 => (|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]), f32::INFINITY),
-            DataType::I8 => (|b| f32::from(b[0] as i8), 127.0),
-            DataType::U8 => (|b| f32::from(b[0]), 255.0),
-            DataType::I16 => (|b| f32::from(i16::from_le_bytes([b[0], b[1]])), 32767.0),
-            DataType::U16 => (|b| f32::from(u16::from_le_bytes([b[0], b[1]])), 65535.0),
-            DataType::U32 => return Err(wrong(part, "expected floats, or 8 or 16 bits, found U32")),
-        };
-        let is_normalized = accessor.normalized() && kind != DataType::F32;
-        let value = |bytes: &[u8]| match scalar(bytes) {
-            value if is_normalized => (value / greatest).max(-1.0),
-            value => value,
-        };
+        let component = Component::new(kind.as_gl_enum(), accessor.normalized())
+            .ok_or_else(|| wrong(&part, format!("expected floats, or 8 or 16 bits, found {kind:?}")))?;
         if dimensions != expected {
             return Err(wrong(part, format!("expected {expected:?}, found {dimensions:?}")));
         }
-        let size = kind.size();
-        let read: Vec<[f32; N]> = self
-            .elements(accessor, N * size)?
-            .map(|bytes| std::array::from_fn(|axis| value(&bytes[axis * size..])))
-            .collect();
+        let elements = self.elements(accessor, N * kind.size())?;
+        let read: Vec<[f32; N]> =
+            elements.map(|bytes| std::array::from_fn(|axis| component.number(bytes, axis))).collect();
         match read.as_flattened().iter().find(|value| !value.is_finite()) {
             None => Ok(read),
             Some(value) => Err(wrong(part, format!("expected finite numbers, found {value}"))),

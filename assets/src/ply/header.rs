@@ -2,6 +2,7 @@
 
 use super::tags;
 use crate::error::SceneError;
+use crate::scalar::Scalar;
 use crate::scene::FileNotes;
 use crate::size_breakdown::{ElementSize, FieldSize};
 
@@ -25,45 +26,19 @@ impl Encoding {
     }
 }
 
-/// The type of a number: of a property's value, or of a list's length and items.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Scalar {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
-/// The types: their two names, and their sizes in a binary file, in bytes. The order is that of [`Scalar`].
-const TYPES: [(Scalar, [&str; 2], usize); 8] = [
-    (Scalar::I8, ["char", "int8"], 1),
-    (Scalar::U8, ["uchar", "uint8"], 1),
-    (Scalar::I16, ["short", "int16"], 2),
-    (Scalar::U16, ["ushort", "uint16"], 2),
-    (Scalar::I32, ["int", "int32"], 4),
-    (Scalar::U32, ["uint", "uint32"], 4),
-    (Scalar::F32, ["float", "float32"], 4),
-    (Scalar::F64, ["double", "float64"], 8),
-];
-
-impl Scalar {
-    /// Parses a type by either of its two names.
-    fn parse(name: &str) -> Option<Self> {
-        TYPES.iter().find(|(_, names, _)| names.contains(&name)).map(|(scalar, ..)| *scalar)
-    }
-
-    pub(crate) fn name(self) -> &'static str {
-        TYPES[self as usize].1[0]
-    }
-
-    /// Returns the size of a value in a binary file, in bytes.
-    pub(crate) fn size(self) -> usize {
-        TYPES[self as usize].2
-    }
+/// Parses a type by either of its two names.
+fn parse_scalar(name: &str) -> Option<Scalar> {
+    Some(match name {
+        "char" | "int8" => Scalar::I8,
+        "uchar" | "uint8" => Scalar::U8,
+        "short" | "int16" => Scalar::I16,
+        "ushort" | "uint16" => Scalar::U16,
+        "int" | "int32" => Scalar::I32,
+        "uint" | "uint32" => Scalar::U32,
+        "float" | "float32" => Scalar::F32,
+        "double" | "float64" => Scalar::F64,
+        _ => return None,
+    })
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -263,7 +238,7 @@ pub(super) fn wrong_line(line: u32, message: &str) -> SceneError {
 
 fn property(words: &[&str], line: u32) -> Result<Property, String> {
     let scalar = |name: &str| {
-        Scalar::parse(name).ok_or_else(|| {
+        parse_scalar(name).ok_or_else(|| {
             format!(
                 "expected a type (char, uchar, short, ushort, int, uint, float or double), found `{name}`"
             )

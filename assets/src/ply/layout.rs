@@ -1,8 +1,9 @@
 //! Finds a splat's properties in `element vertex`.
 
-use super::header::{Element, PropertyType, Scalar, wrong_line};
+use super::header::{Element, PropertyType, wrong_line};
 use crate::activation;
 use crate::error::{SceneError, nearest};
+use crate::scalar::Scalar;
 use crate::scene::Splat;
 
 /// Index of the first slot of each attribute in [`Layout::slots`] and in a row of values.

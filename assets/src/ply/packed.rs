@@ -12,14 +12,16 @@
 //! <https://github.com/playcanvas/splat-transform>.
 
 use super::binary;
-use super::header::{Element, Encoding, Header, Property, PropertyType, Scalar, wrong_line};
+use super::header::{Element, Encoding, Header, Property, PropertyType, wrong_line};
 use super::layout;
 use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, Table};
 use crate::memory;
+use crate::scalar::Scalar;
 use crate::scene::{Scene, Splat};
 use crate::size_breakdown::SizeBreakdown;
+use crate::words::{float, word};
 use std::f64::consts::SQRT_2;
 
 pub(super) const CHUNK_SPLATS: usize = 256;
@@ -115,55 +117,41 @@ impl Packed {
     }
 
     pub(super) fn parse(&self, input: &Input, header: &Header) -> Result<Scene, SceneError> {
-        let mut elements = Vec::new();
-        let (mut chunks, mut vertex, mut sh) = (None, None, Table { start: 0, stride: 0 });
-        let mut at = header.bytes as u64;
-        for element in &header.elements {
-            let sizes = binary::measure(input.source, at, element, false)?;
-            let sizes = sizes.map_err(|there| element.truncated(there))?;
-            let table = element.stride().map(|stride| Table { start: at, stride });
-            match element.name.as_str() {
-                "chunk" => chunks = table.map(|table| (table, element.count)),
-                "vertex" => vertex = table.map(|table| (table, element.count)),
-                "sh" if self.degree > 0 => sh = table.unwrap_or(sh),
-                _ => {}
-            }
-            let bytes = sizes.iter().sum::<u64>();
-            let used = |column: usize| used(&element.name, &element.properties[column]);
-            elements.push(element.size(header.encoding, &sizes, bytes, used));
-            at += bytes;
-        }
-        let (Some(chunks), Some((vertex, count))) = (chunks, vertex) else {
+        let used = |element: &Element, column: usize| used(&element.name, &element.properties[column]);
+        let (elements, tables) = binary::elements(input.source, header, false, used)?;
+        let table = |name: &str| {
             let line = header.vertex()?.line;
-            return Err(wrong_line(line, "expected no lists beside packed properties"));
+            let lists = || wrong_line(line, "expected no lists beside packed properties");
+            tables.get(name).copied().ok_or_else(lists)
         };
-        let bounds_bytes = count.div_ceil(CHUNK_SPLATS as u64) * (size_of::<Bounds>() as u64);
-        let mut columns =
-            input.allocate(count, self.degree, false, (vertex.stride + sh.stride, bounds_bytes))?;
-        let bounds = self.bounds(input, chunks.0, count)?;
+        let (chunks, vertex) = (table("chunk")?, table("vertex")?);
+        let sh = if self.degree > 0 { table("sh")? } else { Table::NONE };
+        let count = header.vertex()?.count;
+        let bounds = self.bounds(chunks, count)?;
         let done = Done::new(count * (vertex.stride + sh.stride) as u64, input.progress)?;
-        let gathered =
-            input::fill(input.source, [vertex, sh], &mut columns, &done, |[row, rest], index, out| {
-                let (splat, norm) = self.splat(row, rest, &bounds[index / CHUNK_SPLATS]);
-                out.push(&splat, norm);
-            })?;
+        let bounds_bytes = size_of_val(bounds.as_slice()) as u64;
+        let counts = (count, self.degree, false);
+        let filled = input.fill(counts, [vertex, sh], bounds_bytes, &done, |[row, rest], index, out| {
+            let (splat, norm) = self.splat(row, rest, &bounds[index / CHUNK_SPLATS]);
+            out.push(&splat, norm);
+        })?;
         let length = input.source.length();
         let format = "PlayCanvas compressed ply".into();
         let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
-        input::finish((columns, gathered), count, size_breakdown, header.notes)
+        input::finish(filled, count, size_breakdown, header.notes)
     }
 
-    fn bounds(&self, input: &Input, table: Table, count: u64) -> Result<Vec<Bounds>, SceneError> {
+    fn bounds(&self, table: Table, count: u64) -> Result<Vec<Bounds>, SceneError> {
         let needed = count.div_ceil(CHUNK_SPLATS as u64) as usize;
         let mut bounds: Vec<Bounds> =
             memory::zeroed(needed).ok_or_else(|| std::io::Error::from(std::io::ErrorKind::OutOfMemory))?;
         let mut row = vec![0; table.stride];
         for (index, bounds) in bounds.iter_mut().enumerate() {
-            input.source.read(table.start + (index * table.stride) as u64, &mut row)?;
+            table.read(index, 1, &mut row)?;
             // Without bounds, a colour ranges from 0 to 1.
             bounds[15..].fill(1.0);
             for (bound, offset) in bounds.iter_mut().zip(&self.chunk) {
-                *bound = binary::value::<false>(&row[*offset..], Scalar::F32);
+                *bound = float(&row, *offset);
             }
         }
         Ok(bounds)
@@ -171,10 +159,7 @@ impl Packed {
 
     /// Unpacks a splat; also returns the length of its quaternion.
     fn splat(&self, row: &[u8], rest: &[u8], bounds: &Bounds) -> (Splat, f64) {
-        let [position, rotation, scale, color] = self.vertex.map(|offset| {
-            let bytes = row[offset..offset + 4].try_into().expect("the slice has 4 bytes");
-            u32::from_le_bytes(bytes)
-        });
+        let [position, rotation, scale, color] = self.vertex.map(|offset| word(row, offset));
         let lerp = |from: usize, axis: usize, t: f64| {
             let (min, max) = (f64::from(bounds[from + axis]), f64::from(bounds[from + 3 + axis]));
             min * (1.0 - t) + max * t

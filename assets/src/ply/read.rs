@@ -10,11 +10,11 @@ use super::origin::Sample;
 use super::packed::Packed;
 use super::{ascii, binary};
 use crate::error::SceneError;
-use crate::input::{self, Done, Input, SceneHeader, Source, Table};
-use crate::scene::{Columns, Gathered, Rows, Scene};
+use crate::input::{self, Done, Filled, Input, SceneHeader, Source};
+use crate::scene::{Rows, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use crate::words::CHUNK;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 enum Stored {
     /// A property per value: the reference layout.
@@ -68,8 +68,8 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         Stored::Plain(layout) => layout,
         Stored::Packed(packed) => return packed.parse(input, &header),
     };
-    let file = File { input, source: input.source, header: &header, layout: &layout };
-    let (Splats { columns, gathered, origin }, elements) = match header.encoding {
+    let file = File { input, header: &header, layout: &layout };
+    let Body { filled, origin, elements } = match header.encoding {
         Encoding::Ascii => file.ascii()?,
         Encoding::LittleEndian => file.binary::<false>()?,
         Encoding::BigEndian => file.binary::<true>()?,
@@ -77,127 +77,97 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let length = input.source.length();
     let format = format!("ply, {}", header.encoding.name());
     let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
-    let scene = input::finish((columns, gathered), count, size_breakdown, header.notes)?;
-    Ok(scene.with_offset(origin))
+    Ok(input::finish(filled, count, size_breakdown, header.notes)?.with_offset(origin))
 }
 
 struct File<'a> {
     input: &'a Input<'a>,
-    source: &'a Source<'a>,
     header: &'a Header,
     layout: &'a Layout,
 }
 
-struct Splats {
-    columns: Columns,
-    gathered: Gathered,
+struct Body {
+    filled: Filled,
     origin: [f64; 3],
+    elements: Vec<ElementSize>,
 }
 
-/// The splats, and the sizes of the elements.
-type Body = (Splats, Vec<ElementSize>);
-
 impl File<'_> {
-    fn allocate(&self, count: u64) -> Result<Columns, SceneError> {
-        let layout = self.layout;
-        self.input.allocate(count, layout.degree, layout.wide().contains(&true), (layout.stride, 0))
-    }
-
     fn uses(&self, element: &Element, column: usize) -> bool {
         element.name == "vertex" && self.layout.slot_of[column].is_some()
     }
 
     fn binary<const BIG: bool>(&self) -> Result<Body, SceneError> {
-        let mut body = None;
-        let mut elements = Vec::new();
-        let mut at = self.header.bytes as u64;
-        for element in &self.header.elements {
-            let sizes = binary::measure(self.source, at, element, BIG)?;
-            let sizes = sizes.map_err(|there| element.truncated(there))?;
-            let total = sizes.iter().sum::<u64>();
-            if element.name == "vertex" {
-                body = Some(self.binary_splats::<BIG>(at, element.count)?);
+        let Self { input, header, layout } = *self;
+        let used = |element: &Element, column| self.uses(element, column);
+        let (elements, tables) = binary::elements(input.source, header, BIG, used)?;
+        let (table, count) = (tables["vertex"], header.vertex()?.count);
+        let mut origin = [0.0; 3];
+        if let Some(mut sample) = Sample::of(layout, count) {
+            let mut row = vec![0; table.stride];
+            for index in (0..count).step_by(sample.every as usize) {
+                table.read(index as usize, 1, &mut row)?;
+                for (axis, slot) in layout.slots[..3].iter().enumerate() {
+                    sample.add(axis, slot.scalar.wide::<BIG>(&row[slot.offset..]));
+                }
             }
-            let used = |column| self.uses(element, column);
-            elements.push(element.size(self.header.encoding, &sizes, total, used));
-            at += total;
+            origin = sample.origin();
         }
-        let splats = body.expect("the caller found `vertex` among the elements");
-        Ok((splats, elements))
-    }
-
-    fn binary_splats<const BIG: bool>(&self, start: u64, count: u64) -> Result<Splats, SceneError> {
-        let layout = self.layout;
-        let stride = layout.stride;
-        let origin = self.binary_origin::<BIG>(start, count)?;
         let wide = layout.wide();
-        let mut columns = self.allocate(count)?;
-        let done = Done::new(count * stride as u64, self.input.progress)?;
-        let table = [Table { start, stride }];
-        let gathered = input::fill(self.source, table, &mut columns, &done, |[row], _, out| {
+        let is_wide = wide.contains(&true);
+        let done = Done::new(count * layout.stride as u64, input.progress)?;
+        let filled = input.fill((count, layout.degree, is_wide), [table], 0, &done, |[row], _, out| {
             let position = |axis: usize| {
                 let place = layout.slots[axis];
-                binary::wide::<BIG>(&row[place.offset..], place.scalar) - origin[axis]
+                place.scalar.wide::<BIG>(&row[place.offset..]) - origin[axis]
             };
             let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
                 Some(true) => position(slot) as f32,
                 _ => {
                     let place = layout.slots[slot];
-                    binary::value::<BIG>(&row[place.offset..], place.scalar)
+                    place.scalar.value::<BIG>(&row[place.offset..])
                 }
             });
-            if wide.contains(&true) {
+            if is_wide {
                 out.push_wide(&splat, std::array::from_fn(position), norm);
             } else {
                 out.push(&splat, norm);
             }
         })?;
-        Ok(Splats { columns, gathered, origin })
-    }
-
-    fn binary_origin<const BIG: bool>(&self, start: u64, count: u64) -> Result<[f64; 3], SceneError> {
-        let Some(mut sample) = Sample::of(self.layout, count) else { return Ok([0.0; 3]) };
-        let mut bytes = [0; 8];
-        for row in (0..count).step_by(sample.every as usize) {
-            for (axis, slot) in self.layout.slots[..3].iter().enumerate() {
-                let bytes = &mut bytes[..slot.scalar.size()];
-                self.source.read(start + row * self.layout.stride as u64 + slot.offset as u64, bytes)?;
-                sample.add(axis, binary::wide::<BIG>(bytes, slot.scalar));
-            }
-        }
-        Ok(sample.origin())
+        Ok(Body { filled, origin, elements })
     }
 
     fn ascii(&self) -> Result<Body, SceneError> {
-        let mut body = None;
-        let mut elements = Vec::new();
-        let start = ascii::Place { at: self.header.bytes as u64, number: u64::from(self.header.lines) };
-        let mut lines = ascii::Lines::new(self.source, start);
-        for element in &self.header.elements {
+        let Self { input, header, .. } = *self;
+        let (mut splats, mut elements) = (None, Vec::new());
+        let start = ascii::Place { at: header.bytes as u64, number: u64::from(header.lines) };
+        let mut lines = ascii::Lines::new(input.source, start);
+        for element in &header.elements {
             let start = lines.place().at;
             let sizes = if element.name == "vertex" {
-                let (splats, sizes) = self.ascii_splats(&mut lines, element)?;
-                body = Some(splats);
+                let (filled, origin, sizes) = self.ascii_splats(&mut lines, element)?;
+                splats = Some((filled, origin));
                 sizes
             } else {
                 ascii::skip(&mut lines, element)?
             };
             let bytes = lines.place().at - start;
-            let used = |column| self.uses(element, column);
-            elements.push(element.size(self.header.encoding, &sizes, bytes, used));
+            elements.push(element.size(header.encoding, &sizes, bytes, |column| self.uses(element, column)));
         }
-        let splats = body.expect("the caller found `vertex` among the elements");
-        Ok((splats, elements))
+        let (filled, origin) = splats.expect("the caller found `vertex` among the elements");
+        Ok(Body { filled, origin, elements })
     }
 
-    /// Reads the splats, and advances `lines` past the last. Also returns the bytes of each column's words.
+    /// Reads the splats, and advances `lines` past the last. Also returns the origin of their positions, and the bytes
+    /// of each column's words.
     fn ascii_splats(
         &self,
         lines: &mut ascii::Lines,
         vertex: &Element,
-    ) -> Result<(Splats, Vec<u64>), SceneError> {
+    ) -> Result<(Filled, [f64; 3], Vec<u64>), SceneError> {
+        let Self { input, layout, .. } = *self;
         let start = lines.place().at;
-        let mut sample = Sample::of(self.layout, vertex.count);
+        let mut sample = Sample::of(layout, vertex.count);
         let mut chunks = Vec::new();
         chunks.try_reserve_exact(vertex.count as usize / CHUNK + 1).map_err(std::io::Error::from)?;
         // A row has at least one digit per column, and blanks between them. A shorter line fails before the allocation.
@@ -211,46 +181,44 @@ impl File<'_> {
                 return Err(short_row(&line, vertex, row));
             }
             if let Some(sample) = sample.as_mut().filter(|sample| row % sample.every == 0) {
-                for (axis, slot) in self.layout.slots[..3].iter().enumerate() {
+                for (axis, slot) in layout.slots[..3].iter().enumerate() {
                     // A word that is not a number is reported below, with its line.
                     sample.add(axis, ascii::wide(&line, slot.column).unwrap_or(f64::NAN));
                 }
             }
         }
         let origin = sample.map_or([0.0; 3], Sample::origin);
-        let mut columns = self.allocate(vertex.count)?;
-        let done = Done::new(lines.place().at - start, self.input.progress)?;
-        let sizes = Mutex::new(vec![0; vertex.properties.len()]);
+        let is_wide = layout.wide().contains(&true);
+        let mut columns = input.allocate(vertex.count, layout.degree, is_wide, (0, 0))?;
+        let done = Done::new(lines.place().at - start, input.progress)?;
+        let sizes: Vec<AtomicU64> = vertex.properties.iter().map(|_| AtomicU64::new(0)).collect();
         let gathered = columns.fill(|out: &mut Rows| {
             let place = chunks[out.first() / CHUNK];
-            let mut lines = ascii::Lines::new(self.source, place);
+            let mut lines = ascii::Lines::new(input.source, place);
             let mut slots = [0.0; MAX_SLOTS];
-            let wide = self.layout.wide().contains(&true);
             let mut chunk_sizes = vec![0; vertex.properties.len()];
             for index in 0..out.len() {
                 let row = (out.first() + index) as u64;
                 let line = lines.next_row()?.ok_or_else(|| vertex.truncated(row))?;
                 let mut position = [0.0; 3];
                 let values = (&mut slots[..], &mut position);
-                let found = ascii::row(&line, self.layout, vertex, origin, values, &mut chunk_sizes)?;
+                let found = ascii::row(&line, layout, vertex, origin, values, &mut chunk_sizes)?;
                 if found < vertex.properties.len() {
                     return Err(short_row(&line, vertex, row));
                 }
-                let (splat, norm) = self.layout.splat(|slot| slots[slot]);
-                if wide {
+                let (splat, norm) = layout.splat(|slot| slots[slot]);
+                if is_wide {
                     out.push_wide(&splat, position, norm);
                 } else {
                     out.push(&splat, norm);
                 }
             }
-            let mut sizes = sizes.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            sizes.iter_mut().zip(&chunk_sizes).for_each(|(sum, size)| *sum += size);
-            drop(sizes);
-            done.add(lines.place().at - place.at)?;
-            Ok(())
+            for (sum, size) in sizes.iter().zip(chunk_sizes) {
+                sum.fetch_add(size, Ordering::Relaxed);
+            }
+            done.add(lines.place().at - place.at)
         })?;
-        let sizes = sizes.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-        Ok((Splats { columns, gathered, origin }, sizes))
+        Ok(((columns, gathered), origin, sizes.into_iter().map(AtomicU64::into_inner).collect()))
     }
 }
 

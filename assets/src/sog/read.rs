@@ -130,23 +130,24 @@ pub(super) fn parse(
     SceneMemoryError::check_against(count, degree, needed, available)?;
     let done = Done::new(2 * bytes, input.progress)?;
     let entries = palette.map(|palette| Entries::read(&mut files, palette)).transpose()?;
-    let mut data = Vec::new();
-    let mut tables = [Table { start: 0, stride: 0 }; 6];
-    for (table, name) in tables.iter_mut().zip(names) {
+    let mut textures: [Vec<u8>; 6] = Default::default();
+    for (kept, name) in textures.iter_mut().zip(names) {
         let Some(name) = name else { continue };
-        *table = Table { start: data.len() as u64, stride: TEXEL };
         let texels = files.texels(name, all)?.texels;
-        data.try_reserve(count as usize * TEXEL).map_err(std::io::Error::from)?;
+        kept.try_reserve_exact(count as usize * TEXEL).map_err(std::io::Error::from)?;
         for run in runs {
-            data.extend_from_slice(&texels[run.start as usize * TEXEL..run.end as usize * TEXEL]);
+            kept.extend_from_slice(&texels[run.start as usize * TEXEL..run.end as usize * TEXEL]);
         }
         done.add(count * TEXEL as u64)?;
     }
     let (packed, file_bytes) = files.packed_bytes()?;
 
     let degree = entries.as_ref().map_or(0, |entries| entries.bands);
-    let mut columns = input.allocate(count, degree, false, (6 * TEXEL, bytes))?;
-    let gathered = input::fill(&Source::Bytes(&data), tables, &mut columns, &done, |rows, _, out| {
+    let tables = textures.each_ref().map(|texels| match texels.is_empty() {
+        true => Table::NONE,
+        false => Table::new(Source::Bytes(texels), 0, TEXEL),
+    });
+    let filled = input.fill((count, degree, false), tables, bytes, &done, |rows, _, out| {
         let (splat, norm) = splat(rows, &meta, entries.as_ref());
         out.push(&splat, norm);
     })?;
@@ -155,7 +156,7 @@ pub(super) fn parse(
     let textures = ElementSize::new("splats", count, fields.collect());
     let size_breakdown = SizeBreakdown::new(format, file_bytes, file_bytes - packed, vec![textures]);
     let notes = FileNotes { low_pass: meta.filter, ..FileNotes::default() };
-    input::finish((columns, gathered), count, size_breakdown, notes)
+    input::finish(filled, count, size_breakdown, notes)
 }
 
 /// Converts a splat; also returns the length of its quaternion.

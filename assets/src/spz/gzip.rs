@@ -3,7 +3,7 @@
 use super::header::{Header, Unpacked, append, check_memory, unpacked};
 use super::layout::{HEADER, MAGIC};
 use crate::error::{SceneError, field};
-use crate::input::{Done, Input, Source, SourceReader, Table};
+use crate::input::{Done, Input, Source, SourceReader};
 use crate::size_breakdown::FieldSize;
 use flate2::bufread::GzDecoder;
 use std::io::{self, BufRead, BufReader, Read};
@@ -68,25 +68,22 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let done = Done::new(2 * bytes, input.progress)?;
     let header_bytes = unpacker.get_ref().taken;
     let (mut data, mut fields) = (Vec::new(), Vec::new());
-    let mut tables = [Table { start: 0, stride: 0 }; 6];
-    for (table, (name, kind, stride)) in tables.iter_mut().zip(header.arrays()) {
-        *table = Table { start: data.len() as u64, stride };
+    for (name, kind, stride) in header.arrays() {
         let before = unpacker.get_ref().taken;
         let bytes = count * stride as u64;
-        let failed = |error| unpacked(error, HEADER as u64 + table.start, name, bytes);
-        append(&mut unpacker, bytes, &mut data, &done, failed)?;
+        let at = (HEADER + data.len()) as u64;
+        append(&mut unpacker, bytes, &mut data, &done, |error| unpacked(error, at, name, bytes))?;
         if stride > 0 {
             let bytes = unpacker.get_ref().taken - before;
             fields.push(FieldSize::whole(name, kind, bytes));
         }
     }
-    let end = HEADER as u64 + bytes;
-    let mut records = Vec::new();
+    let (mut records, at) = (Vec::new(), (HEADER + data.len()) as u64);
     let rest = (&mut unpacker).take(MAX_EXTENSIONS + 1).read_to_end(&mut records);
-    rest.map_err(|error| unpacked(error, end, "extensions", 0))?;
+    rest.map_err(|error| unpacked(error, at, "extensions", 0))?;
     if records.len() as u64 > MAX_EXTENSIONS {
         let text = format!("expected at most {MAX_EXTENSIONS} bytes after the arrays, found more");
-        return Err(field(end, "extensions", text));
+        return Err(field(at, "extensions", text));
     }
-    Ok(Unpacked { header, data, tables, fields, header_bytes, packing: "gzip", records: (records, end) })
+    Ok(Unpacked { header, data, fields, header_bytes, packing: "gzip", records: (records, at) })
 }

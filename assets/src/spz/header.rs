@@ -2,7 +2,7 @@
 
 use super::layout::HEADER;
 use crate::error::{SceneError, field};
-use crate::input::{Done, Input, Table};
+use crate::input::{Done, Input};
 use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
 use crate::size_breakdown::FieldSize;
@@ -105,7 +105,6 @@ pub(super) struct Unpacked {
     pub header: Header,
     /// The arrays, one after the other.
     pub data: Vec<u8>,
-    pub tables: [Table; 6],
     /// Packed size of each array.
     pub fields: Vec<FieldSize>,
     /// Number of packed bytes before the arrays.

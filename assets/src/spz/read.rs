@@ -6,7 +6,7 @@ use super::layout::{ANTIALIASED, COLOR_SCALE, COORDINATE_SYSTEM, EXTENSIONS, MAG
 use super::{gzip, streams};
 use crate::activation;
 use crate::error::{SceneError, field};
-use crate::input::{self, Done, Input, SceneHeader, Source};
+use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::scene::{FileNotes, Filter, Scene, Splat};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use crate::words::word;
@@ -86,18 +86,22 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
 }
 
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
-    let Unpacked { header, data, tables, fields, header_bytes, packing, records: (records, at) } =
-        unpack(input)?;
+    let Unpacked { header, data, fields, header_bytes, packing, records: (records, at) } = unpack(input)?;
     let (count, degree) = (u64::from(header.count), header.degree.min(3));
     let frame = if header.flags & EXTENSIONS == 0 { Frame::RUB } else { coordinate_system(&records, at)? };
     let frame = Frame::new(frame).ok_or_else(|| {
         let text = format!("expected a coordinate system of 0 to 16, found {frame}");
         field(at, "extensions", text)
     })?;
-    let stride = header.stride() as usize;
-    let done = Done::after(data.len() as u64, 2 * data.len() as u64, input.progress);
-    let mut columns = input.allocate(count, degree, false, (stride, 0))?;
-    let gathered = input::fill(&Source::Bytes(&data), tables, &mut columns, &done, |rows, _, out| {
+    let bytes = count * header.stride();
+    let done = Done::after(bytes, 2 * bytes, input.progress);
+    let (source, mut start) = (Source::Bytes(&data), 0);
+    let tables = header.arrays().map(|(_, _, width)| {
+        let table = Table::new(source, start, width);
+        start += count * width as u64;
+        table
+    });
+    let filled = input.fill((count, degree, false), tables, 0, &done, |rows, _, out| {
         let (splat, norm) = header.splat(rows, &frame);
         out.push(&splat, norm);
     })?;
@@ -109,7 +113,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         cut_degree: (header.degree > 3).then_some(header.degree),
         ..FileNotes::default()
     };
-    input::finish((columns, gathered), count, size_breakdown, notes)
+    input::finish(filled, count, size_breakdown, notes)
 }
 
 /// Finds the coordinate system among extension records, which begin at offset `start`; see [`Unpacked::records`].

@@ -7,7 +7,7 @@
 use super::header::{Header, Unpacked, append, check_memory, unpacked};
 use super::layout::{ENTRY, HEADER, LONG_HEADER};
 use crate::error::{SceneError, field};
-use crate::input::{Done, Input, Source, SourceReader, Table};
+use crate::input::{Done, Input, Source, SourceReader};
 use crate::size_breakdown::FieldSize;
 use crate::words::{bytes_at, word};
 use ruzstd::decoding::StreamingDecoder;
@@ -52,14 +52,11 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let mut records = vec![0; (table_at - LONG_HEADER as u64) as usize];
     source.read(LONG_HEADER as u64, &mut records)?;
 
-    let arrays = header.arrays();
-    let streams = arrays.iter().filter(|(_, _, stride)| *stride > 0).count();
+    let streams = header.arrays().iter().filter(|(_, _, stride)| *stride > 0).count();
     let header_bytes = table_at + (streams * ENTRY) as u64;
     let (mut data, mut fields) = (Vec::new(), Vec::new());
-    let mut tables = [Table { start: 0, stride: 0 }; 6];
     let (mut entry_at, mut at) = (table_at, header_bytes);
-    for (table, (name, kind, stride)) in tables.iter_mut().zip(arrays) {
-        *table = Table { start: data.len() as u64, stride };
+    for (name, kind, stride) in header.arrays() {
         if stride == 0 {
             continue;
         }
@@ -99,5 +96,5 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         return Err(field(at, "streams", text));
     }
     let records = (records, LONG_HEADER as u64);
-    Ok(Unpacked { header, data, tables, fields, header_bytes, packing: "zstd", records })
+    Ok(Unpacked { header, data, fields, header_bytes, packing: "zstd", records })
 }

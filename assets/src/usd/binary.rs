@@ -4,9 +4,10 @@
 //! (lists of fields), paths (the tree of prims and attributes) and specs (the kind and the field set of a path). A
 //! value has 64 bits: its type, three flags, and either the value itself or its offset.
 
-use super::layer::{ARCS, Array, Attribute, Bytes, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
+use super::layer::{ARCS, Array, Attribute, Bytes, Kind, Layer, Numbers, Prim, Value, kind_of};
 use super::packing::Cursor;
 use crate::error::{SceneError, field};
+use crate::scalar::Scalar;
 use crate::words::bytes_at;
 
 pub(crate) const MAGIC: &[u8; 8] = b"PXR-USDC";
@@ -49,18 +50,18 @@ const TOKEN_VECTOR: u64 = 41;
 const SPECIFIER: u64 = 42;
 
 /// Returns the component type and the number of components of a value type; `None` for other types.
-fn shape(kind: u64) -> Option<(Component, usize)> {
+fn shape(kind: u64) -> Option<(Scalar, usize)> {
     Some(match kind {
-        HALF => (Component::F16, 1),
-        FLOAT => (Component::F32, 1),
-        DOUBLE => (Component::F64, 1),
-        VEC3H => (Component::F16, 3),
-        VEC3F => (Component::F32, 3),
-        VEC3D => (Component::F64, 3),
-        QUATH => (Component::F16, 4),
-        QUATF => (Component::F32, 4),
-        QUATD => (Component::F64, 4),
-        MATRIX_4D => (Component::F64, 16),
+        HALF => (Scalar::F16, 1),
+        FLOAT => (Scalar::F32, 1),
+        DOUBLE => (Scalar::F64, 1),
+        VEC3H => (Scalar::F16, 3),
+        VEC3F => (Scalar::F32, 3),
+        VEC3D => (Scalar::F64, 3),
+        QUATH => (Scalar::F16, 4),
+        QUATF => (Scalar::F32, 4),
+        QUATD => (Scalar::F64, 4),
+        MATRIX_4D => (Scalar::F64, 16),
         _ => return None,
     })
 }
@@ -366,22 +367,22 @@ impl<'a, 'b> Sections<'a, 'b> {
         if rep.kind() == INT && rep.is_inlined() && !rep.is_array() {
             return Ok(vec![f64::from(rep.payload() as u32 as i32)]);
         }
-        let (component, count) = shape(rep.kind()).filter(|_| !rep.is_array()).ok_or_else(wrong)?;
+        let (scalar, count) = shape(rep.kind()).filter(|_| !rep.is_array()).ok_or_else(wrong)?;
         if rep.is_inlined() {
             let bytes = (rep.payload() as u32).to_le_bytes();
             let small = bytes.map(|byte| f64::from(byte as i8));
             return Ok(match (rep.kind(), count) {
-                (HALF, _) => vec![Component::F16.number(&bytes[..2])],
-                (_, 1) => vec![Component::F32.number(&bytes)],
+                (HALF, _) => vec![Scalar::F16.wide::<false>(&bytes)],
+                (_, 1) => vec![Scalar::F32.wide::<false>(&bytes)],
                 (_, 3) => small[..3].to_vec(),
                 // An inlined matrix is diagonal.
                 (_, 16) => (0..16).map(|at| if at % 5 == 0 { small[at / 5] } else { 0.0 }).collect(),
                 _ => return Err(wrong()),
             });
         }
-        let bytes = self.layer.vec(rep.payload(), (count * component.bytes()) as u64)?;
+        let bytes = self.layer.vec(rep.payload(), (count * scalar.size()) as u64)?;
         let mut numbers: Vec<f64> =
-            bytes.chunks_exact(component.bytes()).map(|bytes| component.number(bytes)).collect();
+            bytes.chunks_exact(scalar.size()).map(|bytes| scalar.wide::<false>(bytes)).collect();
         if count == 4 {
             numbers.rotate_right(1);
         }
@@ -390,14 +391,14 @@ impl<'a, 'b> Sections<'a, 'b> {
 
     /// Finds an array, and unpacks it if it is compressed.
     fn array(&self, rep: Rep, width: usize, name: &str) -> Result<Array, SceneError> {
-        let Some((component, _)) = shape(rep.kind()).filter(|(_, found)| *found == width) else {
+        let Some((scalar, _)) = shape(rep.kind()).filter(|(_, found)| *found == width) else {
             let text = format!("expected an array of `{name}`, found the type {}", rep.kind());
             return Err(field(rep.payload(), "value", text));
         };
         let real_last = width == 4;
         let numbers = Numbers::Memory(Vec::new());
-        let at = rep.payload();
-        let empty = Array { width, count: 0, component, numbers, real_last, at, bytes: 0 };
+        let (at, kind) = (rep.payload(), scalar.name());
+        let empty = Array { width, count: 0, scalar, kind, numbers, real_last, at, bytes: 0 };
         if !rep.is_array() {
             let text = format!("expected an array of `{name}`, found one value");
             return Err(field(rep.payload(), "value", text));
@@ -408,10 +409,11 @@ impl<'a, 'b> Sections<'a, 'b> {
         let mut cursor = Cursor { layer: self.layer, at: rep.payload(), name: "array" };
         let count = cursor.long()?;
         if rep.is_compressed() && width == 1 && count >= MIN_PACKED {
-            let numbers = Numbers::Memory(Self::packed(&mut cursor, count, component)?);
-            return Ok(Array { count, numbers, bytes: cursor.at - rep.payload(), ..empty });
+            let (numbers, scalar) = Self::packed(&mut cursor, count, scalar)?;
+            let numbers = Numbers::Memory(numbers);
+            return Ok(Array { count, scalar, numbers, bytes: cursor.at - rep.payload(), ..empty });
         }
-        let bytes = count.saturating_mul((width * component.bytes()) as u64);
+        let bytes = count.saturating_mul((width * scalar.size()) as u64);
         let left = self.layer.length.saturating_sub(cursor.at);
         if bytes > left {
             let text =
@@ -421,8 +423,9 @@ impl<'a, 'b> Sections<'a, 'b> {
         Ok(Array { count, numbers: Numbers::File(cursor.at), bytes: 8 + bytes, ..empty })
     }
 
-    /// Unpacks an array of numbers: integers, or indices into a table.
-    fn packed(cursor: &mut Cursor, count: u64, component: Component) -> Result<Vec<f32>, SceneError> {
+    /// Unpacks an array of numbers: integers, or indices into a table. Also returns the type of its numbers, which is
+    /// `scalar` or a type of integers.
+    fn packed(cursor: &mut Cursor, count: u64, scalar: Scalar) -> Result<(Vec<u8>, Scalar), SceneError> {
         let most = cursor.layer.length;
         if count > most {
             return Err(cursor.wrong(format!("expected at most {most} elements, found {count}")));
@@ -430,23 +433,20 @@ impl<'a, 'b> Sections<'a, 'b> {
         let [code] = cursor.take()?;
         match code {
             b'i' => {
-                Ok(cursor.integers(count as usize)?.into_iter().map(|value| value as i32 as f32).collect())
+                let integers = cursor.integers(count as usize)?.into_iter();
+                Ok((integers.flat_map(u32::to_le_bytes).collect(), Scalar::I32))
             }
             b't' => {
                 let entries = cursor.word()?;
-                let bytes = cursor.layer.vec(cursor.at, u64::from(entries) * component.bytes() as u64)?;
-                cursor.at += bytes.len() as u64;
-                let table: Vec<f32> = bytes
-                    .chunks_exact(component.bytes())
-                    .map(|bytes| component.number(bytes) as f32)
-                    .collect();
-                let indices = cursor.integers(count as usize)?;
-                let look_up = |index: u32| {
-                    table.get(index as usize).copied().ok_or_else(|| {
-                        cursor.wrong(format!("expected the index of an entry below {entries}, found {index}"))
-                    })
-                };
-                indices.into_iter().map(look_up).collect()
+                let table = cursor.layer.vec(cursor.at, u64::from(entries) * scalar.size() as u64)?;
+                cursor.at += table.len() as u64;
+                let mut bytes = Vec::new();
+                for index in cursor.integers(count as usize)? {
+                    let entry = table.chunks_exact(scalar.size()).nth(index as usize);
+                    let wrong = || format!("expected the index of an entry below {entries}, found {index}");
+                    bytes.extend_from_slice(entry.ok_or_else(|| cursor.wrong(wrong()))?);
+                }
+                Ok((bytes, scalar))
             }
             other => Err(cursor.wrong(format!("expected the packing i or t, found {other}"))),
         }

@@ -1,8 +1,8 @@
 //! Stores the parts of a layer that the splat reader needs: prims with some of their attributes.
 
 use crate::error::{SceneError, field, wrong};
-use crate::input::{Source, grow};
-use half::f16;
+use crate::input::{Source, Table, grow};
+use crate::scalar::Scalar;
 use std::collections::BTreeMap;
 
 pub(super) const SPLATS: &str = "ParticleField3DGaussianSplat";
@@ -117,51 +117,19 @@ pub(super) fn kind_of(attribute: &str) -> Option<Kind> {
     })
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Component {
-    F16,
-    F32,
-    F64,
-}
-
-impl Component {
-    pub(super) fn bytes(self) -> usize {
-        match self {
-            Self::F16 => 2,
-            Self::F32 => 4,
-            Self::F64 => 8,
-        }
-    }
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::F16 => "half",
-            Self::F32 => "float",
-            Self::F64 => "double",
-        }
-    }
-
-    /// Converts the little-endian bytes of a number.
-    pub(super) fn number(self, bytes: &[u8]) -> f64 {
-        let word = bytes.iter().rev().fold(0u64, |word, byte| word << 8 | u64::from(*byte));
-        match self {
-            Self::F16 => f16::from_bits(word as u16).to_f64(),
-            Self::F32 => f32::from_bits(word as u32).into(),
-            Self::F64 => f64::from_bits(word),
-        }
-    }
-}
-
 pub(super) enum Numbers {
     /// Offset in the layer.
     File(u64),
-    Memory(Vec<f32>),
+    /// The numbers' bytes, little-endian.
+    Memory(Vec<u8>),
 }
 
 pub(super) struct Array {
     pub width: usize,
     pub count: u64,
-    pub component: Component,
+    pub scalar: Scalar,
+    /// Name of the numbers' type, from which `scalar` differs if they are stored as integers.
+    pub kind: &'static str,
     pub numbers: Numbers,
     /// True if the real part of a quaternion comes last.
     pub real_last: bool,
@@ -173,29 +141,16 @@ pub(super) struct Array {
 
 impl Array {
     pub(super) fn stride(&self) -> usize {
-        self.width * self.component.bytes()
+        self.width * self.scalar.size()
     }
 
-    /// Fills `out` with the array's numbers from index `first` on. `buffer` is scratch memory for their bytes.
-    pub(super) fn read(
-        &self,
-        layer: &Bytes,
-        first: usize,
-        buffer: &mut [u8],
-        out: &mut [f32],
-    ) -> Result<(), SceneError> {
+    /// Returns the table of a prim's splats, each of which has `elements` of the array.
+    pub(super) fn table<'a>(&'a self, layer: &Bytes<'a>, elements: usize) -> Table<'a> {
+        let width = elements * self.stride();
         match &self.numbers {
-            Numbers::Memory(values) => out.copy_from_slice(&values[first..first + out.len()]),
-            Numbers::File(start) => {
-                let size = self.component.bytes();
-                let bytes = &mut buffer[..out.len() * size];
-                layer.read(start + (first * size) as u64, bytes)?;
-                for (value, bytes) in out.iter_mut().zip(bytes.chunks_exact(size)) {
-                    *value = self.component.number(bytes) as f32;
-                }
-            }
+            Numbers::Memory(bytes) => Table::new(Source::Bytes(bytes), 0, width),
+            Numbers::File(at) => Table::new(*layer.source, layer.start + at, width),
         }
-        Ok(())
     }
 }
 
@@ -221,9 +176,7 @@ impl Layer {
     pub(super) fn held_bytes(&self) -> u64 {
         let attributes = self.prims.iter().flat_map(|prim| prim.attributes.values());
         let held = |attribute: &Attribute| match &attribute.value {
-            Some(Value::Array(Array { numbers: Numbers::Memory(values), .. })) => {
-                size_of_val(values.as_slice()) as u64
-            }
+            Some(Value::Array(Array { numbers: Numbers::Memory(bytes), .. })) => bytes.len() as u64,
             _ => 0,
         };
         attributes.map(held).sum()

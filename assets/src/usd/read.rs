@@ -4,8 +4,7 @@ use super::layer::{Array, Bytes, Layer, SPLATS, Value};
 use super::{binary, package, text, xform};
 use crate::activation;
 use crate::error::{SceneError, wrong};
-use crate::floats::{self, Floats};
-use crate::input::{self, Done, Input, SceneHeader, Source};
+use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::memory;
 use crate::node_transform::NodeTransform;
 use crate::scene::{FileNotes, Scene, SortKey, Splat, sh_floats};
@@ -210,14 +209,15 @@ fn prim_scene(
     let Splats { place, arrays, count, degree: file_degree, key_of } = splats;
     let degree = splats.header().stored_degree;
     let transform = NodeTransform::new(*place, degree);
-    // Components of a splat in each array.
-    let coefficients = ((file_degree + 1) * (file_degree + 1)) as usize;
-    let widths = [3, 4, 3, 1, 3 * coefficients];
-    let tables: [Table; 5] =
-        std::array::from_fn(|at| Table { array: arrays[at].0, bytes, width: widths[at] });
-    let filled = floats::fill(input, (*count, degree), &tables, held, done, |pieces, at, out| {
-        let rows = std::array::from_fn(|piece| pieces[piece].row(at));
-        let (mut splat, norm) = splat(rows, arrays[1].0.real_last, degree);
+    // Elements of a splat in each array.
+    let elements = [1, 1, 1, 1, ((file_degree + 1) * (file_degree + 1)) as usize];
+    let tables: [Table; 5] = std::array::from_fn(|at| arrays[at].0.table(bytes, elements[at]));
+    let filled = input.fill((*count, degree, false), tables, held, done, |rows, _, out| {
+        let number = |at: usize, number: usize| {
+            let scalar = arrays[at].0.scalar;
+            scalar.value::<false>(&rows[at][number * scalar.size()..])
+        };
+        let (mut splat, norm) = splat(number, arrays[1].0.real_last, degree);
         transform.apply(&mut splat);
         out.push(&splat, norm);
     })?;
@@ -227,50 +227,22 @@ fn prim_scene(
     Ok(scene.with_offset(transform.offset()))
 }
 
-struct Table<'a> {
-    array: &'a Array,
-    bytes: &'a Bytes<'a>,
-    width: usize,
-}
-
-impl Floats for Table<'_> {
-    fn width(&self) -> usize {
-        self.width
-    }
-
-    fn bytes(&self) -> usize {
-        self.width * self.array.component.bytes()
-    }
-
-    fn stride(&self) -> usize {
-        self.bytes()
-    }
-
-    fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError> {
-        self.array.read(self.bytes, first * self.width, buffer, out)
-    }
-}
-
-/// Converts the rows of a splat; also returns the length of its quaternion.
-fn splat(
-    [position, quaternion, scale, opacity, sh]: [&[f32]; 5],
-    real_last: bool,
-    degree: u32,
-) -> (Splat, f64) {
-    let mut quaternion: [f64; 4] = std::array::from_fn(|at| quaternion[at].into());
+/// Converts the numbers of a splat, given by the index of their array and in it. Also returns the length of its
+/// quaternion.
+fn splat(number: impl Fn(usize, usize) -> f32, real_last: bool, degree: u32) -> (Splat, f64) {
+    let mut quaternion: [f64; 4] = std::array::from_fn(|at| number(1, at).into());
     if real_last {
         quaternion.rotate_right(1);
     }
     let (rotation, norm) = activation::unit(quaternion);
-    let mut splat = Splat {
-        position: std::array::from_fn(|axis| position[axis]),
-        scale: std::array::from_fn(|axis| scale[axis]),
-        rotation,
-        opacity: opacity[0].clamp(0.0, 1.0),
-        sh: [0.0; 48],
-    };
     let floats = sh_floats(degree);
-    splat.sh[..floats].copy_from_slice(&sh[..floats]);
+    let splat = Splat {
+        position: std::array::from_fn(|axis| number(0, axis)),
+        scale: std::array::from_fn(|axis| number(2, axis)),
+        rotation,
+        opacity: number(3, 0).clamp(0.0, 1.0),
+        sh: std::array::from_fn(|at| if at < floats { number(4, at) } else { 0.0 }),
+    };
     (splat, norm)
 }
 
@@ -286,7 +258,7 @@ fn breakdown(file_bytes: u64, layer: &Layer, all: &[Splats]) -> SizeBreakdown {
         let name = name.trim_start_matches("radiance:").replace("Coefficients", "");
         match fields.iter_mut().find(|field| field.name == name) {
             Some(field) => field.bytes += array.bytes,
-            None => fields.push(FieldSize::whole(name, array.component.name(), array.bytes)),
+            None => fields.push(FieldSize::whole(name, array.kind, array.bytes)),
         }
     }
     // In a damaged file, arrays can overlap.

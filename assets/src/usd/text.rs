@@ -4,8 +4,9 @@
 //! `type name = value ( metadata )`. Only the attributes that [`kind_of`] knows are converted; the values of all others
 //! are skipped by matching brackets.
 
-use super::layer::{ARCS, Array, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
+use super::layer::{ARCS, Array, Kind, Layer, Numbers, Prim, Value, kind_of};
 use crate::error::SceneError;
+use crate::scalar::Scalar;
 use half::f16;
 
 pub(crate) const MAGIC: &[u8; 6] = b"#usda ";
@@ -369,7 +370,8 @@ impl<'t> Parser<'t> {
     fn array(&mut self, width: usize, is_half: bool) -> Result<Array, SceneError> {
         self.expect(b'[')?;
         let start = self.at;
-        let mut values: Vec<f32> = Vec::new();
+        let scalar = if is_half { Scalar::F16 } else { Scalar::F32 };
+        let mut bytes = Vec::new();
         while !self.skip(b']') {
             if width > 1 {
                 self.expect(b'(')?;
@@ -379,8 +381,11 @@ impl<'t> Parser<'t> {
                     self.expect(b',')?;
                 }
                 let value = self.number()?;
-                values.try_reserve(1).map_err(std::io::Error::from)?;
-                values.push(if is_half { f16::from_f64(value).to_f32() } else { value as f32 });
+                bytes.try_reserve(scalar.size()).map_err(std::io::Error::from)?;
+                match is_half {
+                    true => bytes.extend(f16::from_f64(value).to_le_bytes()),
+                    false => bytes.extend((value as f32).to_le_bytes()),
+                }
             }
             if width > 1 {
                 self.expect(b')')?;
@@ -392,9 +397,10 @@ impl<'t> Parser<'t> {
         }
         Ok(Array {
             width,
-            count: (values.len() / width) as u64,
-            component: if is_half { Component::F16 } else { Component::F32 },
-            numbers: Numbers::Memory(values),
+            count: (bytes.len() / (width * scalar.size())) as u64,
+            scalar,
+            kind: scalar.name(),
+            numbers: Numbers::Memory(bytes),
             real_last: false,
             at: start as u64,
             bytes: (self.at - start) as u64,
