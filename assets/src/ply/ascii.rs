@@ -3,10 +3,10 @@
 use super::header::{Element, PropertyType};
 use super::layout::Layout;
 use crate::error::SceneError;
-use crate::input::{Source, grow};
-use std::ops::Range;
+use crate::input::{Source, SourceReader};
+use std::io::{BufRead, BufReader, Read};
 
-/// Bytes read at a time; more for a line that is longer.
+/// Bytes read at a time.
 const PIECE: usize = 256 << 10;
 
 /// Maximum length of a line, in bytes.
@@ -31,18 +31,17 @@ pub(crate) struct Line<'a> {
     pub cut: bool,
 }
 
-/// A cursor over the lines with rows. It buffers a piece of the file that contains the whole current line.
+/// A cursor over the lines with rows.
 pub(crate) struct Lines<'a> {
-    source: &'a Source<'a>,
+    file: BufReader<SourceReader<'a>>,
     place: Place,
-    /// A piece of the file. The bytes in the range `next` have not been returned yet.
-    buffer: Vec<u8>,
-    next: Range<usize>,
+    line: Vec<u8>,
 }
 
 impl<'a> Lines<'a> {
     pub(crate) fn new(source: &'a Source<'a>, place: Place) -> Self {
-        Self { source, place, buffer: Vec::new(), next: 0..0 }
+        let file = BufReader::with_capacity(PIECE, SourceReader::new(source, place.at));
+        Self { file, place, line: Vec::new() }
     }
 
     pub(crate) fn place(&self) -> Place {
@@ -52,57 +51,29 @@ impl<'a> Lines<'a> {
     /// Returns the next line that is not blank; `None` at the end of the file.
     pub(crate) fn next_row(&mut self) -> Result<Option<Line<'_>>, SceneError> {
         loop {
-            let Some((line, cut)) = self.next_line()? else { return Ok(None) };
-            if self.buffer[line.clone()].iter().any(|b| !b.is_ascii_whitespace()) {
-                return Ok(Some(Line { text: &self.buffer[line], number: self.place.number, cut }));
+            self.line.clear();
+            let mut file = (&mut self.file).take(MAX_LINE as u64 + 1);
+            let read = file.read_until(b'\n', &mut self.line)?;
+            if read == 0 {
+                return Ok(None);
+            }
+            self.place.at += read as u64;
+            self.place.number += 1;
+            let (number, cut) = (self.place.number, !self.line.ends_with(b"\n"));
+            if cut && read > MAX_LINE {
+                return Err(error(
+                    number,
+                    format!("expected a line of at most {MAX_LINE} bytes, found more"),
+                ));
+            }
+            if self.line.iter().any(|b| !b.is_ascii_whitespace()) {
+                let text = self.line.strip_suffix(b"\n").unwrap_or(&self.line);
+                return Ok(Some(Line { text, number, cut }));
             }
         }
     }
-
-    /// Finds the next line; `None` at the end of the file. Returns its range in the buffer without the line feed, and
-    /// true if the file ended before a line feed.
-    fn next_line(&mut self) -> Result<Option<(Range<usize>, bool)>, SceneError> {
-        let mut searched = 0;
-        loop {
-            let unread = &self.buffer[self.next.clone()];
-            let end = unread[searched..].iter().position(|b| *b == b'\n').map(|end| searched + end);
-            searched = unread.len();
-            let left = self.source.length() - (self.place.at + searched as u64);
-            let (length, skip) = match end {
-                Some(end) => (end, 1),
-                None if left > 0 => {
-                    if searched >= MAX_LINE {
-                        let message = format!("expected a line of at most {MAX_LINE} bytes, found more");
-                        return Err(error(self.place.number + 1, message));
-                    }
-                    self.read_more(left)?;
-                    continue;
-                }
-                None if searched == 0 => return Ok(None),
-                None => (searched, 0),
-            };
-            let start = self.next.start;
-            self.next.start += length + skip;
-            self.place.at += (length + skip) as u64;
-            self.place.number += 1;
-            return Ok(Some((start..start + length, skip == 0)));
-        }
-    }
-
-    /// Moves the unread bytes to the front of the buffer, and reads the next piece after them. `left` is the number of
-    /// bytes left in the file.
-    fn read_more(&mut self, left: u64) -> Result<(), SceneError> {
-        let unread = self.next.len();
-        self.buffer.copy_within(self.next.clone(), 0);
-        // Doubles for a long line, so that it is copied only a few times.
-        let piece = PIECE.max(unread).min(usize::try_from(left).unwrap_or(usize::MAX));
-        grow(&mut self.buffer, unread + piece)?;
-        self.next = 0..unread;
-        self.source.read(self.place.at + unread as u64, &mut self.buffer[unread..unread + piece])?;
-        self.next.end += piece;
-        Ok(())
-    }
 }
+
 /// Splits a line into its values, at white space.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
