@@ -1,8 +1,8 @@
 //! Draws one of the two pictures of the scene, and records its times and inspections.
 //!
 //! A frame is drawn if it would differ from the last one, if something is to be read from it, if the last one failed or
-//! lost its results, if the plan has no times except the prologue frame's, or if the window does not show the plan yet.
-//! A plan whose frames may differ for equal inputs is drawn continuously, as is every plan on request.
+//! lost its results, if the plan has no times except the prologue frame's, or if the window does not show this scene
+//! and graph yet. A plan whose frames may differ for equal inputs is drawn continuously, as is every plan on request.
 //!
 //! The window's graph reads the picture on the device. If the window has its own device, the picture is copied through
 //! host memory.
