@@ -22,7 +22,7 @@ pub enum Drag {
 
 impl Drag {
     /// Applies the input of this frame. Returns a click's viewport and its position, in pixels of the picture; `None`
-    /// without a click, or if the brush consumed it.
+    /// without a click, for the second click of a double click, or if the brush consumed it.
     pub fn act(
         &mut self,
         ui: &mut Ui,

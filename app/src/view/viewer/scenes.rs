@@ -113,6 +113,7 @@ impl Viewer {
     }
 
     /// Ends a load, successful or not: from now on, only the shown list of scenes and a list with an error are watched.
+    /// If one of them changed during the load, loads it again.
     fn settle(&mut self, id: RendererId) {
         let (shown, failed) = (self.scene_path_of(id).to_owned(), self.failed_list(id).map(Path::to_owned));
         if let Some(changed) = self.placed.settle(id, &shown, failed.as_deref())
