@@ -6,41 +6,16 @@ use crate::error::{SceneError, field};
 use crate::input::{Done, Input, Source, SourceReader};
 use crate::size_breakdown::FieldSize;
 use flate2::bufread::GzDecoder;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{BufReader, Read, Seek};
 
 const MAX_EXTENSIONS: u64 = 64 << 10;
 
 const PIECE: usize = 64 << 10;
 
-struct Counted<R> {
-    inner: R,
-    taken: u64,
-}
-
-impl<R: BufRead> Read for Counted<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.inner.read(buffer)?;
-        self.taken += read as u64;
-        Ok(read)
-    }
-}
-
-impl<R: BufRead> BufRead for Counted<R> {
-    fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        self.inner.fill_buf()
-    }
-
-    fn consume(&mut self, bytes: usize) {
-        self.taken += bytes as u64;
-        self.inner.consume(bytes);
-    }
-}
-
-type Unpacker<'a> = GzDecoder<Counted<BufReader<SourceReader<'a>>>>;
+type Unpacker<'a> = GzDecoder<BufReader<SourceReader<'a>>>;
 
 fn unpacker<'a>(source: &'a Source<'a>) -> Unpacker<'a> {
-    let inner = BufReader::with_capacity(PIECE, SourceReader::new(source, 0));
-    GzDecoder::new(Counted { inner, taken: 0 })
+    GzDecoder::new(BufReader::with_capacity(PIECE, SourceReader::new(source, 0)))
 }
 
 /// Returns true if the bytes begin a gzip stream that contains SPZ.
@@ -66,15 +41,15 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let count = u64::from(header.count);
     let bytes = count * header.stride();
     let done = Done::new(2 * bytes, input.progress)?;
-    let header_bytes = unpacker.get_ref().taken;
+    let header_bytes = unpacker.get_mut().stream_position()?;
     let (mut data, mut fields) = (Vec::new(), Vec::new());
     for (name, kind, stride) in header.arrays() {
-        let before = unpacker.get_ref().taken;
+        let before = unpacker.get_mut().stream_position()?;
         let bytes = count * stride as u64;
         let at = (HEADER + data.len()) as u64;
         append(&mut unpacker, bytes, &mut data, &done, |error| unpacked(error, at, name, bytes))?;
         if stride > 0 {
-            let bytes = unpacker.get_ref().taken - before;
+            let bytes = unpacker.get_mut().stream_position()? - before;
             fields.push(FieldSize::whole(name, kind, bytes));
         }
     }
