@@ -1,7 +1,7 @@
 //! Finds the chunks of a file, and unpacks their arrays.
 
 use super::column::{Column, MAX_PER_BYTE};
-use super::document::{CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property};
+use super::document::{BANDS, CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property};
 use crate::error::{SceneError, field, wrong};
 use crate::input::{Done, OpenFile, Source, beside, grow};
 use std::collections::BTreeMap;
@@ -33,17 +33,11 @@ pub(super) struct Chunks {
 }
 
 pub(super) struct Arrays {
-    pub center: Column,
-    pub alpha: Column,
-    pub rgb: Column,
-    pub scales: Column,
-    pub orientation: Column,
-    pub harmonics: [Option<Column>; 3],
-    /// Bands of the palette. Only those of the first chunk are used.
-    pub palette: [Option<Column>; 3],
-    pub label: Option<Column>,
+    /// The arrays by [`Name`]. Of palettes, only those of the first chunk are used.
+    columns: [Option<Column>; Name::COUNT],
+    count: usize,
     /// Rows without children; `None` if the chunk has no `child_count`.
-    pub leaves: Option<Vec<u32>>,
+    leaves: Option<Vec<u32>>,
 }
 
 /// Adds the name of the chunk's file, if it has its own, to an error.
@@ -225,8 +219,7 @@ impl Chunk {
 
     /// Returns the number of bands that the chunk has without a gap, from band 1 on.
     fn degree(&self) -> u32 {
-        let bands = [(Name::Sh1, Name::Sh1Code), (Name::Sh2, Name::Sh2Code), (Name::Sh3, Name::Sh3Code)];
-        bands.iter().take_while(|(own, code)| self.has(*own) || self.has(*code)).count() as u32
+        BANDS.iter().take_while(|(own, code)| self.has(*own) || self.has(*code)).count() as u32
     }
 
     pub(super) fn unpack(
@@ -244,7 +237,7 @@ impl Chunk {
     }
 
     fn arrays(&self, file: &Source, done: &Done) -> Result<Arrays, SceneError> {
-        let (mut columns, mut left) = (BTreeMap::new(), self.unpacked_bytes);
+        let (mut columns, mut left) = ([const { None }; Name::COUNT], self.unpacked_bytes);
         for (number, property) in self.properties.iter().enumerate() {
             if property.name == Name::ChildStart {
                 continue;
@@ -259,34 +252,26 @@ impl Chunk {
             let column = Column::unpack(property, rows, packed, (at, &name))?;
             done.add(column.bytes())?;
             left = left.saturating_sub(column.bytes());
-            columns.insert(property.name, column);
+            columns[property.name as usize] = Some(column);
         }
         // Completes the progress: a palette of unknown size is usually smaller than its limit.
         done.add(left)?;
-        let mut required = |name: Name| columns.remove(&name).ok_or(SceneError::Changed);
-        let [center, alpha, rgb, scales, orientation] = REQUIRED.map(&mut required);
-        let children = columns.remove(&Name::ChildCount);
         let leaf = |children: &Column| {
             (0..self.count).filter(|row| children.index(*row) == 0).map(|row| row as u32).collect()
         };
-        Ok(Arrays {
-            center: center?,
-            alpha: alpha?,
-            rgb: rgb?,
-            scales: scales?,
-            orientation: orientation?,
-            harmonics: [Name::Sh1, Name::Sh2, Name::Sh3].map(|name| columns.remove(&name)),
-            palette: [Name::Sh1Code, Name::Sh2Code, Name::Sh3Code].map(|name| columns.remove(&name)),
-            label: columns.remove(&Name::ShLabel),
-            leaves: children.as_ref().map(leaf),
-        })
+        let leaves = columns[Name::ChildCount as usize].as_ref().map(leaf);
+        Ok(Arrays { columns, count: self.count, leaves })
     }
 }
 
 impl Arrays {
+    pub(super) fn get(&self, name: Name) -> Option<&Column> {
+        self.columns[name as usize].as_ref()
+    }
+
     /// Returns the number of splats that are read: the leaves, or all rows without a tree.
     pub(super) fn kept(&self) -> usize {
-        self.leaves.as_ref().map_or(self.center.rows, Vec::len)
+        self.leaves.as_ref().map_or(self.count, Vec::len)
     }
 
     /// Returns the row of the splat with the given index among those that are read.

@@ -126,7 +126,13 @@ const NAMES: [(&str, usize); 14] = [
     ("child_start", 1),
 ];
 
+/// Bands 1 to 3: the arrays of their harmonics, and of their palettes.
+pub(super) const BANDS: [(Name, Name); 3] =
+    [(Name::Sh1, Name::Sh1Code), (Name::Sh2, Name::Sh2Code), (Name::Sh3, Name::Sh3Code)];
+
 impl Name {
+    pub(super) const COUNT: usize = NAMES.len();
+
     pub(super) fn text(self) -> &'static str {
         NAMES[self as usize].0
     }

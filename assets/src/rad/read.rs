@@ -1,8 +1,7 @@
 //! Reads the splats of a file: unpacks the arrays of all chunks, then converts the rows of the leaves in parallel.
 
 use super::chunk::{Arrays, Chunks};
-use super::column::Column;
-use super::document::Name;
+use super::document::{BANDS, Name};
 use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source};
@@ -50,14 +49,13 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     }
     let mut columns = input.allocate(count as u64, all.degree, false, (0, beside))?;
     let clamped = AtomicU64::new(0);
-    let palette = &arrays[0].palette;
     let gathered = columns.fill(|out| {
         let mut above = 0;
         for index in out.first()..out.first() + out.len() {
             let at = ends.partition_point(|end| *end <= index);
             let chunk = &arrays[at];
             let row = chunk.row(index - if at > 0 { ends[at - 1] } else { 0 });
-            let (splat, norm) = splat(chunk, palette, row);
+            let (splat, norm) = splat(chunk, &arrays[0], row);
             above += u64::from(splat.opacity > 1.0);
             out.push(&Splat { opacity: splat.opacity.min(1.0), ..splat }, norm);
         }
@@ -68,24 +66,27 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     input::finish((columns, gathered), count as u64, breakdown(&all, count as u64), notes)
 }
 
-/// Converts a row; also returns the length of its quaternion. A label beyond the palette gives NaN.
-fn splat(chunk: &Arrays, palette: &[Option<Column>; 3], row: usize) -> (Splat, f64) {
-    let (rotation, norm) = activation::unit(chunk.orientation.quaternion(row));
-    let vector = |column: &Column| [0, 1, 2].map(|component| column.value(row, component));
+/// Converts a row; also returns the length of its quaternion. The palette of harmonics is in the `first` chunk. A label
+/// beyond it gives NaN.
+fn splat(chunk: &Arrays, first: &Arrays, row: usize) -> (Splat, f64) {
+    let column = |name: Name| chunk.get(name).expect("each chunk was checked to have it");
+    let vector = |name: Name| [0, 1, 2].map(|component| column(name).value(row, component));
+    let (rotation, norm) = activation::unit(column(Name::Orientation).quaternion(row));
     let mut splat = Splat {
-        position: vector(&chunk.center),
-        scale: vector(&chunk.scales),
+        position: vector(Name::Center),
+        scale: vector(Name::Scales),
         rotation,
-        opacity: chunk.alpha.value(row, 0),
-        sh: activation::flat(vector(&chunk.rgb).map(f64::from)),
+        opacity: column(Name::Alpha).value(row, 0),
+        sh: activation::flat(vector(Name::Rgb).map(f64::from)),
     };
-    for (band, first) in [3, 12, 27].into_iter().enumerate() {
-        let (column, row) = match (&chunk.harmonics[band], &palette[band], &chunk.label) {
+    for (band, (own, code)) in BANDS.into_iter().enumerate() {
+        let (column, row) = match (chunk.get(own), first.get(code), chunk.get(Name::ShLabel)) {
             (Some(column), ..) => (column, row),
             (None, Some(palette), Some(label)) => (palette, label.index(row)),
             _ => continue,
         };
-        for (component, value) in splat.sh[first..].iter_mut().take(6 * band + 9).enumerate() {
+        let values = splat.sh[[3, 12, 27][band]..].iter_mut().take(own.width());
+        for (component, value) in values.enumerate() {
             *value = if row < column.rows { column.value(row, component) } else { f32::NAN };
         }
     }
