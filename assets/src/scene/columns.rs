@@ -157,40 +157,34 @@ impl Columns {
                 Ok((rows.kept, rows.gathered))
             })
             .collect();
-        let mut all = Gathered::new();
-        let mut kept = 0;
-        for (chunk, result) in chunks.into_iter().enumerate() {
+        let (mut all, mut kept) = (Gathered::new(), Vec::with_capacity(chunks.len()));
+        for result in chunks {
             let (count, gathered) = result?;
             all.join(&gathered);
-            self.shift(chunk * CHUNK, count, kept);
-            kept += count;
+            kept.push(count);
         }
-        self.truncate(kept);
+        close_gaps(&mut self.position, 1, &kept);
+        close_gaps(&mut self.low, 1, &kept);
+        close_gaps(&mut self.scale, 1, &kept);
+        close_gaps(&mut self.rotation, 1, &kept);
+        close_gaps(&mut self.opacity, 1, &kept);
+        close_gaps(&mut self.sh, sh_floats(degree), &kept);
         Ok(all)
     }
+}
 
-    /// Moves `count` splats from index `from` to index `to`, which is not above it.
-    fn shift(&mut self, from: usize, count: usize, to: usize) {
-        if from == to {
-            return;
-        }
-        let floats = sh_floats(self.degree);
-        self.position.copy_within(from..from + count, to);
-        if !self.low.is_empty() {
-            self.low.copy_within(from..from + count, to);
-        }
-        self.scale.copy_within(from..from + count, to);
-        self.rotation.copy_within(from..from + count, to);
-        self.opacity.copy_within(from..from + count, to);
-        self.sh.copy_within(from * floats..(from + count) * floats, to * floats);
+/// Moves the values of the splats that each chunk kept behind those of the chunks before. A splat has `width` values.
+fn close_gaps<T: Copy>(values: &mut Vec<T>, width: usize, kept: &[usize]) {
+    if values.is_empty() {
+        return;
     }
-
-    fn truncate(&mut self, count: usize) {
-        self.position.truncate(count);
-        self.low.truncate(count);
-        self.scale.truncate(count);
-        self.rotation.truncate(count);
-        self.opacity.truncate(count);
-        self.sh.truncate(count * sh_floats(self.degree));
+    let mut end = 0;
+    for (chunk, count) in kept.iter().enumerate() {
+        let (start, length) = (chunk * CHUNK * width, count * width);
+        if start != end {
+            values.copy_within(start..start + length, end);
+        }
+        end += length;
     }
+    values.truncate(end);
 }
