@@ -45,19 +45,6 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads the first `most` bytes of a regular file, or all of a shorter file.
-///
-/// # Errors
-/// The errors of [`open`], and [`ErrorKind::OutOfMemory`].
-pub(crate) fn read_start(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
-    let file = open(path)?;
-    let length = file.metadata()?.len().min(most);
-    let mut bytes = Vec::new();
-    bytes.try_reserve_exact(length as usize + 1)?;
-    file.take(length).read_to_end(&mut bytes)?;
-    Ok(bytes)
-}
-
 /// Reads a regular file of at most `limit` bytes as UTF-8 text.
 ///
 /// # Errors

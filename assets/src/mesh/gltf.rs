@@ -10,6 +10,7 @@ use super::image::{self, MAX_TEXELS};
 use crate::error::{SceneError, wrong};
 use crate::file;
 use crate::gltf::{Component, MAGIC};
+use crate::input::{OpenFile, Source};
 use crate::json;
 use crate::uri::{self, Resource};
 use crate::words::word;
@@ -183,7 +184,7 @@ impl Files {
             if length > MAX_BYTES {
                 return Err(wrong(part, format!("expected at most {MAX_BYTES} bytes, found {length}")));
             }
-            let bytes = file::read_start(&path, length);
+            let bytes = OpenFile::open(&path).and_then(|file| Source::File(&file).head(length as usize));
             let name = path.file_name().unwrap_or_default().display().to_string();
             bytes.map(|bytes| (path, bytes)).map_err(|error| wrong(part, format!("{name}: {error}")))
         });
