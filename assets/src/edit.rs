@@ -138,7 +138,7 @@ impl Scene {
             first += scene.count() as usize;
         }
         let offset = scenes[0].offset();
-        let joined = Self::try_generate_wide(count, degree, |index| {
+        let joined = Self::try_generate_at(count, degree, true, |index| {
             let at = firsts.partition_point(|first| *first <= index) - 1;
             let (scene, local) = (&scenes[at], index - firsts[at]);
             let world = scene.world_position(local);

@@ -357,7 +357,7 @@ fn a_mesh_that_is_too_long_or_beyond_the_memory_is_refused_before_it_is_read() {
 
 #[test]
 fn the_rounding_of_positions_is_that_of_the_file() {
-    let two_clouds = Scene::try_generate_wide(40, 0, |index| {
+    let two_clouds = Scene::try_generate_at(40, 0, true, |index| {
         let splat = Splat { scale: [0.01; 3], ..crate::testing::splat(index) };
         let rotation = [1.0, 0.0, 0.0, 0.0];
         (Splat { rotation, ..splat }, [1e7 * (index % 2) as f64 + 0.3 * index as f64, 0.0, 0.0])

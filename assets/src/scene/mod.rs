@@ -152,21 +152,10 @@ impl Scene {
         Ok(Self::new(columns, gathered, None))
     }
 
-    /// Generates a scene like [`Scene::try_generate`], with positions of more precision than f32.
+    /// Generates a scene like [`Scene::try_generate`]. Positions have more precision than f32 if the scene is `wide`;
+    /// otherwise they are rounded.
     ///
     /// `splat` returns the position separately; [`Splat::position`] is ignored. Its quaternion must have unit length.
-    ///
-    /// # Errors
-    /// The scene does not fit in memory.
-    pub fn try_generate_wide(
-        count: u32,
-        degree: u32,
-        splat: impl Fn(usize) -> (Splat, [f64; 3]) + Sync,
-    ) -> Result<Self, SceneMemoryError> {
-        Self::try_generate_at(count, degree, true, splat)
-    }
-
-    /// Generates a scene like [`Scene::try_generate_wide`]. Unless it is `wide`, positions are rounded to f32.
     pub(crate) fn try_generate_at(
         count: u32,
         degree: u32,
@@ -190,7 +179,7 @@ impl Scene {
 
     /// Generates a scene with the offset, tags and mesh of this one. Its positions are wide if this scene's are.
     ///
-    /// As with [`Scene::try_generate_wide`], quaternions must have unit length: they are copied bit by bit.
+    /// As with [`Scene::try_generate_at`], quaternions must have unit length: they are copied bit by bit.
     pub(crate) fn derived(
         &self,
         count: u32,
@@ -452,7 +441,7 @@ mod tests {
     #[test]
     fn a_wide_scene_beyond_the_memory_is_refused_before_any_allocation() {
         let error =
-            Scene::try_generate_wide(u32::MAX, 3, |i| (splat(i), [0.0; 3])).map(|scene| scene.count());
+            Scene::try_generate_at(u32::MAX, 3, true, |i| (splat(i), [0.0; 3])).map(|scene| scene.count());
         let needed = Scene::host_bytes(u32::MAX.into(), 3) + u64::from(u32::MAX) * Columns::LOW_BYTES;
         assert_eq!(error.unwrap_err().needed, needed);
     }

@@ -72,7 +72,7 @@ mod tests {
             ..FileNotes::default()
         };
         let far = |i: usize| [1e7 * (i % 2) as f64 + 0.001 * i as f64, 0.0, 0.0];
-        let base = Scene::try_generate_wide(20, 0, |i| {
+        let base = Scene::try_generate_at(20, 0, true, |i| {
             let mut splat = splat(i);
             (splat.scale, splat.rotation) = ([0.01; 3], [1.0, 0.0, 0.0, 0.0]);
             (splat, far(i))

@@ -4,6 +4,7 @@
 //! others have their own cameras here.
 
 use super::random::Random;
+use crate::activation::flat;
 use crate::camera::Camera;
 use crate::memory::SceneMemoryError;
 use crate::scene::{Scene, Splat};
@@ -18,16 +19,6 @@ pub(super) fn camera() -> Camera {
 /// Creates a camera that looks at the unit ball from outside.
 pub(super) fn outside() -> Camera {
     Camera { img_name: "outside".into(), ..Camera::looking_at([0.0, -0.6, -2.6], [0.0; 3], 60.0, (960, 540)) }
-}
-
-/// Returns the spherical harmonics of a colour (0 to 1) that is the same from every direction.
-fn flat(color: [f64; 3]) -> [f32; 48] {
-    let y0 = crate::harmonics::basis([0.0, 0.0, 1.0])[0];
-    let mut sh = [0.0; 48];
-    for (c, value) in color.into_iter().enumerate() {
-        sh[c] = ((value - 0.5) / y0) as f32;
-    }
-    sh
 }
 
 /// Evaluates a colour that changes smoothly with position.
@@ -218,21 +209,14 @@ fn layer(i: usize, color: [f64; 3]) -> Splat {
     }
 }
 
-fn layers(count: u32, seed: u64, opacity: f32) -> Made {
+/// Generates layers of colours that differ.
+pub(super) fn layers(count: u32, seed: u64, opacity: f32) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
         // A gradient, so that a picture shows which layers it contains.
         let color = [random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))];
         Splat { opacity, ..layer(i, color) }
     })
-}
-
-pub(super) fn layers_opaque(count: u32, seed: u64) -> Made {
-    layers(count, seed, 0.98)
-}
-
-pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
-    layers(count, seed, 0.0045)
 }
 
 pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
@@ -323,7 +307,7 @@ pub(super) fn surveyed(count: u32, seed: u64) -> Made {
 
 /// Generates two distant clouds: one with two thirds of the splats, and one in front of [`two_clouds_camera`].
 pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
-    let scene = Scene::try_generate_wide(count, 0, |i| {
+    let scene = Scene::try_generate_at(count, 0, true, |i| {
         let splat = small_cloud(&mut Random::new(seed, i as u64), count / 3);
         let near = splat.position.map(f64::from);
         let far = [TWO_CLOUDS[0] + 1e7 + near[0], near[1] + 1e7, near[2]];

@@ -123,11 +123,13 @@ const GENERATORS: [Generator; 26] = [
         "spherical harmonics of degree 3 with coefficients of up to 10,000",
         extremes::harmonics,
     ),
-    layered("layers-opaque", "layers across the view that are nearly opaque", extremes::layers_opaque),
+    layered("layers-opaque", "layers across the view that are nearly opaque", |count, seed| {
+        extremes::layers(count, seed, 0.98)
+    }),
     layered(
         "layers-faint",
         "layers across the view with an opacity just above the floor of 1/255",
-        extremes::layers_faint,
+        |count, seed| extremes::layers(count, seed, 0.0045),
     ),
     layered("layers-dark", "black layers across the view, as faint", extremes::layers_dark),
     layered(
