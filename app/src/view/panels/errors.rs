@@ -1,6 +1,6 @@
 //! Shows errors over the last good picture until they are corrected or the user closes the card.
 //!
-//! The text and its colours are the terminal's. Buttons copy the text, open the file in an editor, and close the card.
+//! The text and its colours are the terminal's. Buttons copy the text, open the file in an editor and close the card.
 
 use super::controls::{Command, Controls};
 use super::theme::{HEADING, Palette, TEXT, strong};
