@@ -14,7 +14,7 @@ use crate::error::{SceneError, field};
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::scene::{FileNotes, Scene, Splat};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
-use crate::words::float;
+use crate::words::{float, write_rows};
 use std::io::{Result as IoResult, Write};
 
 pub(crate) const STRIDE: usize = 32;
@@ -89,21 +89,13 @@ fn splat(row: &[u8]) -> (Splat, f64) {
 
 /// Writes a scene, without the harmonics above band 0.
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> IoResult<()> {
-    for index in 0..scene.count() as usize {
+    write_rows(scene.count() as usize, out, |index, bytes| {
         let splat = scene.splat(index);
-        let mut row = [0; STRIDE];
         let position = scene.world_position(index).map(|v| v as f32);
-        for (bytes, value) in row.chunks_exact_mut(4).zip(position.into_iter().chain(splat.scale)) {
-            bytes.copy_from_slice(&value.to_le_bytes());
-        }
-        for channel in 0..3 {
-            row[24 + channel] = quantised(f64::from(splat.sh[channel]) * SH_C0 + 0.5, 255) as u8;
-        }
-        row[27] = quantised(splat.opacity.into(), 255) as u8;
-        for (byte, component) in row[28..].iter_mut().zip(splat.rotation) {
-            *byte = (f64::from(component) * 128.0 + 128.0).round().clamp(0.0, 255.0) as u8;
-        }
-        out.write_all(&row)?;
-    }
-    Ok(())
+        bytes.extend(position.into_iter().chain(splat.scale).flat_map(f32::to_le_bytes));
+        bytes.extend(splat.sh[..3].iter().map(|c| quantised(f64::from(*c) * SH_C0 + 0.5, 255) as u8));
+        bytes.push(quantised(splat.opacity.into(), 255) as u8);
+        let component = |c: f32| (f64::from(c) * 128.0 + 128.0).round().clamp(0.0, 255.0) as u8;
+        bytes.extend(splat.rotation.map(component));
+    })
 }

@@ -1,6 +1,7 @@
 //! Reads words from bytes, defines the layout of attributes, copies their words as bytes, and hashes them.
 
 use rayon::prelude::*;
+use std::io::Write;
 
 /// Number of splats, or of other values, that one task of a parallel loop converts.
 pub(crate) const CHUNK: usize = 8192;
@@ -44,6 +45,27 @@ pub(crate) fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]
             out.copy_from_slice(&value.to_le_bytes());
         }
     });
+}
+
+/// Writes `count` rows, which are computed in parallel. `row` appends the bytes of the row at an index.
+pub(crate) fn write_rows(
+    count: usize,
+    out: &mut dyn Write,
+    row: impl Fn(usize, &mut Vec<u8>) + Sync,
+) -> std::io::Result<()> {
+    /// Number of chunks that are in memory at a time.
+    const BATCH: usize = 32;
+    let chunk = |first: usize| {
+        let mut bytes = Vec::new();
+        (first..count.min(first + CHUNK)).for_each(|index| row(index, &mut bytes));
+        bytes
+    };
+    for batch in (0..count).step_by(CHUNK * BATCH) {
+        let end = count.min(batch + CHUNK * BATCH);
+        let chunks: Vec<Vec<u8>> = (batch..end).into_par_iter().step_by(CHUNK).map(chunk).collect();
+        chunks.iter().try_for_each(|chunk| out.write_all(chunk))?;
+    }
+    Ok(())
 }
 
 /// Hashes values by their 32-bit words: chunks in parallel, then the chunks' hashes in order.

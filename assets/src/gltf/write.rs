@@ -7,10 +7,9 @@ use super::read::{attributes, floats};
 use crate::activation::{SH_C0, quantised};
 use crate::scene::{Scene, Splat};
 use crate::spz;
+use crate::words::write_rows;
 use serde_json::{Map, Value, json};
 use std::io::{Error, ErrorKind, Result, Write};
-
-const BATCH: usize = 1 << 14;
 
 fn turned(scene: &Scene, index: usize) -> Splat {
     let mut splat = scene.splat(index);
@@ -70,7 +69,7 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     });
     write_head(&document, binary as u64, out)?;
     for (index, (_, width)) in attributes.iter().enumerate() {
-        rows(count, out, |at, bytes| {
+        write_rows(count, out, |at, bytes| {
             let splat = turned(scene, at);
             let [w, x, y, z] = splat.rotation;
             let values = match index {
@@ -83,7 +82,7 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
             values[..*width].iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
         })?;
     }
-    rows(count, out, |at, bytes| {
+    write_rows(count, out, |at, bytes| {
         let splat = scene.splat(at);
         let byte = |value: f64| quantised(value, 255) as u8;
         bytes.extend(splat.sh[..3].iter().map(|value| byte(f64::from(*value) * SH_C0 + 0.5)));
@@ -111,15 +110,4 @@ pub(crate) fn write_head(document: &Value, binary: u64, out: &mut impl Write) ->
     out.write_all(&text)?;
     out.write_all(&word(binary)?)?;
     out.write_all(b"BIN\0")
-}
-
-/// Writes `count` rows in batches. `row` appends the bytes of the splat at an index.
-fn rows(count: usize, out: &mut impl Write, row: impl Fn(usize, &mut Vec<u8>)) -> Result<()> {
-    let mut bytes = Vec::new();
-    for first in (0..count).step_by(BATCH) {
-        bytes.clear();
-        (first..count.min(first + BATCH)).for_each(|at| row(at, &mut bytes));
-        out.write_all(&bytes)?;
-    }
-    Ok(())
 }

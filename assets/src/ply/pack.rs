@@ -6,6 +6,7 @@ use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
 use super::tags;
 use crate::activation::{SH_C0, logarithm, omit_largest, quantised};
 use crate::scene::{FileNotes, Scene, sh_floats};
+use crate::words::write_rows;
 use std::f64::consts::SQRT_2;
 use std::io::{Result, Write};
 
@@ -93,14 +94,10 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     if degree > 0 {
         let floats = sh_floats(degree);
         let bands = floats / 3 - 1;
-        let mut row = vec![0; 3 * bands];
-        for index in order {
-            let sh = &scene.sh()[index as usize * floats..][..floats];
-            for (at, byte) in row.iter_mut().enumerate() {
-                *byte = harmonic(sh[3 * (at % bands + 1) + at / bands]);
-            }
-            out.write_all(&row)?;
-        }
+        write_rows(order.len(), out, |at, bytes| {
+            let sh = &scene.sh()[order[at] as usize * floats..][..floats];
+            bytes.extend((0..3 * bands).map(|at| harmonic(sh[3 * (at % bands + 1) + at / bands])));
+        })?;
     }
     Ok(())
 }

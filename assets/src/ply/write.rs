@@ -6,12 +6,9 @@ use super::tags;
 use crate::activation::{logarithm, logit};
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
-use crate::words::CHUNK;
-use rayon::prelude::*;
+use crate::words::write_rows;
 use std::io::{BufWriter, Write};
 use std::path::Path;
-
-const BATCH: usize = 32;
 
 /// Lists the properties' names, in the reference implementation's order.
 pub(super) fn property_names(degree: u32) -> Vec<String> {
@@ -88,31 +85,14 @@ impl Scene {
         let count = self.count() as usize;
         let (degree, wide) = (self.stored_degree(), self.is_offset());
         out.write_all(header(count as u64, degree, wide, self.notes()).as_bytes())?;
-        for batch in (0..count).step_by(CHUNK * BATCH) {
-            let end = count.min(batch + CHUNK * BATCH);
-            let chunks: Vec<Vec<u8>> = (batch..end)
-                .into_par_iter()
-                .step_by(CHUNK)
-                .map(|first| {
-                    let mut bytes = Vec::new();
-                    for index in first..end.min(first + CHUNK) {
-                        let splat = self.splat(index);
-                        if self.is_offset() {
-                            let world = self.world_position(index);
-                            world.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
-                        } else {
-                            splat.position.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
-                        }
-                        encode(&splat, self.stored_degree(), &mut bytes);
-                    }
-                    bytes
-                })
-                .collect();
-            for chunk in chunks {
-                out.write_all(&chunk)?;
+        write_rows(count, out, |index, bytes| {
+            let splat = self.splat(index);
+            match wide {
+                true => bytes.extend(self.world_position(index).into_iter().flat_map(f64::to_le_bytes)),
+                false => bytes.extend(splat.position.into_iter().flat_map(f32::to_le_bytes)),
             }
-        }
-        Ok(())
+            encode(&splat, degree, bytes);
+        })
     }
 }
 

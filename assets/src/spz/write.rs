@@ -6,6 +6,7 @@ use super::layout::{
 };
 use crate::activation::{logarithm, omit_largest, quantised};
 use crate::scene::{Scene, Splat, sh_floats};
+use crate::words::write_rows;
 use flate2::{Compression, write::GzEncoder};
 use std::f64::consts::SQRT_2;
 use std::io::{Error, ErrorKind, Result, Write};
@@ -75,16 +76,9 @@ fn arrays(
         splat
     };
     let steps = f64::from(1u32 << bits);
-    let mut rows = |stride: usize, row: &dyn Fn(usize, &mut Vec<u8>)| {
-        array(stride, &|out: &mut dyn Write| {
-            let mut bytes = Vec::new();
-            for index in 0..scene.count() as usize {
-                row(index, &mut bytes);
-                out.write_all(&bytes)?;
-                bytes.clear();
-            }
-            Ok(())
-        })
+    let count = scene.count() as usize;
+    let mut rows = |stride: usize, row: &(dyn Fn(usize, &mut Vec<u8>) + Sync)| {
+        array(stride, &|out: &mut dyn Write| write_rows(count, out, row))
     };
     rows(9, &|index, bytes| {
         let [x, y, z] = scene.world_position(index);
