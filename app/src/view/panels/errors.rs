@@ -9,7 +9,10 @@ use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
 use egui::{Align2, Context, FontId, Rect, RichText};
 use splatgraph_framework::ir::Origin;
+use std::fmt::Display;
 use std::path::Path;
+
+const LAST_PLAN: &str = "Drawing with the last good plan";
 
 /// Texts of the errors that the user closed; the card reappears when an error changes.
 #[derive(Default)]
@@ -26,24 +29,25 @@ impl State {
         view: Rect,
         controls: &mut Controls,
     ) {
-        let mut problems: Vec<(RendererId, String)> = Vec::new();
-        let mut goes_on = "Drawing with the last good plan";
+        let (mut problems, mut consequences): (Vec<(RendererId, String)>, Vec<_>) = Default::default();
         for id in [RendererId::A, RendererId::B] {
             if let Some(error) = viewer.list_error(id) {
                 problems.push((id, error.to_owned()));
-                goes_on = "The last scene stays";
+                consequences.push((id, "The last scene stays"));
             }
             let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
             let Some(problem) = renderer.problem(true) else { continue };
             problems.push((id, problem));
-            if renderer.plan().is_none() {
-                goes_on = "No plan yet";
-            } else if renderer.trouble().is_some() {
-                goes_on = "The last picture stays while drawing is retried";
-            }
+            let is_retried = renderer.trouble().is_some();
+            consequences.push(match renderer.plan() {
+                None => (id, "No plan yet"),
+                Some(_) if is_retried => (id, "The last picture stays while drawing is retried"),
+                Some(_) => (id, LAST_PLAN),
+            });
         }
-        let mut texts =
-            if viewer.b.is_some() { named(problems) } else { problems.into_iter().map(|p| p.1).collect() };
+        let has_b = viewer.b.is_some();
+        let heading = heading(consequences, has_b);
+        let mut texts = named(problems, has_b);
         texts.extend(window_failure.map(str::to_owned));
         if texts.is_empty() {
             self.closed = None;
@@ -70,7 +74,7 @@ impl State {
                     ui.set_max_width((view.width() - 28.0).max(0.0));
                     ui.horizontal_wrapped(|ui| {
                         let colour = egui::Color32::from_rgb(255, 190, 190);
-                        ui.label(RichText::new(goes_on).family(strong()).size(HEADING).color(colour));
+                        ui.label(RichText::new(heading).family(strong()).size(HEADING).color(colour));
                         if ui.button("Copy").clicked() {
                             ui.copy_text(plain.join("\n"));
                         }
@@ -107,9 +111,16 @@ impl State {
     }
 }
 
-/// Prefixes each problem with its viewport, and merges equal problems of A and B.
-fn named(problems: Vec<(RendererId, String)>) -> Vec<String> {
+/// Returns the card's heading: what is still drawn.
+fn heading(consequences: Vec<(RendererId, &str)>, has_b: bool) -> String {
+    // The window's own graph has no viewport.
+    if consequences.is_empty() { LAST_PLAN.to_owned() } else { named(consequences, has_b).join(". ") }
+}
+
+/// Prefixes each problem with its viewport if there is a B, and merges equal problems of A and B.
+fn named<T: PartialEq + Display>(problems: Vec<(RendererId, T)>, has_b: bool) -> Vec<String> {
     match problems.as_slice() {
+        _ if !has_b => problems.iter().map(|(_, problem)| problem.to_string()).collect(),
         [(_, one), (_, other)] if one == other => vec![format!("A and B: {one}")],
         _ => problems.iter().map(|(id, problem)| format!("{id}: {problem}")).collect(),
     }
@@ -133,10 +144,12 @@ mod tests {
 
     #[test]
     fn a_problem_of_a_comparison_names_its_viewport_and_a_shared_one_both() {
-        let named =
-            |a: &str, b: &str| named(vec![(RendererId::A, a.to_owned()), (RendererId::B, b.to_owned())]);
-        assert_eq!(named("error: x", "error: y"), ["A: error: x", "B: error: y"]);
-        assert_eq!(named("error: x", "error: x"), ["A and B: error: x"]);
+        let both = |a, b| vec![(RendererId::A, a), (RendererId::B, b)];
+        assert_eq!(named(both("error: x", "error: y"), true), ["A: error: x", "B: error: y"]);
+        assert_eq!(named(both("error: x", "error: x"), true), ["A and B: error: x"]);
+        assert_eq!(heading(both("No plan yet", LAST_PLAN), true), format!("A: No plan yet. B: {LAST_PLAN}"));
+        assert_eq!(heading(vec![(RendererId::A, "No plan yet")], false), "No plan yet");
+        assert_eq!(heading(Vec::new(), true), LAST_PLAN);
     }
 
     #[test]
