@@ -80,11 +80,7 @@ impl Drag {
             hud::side(ui, view, line, "A", -1.0);
             hud::side(ui, view, line, "B", 1.0);
         }
-        if moves_line {
-            ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
-            return None;
-        }
-        if near {
+        if near || moves_line {
             ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
         }
         let keyboard = !widgets::takes_keys(ui.ctx());
@@ -95,8 +91,12 @@ impl Drag {
         let held = |key| f64::from(keyboard && ui.input(|input| input.key_down(key)));
         let along = |more, less| held(more) - held(less);
         let pressed = |key| keyboard && ui.input(|input| input.key_pressed(key));
+        // The camera goes on while the split line is dragged: a flight, a path, the keys and the wheel.
+        let orbits =
+            !moves_line && (dragged(PointerButton::Primary) && !selects || dragged(PointerButton::Middle));
         // Flying starts with the button press, without any motion.
-        let flies = response.is_pointer_button_down_on()
+        let flies = !moves_line
+            && response.is_pointer_button_down_on()
             && ui.input(|input| input.pointer.button_down(PointerButton::Secondary));
         let any = response.dragged() || flies;
         let over = response.hovered() || any;
@@ -106,7 +106,7 @@ impl Drag {
         viewer.navigate(&Input {
             size: [view.width().into(), view.height().into()],
             moved: if any || swipes { moved } else { [0.0; 2] },
-            drags: dragged(PointerButton::Primary) && !selects || dragged(PointerButton::Middle) || swipes,
+            drags: orbits || swipes,
             flies,
             shift: modifiers.shift,
             ctrl: modifiers.ctrl,

@@ -3,6 +3,7 @@
 use super::script::Script;
 use crate::view::events::Event;
 use crate::view::navigation::Input;
+use crate::view::paint::Mode;
 use crate::view::panels::Tool;
 use egui::{Key, Modifiers, PointerButton, Pos2};
 use splatgraph_assets::synth;
@@ -20,14 +21,14 @@ fn window(tools: &[Tool]) -> Script {
     script
 }
 
+fn button(pos: Pos2, pressed: bool) -> egui::Event {
+    let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+    egui::Event::PointerButton { pos, button, pressed, modifiers }
+}
+
 fn click_at(script: &mut Script, pos: Pos2) {
-    let button = |pressed| egui::Event::PointerButton {
-        pos,
-        button: PointerButton::Primary,
-        pressed,
-        modifiers: Modifiers::NONE,
-    };
-    for events in [vec![egui::Event::PointerMoved(pos)], vec![button(true)], vec![button(false)], vec![]] {
+    let [press, release] = [true, false].map(|pressed| button(pos, pressed));
+    for events in [vec![egui::Event::PointerMoved(pos)], vec![press], vec![release], vec![]] {
         script.input = events;
         script.frame(false);
     }
@@ -56,6 +57,42 @@ fn a_second_click_on_a_button_that_adds_a_view_adds_another() {
         click_at(&mut script, place);
     }
     assert_eq!((script.viewer().views.list().len(), script.viewer().path.keys().len()), (2, 2));
+    script.close(&[]);
+}
+
+#[test]
+fn a_path_plays_on_while_the_split_line_is_dragged() {
+    let mut script = window(&[]);
+    script.viewer().choose_compare(Mode::Split);
+    script.settle();
+    let viewer = script.viewer();
+    for _ in 0..2 {
+        viewer.record_key().expect("a sound camera");
+        viewer.navigate(&Input { orbit: [1.0, 0.0], seconds: 0.5, ..Input::default() });
+    }
+    viewer.seek_path(0.0);
+    viewer.play.play(&viewer.path);
+    let view = script.panels().controls.find("view").expect("the view");
+    let at = |part: f32| view.lerp_inside(egui::vec2(part, 0.5));
+    let before = script.viewer().play.position();
+    script.input = vec![egui::Event::PointerMoved(at(0.5))];
+    script.frame(false);
+    script.input = vec![button(at(0.5), true)];
+    for part in [0.5, 0.55, 0.6, 0.7] {
+        script.input.push(egui::Event::PointerMoved(at(part)));
+        script.frame(false);
+    }
+    let viewer = script.viewer();
+    let (offset, position) = (viewer.scene().offset(), viewer.play.position());
+    assert!((viewer.split - 0.7).abs() < 1e-3, "{}", viewer.split);
+    assert!(viewer.play.is_playing() && position > before + 0.06, "{before} to {position}");
+    let expected = viewer.path.at(position).expect("a camera").relative_to(offset);
+    let shown = viewer.navigation.camera(expected.width, expected.height);
+    assert_eq!(shown, expected, "the drag does not orbit");
+    script.input = vec![button(at(0.7), false)];
+    script.frame(false);
+    assert!(script.viewer().play.is_playing());
+    script.viewer().play.pause();
     script.close(&[]);
 }
 
