@@ -65,9 +65,27 @@ fn b_shares_the_scene_of_a_however_its_path_is_written() {
     let second = script.path("second.ply");
     script.viewer().open_scene_in(RendererId::B, &second);
     script.until("B's scene", |script| script.viewer().has_two_scenes());
-    script.viewer().open_scene_in(RendererId::B, &here.join(&relative));
-    let viewer = script.viewer();
-    assert_eq!((viewer.has_two_scenes(), viewer.loading(RendererId::B)), (false, None));
+    let folder = first.parent().and_then(|folder| folder.file_name()).expect("a folder");
+    let roundabout = script.path("..").join(folder).join("first.ply");
+    for path in [here.join(&relative), roundabout.clone()] {
+        script.viewer().open_scene_in(RendererId::B, &path);
+        let viewer = script.viewer();
+        assert_eq!((viewer.has_two_scenes(), viewer.loading(RendererId::B)), (false, None), "{path:?}");
+    }
+    // A's scene is the file that was read, not the one that its path leads to by now.
+    #[cfg(unix)]
+    {
+        let link = script.path("link.ply");
+        std::os::unix::fs::symlink(&first, &link).expect("a link");
+        script.viewer().open(&link);
+        script.until("the linked scene", |script| script.viewer().scene_path() == link);
+        std::fs::remove_file(&link).expect("the link is removed");
+        std::os::unix::fs::symlink(&second, &link).expect("a link");
+        script.viewer().open_scene_in(RendererId::B, &link);
+        script.until("B's scene", |script| script.viewer().has_two_scenes());
+        script.viewer().open_scene_in(RendererId::B, &roundabout);
+        assert!(!script.viewer().has_two_scenes());
+    }
     script.close(&[]);
 }
 

@@ -13,7 +13,8 @@ use crate::view::opening::{self, CameraRole, CamerasBeside, Content, Opened, Ope
 use glam::DVec3;
 use splatgraph_assets::Scene;
 use splatgraph_framework::reload::Content as FileContent;
-use std::path::{Path, absolute};
+use splatgraph_framework::source::canonical;
+use std::path::Path;
 
 impl Viewer {
     pub(super) fn subject_of(&self, id: RendererId) -> &Subject {
@@ -71,11 +72,9 @@ impl Viewer {
     }
 
     /// Loads a scene for a viewport on another thread, and shows it when done. A later request replaces this one. If B is
-    /// given A's file, it shares A's scene.
+    /// given A's file, by any path, it shares A's scene.
     pub fn open_scene_in(&mut self, id: RendererId, path: &Path) {
-        // The command line may name A's file by a relative path; recent scenes have absolute ones.
-        let full = |path: &Path| absolute(path).unwrap_or_else(|_| path.to_owned());
-        if id == RendererId::B && full(path) == full(self.scene_path()) {
+        if id == RendererId::B && canonical(path) == self.subject.file {
             return self.share_scene();
         }
         self.restored[opening::index(id)] = None;

@@ -11,6 +11,7 @@ use crate::view::navigation::Navigation;
 use crate::view::renderer::Wake;
 use splatgraph_assets::{Camera, SH_C0, Scene, SceneMemoryError, ScenePart, Splat};
 use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::source::canonical;
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -121,6 +122,8 @@ pub(super) struct Subject {
     /// The scene as loaded.
     pub whole: Arc<Scene>,
     pub path: PathBuf,
+    /// The file that `path` led to when it was read, without links and `..`.
+    pub file: PathBuf,
     /// The requested marks; `scene` shows them once the marked copy is made.
     marks: Marks,
     maker: Latest<MarkedScene>,
@@ -137,6 +140,7 @@ impl Subject {
             whole: scene.clone(),
             scene,
             catalog,
+            file: canonical(&path),
             path,
             marks: Marks::default(),
             maker: Latest::new("show", wake.clone()),
@@ -150,6 +154,7 @@ impl Subject {
     /// Also returns an error if marks are being applied, and no thread can be started to apply them to the copy.
     pub fn copied(&self, wake: Wake) -> (Subject, Result<(), String>) {
         let mut copy = Subject::new(self.whole.clone(), self.path.clone(), wake);
+        copy.file.clone_from(&self.file);
         copy.show(MarkedScene { scene: self.scene.clone(), catalog: self.catalog.clone() });
         if self.maker.busy() {
             let applied = copy.set_marks(self.marks.clone());
