@@ -1,5 +1,5 @@
 //! Undoes and redoes the user's changes: scene, selected and hidden splats, graphs, parameters, comparison, background,
-//! resolution, saved views.
+//! resolution, saved views, camera path.
 //!
 //! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
 //! mouse button is held. Changes by the program itself, such as dropping a parameter that a new graph lacks, become
@@ -10,6 +10,7 @@ use super::events::RendererId;
 use super::paint::Mode;
 use super::renderer::Choice;
 use super::viewer::{Marks, Viewer};
+use crate::draw::camera_path::PathSettings;
 use crate::draw::splat_set::SplatSet;
 use std::path::{Path, PathBuf};
 
@@ -29,6 +30,7 @@ pub struct Settings {
     background: [f32; 3],
     scale: f32,
     views: Views,
+    path: PathSettings,
 }
 
 impl Settings {
@@ -53,6 +55,7 @@ impl Settings {
             background: viewer.background,
             scale: viewer.scale,
             views: viewer.views.clone(),
+            path: viewer.path.settings().clone(),
         }
     }
 
@@ -93,6 +96,7 @@ impl Settings {
         }
         (viewer.background, viewer.scale) = (self.background, self.scale);
         viewer.views.clone_from(&self.views);
+        viewer.path.restore(&self.path);
         for (id, side) in [(RendererId::A, Some(&self.a)), (RendererId::B, self.b.as_ref())] {
             if let (Some(side), Some(viewport)) = (side, viewer.viewport(id)) {
                 let renderer = &mut viewport.renderer;
@@ -138,6 +142,9 @@ impl Settings {
         }
         if self.views != other.views {
             parts.push("saved views".to_owned());
+        }
+        if self.path != other.path {
+            parts.push("camera path".to_owned());
         }
         match parts.len() {
             0..=3 => parts.join(", "),
@@ -243,6 +250,7 @@ fn go(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::camera_path::CameraPath;
 
     fn settings(graph: &str, set: &[(&str, &str)]) -> Settings {
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
@@ -256,6 +264,7 @@ mod tests {
             background: [0.0; 3],
             scale: 1.0,
             views: Views::default(),
+            path: CameraPath::new(1.0).settings().clone(),
         }
     }
 

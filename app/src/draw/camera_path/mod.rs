@@ -16,6 +16,7 @@ use crate::draw::projection::{self, MixedProjections};
 use curve::{Curve, View};
 use splatgraph_assets::{Camera, Projection, Scene};
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 /// Range of a path's duration, in seconds.
 pub const SECONDS: RangeInclusive<f64> = 0.1..=86_400.0;
@@ -39,12 +40,19 @@ pub enum KeyError {
     Mixed(#[from] MixedProjections),
 }
 
+/// The choices of a user that define a path.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathSettings {
+    /// Shared with the viewer's undo history.
+    keys: Arc<Vec<Camera>>,
+    closed: bool,
+    seconds: f64,
+}
+
 /// A smooth path of a camera; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct CameraPath {
-    keys: Vec<Camera>,
-    closed: bool,
-    seconds: f64,
+    settings: PathSettings,
     radian: f64,
     projection: Projection,
     curve: Curve,
@@ -57,9 +65,7 @@ impl CameraPath {
     /// [`length_of_radian`]. A value that is not positive counts as 1.
     pub fn new(radian: f64) -> CameraPath {
         let mut path = CameraPath {
-            keys: Vec::new(),
-            closed: false,
-            seconds: DEFAULT_SECONDS,
+            settings: PathSettings { keys: Arc::default(), closed: false, seconds: DEFAULT_SECONDS },
             radian: 1.0,
             projection: Projection::Pinhole,
             curve: Curve::default(),
@@ -68,9 +74,22 @@ impl CameraPath {
         path
     }
 
+    /// Returns the keys, the duration, and whether the path is closed.
+    pub fn settings(&self) -> &PathSettings {
+        &self.settings
+    }
+
+    /// Restores earlier settings of this path.
+    pub fn restore(&mut self, settings: &PathSettings) {
+        if self.settings != *settings {
+            self.settings.clone_from(settings);
+            self.update();
+        }
+    }
+
     /// Returns the keys, in the world's coordinates.
     pub fn keys(&self) -> &[Camera] {
-        &self.keys
+        &self.settings.keys
     }
 
     /// Replaces all keys.
@@ -80,7 +99,7 @@ impl CameraPath {
     pub fn set_keys(&mut self, keys: Vec<Camera>) -> Result<(), KeyError> {
         keys.iter().enumerate().try_for_each(|(index, key)| check(index, key))?;
         projection::shared(&keys)?;
-        self.keys = keys;
+        self.settings.keys = Arc::new(keys);
         self.update();
         Ok(())
     }
@@ -90,50 +109,51 @@ impl CameraPath {
     /// # Errors
     /// The camera is unusable; see [`Camera::fault`].
     pub fn insert(&mut self, index: usize, key: Camera) -> Result<(), KeyError> {
-        let index = index.min(self.keys.len());
+        let index = index.min(self.keys().len());
         check(index, &key)?;
-        self.keys.insert(index, key);
+        self.keys_mut().insert(index, key);
         self.update();
         Ok(())
     }
 
     /// Removes the key at this index, if it exists.
     pub fn remove(&mut self, index: usize) {
-        if index < self.keys.len() {
-            self.keys.remove(index);
+        if index < self.keys().len() {
+            self.keys_mut().remove(index);
             self.update();
         }
     }
 
     /// Moves a key to another position in the list; the others keep their order.
     pub fn reorder(&mut self, from: usize, to: usize) {
-        if from < self.keys.len() {
-            let key = self.keys.remove(from);
-            self.keys.insert(to.min(self.keys.len()), key);
+        if from < self.keys().len() {
+            let keys = self.keys_mut();
+            let key = keys.remove(from);
+            keys.insert(to.min(keys.len()), key);
             self.update();
         }
     }
 
     /// Returns true if the path leads from the last key back to the first.
     pub fn is_closed(&self) -> bool {
-        self.closed
+        self.settings.closed
     }
 
     /// Closes or opens the path. Its duration does not change.
     pub fn set_closed(&mut self, closed: bool) {
-        self.closed = closed;
+        self.settings.closed = closed;
         self.update();
     }
 
     /// Returns the duration, in seconds.
     pub fn seconds(&self) -> f64 {
-        self.seconds
+        self.settings.seconds
     }
 
     /// Sets the duration, in seconds, clamped to [`SECONDS`]; NaN is ignored.
     pub fn set_seconds(&mut self, seconds: f64) {
         if !seconds.is_nan() {
-            self.seconds = seconds.clamp(*SECONDS.start(), *SECONDS.end());
+            self.settings.seconds = seconds.clamp(*SECONDS.start(), *SECONDS.end());
         }
     }
 
@@ -147,16 +167,16 @@ impl CameraPath {
     pub fn key_seconds(&self) -> Vec<f64> {
         let length = self.curve.length();
         let part = |at: &f64| if length > 0.0 { at / length } else { 0.0 };
-        self.curve.keys.iter().map(|at| part(at) * self.seconds).collect()
+        self.curve.keys.iter().map(|at| part(at) * self.seconds()).collect()
     }
 
     /// Computes the camera at a time, in seconds from the start; `None` without keys.
     ///
     /// A closed path repeats; an open one stays at its ends. The camera has the picture size of the first key.
     pub fn at(&self, seconds: f64) -> Option<Camera> {
-        let first = self.keys.first()?;
-        let part = seconds / self.seconds;
-        let part = match self.closed {
+        let first = self.keys().first()?;
+        let part = seconds / self.seconds();
+        let part = match self.is_closed() {
             _ if part.is_nan() => 0.0,
             // A closed path has no camera at an infinite time; use the first.
             true => Some(part.rem_euclid(1.0)).filter(|part| part.is_finite()).unwrap_or(0.0),
@@ -170,14 +190,18 @@ impl CameraPath {
     ///
     /// `frame` counts from 0, and may be fractional. An open path begins at the first frame and ends at the last.
     pub fn at_frame(&self, frame: f64, count: u32) -> Option<Camera> {
-        let steps = if self.closed { count } else { count.saturating_sub(1) };
-        self.at(self.seconds * frame / f64::from(steps.max(1)))
+        let steps = if self.is_closed() { count } else { count.saturating_sub(1) };
+        self.at(self.seconds() * frame / f64::from(steps.max(1)))
+    }
+
+    fn keys_mut(&mut self) -> &mut Vec<Camera> {
+        Arc::make_mut(&mut self.settings.keys)
     }
 
     fn update(&mut self) {
-        let views: Vec<View> = self.keys.iter().map(View::of).collect();
-        self.projection = projection::shared(&self.keys).unwrap_or_default();
-        self.curve = Curve::new(&views, self.closed, self.radian);
+        let views: Vec<View> = self.keys().iter().map(View::of).collect();
+        self.projection = projection::shared(self.keys()).unwrap_or_default();
+        self.curve = Curve::new(&views, self.is_closed(), self.radian);
     }
 }
 

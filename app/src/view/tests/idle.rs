@@ -124,7 +124,7 @@ fn what_is_inspected_is_read_again_in_each_new_plan_and_is_an_error_without_its_
 }
 
 #[test]
-fn undoing_brings_removed_views_back_with_their_names() {
+fn undoing_brings_removed_views_back_with_their_names_and_keys_of_the_path() {
     let mut script = resting();
     for name in ["front", "side"] {
         script.viewer().save_view(name);
@@ -139,6 +139,36 @@ fn undoing_brings_removed_views_back_with_their_names() {
     assert_eq!(names(&mut script), ["front", "side"]);
     script.press(Key::Z, Modifiers::COMMAND);
     assert_eq!(names(&mut script), ["front"]);
+    // The same for the camera path.
+    for _ in 0..2 {
+        let viewer = script.viewer();
+        viewer.record_key().expect("a sound camera");
+        viewer.navigate(&Input { orbit: [1.0, 0.0], seconds: 0.5, ..Input::default() });
+        script.frame(false);
+    }
+    let path = |script: &mut Script| {
+        let path = &script.viewer().path;
+        (path.keys().to_vec(), path.is_closed(), path.seconds(), path.at(1.0))
+    };
+    let two = path(&mut script);
+    for change in 0..4 {
+        let viewer = script.viewer();
+        match change {
+            0 => viewer.path.remove(0),
+            1 => viewer.path.reorder(0, 1),
+            2 => viewer.path.set_closed(true),
+            _ => viewer.path.set_seconds(3.0),
+        }
+        let changed = path(&mut script);
+        script.frame(false);
+        script.press(Key::Z, Modifiers::COMMAND);
+        assert_eq!(path(&mut script), two, "{change}");
+        script.press(Key::Z, Modifiers::COMMAND | Modifiers::SHIFT);
+        assert_eq!(path(&mut script), changed, "{change}");
+        script.press(Key::Z, Modifiers::COMMAND);
+    }
+    script.press(Key::Z, Modifiers::COMMAND);
+    assert_eq!(path(&mut script).0, two.0[..1]);
     script.close(&[]);
 }
 
