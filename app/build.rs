@@ -10,11 +10,11 @@ use std::process::Command;
 use std::{env, fs, io};
 
 fn main() {
-    let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("set by cargo")).join("..");
+    let here = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("set by cargo"));
     let mut files = Vec::new();
     for folder in ["pipelines", "shaders"] {
-        if let Err(error) = walk(&root.join(folder), folder, &mut files) {
-            panic!("the folder {folder}/ beside app/ cannot be read: {error}");
+        if let Err(error) = walk(&here.join(folder), folder, &mut files) {
+            panic!("the folder app/{folder}/ cannot be read: {error}");
         }
     }
     files.sort();
@@ -29,7 +29,7 @@ fn main() {
 
     println!("cargo:rerun-if-env-changed=SPLATGRAPH_COMMIT");
     let mut version = env::var("CARGO_PKG_VERSION").expect("set by cargo");
-    let commit = env::var("SPLATGRAPH_COMMIT").ok().or_else(|| commit(&root)).unwrap_or_default();
+    let commit = env::var("SPLATGRAPH_COMMIT").ok().or_else(|| commit(&here.join(".."))).unwrap_or_default();
     if let Some(commit) = commit.lines().next().filter(|commit| !commit.is_empty()) {
         version += &format!(" ({commit})");
     }

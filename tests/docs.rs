@@ -12,6 +12,34 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
+/// Cargo, and maturin for the source distribution of the Python package, pack the files of a crate's folder alone.
+#[test]
+fn the_package_of_the_program_has_every_file_that_is_built_in() {
+    let cargo = std::env::var_os("CARGO").unwrap_or("cargo".into());
+    let listed = Command::new(cargo)
+        .args(["package", "--list", "--allow-dirty", "--offline", "-p", "splatgraph"])
+        .current_dir(root())
+        .output()
+        .expect("cargo starts");
+    let listed = String::from_utf8(listed.stdout).expect("names");
+    let listed: BTreeSet<&str> = listed.lines().collect();
+    for (folder, packed) in
+        [("pipelines", "pipelines"), ("shaders", "shaders"), ("examples/tutorial", "tutorial")]
+    {
+        let mut waiting = vec![(root().join(folder), packed.to_owned())];
+        while let Some((folder, packed)) = waiting.pop() {
+            for entry in fs::read_dir(folder).expect("a folder") {
+                let entry = entry.expect("an entry");
+                let name = format!("{packed}/{}", entry.file_name().to_string_lossy());
+                match entry.path().is_dir() {
+                    true => waiting.push((entry.path(), name)),
+                    false => assert!(listed.contains(name.as_str()), "{name} is not packed"),
+                }
+            }
+        }
+    }
+}
+
 fn page_names() -> Vec<PathBuf> {
     let docs = fs::read_dir(root().join("docs")).expect("docs/ is there").map(|entry| {
         let entry = entry.expect("an entry");

@@ -45,7 +45,7 @@ enum Start {
 
 macro_rules! tutorial {
     ($name:literal) => {
-        ($name, include_str!(concat!("../../../examples/tutorial/", $name)))
+        ($name, include_str!(concat!("../../tutorial/", $name)))
     };
 }
 
