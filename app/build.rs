@@ -38,9 +38,9 @@ fn main() {
 
 /// Returns the commit of a checkout, with `-dirty` if files differ from it; `None` without a checkout or without git.
 ///
-/// Cargo runs this script again if a source of the program differs, which compiles the program anyway. It does not watch
-/// `.git`, which would compile the program after every commit. Edits that are compiled first and committed later
-/// therefore keep the earlier commit, with `-dirty`.
+/// Cargo runs this script again if a source of the program differs, which compiles the program anyway. A release build
+/// with `-dirty` is also built again after the next commit, so that it does not keep the earlier commit. Other builds do
+/// not watch `.git`, which would compile the program after every commit.
 fn commit(root: &Path) -> Option<String> {
     // In another folder, git would find a repository around it, such as a distribution's.
     if !root.join(".git").exists() {
@@ -58,7 +58,15 @@ fn commit(root: &Path) -> Option<String> {
     }
     git.arg("-C").arg(root).args(["--no-optional-locks", "describe", "--always", "--dirty", "--exclude=*"]);
     let found = git.arg("--abbrev=12").output().ok().filter(|found| found.status.success())?;
-    String::from_utf8(found.stdout).ok()
+    let commit = String::from_utf8(found.stdout).ok()?;
+    let log = root.join(".git/logs/HEAD");
+    if commit.trim_end().ends_with("-dirty")
+        && env::var("PROFILE").is_ok_and(|p| p == "release")
+        && log.exists()
+    {
+        println!("cargo:rerun-if-changed={}", log.display());
+    }
+    Some(commit)
 }
 
 /// Adds the files under `folder`, each by its name from the root, with slashes, and its absolute path.
