@@ -15,6 +15,7 @@ use crate::io::output::{self, OutputGuard, is_standard_output, names, say, shell
 use crate::io::progress::Progress;
 use crate::io::report::plot::Plot;
 use crate::io::scene_file;
+use crate::lsp;
 use crate::studies::bench;
 use anyhow::{Context, Result, anyhow, bail};
 use splatgraph_api::BackendError;
@@ -211,15 +212,6 @@ pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Lists the imports of the built-in graphs, for a nominal scene and the viewer's window.
-pub fn nominal_catalog() -> Catalog {
-    #[cfg_attr(not(feature = "window"), expect(unused_mut))]
-    let mut catalog = facts::nominal_catalog();
-    #[cfg(feature = "window")]
-    crate::view::paint::offer(&mut catalog);
-    catalog
-}
-
 /// Lists every built-in graph except parts: renderers, filters, and the graphs of `bench` and of the viewer's window.
 pub fn built_in_graphs() -> Vec<&'static str> {
     let mut graphs = builtin::names();
@@ -333,7 +325,7 @@ pub fn target(wanted: Option<&str>) -> Result<Target> {
 
 /// Returns the facts and the imports of the scene at `path`, or of the nominal scene.
 pub fn scene_facts(path: Option<&Path>, load: &LoadOptions) -> Result<(SceneFacts, Catalog)> {
-    let Some(path) = path else { return Ok((SceneFacts::NOMINAL, nominal_catalog())) };
+    let Some(path) = path else { return Ok((SceneFacts::NOMINAL, lsp::nominal_catalog())) };
     let scene = load_scene(path, load)?;
     Ok((SceneFacts::of(&scene), facts::catalog(&scene)))
 }

@@ -130,10 +130,11 @@ fn as_json(control: &Control) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lsp;
 
     fn controls(graph: &str) -> Vec<Control> {
         let facts = facts::nominal(facts::USUAL_SUBGROUP_SIZE);
-        Planner::default().controls(graph, &[], &facts, &options::nominal_catalog()).expect("a graph")
+        Planner::default().controls(graph, &[], &facts, &lsp::nominal_catalog()).expect("a graph")
     }
 
     #[test]

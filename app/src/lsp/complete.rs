@@ -1,12 +1,12 @@
 //! Offers completions, and describes what is under the pointer, from the last build of a graph.
 
 use super::cursor::{self, Meaning, Scan};
-use super::files::{LANES, nominal_case};
+use super::files::{self, LANES, nominal_case};
 use super::graph::Workspace;
 use super::names::{self, Role, mentions};
 use super::text;
 use crate::draw::builtin;
-use crate::draw::facts::{self, SceneFacts};
+use crate::draw::facts::SceneFacts;
 use crate::draw::planner::Planner;
 use lsp_types::{
     CompletionItem, CompletionItemKind, CompletionTextEdit, Hover, HoverContents, MarkupContent, MarkupKind,
@@ -15,7 +15,7 @@ use lsp_types::{
 use splatgraph_assets::grouped;
 use splatgraph_framework::ir::{Format, ParamBinding};
 use splatgraph_framework::lower::Control;
-use splatgraph_framework::schema::is_choice;
+use splatgraph_framework::schema::{Document, Port, is_choice};
 use splatgraph_framework::source::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
@@ -28,10 +28,25 @@ impl Workspace {
         let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
         let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
         let (path, _) = self.planner.path_and_text(file);
-        let (facts, catalog) = (nominal_case(LANES[0]).facts(), facts::nominal_catalog());
+        let (facts, catalog) = (nominal_case(LANES[0]).facts(), files::nominal_catalog());
         let mut of = |graph: &str| self.planner.controls(graph, &[], &facts, &catalog);
         // The path of a built-in graph is not a file's path, so try its name.
         of(&path).or_else(|_| of(included)).unwrap_or_default()
+    }
+
+    /// Lists the ports of the graph that the graph at `path` includes, each with a description.
+    fn ports(&mut self, path: &Path, included: &str) -> Vec<(String, String)> {
+        let from = self.planner.file(None, &path.display().to_string(), Kind::Graph);
+        let Some(file) = self.planner.file(from, included, Kind::Graph) else { return Vec::new() };
+        let Ok(Document::Graph(graph)) = Document::parse(&self.planner.path_and_text(file).1) else {
+            return Vec::new();
+        };
+        let described = |port| match port {
+            Port::Buffer { ping_pong: true, .. } => "a ping-pong buffer",
+            Port::Buffer { .. } => "a buffer",
+            Port::Image { .. } => "an image",
+        };
+        graph.ports.into_iter().map(|(name, port)| (name, described(port).to_owned())).collect()
     }
 
     pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
@@ -63,6 +78,11 @@ impl Workspace {
             Meaning::Parameter { graph } => {
                 for control in graph.iter().flat_map(|graph| self.parameters(path, graph)) {
                     offer(&control.param.name, CompletionItemKind::FIELD, described(&control));
+                }
+            }
+            Meaning::Port { graph } => {
+                for (name, port) in graph.iter().flat_map(|graph| self.ports(path, graph)) {
+                    offer(&name, CompletionItemKind::FIELD, port);
                 }
             }
             Meaning::Resource => {
@@ -97,7 +117,7 @@ impl Workspace {
                 }
             }
             Meaning::Import => {
-                let catalog = facts::nominal_catalog();
+                let catalog = files::nominal_catalog();
                 for (name, attribute) in &catalog.attributes {
                     let about =
                         format!("{} planes of {} bytes per splat", attribute.planes, attribute.stride);

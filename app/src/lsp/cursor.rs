@@ -17,6 +17,11 @@ pub enum Meaning {
         /// The graph, if the include names it in the scanned text.
         graph: Option<String>,
     },
+    /// A port of an included graph, as a key of `with`.
+    Port {
+        /// The graph, if the include names it in the scanned text.
+        graph: Option<String>,
+    },
     /// A resource, or an expression that selects one.
     Resource,
     /// An expression over parameters, facts and `let`s.
@@ -195,6 +200,7 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
             Meaning::Block { shaders: around.first().map(|pass| shaders(pass)).unwrap_or_default() }
         }
         (None, "set") if group.is_map => Meaning::Parameter { graph: around.first().and_then(graph) },
+        (None, "with") if group.is_map => Meaning::Port { graph: around.first().and_then(graph) },
         (None, _) if group.is_map => Meaning::Free,
         (None, _) if around.first().is_some_and(|around| around.name == "Only") => {
             let include = around.iter().find(|around| around.name == "Include");
@@ -264,6 +270,7 @@ mod tests {
             ("resources: { \"p\": Image(format: \"|".into(), Some(Meaning::Format)),
             ("Include(graph: \"parts/|".into(), Some(Meaning::Graph)),
             ("Include(graph: \"a\", set: { \"n\": 1, \"w|".into(), parameter("a")),
+            ("Include(graph: \"a\", with: { \"k|".into(), Some(Meaning::Port { graph: Some("a".into()) })),
             ("Include(graph: \"a\", expose: Only([\"w|".into(), parameter("a")),
             ("Preset(graph: \"b\", set: { \"|".into(), parameter("b")),
             ("Dispatch(shader: \"|".into(), Some(Meaning::Shader { extension: "comp" })),

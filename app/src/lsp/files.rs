@@ -2,6 +2,7 @@
 
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::requirements::Case;
+use splatgraph_framework::ir::Catalog;
 use splatgraph_framework::source;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,6 +20,15 @@ pub fn is_graph(path: &Path) -> bool {
 pub fn nominal_case(lanes: u32) -> Case {
     let device = facts::portable_device(lanes);
     Case { device, scene: SceneFacts::NOMINAL, size: facts::DEFAULT_SIZE }
+}
+
+/// Lists the imports of the built-in graphs, for a nominal scene and the viewer's window.
+pub fn nominal_catalog() -> Catalog {
+    #[cfg_attr(not(feature = "window"), expect(unused_mut))]
+    let mut catalog = facts::nominal_catalog();
+    #[cfg(feature = "window")]
+    crate::view::paint::offer(&mut catalog);
+    catalog
 }
 
 /// Resolves the links and `..` in an absolute path as the framework does. Returns relative paths, which built-in files

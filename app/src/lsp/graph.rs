@@ -5,7 +5,6 @@ use super::files::{self, LANES, is_graph, nominal_case};
 use super::index::{Index, Place};
 use super::{hints, names, rename, text};
 use crate::draw::backend;
-use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, Severity};
 use crate::draw::requirements::{self, Case};
 use lsp_types::{Diagnostic, DiagnosticSeverity, InlayHint, Location, Range, TextEdit, Uri};
@@ -225,7 +224,7 @@ impl Workspace {
     }
 
     fn warnings(&mut self, path: &Path, graph: &str) -> Result<Vec<PlainDiagnostic>, GraphErrors> {
-        let (catalog, cases) = (facts::nominal_catalog(), LANES.map(nominal_case));
+        let (catalog, cases) = (files::nominal_catalog(), LANES.map(nominal_case));
         let mut warnings = Vec::new();
         for build in requirements::builds(&mut self.planner, graph, &cases, &catalog)? {
             if let Some(case) = build.case.as_ref().filter(|_| build.name.is_none()) {
@@ -240,7 +239,7 @@ impl Workspace {
 
     /// Keeps the parameters and the names of a graph. `changed` lists facts of `case` that are not nominal.
     fn declare(&mut self, path: &Path, graph: &str, case: &Case, changed: &str) -> Result<(), GraphErrors> {
-        let (facts, catalog) = (case.facts(), facts::nominal_catalog());
+        let (facts, catalog) = (case.facts(), files::nominal_catalog());
         let controls = self.planner.controls(graph, &[], &facts, &catalog)?;
         let names = self.planner.ask((graph, &[]), &facts, &catalog, lower::expression_names)?;
         let built = self.built.entry(path.to_owned()).or_default();

@@ -95,11 +95,6 @@ impl Index {
         let mut search = Search::default();
         let (mut waiting, mut searched) = (graphs, BTreeSet::new());
         waiting.extend(search.users_of(path));
-        if !is_graph(path)
-            && let Some(file) = planner.file(None, &path.display().to_string(), source::Kind::Shader)
-        {
-            index.read_shader(planner, file);
-        }
         while let Some(graph) = waiting.pop() {
             let file = planner.file(None, &graph.display().to_string(), source::Kind::Graph);
             let mut named: Vec<FileId> = file.into_iter().collect();
@@ -113,6 +108,12 @@ impl Index {
                     waiting.extend(search.users_of(Path::new(path)));
                 }
             }
+        }
+        // Last: a shader may include files of the folders of the graph that names it.
+        if !is_graph(path)
+            && let Some(file) = planner.file(None, &path.display().to_string(), source::Kind::Shader)
+        {
+            index.read_shader(planner, file);
         }
         index.resolve();
         index

@@ -16,6 +16,7 @@ mod tests;
 mod text;
 
 use anyhow::{Result, ensure};
+pub use files::nominal_catalog;
 use graph::Workspace;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, Response};
 use lsp_types::notification::{

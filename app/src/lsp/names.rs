@@ -95,7 +95,11 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
                 Meaning::Expression | Meaning::Shader { .. } | Meaning::Format => {
                     expression(inside, key.is_some() && lead == "let", &mut add);
                 }
-                Meaning::Free | Meaning::Import | Meaning::Block { .. } | Meaning::Parameter { .. } => {}
+                Meaning::Free
+                | Meaning::Import
+                | Meaning::Block { .. }
+                | Meaning::Parameter { .. }
+                | Meaning::Port { .. } => {}
             },
         }
     }

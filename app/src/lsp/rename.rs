@@ -1,9 +1,8 @@
 //! Renames a declaration of a graph in all files. The graphs are first built with the new name, as a check.
 
-use super::files::{LANES, nominal_case};
+use super::files::{self, LANES, nominal_case};
 use super::index::{Form, Index, Place, capital};
 use super::names::continues_name;
-use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
 use crate::draw::requirements;
 use splatgraph_framework::plan::Plan;
@@ -153,7 +152,7 @@ fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<Vec<NamelessP
             let first = errors.found.first();
             first.map_or_else(String::new, |e| format!("{}:{}: {}", e.file, e.line, e.message))
         };
-        let (catalog, cases) = (facts::nominal_catalog(), LANES.map(nominal_case));
+        let (catalog, cases) = (files::nominal_catalog(), LANES.map(nominal_case));
         let builds = requirements::builds(planner, graph, &cases, &catalog).map_err(first)?;
         let plans = builds.iter().filter_map(|build| build.plan(planner, graph, &[], &catalog).transpose());
         plans.map(|plan| Ok(NamelessPlan::of(&plan.map_err(first)?))).collect()

@@ -8,6 +8,7 @@ use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};
 use crate::draw::requirements::{self, Case};
 use crate::io::output::{say, say_styled};
+use crate::lsp;
 use anyhow::Result;
 use serde_json::{Value, json};
 use splatgraph_framework::dump;
@@ -382,7 +383,7 @@ fn is_same(a: &Plan, b: &Plan) -> bool {
 }
 
 fn nominal(splats: u64) -> (Catalog, SceneFacts) {
-    let catalog = facts::with_count(options::nominal_catalog(), splats);
+    let catalog = facts::with_count(lsp::nominal_catalog(), splats);
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 

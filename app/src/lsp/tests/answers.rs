@@ -129,6 +129,9 @@ fn the_output_of_an_include_and_the_parameters_that_it_sets_are_known() {
         let text = editor.hover(place);
         assert!(text.starts_with("`width`: a constant parameter, here 4. ring width"), "{text}");
     }
+    let with = r#"Graph(passes: [Include(name: "sort", graph: "parts/sort.ron", with: { "ke|" }"#;
+    let place = editor.place("with.ron", with);
+    assert_eq!(editor.offered(place), ["args", "keys", "values"]);
     editor.end();
 }
 
@@ -259,6 +262,12 @@ fn definitions_lead_to_declarations_files_and_blocks() {
     editor.write("help.glsl", "");
     let including = COPY.replace("void main", "#include \"help.glsl\"\nvoid main");
     let place = editor.place("copy.comp", &including.replace("help.glsl", "he|lp.glsl"));
+    assert_eq!(editor.defined(place), [("help.glsl".to_owned(), 0, 0)]);
+    // The shader of a closed graph may include what is in the graph's folder, outside of its own.
+    std::fs::create_dir(editor.path("lib")).expect("writable");
+    editor.write("deep.ron", &GRAPH.replace("show.comp", "lib/deep.comp"));
+    let including = SHADER.replace("void main", "#include \"../help.glsl\"\nvoid main");
+    let place = editor.place("lib/deep.comp", &including.replace("help.glsl", "he|lp.glsl"));
     assert_eq!(editor.defined(place), [("help.glsl".to_owned(), 0, 0)]);
     // A built-in file has no path that an editor could open.
     let built_in = GRAPH.replace("show.comp", "sort/scan.comp");
