@@ -25,6 +25,8 @@ pub struct Lowered {
     pub unwritten: Vec<RemovedUse>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
+    /// The halves of each ping-pong buffer. The first is the front at the start of the graph.
+    pub ping_pongs: Vec<[ResourceId; 2]>,
     /// Ping-pong buffers that a repeat uses and does not swap.
     pub unswapped: Vec<Unswapped>,
     /// Warnings about dispatches and draws whose size is 0 in every plan.

@@ -148,6 +148,7 @@ impl Lowering<'_> {
                 let mut add = |name| self.add(name, shape, Source::Transient, place.key());
                 let handle = if *ping_pong {
                     let halves = [0, 1].map(|i| add(format!("{full}#{i}")));
+                    self.lowered.ping_pongs.push(halves);
                     self.ping_pongs.push(PingPong { halves, front: 0, swaps: 0 });
                     Handle::PingPong(self.ping_pongs.len() - 1)
                 } else {

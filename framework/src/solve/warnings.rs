@@ -13,7 +13,7 @@ use super::order::Order;
 use crate::ir::{Accesses, ResourceId, Shader, Span};
 use crate::link::LinkedPass;
 use crate::lower::{Lowered, Unswapped};
-use crate::plan::{Resource, Warning};
+use crate::plan::Warning;
 use crate::source::{Diagnostic, SourceMap};
 use std::collections::{HashMap, HashSet};
 
@@ -116,16 +116,15 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
 
 /// Returns a warning for each ping-pong buffer that a `Once` pass fills, and that each frame changes there and back by
 /// iterations of one pass, if the last iteration writes the half that the frame did not start with.
+///
+/// The values that a sort moves are no such buffer: the iterations move keys with them, which each frame makes anew, so
+/// any permutation is as good a start.
 fn lost_steps(passes: &[LinkedPass], order: &Order, lowered: &Lowered) -> Vec<Diagnostic> {
-    let resources = &lowered.plan.resources;
-    let find = |name: &str| resources.iter().position(|other| other.name == name);
-    let lost = |(start, resource): (usize, &Resource)| {
-        let name = resource.name.strip_suffix("#0")?;
-        let other = ResourceId(find(&format!("{name}#1"))? as u32);
-        let start = ResourceId(start as u32);
+    let lost = |&[start, other]: &[ResourceId; 2]| {
+        let name = lowered.plan.resource(start).name.trim_end_matches("#0");
         let made = order.once.iter().find(|pass| accesses(&passes[**pass], start).writes())?;
-        let of_frame = order.frame.iter().map(|pass| &passes[*pass]);
-        let changes: Vec<&LinkedPass> = of_frame
+        let of_frame = || order.frame.iter().map(|pass| &passes[*pass]);
+        let changes: Vec<&LinkedPass> = of_frame()
             .filter(|pass| [start, other].iter().any(|half| accesses(pass, *half).writes()))
             .collect();
         let (first, last) = (*changes.first()?, *changes.last()?);
@@ -133,14 +132,21 @@ fn lost_steps(passes: &[LinkedPass], order: &Order, lowered: &Lowered) -> Vec<Di
         let forth = |pass: &LinkedPass| accesses(pass, start).reads() && !back(pass);
         // A different last pass may show the state, and use the other half as memory.
         let is_lost = forth(first) && forth(last) && first.span == last.span;
-        (is_lost && changes.iter().any(|pass| back(pass))).then(|| {
+        let are_keys = |keys: ResourceId| {
+            let (iterations, others): (Vec<_>, Vec<_>) = of_frame()
+                .filter(|pass| accesses(pass, keys).writes())
+                .partition(|pass| pass.span == first.span);
+            keys != start && accesses(first, keys).reads() && !iterations.is_empty() && !others.is_empty()
+        };
+        let sorts = first.pass.uses.iter().any(|touch| are_keys(touch.resource));
+        (is_lost && !sorts && changes.iter().any(|pass| back(pass))).then(|| {
             let message = format!("the next frame does not start with the result of `{}`", last.pass.name);
             Diagnostic::new(message, last.span, format!("writes the other half of `{name}`"))
                 .with_label(passes[*made].span, "fills the half with which every frame starts")
                 .with_help("make the number of swaps in a frame even, or copy the result to the other half")
         })
     };
-    resources.iter().enumerate().filter_map(lost).collect()
+    lowered.ping_pongs.iter().filter_map(lost).collect()
 }
 
 fn accesses(pass: &LinkedPass, resource: ResourceId) -> Accesses {
