@@ -62,6 +62,8 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
     let place = Place::new();
     place.cameras(&["one"]);
     place.done(TRUTH);
+    place.done("render scene.ply -c cameras.json -o upper/one.png");
+    std::fs::rename(place.at("upper/one.png"), place.at("upper/one.PNG")).expect("renamed");
     let short = format!("{SHORT} --only");
     let table = place.done(&format!("{short} defaults --truth true"));
     let line = table.lines().find(|line| line.contains("defaults")).expect("a line");
@@ -73,6 +75,7 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
             ("digit_bits", 2, "`digit_bits` is not measured: its declaration has no `exact` value"),
             ("defaults --truth missing", 1, "expected the picture one.npy, .exr, .png or .jpg in missing"),
             ("defaults --truth true --size 32x32", 1, "expected 32 x 32 pixels"),
+            ("defaults --truth upper --size 32x32", 1, "one.PNG: expected 32 x 32 pixels"),
             ("defaults --rounds 0", 2, "--rounds"),
             ("defaults --truth ledger/pictures", 2, "choose another --output"),
         ],

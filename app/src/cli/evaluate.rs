@@ -211,7 +211,9 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let mut claim = || -> Result<(), Usage> {
         guard.scene("the scene", &args.scene)?;
         cameras::claim_dataset(&mut guard, &dataset)?;
-        cameras::claim_photographs(&mut guard, folder, &found.views)?;
+        if dataset.photographs.as_ref() != Some(folder) {
+            cameras::claim_photographs(&mut guard, folder, &found.views)?;
+        }
         guard.input("the graph", Path::new(&args.pipeline))?;
         args.json.iter().try_for_each(|path| guard.output("--json", path))?;
         if let Some(output) = &args.output {

@@ -20,6 +20,7 @@ use crate::studies::trade::table::{csv, notes, table};
 use crate::studies::trade::{Study, Wanted, study};
 use anyhow::{Context, Result, bail};
 use splatgraph_api::Device;
+use splatgraph_assets::photograph::EXTENSIONS;
 use splatgraph_assets::{Camera, Scene};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
@@ -303,11 +304,8 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
 
 fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {
     let load = |(camera, stem): (&Camera, &String)| -> Result<Image> {
-        let formats = ["npy", "exr", "png", "jpg", "jpeg", "JPG", "JPEG"];
-        let path = formats
-            .map(|format| folder.join(format!("{stem}.{format}")))
-            .into_iter()
-            .find(|path| path.exists());
+        let formats = ["npy", "exr"].into_iter().chain(EXTENSIONS);
+        let path = formats.map(|format| folder.join(format!("{stem}.{format}"))).find(|path| path.exists());
         let Some(path) = path else {
             bail!("expected the picture {stem}.npy, .exr, .png or .jpg in {}, found none", folder.display());
         };

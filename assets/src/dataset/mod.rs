@@ -14,7 +14,7 @@
 mod colmap;
 mod error;
 mod json;
-mod photograph;
+pub mod photograph;
 mod view;
 
 pub use error::{CameraError, MAX_CAMERA_BYTES};

@@ -2,13 +2,12 @@
 
 use crate::file;
 use crate::words::bytes_at;
-use std::fs::File;
 use std::io::{BufReader, Error, ErrorKind, Read, Result};
 use std::path::{Component, Path, PathBuf};
 use zune_jpeg::JpegDecoder;
 
-/// Extensions to try for a photograph's name: first appended to it, then in place of its own.
-const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
+/// Extensions of photographs. They are tried for a photograph's name: first appended to it, then in place of its own.
+pub const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
 /// Returns a photograph's name without one of the [`EXTENSIONS`].
 pub(super) fn stem(name: &str) -> &str {
@@ -64,26 +63,43 @@ pub(super) fn is_near(folder: &Path, name: &Path) -> bool {
     parts.next().is_some_and(|first| first == Component::ParentDir || inside(first)) && parts.all(inside)
 }
 
+/// Returns true for a PNG file, and false for a JPEG file, by the first bytes.
+///
+/// # Errors
+/// The file cannot be read, or is in another format, which the error names.
+pub fn is_png(path: &Path) -> Result<bool> {
+    let mut head = [0; 4];
+    file::open(path)?.read_exact(&mut head)?;
+    let found = match &head {
+        b"\x89PNG" => return Ok(true),
+        [0xFF, 0xD8, ..] => return Ok(false),
+        b"II*\0" | b"MM\0*" => "a TIFF file".to_owned(),
+        b"RIFF" => "a WebP file".to_owned(),
+        other => format!("a file that begins with `{}`", other.escape_ascii()),
+    };
+    Err(wrong(&found))
+}
+
+fn wrong(found: &str) -> Error {
+    Error::new(ErrorKind::InvalidData, format!("expected a PNG or JPEG photograph, found {found}"))
+}
+
 /// Reads width and height in pixels from the header of a PNG or JPEG file.
 pub(super) fn size(path: &Path) -> Result<(u32, u32)> {
     /// First bytes of a PNG file: its signature, and the length and type of its first chunk (PNG specification, 5.2 and
     /// 11.2.1).
     const PNG: &[u8; 16] = b"\x89PNG\r\n\x1A\n\0\0\0\x0DIHDR";
-    let mut head = [0; 24];
-    let mut file: File = file::open(path)?;
-    file.read_exact(&mut head)?;
-    if head.starts_with(PNG) {
+    if is_png(path)? {
+        let mut head = [0; 24];
+        file::open(path)?.read_exact(&mut head)?;
+        if !head.starts_with(PNG) {
+            return Err(wrong("a PNG file without a size"));
+        }
         let [width, height] = [16, 20].map(|at| u32::from_be_bytes(bytes_at(&head, at)));
         return Ok((width, height));
     }
     let mut decoder = JpegDecoder::new(BufReader::new(file::open(path)?));
-    let wrong = |found: String| {
-        Error::new(ErrorKind::InvalidData, format!("expected a PNG or JPEG photograph, found {found}"))
-    };
-    if !head.starts_with(b"\xFF\xD8") {
-        return Err(wrong("another format".into()));
-    }
-    decoder.decode_headers().map_err(|error| wrong(error.to_string()))?;
-    let size = decoder.dimensions().ok_or_else(|| wrong("a JPEG without a size".into()))?;
+    decoder.decode_headers().map_err(|error| wrong(&error.to_string()))?;
+    let size = decoder.dimensions().ok_or_else(|| wrong("a JPEG without a size"))?;
     Ok((size.0 as u32, size.1 as u32))
 }

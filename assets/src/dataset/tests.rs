@@ -412,6 +412,8 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     write("val", &["r_4"]);
     ["r_0.png", "r_1.png", "r_4.png"].into_iter().for_each(png);
     std::fs::write(folder.path().join("r_2.png"), "\x7FPNG").unwrap();
+    let said = photograph::size(&folder.path().join("r_2.png")).unwrap_err().to_string();
+    assert!(said.ends_with("photograph, found a file that begins with `\\x7fPNG`"), "{said}");
     let dataset = Dataset::load(folder.path()).unwrap();
     assert_eq!(dataset.views.len(), 6);
     assert_eq!(

@@ -2,26 +2,16 @@
 
 use super::pixels::{Image, ImageError, check_size, open, room};
 use super::png;
+use splatgraph_assets::photograph;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::BufReader;
 use std::path::Path;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Returns true for a PNG file, and false for a JPEG file.
 fn is_png(path: &Path) -> Result<bool, ImageError> {
-    let mut head = [0; 4];
-    let mut file = open(path)?;
-    file.read_exact(&mut head).map_err(|error| ImageError::new(path, error))?;
-    let found = match &head {
-        b"\x89PNG" => return Ok(true),
-        [0xFF, 0xD8, ..] => return Ok(false),
-        b"II*\0" | b"MM\0*" => "a TIFF file".to_owned(),
-        b"RIFF" => "a WebP file".to_owned(),
-        other => format!("a file that begins with `{}`", other.escape_ascii()),
-    };
-    Err(ImageError::new(path, format!("expected a PNG or JPEG photograph, found {found}")))
+    photograph::is_png(path).map_err(|error| ImageError::new(path, error))
 }
 
 /// A decoder whose header has been read.
