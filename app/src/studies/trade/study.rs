@@ -1,6 +1,6 @@
 //! Measures every setting of a graph in every view, and stores the rows in a file.
 
-use super::ledger::{self, Book, Ledger, Origin, check_replaceable};
+use super::ledger::{self, Book, Ledger, Origin};
 use super::measure::{MAX_PENDING, Pending, Sessions};
 use super::pictures::Album;
 use crate::draw::interleaved::{Effort, Frames};
@@ -51,9 +51,8 @@ const VIEWS_AT_ONCE: usize = 8;
 /// Measures the wanted settings, and returns the ledger with their rows and those of earlier runs.
 ///
 /// # Errors
-/// [`Wanted::file`] is not a ledger; or the errors of [`Study::new`], [`Study::book`] and [`Study::measure`].
+/// See [`Study::new`], [`Study::book`] and [`Study::measure`].
 pub fn study(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Ledger, StudyError> {
-    wanted.file.as_deref().map_or(Ok(()), check_replaceable)?;
     let mut study = Study::new(subject, wanted, listener)?;
     let mut book = study.book(wanted.file.clone(), listener)?;
     let album = wanted.file.as_deref().map_or_else(Album::default, Album::beside);
@@ -78,17 +77,17 @@ impl Study {
     /// Chooses the settings, and builds the plans of each.
     ///
     /// # Errors
-    /// The graph has errors, no setting's name begins with a prefix of [`Wanted::only`], the device fails, or the
-    /// listener cancels.
+    /// [`Wanted::file`] is not a ledger, the graph has errors, no setting's name begins with a prefix of
+    /// [`Wanted::only`], the device fails, or the listener cancels.
     pub fn new(subject: &Subject, wanted: &Wanted, listener: &mut dyn Listener) -> Result<Study, StudyError> {
+        // Rows of an earlier run are shown, too: their settings' plans are needed to drop rows that are out of date.
+        let earlier = wanted.file.as_deref().map_or_else(|| Ok(BTreeSet::new()), ledger::replaceable)?;
         let camera = subject.first()?;
         let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
         let controls = session.controls((camera.width, camera.height))?;
         let settings = chosen(wanted, &controls)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
-        // Rows of an earlier run are shown, too: their settings' plans are needed to drop rows that are out of date.
-        let earlier = wanted.file.as_deref().map_or_else(BTreeSet::new, ledger::settings);
         let is_wanted = |setting: &Setting| {
             let name = &setting.name;
             *name == settings::EXACT || only(wanted, name) || earlier.contains(name)

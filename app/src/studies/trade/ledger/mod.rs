@@ -117,28 +117,31 @@ pub struct Book {
 }
 
 /// Checks that [`Book::save`] may replace a file: a ledger of any version of the program, an empty file, or no file.
+/// Returns the settings that have rows in the ledger.
 ///
 /// # Errors
 /// The path is not a regular file, or the file cannot be read or has other contents.
-pub fn check_replaceable(path: &Path) -> Result<(), StudyError> {
-    let is_replaceable = || -> std::io::Result<bool> {
+pub fn replaceable(path: &Path) -> Result<BTreeSet<String>, StudyError> {
+    let settings = || -> std::io::Result<Option<BTreeSet<String>>> {
         if !fs::metadata(path)?.is_file() {
-            return Ok(false);
+            return Ok(None);
         }
         let mut file = BufReader::new(file::open(path)?);
         match file.fill_buf()?.first() {
-            None => return Ok(true),
+            None => return Ok(Some(BTreeSet::new())),
             Some(b'{') => {}
             // Not read further: the file may be a scene of gigabytes.
-            Some(_) => return Ok(false),
+            Some(_) => return Ok(None),
         }
         let json: Json = serde_json::from_reader(file).unwrap_or_default();
-        Ok(json["origin"].is_object() && json["rows"].is_array())
+        let setting = |row: &Json| row["setting"].as_str().map(str::to_owned);
+        let rows = json["rows"].as_array().filter(|_| json["origin"].is_object());
+        Ok(rows.map(|rows| rows.iter().filter_map(setting).collect()))
     };
-    match is_replaceable() {
-        Ok(true) => return Ok(()),
-        Ok(false) => {}
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+    match settings() {
+        Ok(Some(settings)) => return Ok(settings),
+        Ok(None) => {}
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(BTreeSet::new()),
         Err(error) => return Err(StudyError::Input(format!("{}: {error}", path.display()))),
     }
     Err(StudyError::Input(format!(
@@ -241,12 +244,6 @@ impl Book {
     pub fn save(&self) -> Result<(), output::OutputError> {
         self.path.as_ref().map_or(Ok(()), |path| self.ledger.save(path))
     }
-}
-
-/// Lists the settings that have rows in a file; empty if it is no ledger.
-pub fn settings(path: &Path) -> BTreeSet<String> {
-    let ledger = own_file::read(path).ok().and_then(|bytes| serde_json::from_slice::<Ledger>(&bytes).ok());
-    ledger.into_iter().flat_map(|ledger| ledger.rows).map(|row| row.setting).collect()
 }
 
 /// Copies a ledger with these contents, so that another can replace it, and returns the copy's path.

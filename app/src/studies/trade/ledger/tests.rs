@@ -134,7 +134,7 @@ fn a_ledger_of_another_program_or_device_is_kept_under_another_name() {
         (r#"{"origin": {}, "rows": []}"#.to_owned(), "program"),
     ] {
         fs::write(&path, &text).unwrap();
-        assert!(check_replaceable(&path).is_ok());
+        assert!(replaceable(&path).is_ok());
         let (book, lost) = Book::open(Some(path.clone()), other.clone(), &[("exact", Some(1))]).unwrap();
         let lost = lost.expect("a message");
         assert!(book.ledger.rows.is_empty(), "{lost}");
@@ -149,15 +149,15 @@ fn a_ledger_of_another_program_or_device_is_kept_under_another_name() {
 fn a_file_that_is_no_ledger_is_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
-    assert!(check_replaceable(&path).is_ok());
+    assert!(replaceable(&path).is_ok());
     fs::write(&path, "").unwrap();
-    assert!(check_replaceable(&path).is_ok());
+    assert!(replaceable(&path).is_ok());
     for contents in ["ply\n", "{}", "[1]", r#"{"rows": []}"#] {
         fs::write(&path, contents).unwrap();
-        let error = check_replaceable(&path).unwrap_err().to_string();
+        let error = replaceable(&path).unwrap_err().to_string();
         assert!(error.contains("scene.ply: expected a ledger"), "{error}");
     }
-    assert!(check_replaceable(folder.path()).is_err());
+    assert!(replaceable(folder.path()).is_err());
     ledger(Vec::new()).save(&path).unwrap();
-    assert!(check_replaceable(&path).is_ok());
+    assert!(replaceable(&path).is_ok());
 }
