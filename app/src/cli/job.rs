@@ -12,6 +12,7 @@
 use super::outcome::{self, Outcome, Usage};
 use crate::draw::session::Session;
 use crate::draw::stats;
+use crate::io::image::Image;
 use crate::io::output::{self, Claim, one_line, say};
 use crate::io::report::text;
 use crate::io::{own_file, program};
@@ -25,7 +26,7 @@ use splatgraph_framework::source::Content;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::fs;
-use std::io::{ErrorKind, Read, Seek, SeekFrom};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -368,17 +369,9 @@ pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
 /// Detects truncated files. Files are written atomically, but an interrupted copy or a full disk can truncate them
 /// later.
 fn is_whole(path: &Path) -> Result<bool> {
-    /// The type and the checksum of a PNG file's last chunk, which has no data.
-    const PNG_END: &[u8] = b"IEND\xae\x42\x60\x82";
     Ok(match path.extension().and_then(OsStr::to_str) {
         Some("json") => serde_json::from_slice::<IgnoredAny>(&own_file::read(path)?).is_ok(),
-        Some("png") => {
-            let (mut file, mut end) = (fs::File::open(path)?, [0; PNG_END.len()]);
-            file.seek(SeekFrom::End(-(end.len() as i64)))?;
-            file.read_exact(&mut end)?;
-            end == PNG_END
-        }
-        _ => fs::metadata(path)?.len() > 0,
+        _ => Image::is_whole(path)?,
     })
 }
 

@@ -39,8 +39,11 @@ impl Sequence {
     pub fn missing(&self, record: &Value, frames: u32, size: (u32, u32)) -> Result<Vec<u32>> {
         self.claim(record, frames)?;
         let size = (size.0 as usize, size.1 as usize);
-        let is_whole =
-            |frame: &u32| Image::header(&self.picture(*frame)).is_ok_and(|found| found.size == size);
+        let is_whole = |frame: &u32| {
+            let path = self.picture(*frame);
+            Image::header(&path).is_ok_and(|found| found.size == size)
+                && Image::is_whole(&path).unwrap_or(false)
+        };
         Ok((0..frames).filter(|frame| !is_whole(frame)).collect())
     }
 

@@ -110,6 +110,16 @@ pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
     find(path).map(|found| found.header)
 }
 
+/// Returns true if the file has all the blocks of its header. Reads them without unpacking the pixels.
+pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
+    let file = open(path)?;
+    let are_there = || -> exr::error::Result<bool> {
+        let mut blocks = exr::block::read(file, false)?.all_chunks(false)?;
+        Ok(blocks.all(|block| block.is_ok()))
+    };
+    quietly(are_there).unwrap_or(Ok(false)).map_err(|error| ImageError::new(path, error))
+}
+
 /// Loads the data window of the picture's layer.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     let Found { grey, .. } = find(path)?;

@@ -44,6 +44,19 @@ impl Image {
         }
     }
 
+    /// Returns false for a picture file that was cut after its header, without decoding the pixels.
+    ///
+    /// # Errors
+    /// The path has another extension, or the file cannot be read or is damaged.
+    pub fn is_whole(path: &Path) -> Result<bool, ImageError> {
+        match Format::of(path) {
+            Some(Format::Png) => png::is_whole(path),
+            Some(Format::Exr) => exr::is_whole(path),
+            Some(Format::Npy) => npy::is_whole(path),
+            None => Err(no_picture(path)),
+        }
+    }
+
     /// Loads a picture from `.png`, `.exr`, `.npy`, or `archive.npz#array`. A picture with one channel is grey.
     ///
     /// # Errors
@@ -195,6 +208,21 @@ mod tests {
 
     fn ramp() -> Image {
         Image::from_fn(7, 5, |x, y| [x as f32 / 3.0 - 0.5, y as f32 / 4.0, 1e-3 * (x * y) as f32])
+    }
+
+    #[test]
+    fn a_picture_that_lacks_its_last_byte_is_not_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = Image::from_fn(300, 2, |x, y| [x as f32 / 300.0, y as f32, 0.5]);
+        for name in ["a.png", "a.exr", "a.npy"] {
+            let path = folder.path().join(name);
+            image.save(&path).unwrap();
+            assert!(Image::is_whole(&path).unwrap(), "{name}");
+            let bytes = std::fs::read(&path).unwrap();
+            std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
+            assert_eq!(Image::header(&path).unwrap().size, (300, 2));
+            assert!(!Image::is_whole(&path).unwrap_or(false), "{name}");
+        }
     }
 
     #[test]

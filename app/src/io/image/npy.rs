@@ -8,7 +8,7 @@ use super::pixels::{Depth, Header, Image, ImageError, check_size, has_extension,
 use crate::io::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
 use std::path::Path;
 use zip::ZipArchive;
 
@@ -86,6 +86,21 @@ pub(super) fn load(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
 
 pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
     header_of(path, &begin(open(path)?).map_err(|e| ImageError::new(path, e))?)
+}
+
+/// Returns true if the file is as long as the array in its header.
+pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
+    let fail = |error| ImageError::new(path, error);
+    let mut file = open(path)?;
+    let npy = begin(&mut file).map_err(fail)?;
+    let size = match npy.dtype() {
+        npyz::DType::Plain(kind) => kind.size_field(),
+        _ => return Ok(false),
+    };
+    let bytes = npy.len() * size;
+    drop(npy);
+    let start = file.stream_position().map_err(fail)?;
+    Ok(file.get_ref().metadata().map_err(fail)?.len() == start + bytes)
 }
 
 pub(super) fn load_member(archive: &Path, array: &str) -> Result<(Image<f64>, Depth), ImageError> {

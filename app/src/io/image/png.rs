@@ -3,7 +3,7 @@
 use super::pixels::{Header, Image, ImageError, check_size, open, room};
 use crate::io::output::file::Cause;
 use std::fs::File;
-use std::io::{BufReader, Write};
+use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Writes a picture. The file declares sRGB only if its values are `colors`.
@@ -19,6 +19,15 @@ pub(super) fn write(image: &Image, colors: bool, out: &mut dyn Write) -> Result<
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&image.bytes())?;
     Ok(writer.finish()?)
+}
+
+/// Returns true if the file ends with the last chunk of a PNG file.
+pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
+    /// Type and checksum of the last chunk, which has no data.
+    const END: &[u8] = b"IEND\xae\x42\x60\x82";
+    let (mut file, mut end) = (open(path)?, [0; END.len()]);
+    let read = file.seek(SeekFrom::End(-(end.len() as i64))).and_then(|_| file.read_exact(&mut end));
+    read.map(|()| end == END).map_err(|error| ImageError::new(path, error))
 }
 
 /// A decoder whose header has been read.
