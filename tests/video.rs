@@ -72,7 +72,7 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
     let before = read();
     fs::remove_file(at(1)).expect("removed");
     // A file that is not a whole picture is redrawn. A whole picture is kept, whatever it shows.
-    fs::write(at(2), "half a picture").expect("written");
+    fs::write(at(2), &before[2][..before[2].len() / 2]).expect("written");
     fs::copy(at(0), at(3)).expect("copied");
     let said = drawn(&place, "frames");
     assert!(said.contains("(2 already there)") && said.contains("; 2 drawn in"), "{said}");
@@ -85,6 +85,9 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
         LINE,
         &[("frames --samples=2", 1, other), ("frames --set=cutoff=2", 1, "to another film (plan is")],
     );
+    let of_another_build = place.text("frames/film.json").replace("\"program\": \"", "\"program\": \"x");
+    place.write("frames/film.json", &of_another_build);
+    place.refuses(LINE, &[("frames", 1, "to another film (program is")]);
     fs::remove_file(place.at("frames/film.json")).expect("removed");
     place.refuses(LINE, &[("frames", 1, "expected film.json beside frames/00000.png")]);
 }

@@ -17,6 +17,7 @@ use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
 use crate::io::image;
 use crate::io::output::{self, OutputGuard, is_standard_output, names, say};
+use crate::io::program;
 use crate::io::progress::Progress;
 use crate::io::report::text;
 use crate::studies::measurement::plans;
@@ -379,6 +380,8 @@ impl Job<'_> {
         if self.film.samples > 1 {
             record["shutter"] = json!(self.film.shutter);
         }
+        // Last: if other inputs differ, too, the error names one of those.
+        record["program"] = json!(program::hash().context("the program's file cannot be read")?);
         Ok(record)
     }
 
