@@ -179,7 +179,8 @@ fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_
     );
     place
         .write("large.ron", "Preset(graph: \"bench/copy\", summary: \"4 GB\", set: { \"mebibytes\": 4000 })");
-    let text = done(&place, "scene.ply --pipelines unsorted,large.ron --sizes 32x24");
+    let (text, said) = place.said(&format!("{SHORT} scene.ply --pipelines unsorted,large.ron --sizes 32x24"));
+    assert!(said.contains("1 of 2 rows could not be drawn"), "{said}");
     assert!(
         text.contains("large.ron: not drawn: `from` has 4000 MiB") && text.contains("passes of unsorted"),
         "{text}"

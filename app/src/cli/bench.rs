@@ -126,7 +126,11 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &mut Work
         plot::names(stem, &args.splats, &args.sizes()).into_iter().zip(plots)
     });
     finish(args, (&table::tables(&report), &report.csv()), &report, plots)?;
-    Ok(report.drawn().next().is_some())
+    let (drawn, all) = (report.drawn().count(), report.rows.len());
+    if drawn < all {
+        say(format!("{} of {all} rows could not be drawn", all - drawn));
+    }
+    Ok(drawn > 0)
 }
 
 /// Measures sorts and writes the results. Returns false if no sort could be run.
