@@ -3,7 +3,7 @@
 use indexmap::IndexSet;
 use serde::{Serialize, Serializer};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Renderer that an event concerns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -25,6 +25,11 @@ impl fmt::Display for RendererId {
             RendererId::Window => "window",
         })
     }
+}
+
+/// Serialises a path that may not be UTF-8, which would be an error.
+fn displayed<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
 }
 
 /// A cause of a build.
@@ -206,6 +211,7 @@ pub enum Event {
     /// A scene was loaded.
     Scene {
         /// Path of the scene.
+        #[serde(serialize_with = "displayed")]
         path: PathBuf,
         /// Number of splats in the scene.
         splats: u32,
@@ -215,6 +221,7 @@ pub enum Event {
     /// A scene could not be loaded; the previous one stays.
     SceneFailed {
         /// Path of the scene.
+        #[serde(serialize_with = "displayed")]
         path: PathBuf,
         /// Cause of the failure.
         error: String,
@@ -222,6 +229,7 @@ pub enum Event {
     /// Cameras were loaded.
     Cameras {
         /// Path of the cameras.
+        #[serde(serialize_with = "displayed")]
         path: PathBuf,
         /// Number of cameras.
         count: usize,
@@ -229,6 +237,7 @@ pub enum Event {
     /// A file could not be read or written, or has an unknown type.
     FileFailed {
         /// Path of the file.
+        #[serde(serialize_with = "displayed")]
         path: PathBuf,
         /// Cause of the failure.
         error: String,
@@ -236,11 +245,13 @@ pub enum Event {
     /// A file with cameras was written.
     Saved {
         /// Path of the written file.
+        #[serde(serialize_with = "displayed")]
         path: PathBuf,
     },
     /// A picture was written.
     Screenshot {
         /// Path of the written file.
+        #[serde(serialize_with = "displayed")]
         path: PathBuf,
     },
     /// The selected or hidden splats changed.
@@ -253,6 +264,7 @@ pub enum Event {
     /// Splats were written to a file.
     Exported {
         /// Path of the written file.
+        #[serde(serialize_with = "displayed")]
         path: PathBuf,
         /// Number of splats in the file.
         splats: u32,
@@ -370,6 +382,15 @@ mod tests {
         assert_eq!(causes.to_string(), "another size, another scene, splat.frag");
         let json = serde_json::to_string(&causes).unwrap();
         assert_eq!(json, r#"["another size","another scene","splat.frag"]"#);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_event_with_a_path_that_is_not_utf_8_is_written() {
+        use std::os::unix::ffi::OsStrExt;
+        let path = Path::new(std::ffi::OsStr::from_bytes(b"caf\xe9")).to_owned();
+        let json = serde_json::to_string(&Event::Saved { path }).unwrap();
+        assert_eq!(json, "{\"event\":\"saved\",\"path\":\"caf\u{fffd}\"}");
     }
 
     #[test]
