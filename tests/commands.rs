@@ -415,7 +415,7 @@ fn without_a_display_there_is_no_window_and_the_program_says_what_to_do() {
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{text}");
         assert!(text.starts_with("error: there is no display to open a window on ("), "{text}");
-        assert!(text.contains("`splatgraph render` draws without one"), "{text}");
+        assert!(text.contains("`splatgraph render` draws without a window"), "{text}");
     }
 }
 

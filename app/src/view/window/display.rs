@@ -28,8 +28,21 @@ pub fn event_loop() -> Result<EventLoop<()>> {
     built.map_err(|error| {
         // Drop the prefix, a location in winit's source.
         let why = error.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
-        anyhow!("there is no display to open a window on ({why}); `splatgraph render` draws without one")
+        anyhow!("{} ({why}); `splatgraph render` draws without a window", lacking(why))
     })
+}
+
+/// Says what a window lacks, given the reason that the window library gives: a display, or a library that it opens.
+fn lacking(why: &str) -> &'static str {
+    // Libraries that are opened at run time are in no list of dependencies, so the message lists all packages.
+    match why.contains("load") {
+        true => {
+            "a library that windows need is missing: on Debian and Ubuntu, windows on X11 need the packages libx11-6, \
+             libx11-xcb1, libxcursor1, libxi6, libxkbcommon0 and libxkbcommon-x11-0, those on Wayland libwayland-client0 \
+             and libxkbcommon0"
+        }
+        false => "there is no display to open a window on",
+    }
 }
 
 #[cfg(all(unix, not(target_os = "macos")))]
@@ -218,6 +231,14 @@ fn fitted(size: (u32, u32), monitor: (u32, u32)) -> (u32, u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_missing_library_is_no_missing_display() {
+        for why in ["Failed to load one of xlib's shared libraries", "libxkbcommon.so could not be loaded"] {
+            assert!(lacking(why).starts_with("a library that windows need is missing"), "{why}");
+        }
+        assert!(lacking("Failed to open connection to X server").contains("no display"));
+    }
 
     #[test]
     fn a_window_is_no_larger_than_its_monitor_and_leaves_room_for_title_bars() {
