@@ -24,7 +24,7 @@ from . import _native
 try:
     import ray
 except ImportError:
-    raise (SystemExit if __name__ == "__main__" else ImportError)("splatgraph.ray needs Ray: pip install 'splatgraph[ray]'") from None
+    raise (SystemExit if __name__ == "__main__" else ImportError)("splatgraph.ray needs Ray: pip install ray") from None
 
 #: Attempts per view, and consecutive failures to open a scene or to start a worker, before giving up.
 TRIES = 3

@@ -26,7 +26,7 @@ try:
     import viser
     from viser import transforms
 except ImportError:
-    raise (SystemExit if __name__ == "__main__" else ImportError)("splatgraph.viser needs viser: pip install 'splatgraph[viser]'") from None
+    raise (SystemExit if __name__ == "__main__" else ImportError)("splatgraph.viser needs viser: pip install viser") from None
 
 #: Seconds without a new camera before a picture in full size is drawn.
 REST = 0.15
