@@ -1,70 +1,24 @@
 //! Tests of SOG files built texel by texel.
 
+#[path = "../../tests/files/sog.rs"]
+mod sog_file;
+
 use super::{header, parse as read};
 use crate::error::SceneError;
 use crate::input::{Input, SceneHeader, Source};
 use crate::scene::Scene;
 use crate::testing::says;
-use image_webp::{ColorType, WebPEncoder};
 use serde_json::{Value, json};
-use std::io::{Cursor, Write};
+use sog_file::{folder, small, two, version_1, webp, zipped};
 use std::path::Path;
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipWriter};
+use zip::CompressionMethod;
 
 fn parse(bytes: &[u8]) -> Result<Scene, SceneError> {
     read(&Input { source: &Source::Bytes(bytes), memory: Some(1 << 30), progress: crate::QUIET }, None, None)
 }
 
-fn webp(width: u32, height: u32, texels: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    WebPEncoder::new(&mut bytes).encode(texels, width, height, ColorType::Rgba8).unwrap();
-    bytes
-}
-
-/// Builds a texture of 4 x 4 texels that begins with `texels`.
-fn small(texels: &[[u8; 4]]) -> Vec<u8> {
-    let mut all = texels.concat();
-    all.resize(64, 0);
-    webp(4, 4, &all)
-}
-
-fn archive(meta: &Value, files: &[(&str, Vec<u8>)]) -> Vec<u8> {
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
-    zip.start_file("meta.json", options).unwrap();
-    zip.write_all(meta.to_string().as_bytes()).unwrap();
-    for (name, bytes) in files {
-        zip.start_file(*name, options).unwrap();
-        zip.write_all(bytes).unwrap();
-    }
-    zip.finish().unwrap().into_inner()
-}
-
-/// Builds the parts of a file with two splats of degree 1.
-fn two() -> (Value, Vec<(&'static str, Vec<u8>)>) {
-    let codebook = |step: f64| (0..256).map(|u| step * f64::from(u - 128)).collect::<Vec<_>>();
-    let meta = json!({
-        "version": 2, "count": 2, "model": "antialiased",
-        "means": { "mins": [-1.0, -2.0, 0.0], "maxs": [1.0, 2.0, 3.0], "files": ["l.webp", "u.webp"] },
-        "scales": { "codebook": codebook(0.0625), "files": ["s.webp"] },
-        "quats": { "files": ["q.webp"] },
-        "sh0": { "codebook": codebook(0.03125), "files": ["c.webp"] },
-        "shN": { "count": 65, "bands": 1, "codebook": codebook(0.015625), "files": ["n.webp", "i.webp"] },
-    });
-    let mut palette = vec![128; 192 * 2 * 4];
-    // Entry 64, the first in the second row.
-    palette[192 * 4..][..12].copy_from_slice(&[129, 130, 131, 255, 132, 133, 134, 255, 135, 136, 137, 255]);
-    let files = vec![
-        ("l.webp", small(&[[255, 0, 255, 255], [0, 0, 0, 255]])),
-        ("u.webp", small(&[[255, 0, 255, 255], [0, 128, 0, 255]])),
-        ("s.webp", small(&[[128, 144, 112, 255], [128, 128, 128, 255]])),
-        ("q.webp", small(&[[255, 0, 255, 253], [9, 9, 9, 0]])),
-        ("c.webp", small(&[[160, 96, 128, 51], [128, 128, 128, 255]])),
-        ("n.webp", webp(192, 2, &palette)),
-        ("i.webp", small(&[[64, 0, 0, 255], [0, 0, 0, 255]])),
-    ];
-    (meta, files)
+fn archive(meta: &Value, files: &[(&'static str, Vec<u8>)]) -> Vec<u8> {
+    sog_file::archive(&(meta.clone(), files.to_vec()), CompressionMethod::Stored)
 }
 
 fn near(a: &[f32], b: &[f32]) {
@@ -147,9 +101,7 @@ fn a_label_beyond_the_palette_drops_the_splat_and_an_archive_of_something_else_i
     files[6].1 = small(&[[65, 0, 0, 255], [0, 0, 0, 255]]);
     let scene = parse(&archive(&meta, &files)).unwrap();
     assert_eq!((scene.count(), scene.dropped().color), (1, 1));
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    zip.start_file("readme", SimpleFileOptions::default()).unwrap();
-    let other = zip.finish().unwrap().into_inner();
+    let other = zipped([("readme", &b""[..])], CompressionMethod::Stored);
     says(parse(&other).unwrap_err(), "a ZIP archive without a meta.json");
 }
 
@@ -165,25 +117,6 @@ fn a_texture_of_one_colour_and_huge_size_is_refused_before_it_is_unpacked() {
         parse(&bytes).unwrap_err(),
         "`l.webp`: expected 1 texels and at most 4 rows more, found 2048 x 2048",
     );
-}
-
-/// Builds the parts of a file of version 1 with two splats of degree 2.
-fn version_1() -> (Value, Vec<(&'static str, Vec<u8>)>) {
-    let (meta, mut files) = two();
-    let mut means = meta["means"].clone();
-    means["shape"] = json!([2, 3]);
-    let meta = json!({
-        "means": means,
-        "scales": { "shape": [2, 3], "mins": [-4.0, -2.0, 0.0], "maxs": [4.0, 2.0, 1.0], "files": ["s.webp"] },
-        "quats": { "shape": [2, 4], "encoding": "quaternion_packed", "files": ["q.webp"] },
-        "sh0": { "shape": [2, 1, 4], "mins": [-1.0, -2.0, 0.0, -6.0], "maxs": [1.0, 2.0, 0.5, 4.2], "files": ["c.webp"] },
-        "shN": { "shape": [2, 8, 3], "mins": -1.0, "maxs": 1.55, "files": ["n.webp", "i.webp"] },
-    });
-    let mut palette = vec![100; 512 * 2 * 4];
-    // Entry 64, the first in the second row.
-    palette[512 * 4..][..4].copy_from_slice(&[0, 200, 255, 255]);
-    files[5].1 = webp(512, 2, &palette);
-    (meta, files)
 }
 
 #[test]
@@ -219,14 +152,6 @@ fn version_1_has_values_between_the_ends_of_ranges() {
         with("/shN/files/0", json!("l.webp")),
         "`l.webp`: expected 192, 512 or 960 x at most 1024 texels, found 4 x 4",
     );
-}
-
-fn folder(at: &Path, (meta, files): &(Value, Vec<(&str, Vec<u8>)>)) {
-    std::fs::create_dir_all(at).unwrap();
-    std::fs::write(at.join("meta.json"), meta.to_string()).unwrap();
-    for (name, bytes) in files {
-        std::fs::write(at.join(name), bytes).unwrap();
-    }
 }
 
 #[test]

@@ -3,16 +3,16 @@
 use crate::allocation::alone;
 use crate::damage::{kind, run};
 use crate::glb_file;
+use crate::ksplat_file;
 use crate::rad_file::{self, array};
+use crate::sog_file::{archive, folder, two, version_1, zipped};
 use crate::spz_file;
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
-use image_webp::{ColorType, WebPEncoder};
 use serde_json::json;
 use splatgraph_assets::{Camera, CameraError, Dataset, Scene, SceneFormat, SpzVersion, synth};
 use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipArchive, ZipWriter};
+use zip::{CompressionMethod, ZipArchive};
 
 /// Builds small PLY files in all encodings, with the lengths of their headers.
 fn scenes() -> Vec<(Vec<u8>, usize)> {
@@ -169,16 +169,6 @@ fn unzipped(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
     (0..count).map(file).collect()
 }
 
-fn zipped<'a>(files: impl IntoIterator<Item = (&'a str, &'a [u8])>, method: CompressionMethod) -> Vec<u8> {
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    let options = SimpleFileOptions::default().compression_method(method);
-    for (name, bytes) in files {
-        zip.start_file(name, options).expect("memory takes it");
-        zip.write_all(bytes).expect("memory takes it");
-    }
-    zip.finish().expect("memory takes it").into_inner()
-}
-
 #[test]
 fn damage_inside_a_sog_file_as_written_is_read_or_refused() {
     // The checksums of the archive are right, so that damage reaches the reader of each file.
@@ -195,69 +185,10 @@ fn damage_inside_a_sog_file_as_written_is_read_or_refused() {
     }
 }
 
-/// Builds the parts of a SOG scene of two splats with harmonics, in version 1 or 2.
-fn sog_parts(version: u32) -> Vec<(&'static str, Vec<u8>)> {
-    let webp = |width: u32, height: u32| {
-        let texels: Vec<u8> =
-            (0..width * height * 4).map(|i| if i % 4 == 3 { 253 } else { i as u8 % 3 }).collect();
-        let mut bytes = Vec::new();
-        let encoder = WebPEncoder::new(&mut bytes);
-        encoder.encode(&texels, width, height, ColorType::Rgba8).expect("memory takes it");
-        bytes
-    };
-    let codebook: Vec<f64> = (0..256).map(|u| f64::from(u - 128) / 16.0).collect();
-    let meta = match version {
-        1 => json!({
-            "means": { "shape": [2, 3], "mins": [-1, -1, -1], "maxs": [1, 1, 1], "files": ["l", "u"] },
-            "scales": { "mins": [-9, -9, -9], "maxs": [1, 2, 3], "files": ["s"] },
-            "quats": { "files": ["q"] },
-            "sh0": { "mins": [-1, -1, -1, -7], "maxs": [1, 1, 1, 7], "files": ["c"] },
-            "shN": { "mins": -1, "maxs": 1.5, "files": ["n", "i"] },
-        }),
-        _ => json!({
-            "version": 2, "count": 2,
-            "means": { "mins": [-1, -1, -1], "maxs": [1, 1, 1], "files": ["l", "u"] },
-            "scales": { "codebook": codebook, "files": ["s"] },
-            "quats": { "files": ["q"] },
-            "sh0": { "codebook": codebook, "files": ["c"] },
-            "shN": { "count": 600, "bands": 1, "codebook": codebook, "files": ["n", "i"] },
-        }),
-    };
-    let textures = ["l", "u", "s", "q", "c", "i"].map(|name| (name, webp(4, 4)));
-    let rest = [("n", webp(192, 10)), ("meta.json", meta.to_string().into_bytes())];
-    textures.into_iter().chain(rest).collect()
-}
-
-fn sog(version: u32, method: CompressionMethod) -> Vec<u8> {
-    let parts = sog_parts(version);
-    zipped(parts.iter().map(|(name, bytes)| (*name, bytes.as_slice())), method)
-}
-
-/// Builds a `.ksplat` of two splats of degree 1 in a partial bucket.
-fn ksplat(level: u16) -> Vec<u8> {
-    let mut bytes = vec![0; 4096 + 1024];
-    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
-    put(0, &[0, 1]);
-    for (at, value) in [(4, 1u32), (8, 1), (16, 2), (4096, 2), (4100, 2), (4104, 256), (4108, 1)] {
-        put(at, &value.to_le_bytes());
-    }
-    put(20, &level.to_le_bytes());
-    put(4112, &5f32.to_le_bytes());
-    put(4116, &[12, 0]);
-    put(4096 + 36, &[1, 0]);
-    put(4096 + 40, &[1, 0]);
-    bytes.extend([2, 0, 0, 0]);
-    bytes.extend([0; 12]);
-    let stride = if level == 0 { 44 + 36 } else { 24 + 9 * (3 - usize::from(level)) };
-    // Ones as half floats, and small numbers as floats.
-    bytes.extend([0x00, 0x3C].repeat(stride));
-    bytes
-}
-
 #[test]
 fn damaged_ksplat_files_are_read_or_refused() {
     // Two in five damages hit the fields of the file's header. The others are spread over the file.
-    let seeds = [0, 1, 2].map(|level| (ksplat(level), 48));
+    let seeds = [0, 1, 2].map(|level| (ksplat_file::file(level, 1), 48));
     run("ksplat", &seeds, 4 << 20, parse);
 }
 
@@ -332,9 +263,9 @@ fn reversed(bytes: &[u8]) -> Vec<u8> {
 
 #[test]
 fn damaged_sog_files_are_read_or_refused() {
-    for version in [1, 2] {
+    for (version, parts) in [(1, version_1()), (2, two())] {
         let methods = [CompressionMethod::Stored, CompressionMethod::Deflated];
-        let seeds = methods.map(|method| (sog(version, method), 200));
+        let seeds = methods.map(|method| (archive(&parts, method), 200));
         run(&format!("SOG version {version}"), &seeds, SOG_MEMORY, parse);
     }
 }
@@ -360,29 +291,22 @@ fn load(folder: &Path) -> Result<(), String> {
 
 #[test]
 fn damaged_folders_of_sog_are_read_or_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    for version in [1, 2] {
-        let parts = sog_parts(version);
-        for (name, bytes) in &parts {
-            std::fs::write(folder.path().join(name), bytes).unwrap();
-        }
-        let (_, meta) = parts.last().expect("there are several");
+    let place = tempfile::tempdir().unwrap();
+    for (version, parts) in [(1, version_1()), (2, two())] {
+        folder(place.path(), &parts);
+        let meta = parts.0.to_string().into_bytes();
         run(&format!("meta.json of version {version}"), &[(meta.clone(), meta.len())], SOG_MEMORY, |bytes| {
-            write_old(&folder.path().join("meta.json"), bytes);
-            load(folder.path())
+            write_old(&place.path().join("meta.json"), bytes);
+            load(place.path())
         });
     }
 }
 
 #[test]
 fn damaged_streamed_sog_is_read_or_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    for (version, name) in [(1, "0_0"), (2, "0_1")] {
-        std::fs::create_dir(folder.path().join(name)).unwrap();
-        for (part, bytes) in sog_parts(version) {
-            std::fs::write(folder.path().join(name).join(part), bytes).unwrap();
-        }
-    }
+    let place = tempfile::tempdir().unwrap();
+    folder(&place.path().join("0_0"), &version_1());
+    folder(&place.path().join("0_1"), &two());
     let leaf =
         |file: u32, offset: u32| json!({ "lods": { "0": { "file": file, "offset": offset, "count": 1 } } });
     let document = json!({
@@ -392,8 +316,8 @@ fn damaged_streamed_sog_is_read_or_refused() {
     });
     let text = document.to_string().into_bytes();
     run("lod-meta.json", &[(text.clone(), text.len())], SOG_MEMORY, |bytes| {
-        write_old(&folder.path().join("lod-meta.json"), bytes);
-        load(folder.path())
+        write_old(&place.path().join("lod-meta.json"), bytes);
+        load(place.path())
     });
 }
 

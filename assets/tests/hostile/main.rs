@@ -6,10 +6,14 @@ mod damage;
 mod fuzz;
 #[path = "../../../tests/glb_file.rs"]
 mod glb_file;
+#[path = "../files/ksplat.rs"]
+mod ksplat_file;
 #[path = "../../../tests/numbers.rs"]
 mod numbers;
 #[path = "../../../tests/rad_file.rs"]
 mod rad_file;
+#[path = "../files/sog.rs"]
+mod sog_file;
 #[path = "../../../tests/spz_file.rs"]
 mod spz_file;
 
