@@ -1,6 +1,7 @@
 //! Tests of every format: values within its quantisation steps, damage refused, memory bounded.
 
 use super::*;
+use crate::ply::tests::{Made, PLAIN};
 use crate::scene::{FileNotes, Filter, SortKey, Splat};
 use crate::testing::{captures, parse as read, written};
 use std::ops::ControlFlow;
@@ -17,6 +18,22 @@ fn varied(count: u32, degree: u32) -> Scene {
             sh: std::array::from_fn(|k| if k < 3 { wave(12 + k) } else { 0.5 * wave(12 + k) }),
         }
     })
+}
+
+/// Returns files of `count` splats in all formats whose files tests can build in any size, each with a name.
+fn files(count: u32, degree: u32) -> Vec<(String, Vec<u8>)> {
+    let scene = varied(count, degree);
+    let mut files: Vec<_> =
+        SceneFormat::WRITTEN.map(|format| (format!("{format:?}"), written(&scene, format))).into();
+    let mut spz = Vec::new();
+    scene.write_spz(SpzVersion::V3, &mut spz).unwrap();
+    let text = Made { format: "ascii", count: count as usize, degree, ..PLAIN };
+    files.extend([
+        ("SPZ 3".into(), spz),
+        ("ASCII".into(), text.bytes()),
+        ("RAD".into(), rad::tests::one(count as usize, vec![])),
+    ]);
+    files
 }
 
 struct Steps {
@@ -168,63 +185,68 @@ fn a_scene_without_splats_is_not_written_where_the_format_needs_one() {
 
 #[test]
 fn every_cut_of_a_file_is_an_error_or_a_shorter_scene() {
-    let scene = varied(40, 1);
-    for format in SceneFormat::WRITTEN {
-        let bytes = written(&scene, format);
-        for end in 0..bytes.len() {
+    let mut files: Vec<_> = files(10, 1).into_iter().map(|(name, bytes)| (name, bytes, 1)).collect();
+    files.push(("ksplat".into(), ksplat::ksplat_file::file(2, 1), 1));
+    files.extend(["usda", "usdc", "usdz"].map(|end| (end.into(), usd::tests::file(end), 7)));
+    for (name, bytes, step) in files {
+        // The last bytes of these are not needed: blanks and a line feed.
+        let needed = match name.as_str() {
+            "usda" => bytes.len() - 4,
+            "ASCII" => bytes.len() - 2,
+            _ => bytes.len(),
+        };
+        for end in (0..needed).step_by(step) {
             match read(&bytes[..end]) {
                 // In a format without a header, a prefix is a valid file of fewer splats.
-                Ok(shorter) => assert_eq!((format, shorter.count() as usize * 32), (SceneFormat::Splat, end)),
+                Ok(shorter) => assert_eq!((name.as_str(), shorter.count() as usize * 32), ("Splat", end)),
                 Err(error) => assert!(!error.to_string().is_empty()),
             }
         }
     }
 }
 
+/// Loads a file. Calls `tell` with the progress, and also returns the greatest progress, and its total.
+fn told(bytes: &[u8], tell: fn(u64) -> ControlFlow<()>) -> (Result<Scene, SceneError>, (u64, u64)) {
+    let most = Mutex::new((0, 0));
+    let scene = Scene::parse(bytes, &|done, of| {
+        let mut most = most.lock().unwrap();
+        *most = (most.0.max(done), of);
+        tell(done)
+    });
+    (scene, most.into_inner().unwrap())
+}
+
 #[test]
 fn progress_ends_at_all_bytes() {
-    let scene = varied(20_000, 1);
-    for format in SceneFormat::WRITTEN {
-        let most = Mutex::new((0, 0));
-        let tell = |done, of| {
-            let mut most = most.lock().unwrap();
-            *most = (most.0.max(done), of);
-            ControlFlow::Continue(())
-        };
-        Scene::parse(&written(&scene, format), &tell).unwrap();
-        let (done, of) = *most.lock().unwrap();
-        assert!(done == of && of > 0, "{format:?}: {done} of {of}");
+    for (name, bytes) in files(20_000, 1) {
+        let (scene, (done, of)) = told(&bytes, |_| ControlFlow::Continue(()));
+        assert!(scene.is_ok() && done == of && of > 0, "{name}: {done} of {of}");
     }
 }
 
 #[test]
 fn a_scene_larger_than_the_memory_is_refused() {
-    let scene = varied(5000, 3);
-    for format in SceneFormat::WRITTEN {
-        let bytes = written(&scene, format);
-        let source = Source::Bytes(&bytes);
-        let with = |memory| {
-            parse(&Input { source: &source, memory: Some(memory), progress: crate::QUIET }, None, None)
-        };
-        assert!(matches!(with(200_000), Err(SceneError::Memory(_))), "{format:?}");
-        assert_eq!(with(64 << 20).unwrap().count(), 5000, "{format:?}");
+    let with = |bytes: &[u8], memory| {
+        let source = &Source::Bytes(bytes);
+        parse(&Input { source, memory: Some(memory), progress: crate::QUIET }, None, None)
+    };
+    for (name, bytes) in files(5000, 3) {
+        assert!(matches!(with(&bytes, 200_000), Err(SceneError::Memory(_))), "{name}");
+        assert_eq!(with(&bytes, 64 << 20).unwrap().count(), 5000, "{name}");
     }
+    let usd = usd::tests::file("usdc");
+    assert!(matches!(with(&usd, 1000), Err(SceneError::Memory(_))));
+    assert_eq!(with(&usd, 64 << 20).unwrap().count(), 22);
 }
 
 #[test]
 fn a_load_that_its_progress_cancels_ends_before_all_is_read() {
-    for format in SceneFormat::WRITTEN {
-        let scene = varied(100_000, 3);
-        let bytes = written(&scene, format);
-        let most = Mutex::new((0, 0));
-        let cancel = |done: u64, of: u64| {
-            let mut most = most.lock().unwrap();
-            *most = (most.0.max(done), of);
-            if done > 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        };
-        assert!(matches!(Scene::parse(&bytes, &cancel), Err(SceneError::Cancelled)), "{format:?}");
-        let (done, of) = *most.lock().unwrap();
-        assert!(0 < done && done < of, "{format:?}: {done} of {of}");
+    let cancel = |done| if done > 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    assert!(matches!(told(&usd::tests::file("usdc"), cancel).0, Err(SceneError::Cancelled)));
+    for (name, bytes) in files(100_000, 3) {
+        let (scene, (done, of)) = told(&bytes, cancel);
+        assert!(matches!(scene, Err(SceneError::Cancelled)), "{name}");
+        assert!(0 < done && done < of, "{name}: {done} of {of}");
     }
 }
 

@@ -23,7 +23,7 @@ mod packed;
 pub(crate) mod read;
 mod tags;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 pub(crate) mod write;
 
 pub(crate) use tags::axis;

@@ -193,6 +193,7 @@ impl File<'_> {
         let done = Done::new(lines.place().at - start, input.progress)?;
         let sizes: Vec<AtomicU64> = vertex.properties.iter().map(|_| AtomicU64::new(0)).collect();
         let gathered = columns.fill(|out: &mut Rows| {
+            done.check()?;
             let place = chunks[out.first() / CHUNK];
             let mut lines = ascii::Lines::new(input.source, place);
             let mut slots = [0.0; MAX_SLOTS];

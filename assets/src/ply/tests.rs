@@ -6,18 +6,18 @@ use crate::testing::{captures, golden, parse, says, splat, written};
 use crate::{Scene, SceneFormat, sh_floats};
 use std::path::PathBuf;
 
-struct Made {
-    format: &'static str,
-    kind: &'static str,
-    degree: u32,
-    count: usize,
-    reversed: bool,
+pub(crate) struct Made {
+    pub format: &'static str,
+    pub kind: &'static str,
+    pub degree: u32,
+    pub count: usize,
+    pub reversed: bool,
     /// True for faces with lists before and after the splats.
-    faces: bool,
-    line_end: &'static str,
+    pub faces: bool,
+    pub line_end: &'static str,
 }
 
-const PLAIN: Made = Made {
+pub(crate) const PLAIN: Made = Made {
     format: "binary_little_endian",
     kind: "float",
     degree: 1,
@@ -73,7 +73,7 @@ impl Made {
         }
     }
 
-    fn bytes(&self) -> Vec<u8> {
+    pub(crate) fn bytes(&self) -> Vec<u8> {
         let mut names = property_names(self.degree);
         if self.reversed {
             names.reverse();
@@ -490,23 +490,6 @@ fn a_scene_written_and_read_back_is_the_same_but_for_rounding() {
         for (read, wrote) in back.scales().as_flattened().iter().zip(scene.scales().as_flattened()) {
             assert!((read - wrote).abs() <= 1e-6 * wrote, "{read} {wrote}");
         }
-    }
-}
-
-#[test]
-fn progress_reaches_the_end() {
-    use std::sync::atomic::{AtomicU64, Ordering};
-    for format in ["ascii", "binary_big_endian"] {
-        let (most, whole) = (AtomicU64::new(0), AtomicU64::new(0));
-        let bytes = Made { format, count: 20_000, degree: 0, ..PLAIN }.bytes();
-        Scene::parse(&bytes, &|done, of| {
-            most.fetch_max(done, Ordering::Relaxed);
-            whole.store(of, Ordering::Relaxed);
-            std::ops::ControlFlow::Continue(())
-        })
-        .unwrap();
-        assert!(most.load(Ordering::Relaxed) > 20_000);
-        assert_eq!(most.into_inner(), whole.into_inner());
     }
 }
 

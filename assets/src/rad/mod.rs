@@ -35,7 +35,7 @@ mod column;
 mod document;
 mod read;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub(crate) use document::{CHUNK_MAGIC, MAGIC};
 pub(crate) use read::{header, parse};

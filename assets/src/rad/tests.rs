@@ -5,7 +5,6 @@ mod rad_file;
 
 use crate::QUIET;
 use crate::activation::SH_C0;
-use crate::input::{Input, Source};
 use crate::scene::Scene;
 use crate::testing::{parse as read, says};
 use half::f16;
@@ -42,7 +41,7 @@ fn arrays(count: usize, replaced: Vec<Array>) -> Vec<Array> {
     all
 }
 
-fn one(count: usize, replaced: Vec<Array>) -> Vec<u8> {
+pub(crate) fn one(count: usize, replaced: Vec<Array>) -> Vec<u8> {
     file(count as u64, &[chunk(0, count as u64, &arrays(count, replaced), true)], &[], None)
 }
 
@@ -275,41 +274,14 @@ fn damage_names_the_byte_and_the_field() {
     );
     let found = replaced("\"rgb\"", "\"sh1\"");
     assert!(!found.is_empty());
-    for end in 0..whole.len() {
-        assert!(read(&whole[..end]).is_err(), "{end}");
-    }
 }
 
 #[test]
-fn a_bomb_and_a_scene_larger_than_the_memory_are_refused_before_they_are_unpacked() {
+fn a_bomb_is_refused_before_it_is_unpacked() {
     // The header declares a million splats, more than deflate can compress into these bytes.
     let alpha = Array { property: "alpha", encoding: "f32", min: 0.0, max: 0.0, bytes: vec![0; 40] };
     let mut all = arrays(1, vec![]);
     all[1] = alpha;
     let bytes = file(1_000_000, &[chunk(0, 1_000_000, &all, true)], &[], None);
     says(read(&bytes).unwrap_err(), "properties[0].bytes`: expected at least 12000000 unpacked bytes");
-    let bytes = one(5000, vec![]);
-    let source = Source::Bytes(&bytes);
-    let with = |memory| super::parse(&Input { source: &source, memory: Some(memory), progress: QUIET }, None);
-    assert!(matches!(with(200_000), Err(crate::SceneError::Memory(_))));
-    assert_eq!(with(64 << 20).unwrap().count(), 5000);
-}
-
-#[test]
-fn progress_ends_at_all_bytes_and_cancels() {
-    use std::ops::ControlFlow;
-    use std::sync::Mutex;
-    let bytes = one(20_000, vec![]);
-    for cancel in [false, true] {
-        let last = Mutex::new((0, 0));
-        let tell = |done: u64, of: u64| {
-            let mut last = last.lock().unwrap();
-            *last = (last.0.max(done), of);
-            if cancel && done > 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        };
-        let scene = Scene::parse(&bytes, &tell);
-        let (done, of) = *last.lock().unwrap();
-        assert_eq!(done == of, !cancel, "{done} of {of}");
-        assert_eq!(matches!(scene, Err(crate::SceneError::Cancelled)), cancel);
-    }
 }

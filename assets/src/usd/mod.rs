@@ -25,7 +25,7 @@ mod package;
 mod packing;
 mod read;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod text;
 mod xform;
 
