@@ -3,7 +3,7 @@
 //! Metal reports only a few limits. The others are the same for whole families of GPUs: they are from Apple's "Metal
 //! Feature Set Tables" for family Apple 7, the first on Macs (M1). Later families only exceed them.
 
-use splatgraph_framework::ir::{Features, Format, Msl};
+use splatgraph_framework::ir::{DeviceFacts, Features, Format, Msl};
 use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 
 /// The limits that a device reports.
@@ -40,18 +40,23 @@ pub fn limits(reported: &ReportedLimits) -> Limits {
     // Push constants and the buffer sizes take one entry each.
     let buffers = Msl::MAX_BUFFERS - 2;
     Limits {
-        // Shaders receive the sizes of buffers as 32-bit words.
-        max_storage_bytes: reported.max_buffer_bytes.min(u64::from(u32::MAX)),
+        facts: DeviceFacts {
+            // Shaders receive the sizes of buffers as 32-bit words.
+            max_storage_bytes: reported.max_buffer_bytes.min(u64::from(u32::MAX)),
+            max_push_bytes: Msl::MAX_PUSH_BYTES,
+            max_invocations: reported.max_threads[0],
+            shared_bytes: reported.threadgroup_bytes,
+            max_image_size: 16384,
+            // Not documented; docs/metal-mac.md says how to measure it. A plan built for `false` is correct on every
+            // device.
+            rounds_half: false,
+            features: features(),
+            // Metal documents no limit of workgroups. Shaders split larger counts into x and y, on every backend.
+            ..DeviceFacts::typical(LANES)
+        },
         max_uniform_bytes: 64 << 10,
         max_buffer_bytes: reported.max_buffer_bytes,
-        max_push_bytes: Msl::MAX_PUSH_BYTES,
-        // Metal documents no limit. Shaders split larger counts into x and y, on every backend.
-        max_groups: [65535; 3],
         max_local_size: reported.max_threads,
-        max_invocations: reported.max_threads[0],
-        shared_bytes: reported.threadgroup_bytes,
-        max_image_size: 16384,
-        max_targets: 8,
         max_storage_buffers: buffers,
         max_uniform_buffers: buffers,
         max_storage_images: Msl::MAX_TEXTURES,
@@ -61,17 +66,11 @@ pub fn limits(reported: &ReportedLimits) -> Limits {
         buffer_image_granularity: 1,
         independent_blend: true,
         subgroup: SubgroupLimits {
-            size: LANES,
             min_size: LANES,
             max_size: LANES,
             selectable: false,
             max_per_group: reported.max_threads[0] / LANES,
         },
-        // Not documented; docs/metal-mac.md says how to measure it. A plan built for `false` is correct on every
-        // device.
-        rounds_half: false,
-        fused_fma: true,
-        features: features(),
         timestamp_bits: 64,
         // Samples can be resolved only after their command buffer has completed.
         live_timestamps: false,
@@ -135,7 +134,7 @@ mod tests {
 
     #[test]
     fn graphs_are_told_of_simd_groups_of_32_lanes_and_32_kib() {
-        let facts = limits(&ReportedLimits::APPLE_7).facts();
+        let facts = limits(&ReportedLimits::APPLE_7).facts;
         assert_eq!((facts.subgroup_size, facts.shared_bytes, facts.max_invocations), (32, 32768, 1024));
         assert!(facts.features.contains(Features::SUBGROUP_BALLOT | Features::SUBGROUP_SHUFFLE));
         assert!(!facts.features.intersects(Features::FLOAT64 | Features::BUFFER_INT64_ATOMICS));
@@ -144,15 +143,15 @@ mod tests {
     #[test]
     fn a_binding_is_never_longer_than_the_word_that_tells_its_size() {
         let reported = ReportedLimits { max_buffer_bytes: 64 << 30, ..ReportedLimits::APPLE_7 };
-        assert_eq!(limits(&reported).max_storage_bytes, u64::from(u32::MAX));
+        assert_eq!(limits(&reported).facts.max_storage_bytes, u64::from(u32::MAX));
         assert_eq!(limits(&reported).max_buffer_bytes, 64 << 30);
     }
 
     #[test]
     fn workgroups_run_in_simd_groups_of_the_known_size_for_certain() {
-        let subgroup = limits(&ReportedLimits::APPLE_7).subgroup;
-        assert!(subgroup.has_certain_size([256, 1, 1]) && subgroup.has_certain_size([16, 16, 1]));
-        assert!(!subgroup.can_request_size([256, 1, 1]));
+        let limits = limits(&ReportedLimits::APPLE_7);
+        assert!(limits.has_certain_size([256, 1, 1]) && limits.has_certain_size([16, 16, 1]));
+        assert!(!limits.can_request_size([256, 1, 1]));
     }
 
     #[test]

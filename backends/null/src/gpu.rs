@@ -74,7 +74,7 @@ impl NullGpu {
             name: "null".to_string(),
             kind: "other".to_string(),
             driver: String::new(),
-            facts: config.limits.facts(),
+            facts: config.limits.facts,
             robustness: Robustness::default(),
             heap: Heap { bytes: config.limits.heap_bytes, available: config.budget },
             unfit: None,

@@ -63,7 +63,7 @@ impl<G: Gpu> HostBuffer<G> {
         resource: &Resource,
         contents: &BufferContents,
     ) -> Result<(), BackendError> {
-        let most = shared.gpu.common().limits.max_storage_bytes;
+        let most = shared.gpu.common().limits.facts.max_storage_bytes;
         match contents {
             BufferContents::Bytes(bytes) => {
                 check_length(resource, bytes.len() as u64, most)?;

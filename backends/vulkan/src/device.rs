@@ -8,6 +8,7 @@ use crate::instance::{API_VERSION, Instance, changing_devices, no_driver};
 use crate::robustness::RobustnessFeatures;
 use ash::{ext, khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
+use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
 
@@ -72,7 +73,7 @@ fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Ph
             Err(why) => unfit = Some(why.to_string()),
         }
     }
-    let facts = limits.facts();
+    let facts = limits.facts;
     let budget = instance.has_extension(handle, ext::memory_budget::NAME);
     let heap = if unfit.is_none() { heap(instance, handle, budget) } else { Heap::default() };
     let kind = kind_name(basic.device_type).to_string();
@@ -160,22 +161,34 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         floats.optimal_tiling_features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND);
 
     let buffer = maintenance4.max_buffer_size.min(maintenance3.max_memory_allocation_size);
+    let [max_groups_x, max_groups_y, max_groups_z] = core.max_compute_work_group_count;
     let limits = Limits {
-        max_storage_bytes: (core.max_storage_buffer_range as u64).min(buffer),
+        facts: DeviceFacts {
+            // The default size may lie outside the range that a request may name.
+            subgroup_size: subgroups
+                .subgroup_size
+                .clamp(control.min_subgroup_size, control.max_subgroup_size),
+            max_groups_x,
+            max_groups_y,
+            max_groups_z,
+            max_storage_bytes: (core.max_storage_buffer_range as u64).min(buffer),
+            max_push_bytes: core.max_push_constants_size,
+            max_invocations: core.max_compute_work_group_invocations,
+            shared_bytes: core.max_compute_shared_memory_size,
+            max_image_size: core
+                .max_image_dimension2_d
+                .min(core.max_framebuffer_width)
+                .min(core.max_framebuffer_height)
+                .min(core.max_viewport_dimensions[0])
+                .min(core.max_viewport_dimensions[1]),
+            max_targets: core.max_color_attachments,
+            rounds_half: rounds_once(driver.driver_id) || !blends_floats,
+            fused_fma: rounds_once(driver.driver_id),
+            features: OptionalFeatures::of(instance, handle).shaders,
+        },
         max_uniform_bytes: core.max_uniform_buffer_range as u64,
         max_buffer_bytes: buffer,
-        max_push_bytes: core.max_push_constants_size,
-        max_groups: core.max_compute_work_group_count,
         max_local_size: core.max_compute_work_group_size,
-        max_invocations: core.max_compute_work_group_invocations,
-        shared_bytes: core.max_compute_shared_memory_size,
-        max_image_size: core
-            .max_image_dimension2_d
-            .min(core.max_framebuffer_width)
-            .min(core.max_framebuffer_height)
-            .min(core.max_viewport_dimensions[0])
-            .min(core.max_viewport_dimensions[1]),
-        max_targets: core.max_color_attachments,
         max_storage_buffers: core.max_per_stage_descriptor_storage_buffers,
         max_uniform_buffers: core.max_per_stage_descriptor_uniform_buffers,
         max_storage_images: core.max_per_stage_descriptor_storage_images,
@@ -188,16 +201,11 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         buffer_image_granularity: core.buffer_image_granularity,
         independent_blend: features.independent_blend == vk::TRUE,
         subgroup: SubgroupLimits {
-            // The default size may lie outside the range that a request may name.
-            size: subgroups.subgroup_size.clamp(control.min_subgroup_size, control.max_subgroup_size),
             min_size: control.min_subgroup_size,
             max_size: control.max_subgroup_size,
             selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_per_group: control.max_compute_workgroup_subgroups,
         },
-        rounds_half: rounds_once(driver.driver_id) || !blends_floats,
-        fused_fma: rounds_once(driver.driver_id),
-        features: OptionalFeatures::of(instance, handle).shaders,
         timestamp_bits: 0,
         // On lavapipe, reading timestamps waits for all submitted work.
         live_timestamps: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,

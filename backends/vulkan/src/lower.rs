@@ -5,7 +5,7 @@
 use ash::vk;
 use splatgraph_framework::ir::Reflection;
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_runtime::{BlendFactor, PipelineState, PipelineStates, SubgroupLimits, position_or_push};
+use splatgraph_runtime::{BlendFactor, Limits, PipelineState, PipelineStates, position_or_push};
 use std::ops::BitOr;
 use std::sync::Arc;
 
@@ -51,12 +51,7 @@ pub(crate) struct PipelineKey {
 }
 
 impl PipelineKey {
-    pub fn new(
-        plan: &Plan,
-        state: &PipelineState,
-        interface: &Interface,
-        limits: &SubgroupLimits,
-    ) -> PipelineKey {
+    pub fn new(plan: &Plan, state: &PipelineState, interface: &Interface, limits: &Limits) -> PipelineKey {
         let shaders: Vec<_> = state.shaders().into_iter().map(|shader| plan.shader(shader)).collect();
         let mut state = state.clone();
         match &mut state {
@@ -104,15 +99,16 @@ fn interface(pass: &Pass) -> Interface {
 
 /// Requests the subgroup size that the graph assumes and full subgroups, each if the device and the workgroup size
 /// allow it. Requests nothing for a shader without subgroup operations.
-pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgroups {
-    if !shader.has_subgroups() || limits.size == 0 {
+pub(crate) fn subgroups(shader: &Reflection, limits: &Limits) -> Subgroups {
+    if !shader.has_subgroups() || limits.facts.subgroup_size == 0 {
         return Subgroups::default();
     }
     // A requested size must divide x and give few enough subgroups. Without a request, a SPIR-V 1.6 shader may get any
     // size, so full subgroups need a multiple of the largest.
     let selected = limits.can_request_size(shader.local_size);
-    let full = selected || (limits.max_size > 0 && shader.local_size[0].is_multiple_of(limits.max_size));
-    Subgroups { size: selected.then_some(limits.size), full }
+    let full = selected
+        || (limits.subgroup.max_size > 0 && shader.local_size[0].is_multiple_of(limits.subgroup.max_size));
+    Subgroups { size: selected.then_some(limits.facts.subgroup_size), full }
 }
 
 pub(crate) fn format(format: Format) -> vk::Format {
@@ -209,9 +205,15 @@ mod tests {
     use super::*;
     use crate::testing::*;
     use splatgraph_framework::ir::ShaderStage;
+    use splatgraph_runtime::SubgroupLimits;
 
-    const LIMITS: SubgroupLimits =
-        SubgroupLimits { size: 32, min_size: 32, max_size: 64, selectable: true, max_per_group: 8 };
+    fn limits(selectable: bool) -> Limits {
+        Limits {
+            facts: DeviceFacts::typical(32),
+            subgroup: SubgroupLimits { min_size: 32, max_size: 64, selectable, max_per_group: 8 },
+            ..Limits::default()
+        }
+    }
 
     #[test]
     fn a_pass_that_binds_otherwise_has_a_pipeline_of_its_own() {
@@ -227,7 +229,7 @@ mod tests {
             alter(&mut plan);
             let lowered = lower(&plan);
             let (state, interface) = &lowered.pipelines.states[at];
-            PipelineKey::new(&plan, state, &lowered.interfaces[*interface], &LIMITS)
+            PipelineKey::new(&plan, state, &lowered.interfaces[*interface], &limits(true))
         };
         for at in 0..2 {
             let same = key(at, |_| {});
@@ -283,21 +285,21 @@ mod tests {
 
     #[test]
     fn subgroup_shaders_run_full_and_with_the_size_that_was_told_where_that_is_allowed() {
-        let asked = |local: [u32; 3], limits: SubgroupLimits| {
-            let state =
-                subgroups(&reflection(ShaderStage::Compute, local, Features::SUBGROUP_BASIC), &limits);
+        let asked = |local: [u32; 3], selectable| {
+            let shader = reflection(ShaderStage::Compute, local, Features::SUBGROUP_BASIC);
+            let state = subgroups(&shader, &limits(selectable));
             (state.size, state.full)
         };
-        assert_eq!(asked([256, 1, 1], LIMITS), (Some(32), true));
+        assert_eq!(asked([256, 1, 1], true), (Some(32), true));
         // x is not a multiple of the size.
-        assert_eq!(asked([16, 16, 1], LIMITS), (None, false));
+        assert_eq!(asked([16, 16, 1], true), (None, false));
         // Too many subgroups to request a size. Subgroups are then full only if x is a multiple of the largest size.
-        assert_eq!(asked([32 * 9, 1, 1], LIMITS), (None, false));
-        assert_eq!(asked([512, 1, 1], LIMITS), (None, true));
-        let fixed = SubgroupLimits { selectable: false, ..LIMITS };
-        assert_eq!(asked([256, 1, 1], fixed), (None, true));
-        assert_eq!(asked([32, 1, 1], fixed), (None, false));
-        let plain = subgroups(&reflection(ShaderStage::Compute, [256, 1, 1], Features::empty()), &LIMITS);
+        assert_eq!(asked([32 * 9, 1, 1], true), (None, false));
+        assert_eq!(asked([512, 1, 1], true), (None, true));
+        assert_eq!(asked([256, 1, 1], false), (None, true));
+        assert_eq!(asked([32, 1, 1], false), (None, false));
+        let plain =
+            subgroups(&reflection(ShaderStage::Compute, [256, 1, 1], Features::empty()), &limits(true));
         assert_eq!(plain, Subgroups::default());
     }
 

@@ -35,7 +35,7 @@ impl Pipelines {
         let lowered = lower::lower(plan);
         let states = &lowered.pipelines.states;
         let key = |(state, interface): &(_, usize)| {
-            PipelineKey::new(plan, state, &lowered.interfaces[*interface], &gpu.common.limits.subgroup)
+            PipelineKey::new(plan, state, &lowered.interfaces[*interface], &gpu.common.limits)
         };
         let keys: Vec<PipelineKey> = states.iter().map(key).collect();
         let mut pipelines: Vec<Option<Arc<Pipeline>>> =

@@ -95,8 +95,9 @@ fn a_need_beyond_the_range_is_an_error_that_names_both() {
 
 /// A device whose largest buffer has this many bytes.
 fn with_buffers_of(max_storage_bytes: u64) -> Config {
-    let limits = splatgraph_runtime::Limits { max_storage_bytes, ..splatgraph_null::limits() };
-    Config { limits, ..Config::default() }
+    let mut config = Config::default();
+    config.limits.facts.max_storage_bytes = max_storage_bytes;
+    config
 }
 
 #[test]

@@ -182,7 +182,8 @@ fn what_facts_chose_and_what_stands_in_for_a_graph_are_said_with_their_reasons()
 
 #[test]
 fn where_the_device_refuses_more_room_frames_stay_in_part_and_the_viewer_says_why() {
-    let small = Limits { max_storage_bytes: 1 << 20, ..limits() };
+    let mut small = limits();
+    small.facts.max_storage_bytes = 1 << 20;
     let events = visit(1_000_000, small, |script| {
         script.until("the refusal", |script| script.viewer().a.renderer.crowded().is_some());
         for _ in 0..10 {

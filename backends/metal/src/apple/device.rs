@@ -39,7 +39,7 @@ fn describe(raw: Device, index: usize) -> Physical {
         name: raw.name().to_string(),
         kind: if raw.has_unified_memory() { "integrated" } else { "discrete" }.to_string(),
         driver: format!("Metal, macOS {}", objc::system()),
-        facts: features::limits(&reported).facts(),
+        facts: features::limits(&reported).facts,
         // Buffer accesses are not checked, and no checks can be requested.
         robustness: Robustness::default(),
         heap: Heap {

@@ -19,7 +19,7 @@ const COUNT: u32 = 2_000;
 fn plans(share_memory: bool) -> Vec<Plan> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../pipelines");
     let scene = splatgraph_assets::synth::generate("demo", COUNT, 1).expect("a generator");
-    let facts = Facts { device: limits().facts(), ..nominal::facts(COUNT, (64, 36)) };
+    let facts = Facts { device: limits().facts, ..nominal::facts(COUNT, (64, 36)) };
     let catalog = nominal::catalog(COUNT);
     let attributes = ATTRIBUTES.into_iter().chain(MESH_ATTRIBUTES).map(|name| {
         let info = scene.attribute(name).expect("a scene has it");

@@ -200,7 +200,7 @@ impl<'a> Checker<'a> {
                         resource.source
                     ));
                 }
-                image_size(resource, self.limits.max_image_size)
+                image_size(resource, self.limits.facts.max_image_size)
             }
         }
     }
@@ -281,7 +281,7 @@ impl<'a> Checker<'a> {
     fn pass(&self, pass: &Pass) -> Result<(), BackendError> {
         let name = &pass.name;
         let what = || format!("the size of the push constants of pass `{name}`");
-        within_bytes(what, pass.push.len() as u64, self.limits.max_push_bytes.into())?;
+        within_bytes(what, pass.push.len() as u64, self.limits.facts.max_push_bytes.into())?;
         if !pass.push.len().is_multiple_of(4) {
             return invalid(format!(
                 "pass `{name}` has {} bytes of push constants, not whole words",
@@ -333,7 +333,7 @@ impl<'a> Checker<'a> {
                 ));
             }
             let (count, most) = match binding.kind {
-                DescriptorKind::StorageBuffer => (&mut storage, self.limits.max_storage_bytes),
+                DescriptorKind::StorageBuffer => (&mut storage, self.limits.facts.max_storage_bytes),
                 DescriptorKind::UniformBuffer => (&mut uniform, self.limits.max_uniform_bytes),
                 DescriptorKind::StorageImage => (&mut images, u64::MAX),
             };
@@ -364,7 +364,7 @@ impl<'a> Checker<'a> {
                 shader.name
             )),
             Some(shader) if shader.reflection.stage == stage => {
-                let missing = shader.reflection.features.difference(self.limits.features);
+                let missing = shader.reflection.features.difference(self.limits.facts.features);
                 if !missing.is_empty() {
                     let name = &shader.name;
                     return invalid(format!(
@@ -384,14 +384,14 @@ impl<'a> Checker<'a> {
         within_axes(what, local, self.limits.max_local_size)?;
         let invocations = local.iter().fold(1u64, |product, &n| product.saturating_mul(n.into()));
         let what = || format!("the number of invocations in a workgroup {local:?} of shader `{name}`");
-        within_count(what, invocations, self.limits.max_invocations)?;
+        within_count(what, invocations, self.limits.facts.max_invocations)?;
         let what = || format!("the shared memory of shader `{name}`");
-        within_bytes(what, shader.reflection.shared_bytes.into(), self.limits.shared_bytes.into())?;
+        within_bytes(what, shader.reflection.shared_bytes.into(), self.limits.facts.shared_bytes.into())?;
         self.subgroups(shader)?;
         match groups {
             Groups::Direct(groups) => {
                 let what = || format!("the number of workgroups {groups:?} of pass `{}`", pass.name);
-                within_axes(what, groups, self.limits.max_groups)
+                within_axes(what, groups, self.limits.facts.max_groups())
             }
             Groups::Indirect { buffer, offset } => self.indirect(buffer, offset, 12, &pass.name),
         }
@@ -404,7 +404,7 @@ impl<'a> Checker<'a> {
         if !shader.reflection.has_subgroups() {
             return Ok(());
         }
-        let lanes = limits.size;
+        let lanes = self.limits.facts.subgroup_size;
         if let Some(Value::Int(planned)) = self.plan.facts.get("device.subgroup_size")
             && *planned != i64::from(lanes)
         {
@@ -414,7 +414,7 @@ impl<'a> Checker<'a> {
                 shader.name
             )));
         }
-        if limits.has_certain_size(local) {
+        if self.limits.has_certain_size(local) {
             return Ok(());
         }
         let remedy = if limits.selectable {
@@ -448,7 +448,7 @@ impl<'a> Checker<'a> {
             return invalid(format!("pass `{user}` draws into no target"));
         }
         let what = || format!("the number of targets of pass `{user}`");
-        within_count(what, targets.len() as u64, self.limits.max_targets)?;
+        within_count(what, targets.len() as u64, self.limits.facts.max_targets)?;
         let mut sizes = Vec::new();
         for target in targets {
             let resource = self.resource_for(target.image, Usage::COLOR_TARGET, user)?;

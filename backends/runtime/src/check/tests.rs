@@ -4,10 +4,13 @@ use crate::testing::*;
 
 fn limits() -> Limits {
     Limits {
-        max_storage_bytes: 128 << 20,
+        facts: DeviceFacts {
+            max_storage_bytes: 128 << 20,
+            features: Features::empty(),
+            ..DeviceFacts::typical(8)
+        },
         heap_bytes: 4 << 30,
-        features: Features::empty(),
-        subgroup: SubgroupLimits { size: 8, min_size: 8, max_size: 8, selectable: true, max_per_group: 32 },
+        subgroup: SubgroupLimits { min_size: 8, max_size: 8, selectable: true, max_per_group: 32 },
         ..Limits::desktop()
     }
 }
@@ -61,19 +64,19 @@ fn more_of_anything_than_the_limit_is_refused_with_both_numbers() {
         let Err(BackendError::Limit(limit)) = check(&plan, &limits) else { panic!("{what} is not refused") };
         assert_eq!((limit.what.as_str(), limit.available, limit.needed), (what, available, needed));
     };
-    refused(|_, l| l.max_push_bytes = 4, "the size of the push constants of pass `clear`", 4, 8);
+    refused(|_, l| l.facts.max_push_bytes = 4, "the size of the push constants of pass `clear`", 4, 8);
     let what = "the number of workgroups [4, 1, 1] of pass `scan[0]` in x";
-    refused(|_, l| l.max_groups[0] = 3, what, 3, 4);
+    refused(|_, l| l.facts.max_groups_x = 3, what, 3, 4);
     let what = "the number of invocations in a workgroup [64, 1, 1] of shader `scan.comp`";
-    refused(|_, l| l.max_invocations = 32, what, 32, 64);
+    refused(|_, l| l.facts.max_invocations = 32, what, 32, 64);
     let what = "the workgroup size [64, 1, 1] of shader `scan.comp` in x";
     refused(|_, l| l.max_local_size[0] = 63, what, 63, 64);
-    refused(|_, l| l.shared_bytes = 512, "the shared memory of shader `scan.comp`", 512, 1024);
+    refused(|_, l| l.facts.shared_bytes = 512, "the shared memory of shader `scan.comp`", 512, 1024);
     let what = "the longer side of image `color` (64 x 32 pixels)";
-    refused(|_, l| l.max_image_size = 63, what, 63, 64);
+    refused(|_, l| l.facts.max_image_size = 63, what, 63, 64);
     let what = "the number of storage buffers bound by pass `splat`";
     refused(|_, l| l.max_storage_buffers = 1, what, 1, 2);
-    refused(|_, l| l.max_targets = 0, "the number of targets of pass `splat`", 0, 1);
+    refused(|_, l| l.facts.max_targets = 0, "the number of targets of pass `splat`", 0, 1);
 }
 
 #[test]
@@ -81,17 +84,18 @@ fn what_exceeds_a_limit_is_refused_at_the_declaration_of_its_pass_or_resource() 
     let (mut plan, limits) = (plan(), limits());
     plan.resources[COLOR.index()].origin = Origin { file: "a.ron".into(), line: 3, column: 5 };
     plan.passes[1].origin = Origin { file: "b.ron".into(), line: 7, column: 9 };
+    let narrow = |facts| Limits { facts, ..limits.clone() };
     let refused = |limits: &Limits, place: &str| {
         let error = check(&plan, limits).expect_err("the limit is exceeded");
         assert!(error.to_string().ends_with(place), "{error}");
-        too_large(&plan, &limits.facts()).map(|(error, origin)| error.at(origin)) == Some(error)
+        too_large(&plan, &limits.facts).map(|(error, origin)| error.at(origin)) == Some(error)
     };
     assert!(
-        refused(&Limits { max_image_size: 63, ..limits.clone() }, "\n --> a.ron:3:5"),
+        refused(&narrow(DeviceFacts { max_image_size: 63, ..limits.facts }), "\n --> a.ron:3:5"),
         "without a device"
     );
     assert!(
-        !refused(&Limits { max_groups: [1; 3], ..limits }, "\n --> b.ron:7:9"),
+        !refused(&narrow(DeviceFacts { max_groups_x: 1, ..limits.facts }), "\n --> b.ron:7:9"),
         "the linker refuses this"
     );
 }
@@ -120,10 +124,10 @@ fn work_that_no_device_ends_in_a_reasonable_time_is_refused() {
 
 #[test]
 fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_help() {
-    let several = SubgroupLimits { size: 32, min_size: 32, max_size: 64, selectable: true, max_per_group: 8 };
+    let several = SubgroupLimits { min_size: 32, max_size: 64, selectable: true, max_per_group: 8 };
     let with = |limits: SubgroupLimits, local_size: [u32; 3]| {
         said(|plan, own| {
-            (own.subgroup, own.features) = (limits, Features::all());
+            (own.subgroup, own.facts) = (limits, DeviceFacts::typical(32));
             for shader in &mut plan.shaders {
                 if shader.reflection.stage == ShaderStage::Compute {
                     shader.reflection.features = Features::SUBGROUP_BASIC;
@@ -135,7 +139,7 @@ fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_
     assert_eq!(with(several, [64, 1, 1]), "");
     let planned_for = |lanes: i64, features: Features| {
         said(|plan, own| {
-            own.features = Features::all();
+            own.facts.features = Features::all();
             plan.facts.insert("device.subgroup_size".into(), Value::Int(lanes));
             plan.shaders[0].reflection.features = features;
         })
