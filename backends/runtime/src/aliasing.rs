@@ -37,10 +37,8 @@ impl<G: Gpu> Transient<G> {
     }
 }
 
-enum Unbound<G: Gpu> {
-    Buffer(G::UnboundBuffer),
-    Image(G::UnboundImage),
-}
+/// Binds a resource that was created to its memory.
+type Bind<'a, G> = Box<dyn FnOnce(Arc<<G as Gpu>::Memory>) -> Result<Transient<G>, BackendError> + 'a>;
 
 impl Member<'_> {
     fn name(&self) -> &str {
@@ -50,33 +48,18 @@ impl Member<'_> {
         }
     }
 
-    fn create<G: Gpu>(&self, gpu: &Arc<G>) -> Result<(Unbound<G>, Requirements), BackendError> {
+    fn create<'a, G: Gpu>(&'a self, gpu: &'a Arc<G>) -> Result<(Bind<'a, G>, Requirements), BackendError> {
         Ok(match self {
             Member::Buffer(desc) => {
                 let (buffer, requirements) = gpu.create_buffer(desc)?;
-                (Unbound::Buffer(buffer), requirements)
+                let bound = |memory| Ok(Arc::new(Buffer::bind(gpu, desc, buffer, memory)?));
+                (Box::new(|memory| bound(memory).map(Transient::Buffer)), requirements)
             }
             Member::Image(desc) => {
                 let (image, requirements) = gpu.create_image(desc)?;
-                (Unbound::Image(image), requirements)
+                let bound = |memory| Ok(Arc::new(Image::bind(gpu, desc, image, memory)?));
+                (Box::new(|memory| bound(memory).map(Transient::Image)), requirements)
             }
-        })
-    }
-
-    fn bind<G: Gpu>(
-        &self,
-        gpu: &Arc<G>,
-        unbound: Unbound<G>,
-        memory: Arc<G::Memory>,
-    ) -> Result<Transient<G>, BackendError> {
-        Ok(match (self, unbound) {
-            (Member::Buffer(desc), Unbound::Buffer(buffer)) => {
-                Transient::Buffer(Arc::new(Buffer::bind(gpu, desc, buffer, memory)?))
-            }
-            (Member::Image(desc), Unbound::Image(image)) => {
-                Transient::Image(Arc::new(Image::bind(gpu, desc, image, memory)?))
-            }
-            _ => unreachable!("a member is bound as the kind that it was created as"),
         })
     }
 }
@@ -98,12 +81,11 @@ pub(crate) fn create_block<G: Gpu>(
     members
         .iter()
         .zip(created)
-        .map(|(member, (unbound, requirements))| {
-            let memory = match &shared {
+        .map(|(member, (bind, requirements))| {
+            bind(match &shared {
                 Some(memory) => memory.clone(),
                 None => Arc::new(G::Memory::allocate(gpu, member.name(), &requirements, Location::Device)?),
-            };
-            member.bind(gpu, unbound, memory)
+            })
         })
         .collect()
 }
