@@ -31,8 +31,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub timestamps: [Option<Arc<G::Timestamps>>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
     pub plan: Arc<Plan>,
-    pub name: Arc<str>,
-    pub pass_names: Arc<[String]>,
     /// Number of the plan within its executor, set by [`CompiledPlan::follow`]; frames refer to it.
     pub number: u64,
     identity: u64,
@@ -108,8 +106,6 @@ impl<G: Gpu> CompiledPlan<G> {
             used_once: once.freed,
             readbacks: Vec::new(),
             prologue_due: true,
-            name: plan.name.as_str().into(),
-            pass_names: plan.passes.iter().map(|pass| pass.name.clone()).collect(),
             plan,
         })
     }

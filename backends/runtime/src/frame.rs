@@ -92,8 +92,7 @@ impl<G: Gpu> Slot<G> {
         let show = swapchain.as_mut().zip(image).and_then(|(swapchain, image)| swapchain.show(image, slot));
         let passes: Arc<[PassId]> = recorded.passes.into();
         let watched = watch::Frame {
-            plan: compiled.name.clone(),
-            names: compiled.pass_names.clone(),
+            plan: compiled.plan.clone(),
             passes: passes.clone(),
             timestamps: compiled.timestamps[slot].clone().filter(|_| !inputs.untimed_passes),
         };

@@ -13,6 +13,7 @@ use crate::stopwatch::Stopwatch;
 use crate::timing::Times;
 use splatgraph_api::{BackendError, Running};
 use splatgraph_framework::ir::PassId;
+use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -39,8 +40,7 @@ struct Submission<G: Gpu> {
 }
 
 pub(crate) struct Frame<G: Gpu> {
-    pub plan: Arc<str>,
-    pub names: Arc<[String]>,
+    pub plan: Arc<Plan>,
     pub passes: Arc<[PassId]>,
     pub timestamps: Option<Arc<G::Timestamps>>,
 }
@@ -125,15 +125,15 @@ impl<G: Gpu> State<G> {
             let Some(finished) = times.finished(passes) else { continue };
             let done = finished.iter().take_while(|&&done| done).count();
             if done < passes {
-                let pass = &frame.names[frame.passes[done].index()];
-                return (number, done, format!("pass `{pass}` of `{}`", frame.plan));
+                let pass = &frame.plan.pass(frame.passes[done]).name;
+                return (number, done, format!("pass `{pass}` of `{}`", frame.plan.name));
             }
         }
         let place = match self.submitted.get(&own).and_then(|submission| submission.frame.as_ref()) {
             Some(frame) if live && frame.timestamps.is_some() => {
-                format!("the end of a frame of `{}`", frame.plan)
+                format!("the end of a frame of `{}`", frame.plan.name)
             }
-            Some(frame) => format!("a frame of `{}`", frame.plan),
+            Some(frame) => format!("a frame of `{}`", frame.plan.name),
             None => "the upload of the scene".to_string(),
         };
         (own, usize::MAX, place)
