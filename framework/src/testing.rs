@@ -246,3 +246,16 @@ pub const SHADERS: &[(&str, &str)] = &[
 pub fn dispatch(name: &str, shader: &str, bind: &str) -> String {
     format!(r#"        Dispatch(name: "{name}", shader: "{shader}", size: Threads(64), bind: {{{bind}}}),"#)
 }
+
+/// Returns a draw of the splats in `a` into the image `color`.
+pub fn draw(name: &str, load: &str) -> String {
+    format!(
+        r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {{"In": "a"}}, targets: [Target(image: "color", load: {load}, blend: PremultipliedOver)]),"#
+    )
+}
+
+/// Returns the names of the passes of the frame, in order.
+pub fn frame(plan: &Plan) -> Vec<&str> {
+    plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
+}

@@ -8,7 +8,7 @@ mod order;
 use crate::ir::{Layout, PassId, Work};
 use crate::plan::{Dependency, Plan, Since};
 use crate::solve::reorder;
-use crate::testing::{apart, dispatch, error_of, graph, plan};
+use crate::testing::{apart, dispatch, draw, error_of, frame, graph, plan};
 
 /// Solves with every resource in its own memory.
 fn solved(params: &str, passes: &[String]) -> Plan {
@@ -28,10 +28,6 @@ fn shown(plan: &Plan) -> String {
     format!("\n{}{:#?}", plan.order().map(pass).collect::<String>(), plan.layout_changes)
 }
 
-fn frame(plan: &Plan) -> Vec<&str> {
-    plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
-}
-
 fn dependencies(plan: &Plan, pass: &str) -> Vec<String> {
     let id = plan.order().find(|id| plan.pass(*id).name == pass);
     let id = id.unwrap_or_else(|| panic!("{}", shown(plan)));
@@ -48,13 +44,6 @@ fn line(plan: &Plan, dependency: &Dependency) -> String {
         Since::PreviousFrame => " of the previous frame",
     };
     format!("{hazard:?} on {}{alias} after {}{since}", plan.resource(resource).name, plan.pass(first).name)
-}
-
-fn draw(name: &str, load: &str) -> String {
-    format!(
-        r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
-            bind: {{"In": "a"}}, targets: [Target(image: "color", load: {load}, blend: PremultipliedOver)]),"#
-    )
 }
 
 /// Solves [`with_history`].

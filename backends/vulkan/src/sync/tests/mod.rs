@@ -7,7 +7,7 @@ mod testing;
 
 use super::*;
 use splatgraph_framework::ir::Run;
-use testing::{apart, dispatch, graph, plan};
+use testing::{apart, dispatch, draw, frame, graph, plan};
 /// Solves a graph without aliasing.
 fn solved(passes: &[String]) -> Plan {
     apart(&graph("", &passes.join("\n")))
@@ -23,10 +23,6 @@ fn shown(plan: &Plan) -> String {
         format!("{lines}{}\n", at.map_or("handover", |id| &plan.pass(id).name))
     };
     format!("\n{}", placed(plan).calls(plan).map(call).collect::<String>())
-}
-
-fn frame(plan: &Plan) -> Vec<&str> {
-    plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
 }
 
 /// Returns the barriers before a pass; see [`line`] for the format.
@@ -61,11 +57,4 @@ fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
     // Removes the spaces around the bars.
     let masks = barrier.masks.to_string().replace(" | ", "|");
     format!("{masks}{layouts}: {}", reasons.collect::<Vec<_>>().join(", "))
-}
-
-fn draw(name: &str, load: &str) -> String {
-    format!(
-        r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
-            bind: {{"In": "a"}}, targets: [Target(image: "color", load: {load}, blend: PremultipliedOver)]),"#
-    )
 }
