@@ -372,7 +372,11 @@ impl ShaderCompiler for Recorder {
             file: files.path(request.file).to_string(),
             stage: request.stage,
             defines: request.defines.to_vec(),
-            generated: request.generated.to_vec(),
+            generated: request
+                .generated
+                .iter()
+                .map(|(name, file)| (name.clone(), files.text(*file).into()))
+                .collect(),
         };
         if !self.seen.contains(&compilation) {
             self.seen.push(compilation);
@@ -426,7 +430,9 @@ fn damaged_shaders_are_compiled_or_errors_with_a_place() {
         let name = if included.is_empty() { file.as_str() } else { included[random.below(included.len())] };
         let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
             let file = map.find(None, file, Kind::Shader).map_err(|_| Vec::new())?;
-            let request = ShaderRequest { file, stage: *stage, defines, unfit: &[], generated };
+            let generated: Vec<_> =
+                generated.iter().map(|(name, text)| (name.clone(), map.add(name, text))).collect();
+            let request = ShaderRequest { file, stage: *stage, defines, unfit: &[], generated: &generated };
             compiler.compile(map, &request).map(|compiled| compiled.spirv)
         };
         (name, (number, build))

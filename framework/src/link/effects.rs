@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::linker::{LinkedPass, Linker, MAX_COMPILATIONS, PassParams};
+use super::linker::{self, LinkedPass, Linker, MAX_COMPILATIONS, PassParams};
 use crate::ir::{LIVE_BLOCK, ParamSet, ReflectedKind, ShaderId, ShaderStage, Stages};
 use crate::lower::{Lowered, LoweredPass, RemovedPass};
 use crate::shader::{ShaderCompiler, ShaderRequest};
@@ -54,7 +54,7 @@ pub(super) fn mentioned(
     }
     // This stub of the generated file mentions the block and no parameter, so only parameters that the shader's
     // own text mentions count.
-    let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
+    let generated = linker::generated(files, LIVE_BLOCK);
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {
         let key = (removed.file, name.clone());

@@ -52,12 +52,20 @@ pub(super) const MAX_COMPILATIONS: usize = 500;
 
 pub(super) type Defines = Vec<(String, String)>;
 
+/// Adds the text of `live.glsl`, which shaders include, to the files.
+pub(super) fn generated(files: &mut SourceMap, live_glsl: &str) -> Vec<(String, FileId)> {
+    let name = "live.glsl".to_string();
+    let file = files.add(format!("{name} (generated)"), live_glsl);
+    vec![(name, file)]
+}
+
 pub(super) struct Linker<'a> {
     pub lowered: &'a Lowered,
     pub device: DeviceFacts,
     pub files: &'a mut SourceMap,
     pub compiler: &'a mut dyn ShaderCompiler,
-    pub generated: Vec<(String, String)>,
+    /// Generated files, as [`ShaderRequest`](crate::shader::ShaderRequest) names them.
+    pub generated: Vec<(String, FileId)>,
     pub shaders: Vec<Shader>,
     /// Names of the blocks that each shader declares, used or not.
     pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,

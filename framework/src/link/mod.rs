@@ -35,7 +35,7 @@ pub fn link(
     count_compilations(&lowered.passes)?;
     let mut linker = Linker {
         device: request.facts.device,
-        generated: vec![("live.glsl".to_string(), lowered.live_glsl.clone())],
+        generated: linker::generated(files, &lowered.live_glsl),
         shaders: Vec::new(),
         declared: HashMap::new(),
         reached: HashMap::new(),

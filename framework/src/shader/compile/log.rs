@@ -10,7 +10,6 @@ use std::ops::Range;
 use super::generate::{IncludeFailure, IncludeProblem, MAX_DEPTH, MAX_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
 use super::sources::Sources;
-use crate::ir::Span;
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, SourceMap, nearest};
 
@@ -18,7 +17,7 @@ pub(super) const MAX_DIAGNOSTICS: usize = 10;
 
 /// Returns the diagnostics of a log, at least one.
 pub(super) fn diagnose(
-    files: &mut SourceMap,
+    files: &SourceMap,
     request: &ShaderRequest,
     sources: &Sources,
     log: &str,
@@ -37,12 +36,8 @@ pub(super) fn diagnose(
         }
     }
     if diagnostics.is_empty() {
-        let span = sources.first_line(files, request);
-        diagnostics.push(Diagnostic::new(
-            "the shader does not compile, and the compiler does not say why",
-            span,
-            "",
-        ));
+        let message = "the shader does not compile, and the compiler does not say why";
+        diagnostics.push(Diagnostic::new(message, sources.first_line(), ""));
     }
     diagnostics
 }
@@ -108,17 +103,11 @@ fn split_place(text: &str) -> (Option<Place>, &str) {
 }
 
 impl IncludeFailure {
-    pub(super) fn diagnose(
-        &self,
-        files: &mut SourceMap,
-        request: &ShaderRequest,
-        sources: &Sources,
-    ) -> Diagnostic {
+    pub(super) fn diagnose(&self, files: &SourceMap, sources: &Sources) -> Diagnostic {
         let unit = &sources.units[self.unit];
-        let file = unit.origin.file(files, request);
         let include = unit.includes.get(&self.name);
         let place = include.map_or(0..0, |include| include.place.clone());
-        let span = Span::new(file, place);
+        let span = sources.span(self.unit, place);
         match &self.why {
             IncludeProblem::Missing => match include.map(|i| &i.target) {
                 Some(Err(not_found)) => not_found.at(span),
@@ -131,11 +120,8 @@ impl IncludeFailure {
                     let message = format!("includes are nested deeper than {MAX_DEPTH}");
                     return Diagnostic::new(message, span, "the limit is exceeded here");
                 };
-                let mut names: Vec<String> = Vec::new();
-                for unit in chain[since..].iter().chain(target) {
-                    let file = sources.units[*unit].origin.file(files, request);
-                    names.push(format!("`{}`", files.path(file)));
-                }
+                let name = |unit: &usize| format!("`{}`", files.path(sources.units[*unit].file));
+                let names: Vec<String> = chain[since..].iter().chain(target).map(name).collect();
                 let message = format!("{} includes itself", names[0]);
                 Diagnostic::new(message, span, "included again here")
                     .with_help(format!("the cycle: {}", names.join(" includes ")))
@@ -151,7 +137,7 @@ impl IncludeFailure {
 }
 
 impl Entry<'_> {
-    fn diagnose(&self, files: &mut SourceMap, request: &ShaderRequest, sources: &Sources) -> Diagnostic {
+    fn diagnose(&self, files: &SourceMap, request: &ShaderRequest, sources: &Sources) -> Diagnostic {
         let Some(place) = self.place else {
             let stages = ["vertex", "fragment", "compute"].map(|stage| format!("Linking {stage} stage: "));
             let message =
@@ -162,8 +148,7 @@ impl Entry<'_> {
                 .filter_map(|word| word.split_once('('))
                 .map(|(name, _)| format!("`{name}`"))
                 .collect();
-            let span = sources.find_quoted(files, request, &functions);
-            return Diagnostic::new(message, span, "");
+            return Diagnostic::new(message, sources.find_quoted(&functions), "");
         };
         let unit = if place.unit < sources.units.len() { place.unit } else { 0 };
         let text = &sources.units[unit].text;
@@ -180,14 +165,14 @@ impl Entry<'_> {
         let is_change = self.token == Some("assign");
         let (range, token) = locate(text, place, (wanted, is_change), is_macro);
         let found = token.map(|token| token.of(text));
-        let span = sources.span(files, request, unit, range);
+        let span = sources.span(unit, range);
         if let Some(syntax) = syntax {
             let diagnostic = Diagnostic::new(syntax.message(found), span, syntax.label());
             // A `;` can be missing before the `#include`, in another file.
             let include = (first_code(text) == Some(span.start)).then(|| sources.include_of(unit)).flatten();
             return match include {
                 Some((includer, place)) => {
-                    let span = sources.span(files, request, includer, place);
+                    let span = sources.span(includer, place);
                     diagnostic.with_label(span, "included here: is the code before it complete?")
                 }
                 None => diagnostic,
@@ -203,7 +188,7 @@ impl Entry<'_> {
             None => self.message.clone(),
         };
         let live = self.token.filter(|_| self.message == "undeclared identifier");
-        if let Some(help) = live.and_then(|name| sources.live_help(request, name)) {
+        if let Some(help) = live.and_then(|name| sources.live_help(files, request, name)) {
             return Diagnostic::new(message, span, "").with_help(help);
         }
         let unknown = ["undeclared identifier", "no matching overloaded function found"];

@@ -97,7 +97,7 @@ impl ShaderCompiler for Glslang {
         let _span = info_span!("prepare a shader", shader = files.path(request.file)).entered();
         let sources =
             info_span!("read GLSL").in_scope(|| Sources::gather(files, request, &mut self.scans))?;
-        if let Some(diagnostic) = sources.too_large(files, request) {
+        if let Some(diagnostic) = sources.too_large(request) {
             return Err(vec![diagnostic]);
         }
         let defines = request.defines.iter().filter(|(name, _)| sources.mentions(name));
@@ -121,7 +121,7 @@ impl ShaderCompiler for Glslang {
         }
         let followed = info_span!("follow the branches").in_scope(|| sources.follow(&key.defines));
         if let Some(place) = followed.as_ref().and_then(|followed| followed.redeclared.clone()) {
-            return Err(vec![sources.redeclared(files, request, place)]);
+            return Err(vec![sources.redeclared(request, place)]);
         }
         if let Some(place) = followed.as_ref().and_then(|followed| followed.undefined.clone()) {
             return Err(vec![sources.undefined(files, request, place)]);
@@ -138,7 +138,7 @@ impl ShaderCompiler for Glslang {
             }
         };
         let reflection = info_span!("reflect").in_scope(|| reflect(&spirv)).map_err(|problem| {
-            let span = sources.find_quoted(files, request, &problem);
+            let span = sources.find_quoted(&problem);
             vec![Diagnostic::new(problem, span, "")]
         })?;
         let all = || sources.identifiers().into_iter().map(str::to_owned).collect();
@@ -167,18 +167,16 @@ impl Failure {
         matches!(self, Failure::Log(_) | Failure::Includes(_))
     }
 
-    fn diagnose(&self, files: &mut SourceMap, request: &ShaderRequest, sources: &Sources) -> Vec<Diagnostic> {
+    fn diagnose(&self, files: &SourceMap, request: &ShaderRequest, sources: &Sources) -> Vec<Diagnostic> {
         match self {
             Failure::Cancelled => {
                 let span = Span::new(request.file, 0..0);
                 vec![Diagnostic::new(CANCELLED, span, "")]
             }
             Failure::Log(log) | Failure::Crash(log) => log::diagnose(files, request, sources, log),
-            Failure::Includes(failures) => failures
-                .iter()
-                .take(log::MAX_DIAGNOSTICS)
-                .map(|f| f.diagnose(files, request, sources))
-                .collect(),
+            Failure::Includes(failures) => {
+                failures.iter().take(log::MAX_DIAGNOSTICS).map(|f| f.diagnose(files, sources)).collect()
+            }
         }
     }
 }

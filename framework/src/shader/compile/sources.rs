@@ -19,20 +19,13 @@ pub(super) struct Sources {
     pub units: Vec<Unit>,
 }
 
-/// A file or a generated text of a shader.
+/// A file of a shader.
 pub(super) struct Unit {
-    pub origin: UnitOrigin,
+    pub file: FileId,
     pub text: Arc<str>,
     pub scan: Arc<Scan>,
     /// Included files, by the name in the `#include`.
     pub includes: BTreeMap<String, Include>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum UnitOrigin {
-    File(FileId),
-    /// Index in [`ShaderRequest::generated`].
-    Generated(usize),
 }
 
 pub(super) struct Include {
@@ -52,40 +45,27 @@ impl Sources {
         scans: &mut Scans,
     ) -> Result<Sources, Vec<Diagnostic>> {
         let mut sources = Sources { units: Vec::new() };
-        let mut origins = vec![UnitOrigin::File(request.file)];
+        let mut found = vec![request.file];
         let mut bytes = 0;
-        while let Some(&origin) = origins.get(sources.units.len()) {
-            let text = match origin {
-                UnitOrigin::File(file) => files.text(file),
-                UnitOrigin::Generated(index) => &request.generated[index].1,
-            };
+        while let Some(&file) = found.get(sources.units.len()) {
+            let text = files.text(file);
             bytes += text.len();
             let within = bytes <= MAX_BYTES && sources.units.len() < MAX_FILES;
-            let scanned = within.then(|| scans.of(text));
-            let span_of = |place: Range<usize>, files: &mut SourceMap| {
-                let file = origin.file(files, request);
-                Span::new(file, place)
-            };
-            let Some((text, scan)) = scanned else {
-                let span = span_of(0..0, files);
+            let error = |message: &str, place, label| Diagnostic::new(message, Span::new(file, place), label);
+            let Some((text, scan)) = within.then(|| scans.of(text)) else {
                 let message = format!(
                     "expected at most {MAX_FILES} files and {} KiB of text in a shader with its includes, found more",
                     MAX_BYTES >> 10
                 );
-                return Err(vec![Diagnostic::new(message, span, "the limit is exceeded with this file")]);
+                return Err(vec![error(&message, 0..0, "the limit is exceeded with this file")]);
             };
             if let Some(place) = scan.foreign.clone() {
-                let span = span_of(place, files);
-                return Err(vec![Diagnostic::new(
-                    "GLSL has only ASCII characters outside of comments",
-                    span,
-                    "not allowed",
-                )]);
+                let message = "GLSL has only ASCII characters outside of comments";
+                return Err(vec![error(message, place, "not allowed")]);
             }
             if let Some(place) = scan.line.clone() {
-                let span = span_of(place, files);
                 let label = "would move errors to other lines";
-                return Err(vec![Diagnostic::new("`#line` is not supported", span, label)]);
+                return Err(vec![error("`#line` is not supported", place, label)]);
             }
             if sources.units.is_empty() {
                 let place = match &scan.version {
@@ -94,9 +74,8 @@ impl Sources {
                     None => Some(first_line(&text)),
                 };
                 if let Some(place) = place {
-                    let span = span_of(place, files);
-                    let diagnostic = Diagnostic::new("the shader is not declared to be GLSL 4.60", span, "");
-                    return Err(vec![diagnostic.with_help("its first line should be `#version 460`")]);
+                    let error = error("the shader is not declared to be GLSL 4.60", place, "");
+                    return Err(vec![error.with_help("its first line should be `#version 460`")]);
                 }
             }
             let mut includes = BTreeMap::new();
@@ -104,13 +83,13 @@ impl Sources {
                 if includes.contains_key(name) {
                     continue;
                 }
-                let found = match request.generated.iter().position(|g| g.0 == *name) {
-                    Some(index) => Ok(UnitOrigin::Generated(index)),
+                let target = match request.generated.iter().find(|(generated, _)| generated == name) {
+                    Some((_, file)) => Ok(*file),
                     None => {
                         // Includes of a generated text are resolved as if they were the shader's own.
-                        let from = if let UnitOrigin::File(file) = origin { file } else { request.file };
-                        let found = files.find(Some(from), name, Kind::Shader).map(UnitOrigin::File);
-                        found.map_err(|mut not_found| {
+                        let is_generated = request.generated.iter().any(|(_, generated)| *generated == file);
+                        let from = if is_generated { request.file } else { file };
+                        files.find(Some(from), name, Kind::Shader).map_err(|mut not_found| {
                             let generated = request.generated.iter().map(|g| g.0.as_str());
                             let near = nearest(name, generated).map(str::to_string);
                             not_found.nearest = near.or(not_found.nearest.take());
@@ -118,15 +97,15 @@ impl Sources {
                         })
                     }
                 };
-                let target = found.map(|origin| {
-                    origins.iter().position(|known| *known == origin).unwrap_or_else(|| {
-                        origins.push(origin);
-                        origins.len() - 1
+                let target = target.map(|file| {
+                    found.iter().position(|known| *known == file).unwrap_or_else(|| {
+                        found.push(file);
+                        found.len() - 1
                     })
                 });
                 includes.insert(name.clone(), Include { place: place.clone(), target });
             }
-            sources.units.push(Unit { origin, text, scan, includes });
+            sources.units.push(Unit { file, text, scan, includes });
         }
         Ok(sources)
     }
@@ -163,15 +142,10 @@ impl Sources {
 
     /// Returns the error for a constant of the graph that the shader also declares. The preprocessor would replace the
     /// name by the number, and cause a misleading compiler error.
-    pub fn redeclared(
-        &self,
-        files: &mut SourceMap,
-        request: &ShaderRequest,
-        (unit, place): (usize, Range<usize>),
-    ) -> Diagnostic {
+    pub fn redeclared(&self, request: &ShaderRequest, (unit, place): (usize, Range<usize>)) -> Diagnostic {
         let name = &self.units[unit].text[place.clone()];
         let value = request.defines.iter().find(|(define, _)| define == name).map_or("", |(_, value)| value);
-        let span = self.span(files, request, unit, place);
+        let span = self.span(unit, place);
         Diagnostic::new(format!("`{name}` is a constant of the graph"), span, "declared again here")
             .with_help(format!("the graph defines it as {value}: use that, or another name here"))
     }
@@ -179,15 +153,15 @@ impl Sources {
     /// Returns the error for an undefined name in an `#if`. The compiler would treat it as 0.
     pub fn undefined(
         &self,
-        files: &mut SourceMap,
+        files: &SourceMap,
         request: &ShaderRequest,
         (unit, place): (usize, Range<usize>),
     ) -> Diagnostic {
         let name = &self.units[unit].text[place.clone()];
-        let span = self.span(files, request, unit, place);
+        let span = self.span(unit, place);
         let error =
             Diagnostic::new(format!("`{name}` is not defined"), span, "would count as 0 in this `#if`");
-        if self.live_help(request, name).is_some() {
+        if self.live_help(files, request, name).is_some() {
             return error.with_help(
                 "a live parameter has no value when a shader is compiled: use `if`, or declare it `Const`",
             );
@@ -197,17 +171,18 @@ impl Sources {
     }
 
     /// Explains an undeclared name that refers to a live parameter, which only `live.glsl` declares.
-    pub fn live_help(&self, request: &ShaderRequest, name: &str) -> Option<String> {
-        let (file, text) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
+    pub fn live_help(&self, files: &SourceMap, request: &ShaderRequest, name: &str) -> Option<String> {
+        let (file, generated) = request.generated.iter().find(|(file, _)| file == "live.glsl")?;
         // Each member is a line such as `    float gain;`.
+        let lines = files.text(*generated).lines();
         let mut members =
-            text.lines().filter_map(|line| line.strip_prefix("    ")?.strip_suffix(';')?.split(' ').nth(1));
+            lines.filter_map(|line| line.strip_prefix("    ")?.strip_suffix(';')?.split(' ').nth(1));
         let member = members.find(|member| {
             let option = name.strip_prefix(member.to_uppercase().as_str());
             *member == name || option.is_some_and(|rest| rest.is_empty() || rest.starts_with('_'))
         })?;
         let include = format!("`#include \"{file}\"` declares it");
-        let is_included = self.units.iter().any(|unit| matches!(unit.origin, UnitOrigin::Generated(_)));
+        let is_included = self.units.iter().any(|unit| unit.file == *generated);
         Some(match member == name {
             true => format!("`{name}` is a live parameter: {include}"),
             false if is_included => format!(
@@ -219,7 +194,7 @@ impl Sources {
 
     /// Returns the error for a mentioned constant that is too large, if any. Shaders have 32-bit numbers, and an `#if`
     /// has signed ones.
-    pub fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
+    pub fn too_large(&self, request: &ShaderRequest) -> Option<Diagnostic> {
         let unfit = request.unfit.iter().find(|(name, _)| self.mentions(name));
         let (name, value, limit) = match unfit {
             Some((name, value)) => (name, value.as_str(), "a number of 32 bits"),
@@ -231,22 +206,22 @@ impl Sources {
                 (name, value.trim_end_matches('u'), "the `int` of an `#if`")
             }
         };
-        let span = self.find_quoted(files, request, &format!("`{name}`"));
+        let span = self.find_quoted(&format!("`{name}`"));
         let message = format!("`{name}` is {value} in the graph, which does not fit {limit}");
         Some(Diagnostic::new(message, span, "used here"))
     }
 
     /// Locates the first name that a message quotes (`` `so` ``) and a unit contains; the shader's first line if none.
-    pub fn find_quoted(&self, files: &mut SourceMap, request: &ShaderRequest, message: &str) -> Span {
+    pub fn find_quoted(&self, message: &str) -> Span {
         for quoted in message.split('`').skip(1).step_by(2).filter(|quoted| !quoted.is_empty()) {
             for (index, unit) in self.units.iter().enumerate() {
                 let tokens = scan::lex(&unit.text);
                 if let Some(token) = tokens.iter().find(|t| t.of(&unit.text) == quoted) {
-                    return self.span(files, request, index, token.range());
+                    return self.span(index, token.range());
                 }
             }
         }
-        self.first_line(files, request)
+        self.first_line()
     }
 
     /// Finds the first `#include` of a unit: the including unit, and the place of the name in it.
@@ -257,19 +232,12 @@ impl Sources {
         })
     }
 
-    pub fn first_line(&self, files: &mut SourceMap, request: &ShaderRequest) -> Span {
-        self.span(files, request, 0, first_line(&self.units[0].text))
+    pub fn first_line(&self) -> Span {
+        self.span(0, first_line(&self.units[0].text))
     }
 
-    pub fn span(
-        &self,
-        files: &mut SourceMap,
-        request: &ShaderRequest,
-        unit: usize,
-        place: Range<usize>,
-    ) -> Span {
-        let file = self.units[unit].origin.file(files, request);
-        Span::new(file, place)
+    pub fn span(&self, unit: usize, place: Range<usize>) -> Span {
+        Span::new(self.units[unit].file, place)
     }
 }
 
@@ -282,24 +250,5 @@ impl Unit {
         let found =
             self.includes.iter().filter_map(|(name, i)| Some((name.as_str(), *i.target.as_ref().ok()?)));
         reached::Text { text: &self.text, includes: found.collect() }
-    }
-}
-
-impl UnitOrigin {
-    /// Returns the file in which to show a diagnostic. A generated text becomes a file when first needed.
-    pub fn file(self, files: &mut SourceMap, request: &ShaderRequest) -> FileId {
-        match self {
-            UnitOrigin::File(file) => file,
-            UnitOrigin::Generated(index) => {
-                let (name, text) = &request.generated[index];
-                let path = format!("{name} (generated)");
-                let known =
-                    files.opened().find(|(file, known, _)| *known == path && files.text(*file) == text);
-                match known.map(|(file, ..)| file) {
-                    Some(file) => file,
-                    None => files.add(path, text),
-                }
-            }
-        }
     }
 }
