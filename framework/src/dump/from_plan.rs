@@ -10,8 +10,10 @@ use crate::ir::{
     Source, Use, Value, Work,
 };
 use crate::plan::{Cause, Dependency, Plan, Resource, Warning};
+use crate::solve;
 use indexmap::{IndexMap, IndexSet};
 use std::collections::HashSet;
+use std::ops::Range;
 
 /// Returns the plan with names in place of numbers, and without barriers: a backend adds those of its API with
 /// [`Dump::with_barriers`].
@@ -154,32 +156,12 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], free
     }
 }
 
-/// Returns each resource's first and last use in the frame. `None` for resources that are not transient or not used in
-/// the frame, and for contents that outlive a frame: used by the prologue, with a history, or first used by a pass that
-/// does not write them.
+/// Returns each resource's first and last pass in the dump, where the prologue's passes come first.
 fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
-    let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
-    let mut longer: Vec<bool> =
-        plan.resources.iter().map(|r| r.source != Source::Transient || r.history.is_some()).collect();
-    let prologue = plan.prologue.iter().flat_map(|pass| &plan.pass(*pass).uses);
-    prologue.for_each(|touch| longer[touch.resource.index()] = true);
-    for (at, pass) in plan.frame.iter().enumerate() {
-        // In the dump, the prologue's passes come first.
-        let at = plan.prologue.len() + at;
-        let uses = &plan.pass(*pass).uses;
-        for touch in uses {
-            let resource = touch.resource;
-            match &mut found[resource.index()] {
-                Some(lifetime) => lifetime.last = at,
-                none => {
-                    let writes = |t: &crate::ir::Use| t.resource == resource && t.accesses.writes();
-                    longer[resource.index()] |= !uses.iter().any(writes);
-                    *none = Some(Lifetime { first: at, last: at });
-                }
-            }
-        }
-    }
-    found.into_iter().zip(longer).map(|(lifetime, longer)| lifetime.filter(|_| !longer)).collect()
+    let prologue = plan.prologue.len();
+    let lifetime =
+        |life: Range<usize>| Lifetime { first: prologue + life.start, last: prologue + life.end - 1 };
+    solve::lifetimes(plan).map(|life| life.map(lifetime)).collect()
 }
 
 fn pass_of(plan: &Plan, id: PassId) -> DumpPass {

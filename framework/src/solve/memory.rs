@@ -21,9 +21,9 @@ const MAX_TRIED: usize = 64;
 
 /// First and last use within the frame, as positions in it.
 #[derive(Clone, Copy, Debug)]
-struct Life {
-    first: usize,
-    last: usize,
+pub(super) struct Life {
+    pub first: usize,
+    pub last: usize,
     /// True if the last use is a write that no pass reads.
     ends_written: bool,
     /// Levels of the first pass and of the last.
@@ -81,7 +81,7 @@ pub(super) fn place(
 }
 
 /// Returns the lifetimes within the frame; `None` for resources that are not transient, outlive a frame or are unused.
-fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
+pub(super) fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
     let levels = levels(passes, frame, resources.len());
     for (position, id) in frame.iter().enumerate() {

@@ -21,6 +21,7 @@ use crate::link::{Linked, LinkedPass, PassParams};
 use crate::lower::{Declaration, Lowered};
 use crate::plan::{Plan, Resource};
 use crate::source::{Diagnostic, SourceMap};
+use std::ops::Range;
 
 /// Orders and culls the passes, places memory (shared if `share_memory`), and lists the dependencies.
 ///
@@ -69,6 +70,13 @@ pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Plan {
     let mut plan = Plan { frame: frame.to_vec(), ..plan.clone() };
     place(&mut plan, share_memory);
     plan
+}
+
+/// Returns the positions in the frame at which each resource is alive; `None` for resources that are not transient,
+/// outlive a frame or are unused.
+pub(crate) fn lifetimes(plan: &Plan) -> impl Iterator<Item = Option<Range<usize>>> {
+    let lives = memory::lives(&plan.passes, &plan.frame, &plan.resources);
+    lives.into_iter().map(|life| life.map(|life| life.first..life.last + 1))
 }
 
 fn place(plan: &mut Plan, share_memory: bool) {
