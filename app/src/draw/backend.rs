@@ -4,7 +4,7 @@
 
 use splatgraph_api::{
     BackendError, Compiled, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap,
-    Picture, Progress, Running, SceneData, Windowed,
+    Picture, Progress, Running, SceneData,
 };
 use splatgraph_framework::dump::{self, Dump};
 use splatgraph_framework::plan::Plan;
@@ -350,6 +350,14 @@ impl Device for Backend {
         each!(self, device => device.missed_window())
     }
 
+    fn resize_window(&mut self, width: u32, height: u32) {
+        each!(self, device => device.resize_window(width, height));
+    }
+
+    fn set_vsync(&mut self, vsync: bool) {
+        each!(self, device => device.set_vsync(vsync));
+    }
+
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError> {
         each!(self, device => device.wait(frame))
     }
@@ -376,16 +384,6 @@ impl Device for Backend {
 
     fn take_messages(&mut self) -> Vec<String> {
         each!(self, device => device.take_messages())
-    }
-}
-
-impl Windowed for Backend {
-    fn resize_window(&mut self, width: u32, height: u32) {
-        each!(self, device => device.resize_window(width, height));
-    }
-
-    fn set_vsync(&mut self, vsync: bool) {
-        each!(self, device => device.set_vsync(vsync));
     }
 }
 

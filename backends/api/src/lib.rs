@@ -181,7 +181,7 @@ pub struct FrameInputs {
     pub buffers: BTreeMap<String, BufferContents>,
     /// Keeps the output as a picture that other plans of this device can read; see [`Device::picture`].
     pub show: bool,
-    /// Shows the output in the device's window, if any; see [`Windowed`].
+    /// Shows the output in the device's window, if any; see [`Device::submit`].
     pub present: bool,
     /// Reads the output image back.
     pub read_output: bool,
@@ -461,7 +461,11 @@ pub trait Device: Sized {
     fn picture(&self) -> Option<Picture>;
 
     /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are in flight and, for a frame to
-    /// present, until the window can accept it: see [`Windowed`].
+    /// present, until the window can accept it.
+    ///
+    /// A frame with [`FrameInputs::present`] is scaled to the window. With vsync, the window accepts one frame per
+    /// refresh of the display, except on Wayland, where it never waits for the display. Frames that the window does not
+    /// accept within two seconds, and those of a hidden window, are drawn but not shown.
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted
@@ -471,6 +475,13 @@ pub trait Device: Sized {
 
     /// Returns true if the last submitted frame was to be presented, but could not be shown in the window.
     fn missed_window(&self) -> bool;
+
+    /// Sets the window's size in pixels; a window of size 0 is hidden. Does nothing without a window.
+    fn resize_window(&mut self, width: u32, height: u32);
+
+    /// Enables vsync (the default). Without it, frames are shown as soon as they are drawn, if the window system
+    /// allows it. Does nothing without a window.
+    fn set_vsync(&mut self, vsync: bool);
 
     /// Blocks until the frame has completed. Each frame's result can be taken once.
     ///
@@ -503,18 +514,4 @@ pub trait Device: Sized {
 
     /// Returns the device's validation messages since the last call on any of its contexts; empty without validation.
     fn take_messages(&mut self) -> Vec<String>;
-}
-
-/// A device that shows its frames in a window.
-///
-/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts
-/// them: with vsync, once per refresh of the display, except on Wayland, where it never waits for the display. Frames
-/// that the window does not accept within two seconds, and those of a hidden window, are drawn but not shown.
-pub trait Windowed: Device {
-    /// Sets the window's size in pixels; a window of size 0 is hidden.
-    fn resize_window(&mut self, width: u32, height: u32);
-
-    /// Enables vsync (the default). Without it, frames are shown as soon as they are drawn, if the window system
-    /// allows it.
-    fn set_vsync(&mut self, vsync: bool);
 }

@@ -12,7 +12,7 @@ use crate::window::Swapchain;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FRAMES_IN_FLIGHT, FrameId, FrameInputs, FrameResult,
-    Heap, Options, Picture, Running, Windowed,
+    Heap, Options, Picture, Running,
 };
 use splatgraph_framework::shader::Cancel;
 use std::collections::{BTreeMap, HashMap};
@@ -298,6 +298,18 @@ impl<G: Gpu> Device for Executor<G> {
         self.missed_window
     }
 
+    fn resize_window(&mut self, width: u32, height: u32) {
+        if let Some(swapchain) = &mut self.swapchain {
+            swapchain.resize((width, height));
+        }
+    }
+
+    fn set_vsync(&mut self, vsync: bool) {
+        if let Some(swapchain) = &mut self.swapchain {
+            swapchain.set_vsync(vsync);
+        }
+    }
+
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError> {
         if let Some(slot) = self.slot_of(frame) {
             self.shared.check_lost()?;
@@ -361,22 +373,6 @@ impl<G: Gpu> Device for Executor<G> {
 
     fn take_messages(&mut self) -> Vec<String> {
         self.shared.gpu.common().messages.take()
-    }
-}
-
-/// Presents frames; without a window, nothing is presented. If the window has no free image for a second or two, the
-/// frame is drawn but not shown: some window systems give a hidden window no image.
-impl<G: Gpu> Windowed for Executor<G> {
-    fn resize_window(&mut self, width: u32, height: u32) {
-        if let Some(swapchain) = &mut self.swapchain {
-            swapchain.resize((width, height));
-        }
-    }
-
-    fn set_vsync(&mut self, vsync: bool) {
-        if let Some(swapchain) = &mut self.swapchain {
-            swapchain.set_vsync(vsync);
-        }
     }
 }
 

@@ -8,7 +8,7 @@ use crate::view::recovery::{Open, Recovery};
 use crate::view::shell::{Frame, FrameRequest, Shell};
 use crate::view::viewer::Viewer;
 use egui::{Key, Modifiers, Pos2, RawInput, Rect, Vec2};
-use splatgraph_api::{Device, Running, Windowed};
+use splatgraph_api::{Device, Running};
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_framework::ir::Value;
 use splatgraph_null::{Call, Config, Fault, Journal, open};

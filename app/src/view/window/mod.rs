@@ -25,7 +25,7 @@ pub use display::is_left_open;
 use display::own;
 use event_log::EventLog;
 use running::{Closing, Running, title};
-use splatgraph_api::Windowed;
+use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::reload::Content;
 use std::mem::ManuallyDrop;

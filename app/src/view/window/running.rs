@@ -13,7 +13,7 @@ use crate::view::recovery::Recovery;
 use crate::view::shell::{FrameRequest, Shell};
 use anyhow::{Context as _, Result, bail};
 use egui::RawInput;
-use splatgraph_api::{BackendError, Pixels, Windowed};
+use splatgraph_api::{BackendError, Device, Pixels};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

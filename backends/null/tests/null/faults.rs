@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use crate::testing::plan;
-use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Recovery, Windowed};
+use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Recovery};
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};

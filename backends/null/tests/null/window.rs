@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use crate::testing::plan;
-use splatgraph_api::{BackendError, Device, FrameInputs, Windowed};
+use splatgraph_api::{BackendError, Device, FrameInputs};
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point};
 
 fn window(faults: &[Fault]) -> (Null, Journal) {

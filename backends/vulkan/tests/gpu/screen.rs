@@ -3,7 +3,7 @@
 
 use crate::build::*;
 use crate::x11::{Screen, Window};
-use splatgraph_api::{BackendError, Device, FrameInputs, Windowed};
+use splatgraph_api::{BackendError, Device, FrameInputs};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::sync::Arc;
