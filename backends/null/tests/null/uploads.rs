@@ -1,8 +1,9 @@
 //! Tests uploads of the scene: once per device, in chunks, through two halves of the staging memory.
 
 use crate::common::*;
+use crate::histories::started;
 use crate::testing::{SPLATS, plan};
-use splatgraph_api::{BackendError, Device, Progress, SceneData};
+use splatgraph_api::{BackendError, Device, Loader as _, Progress, SceneData};
 use splatgraph_framework::ir::Shape;
 use splatgraph_null::{Call, Config, Null};
 
@@ -101,28 +102,45 @@ fn a_plane_is_uploaded_once_for_all_executors_as_long_as_some_plan_has_it() {
     finish(other, &journal);
 }
 
-#[test]
-fn a_scene_without_the_attribute_is_named_and_the_former_plan_goes_on() {
-    struct Bare;
-    impl SceneData for Bare {
-        fn write(&self, _: &str, _: u32, _: u64, _: &mut [u8]) -> Result<(), String> {
-            Err("it has none".to_string())
-        }
-        fn identity(&self) -> u64 {
-            9
-        }
+/// Has no data, and says so or panics.
+struct Broken {
+    panics: bool,
+}
+
+impl SceneData for Broken {
+    fn write(&self, _: &str, _: u32, _: u64, _: &mut [u8]) -> Result<(), String> {
+        assert!(!self.panics, "the scene breaks on purpose");
+        Err("it has none".to_string())
     }
+
+    fn identity(&self) -> u64 {
+        9
+    }
+}
+
+#[test]
+fn a_scene_without_the_attribute_is_named_and_the_former_plan_and_its_histories_go_on() {
     let (mut null, journal) = device();
-    load(&mut null, plan());
+    load(&mut null, histories());
     let before = submit(&mut null);
-    let error = error_of(null.load(plan(), &Bare, &mut |_| {}));
+    let error = error_of(null.load(histories(), &Broken { panics: false }, &mut |_| {}));
     let scene = BackendError::Scene {
         attribute: "scene.sh".to_string(),
         plane: 0,
         reason: "it has none".to_string(),
     };
     assert_eq!(error, scene);
+    let loader = null.loader();
+    let broken = move || drop(loader.prepare(histories(), &Broken { panics: true }, &mut |_| {}));
+    assert!(std::thread::spawn(broken).join().is_err(), "the thread panics");
     null.wait(before).expect("the frame is done");
+    load(&mut null, histories());
+    frame(&mut null, &inputs());
+    assert_eq!(started(&journal.take()), Vec::<&str>::new());
+    // The scene's identity is the same, but nothing of the failed attempts is reused.
+    let whole = Zeros { identity: 9, ..Zeros::default() };
+    null.load(plan(), &whole, &mut |_| {}).expect("the plan loads");
+    assert_eq!(whole.asked(), 1);
     frame(&mut null, &inputs());
     finish(null, &journal);
 }

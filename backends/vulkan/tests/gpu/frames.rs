@@ -148,24 +148,6 @@ fn what_the_host_is_shown_by_the_plan_is_all_that_was_copied_before() {
     finish(vulkan);
 }
 
-#[test]
-fn devices_in_several_threads_do_not_disturb_one_another() {
-    let threads: Vec<_> = (0..3)
-        .map(|_| {
-            std::thread::spawn(|| {
-                let mut vulkan = open_with(counter().0);
-                let counted: Vec<u32> = (0..3).map(|_| counts(&mut vulkan)).collect();
-                assert_eq!(counted, [101, 102, 103]);
-                // A device can move to another thread.
-                vulkan
-            })
-        })
-        .collect();
-    for thread in threads {
-        finish(thread.join().expect("the thread ends well"));
-    }
-}
-
 /// A slow pass with many short invocations, because lavapipe limits the iterations of a loop.
 const SLOW: &str = "layout(set = 0, binding = 0) buffer Words { uint words[]; };
 void main() {

@@ -90,17 +90,6 @@ void main() {
 }
 
 #[test]
-fn a_buffer_that_is_too_large_to_bind_is_named_with_its_size_and_the_limit() {
-    let mut vulkan = open();
-    let mut plan = numbers(4, 0);
-    let count = vulkan.info().facts.max_storage_bytes / 4 + 1;
-    plan.resources[1].shape = Shape::Buffer { stride: 4, count };
-    let said = error_of(vulkan.load(plan, &scene(1, &[0; 4]), &mut |_| {}));
-    assert!(said.contains("`sum`") && said.contains("MiB"), "{said}");
-    finish(vulkan);
-}
-
-#[test]
 fn memory_lists_the_plans_resources_then_the_scenes_planes_then_the_backends_own() {
     let mut vulkan = open();
     assert_eq!(vulkan.memory(), []);

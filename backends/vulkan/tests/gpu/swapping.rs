@@ -1,7 +1,7 @@
 //! Swapping plans: frames in flight of the previous plan, and histories that carry over.
 
 use crate::build::*;
-use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect, Loader, Progress};
+use splatgraph_api::{Device, FrameId, FrameInputs, Inspect, Loader, Progress};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
@@ -9,7 +9,7 @@ use splatgraph_vulkan::Vulkan;
 ///
 /// Both have a history. The image is `width` pixels wide and is the output; the statistic `name` is the word. `alter`
 /// changes the plan before it is finished.
-pub fn growing_with(
+fn growing_with(
     name: &str,
     step: u32,
     width: u32,
@@ -138,31 +138,6 @@ fn a_plan_sees_its_history_however_the_one_before_wrote_it() {
 }
 
 #[test]
-fn a_history_that_goes_on_is_not_zeroed_and_the_rest_of_the_prologue_runs() {
-    let with_constant = |step| {
-        growing_with("count", step, 2, |build, _, _| {
-            let constant = build.words("constant", 1);
-            build.fill(Run::Once, "fill", constant, 3);
-            build.stat("constant", constant, 0);
-        })
-    };
-    let ran = |vulkan: &mut Vulkan, plan: &Plan| -> Vec<String> {
-        let passes = frame(vulkan, &with_output()).pass_ms;
-        passes.iter().map(|&(pass, _)| plan.pass(pass).name.clone()).collect()
-    };
-    let mut vulkan = open();
-    let plan = with_constant(1);
-    load(&mut vulkan, plan.clone());
-    assert_eq!(ran(&mut vulkan, &plan), ["start count", "start trail", "fill", "grow", "export"]);
-    assert_eq!(ran(&mut vulkan, &plan), ["grow", "export"]);
-    load(&mut vulkan, plan.clone());
-    assert_eq!(ran(&mut vulkan, &plan), ["fill", "grow", "export"]);
-    let stats = frame(&mut vulkan, &FrameInputs::default()).stats;
-    assert!(stats.contains(&("count".to_string(), 4)), "{stats:?}");
-    finish(vulkan);
-}
-
-#[test]
 fn barriers_before_a_start_that_is_left_out_still_stand_for_the_passes_behind_it() {
     let copy = "layout(set = 0, binding = 0) readonly buffer Source { uint source; };
 layout(set = 0, binding = 1) writeonly buffer Target { uint target; };
@@ -239,24 +214,5 @@ fn a_plan_is_kept_until_its_frames_in_flight_are_done() {
     assert_eq!(grown(&mut vulkan, first), ("first".to_string(), 1));
     assert_eq!(rest(&vulkan), None);
     assert_eq!(grow(&mut vulkan), 3);
-    finish(vulkan);
-}
-
-#[test]
-fn a_load_that_fails_leaves_the_former_plan_its_frames_and_its_histories() {
-    let mut vulkan = open_with(growing("count", 1));
-    let pending = [submit(&mut vulkan), submit(&mut vulkan)];
-    let lacking = growing_with("count", 10, 2, |build, count, _| {
-        let scene = build.scene("absent", 0, 4, 4);
-        let shader = build.shader("add.comp", &add(0));
-        build.dispatch(Run::Frame, "add", shader, 1, &[(scene, 0, READ), (count, 1, READ)]);
-    });
-    let error = vulkan.load(lacking, &Scene::default(), &mut |_| {});
-    assert!(matches!(error, Err(BackendError::Scene { .. })), "{error:?}");
-    assert_eq!(grow(&mut vulkan), 3);
-    assert_eq!(pending.map(|frame| grown(&mut vulkan, frame).1), [1, 2]);
-    load(&mut vulkan, growing("count", 10));
-    assert_eq!(grow(&mut vulkan), 13);
-    vulkan.submit(&FrameInputs::default()).unwrap();
     finish(vulkan);
 }

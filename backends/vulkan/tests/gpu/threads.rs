@@ -1,9 +1,9 @@
 //! Plans prepared while frames are drawn, and executors of one device on several threads.
 
 use crate::build::*;
-use crate::swapping::{grow, growing, growing_with, grown, submit};
-use splatgraph_api::{BackendError, Device, FrameInputs, Loader as _, SceneData};
-use splatgraph_framework::{ir::*, plan::*};
+use crate::swapping::{grow, growing, grown, submit};
+use splatgraph_api::{Device, FrameInputs, Loader as _};
+use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::{Loader, Ready, Vulkan};
 use std::sync::Barrier as Meeting;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -71,34 +71,6 @@ fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_draw
 }
 
 #[test]
-fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
-    let wide = |step| growing_with("wide", step, 3, |_, _, _| {});
-    let mut vulkan = open_with(growing("narrow", 1));
-    assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
-    // Both are prepared for swapping in after the narrow plan.
-    let (first, second) = (prepare(vulkan.loader(), wide(10)), prepare(vulkan.loader(), wide(100)));
-    let back = vulkan.loader();
-    vulkan.swap(first).expect("it becomes the current plan");
-    // The image has another shape and starts anew; the buffer continues.
-    let result = frame(&mut vulkan, &with_output());
-    assert_eq!((result.stats[0].1, output(&result)), (12, vec![10; 3]));
-    submit(&mut vulkan);
-    vulkan.swap(second).expect("it becomes the current plan");
-    // The buffer and the image continue from the plan in between.
-    let result = frame(&mut vulkan, &with_output());
-    let pixels = output(&result);
-    assert_eq!((result.stats[0].1, pixels), (122, vec![120; 3]));
-    // Swaps back with an old loader: that plan's image is gone.
-    submit(&mut vulkan);
-    vulkan.swap(prepare(back, growing("narrow", 1))).expect("it becomes the current plan");
-    let result = frame(&mut vulkan, &with_output());
-    let pixels = output(&result);
-    assert_eq!((result.stats[0].1, pixels), (223, vec![1; 2]));
-    finish(vulkan);
-    again_comparing_submissions("threads::a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in");
-}
-
-#[test]
 fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
     let bytes = |vulkan: &Vulkan| (vulkan.memory(), vulkan.device_memory().used);
     let mut vulkan = open();
@@ -127,70 +99,6 @@ fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
     let rest = vulkan.loader().prepare(numbers(3), &data, &mut |_| {}).expect("it is made ready");
     assert_eq!(vulkan.close(), Vec::<String>::new());
     drop(rest);
-}
-
-#[test]
-fn plans_that_are_made_ready_at_the_same_time_upload_what_they_share_once() {
-    const THREADS: u32 = 4;
-    let values: Vec<u32> = (0..1 << 20).collect();
-    let data = scene(&values);
-    // The last word of a large plane.
-    let plan = {
-        let mut build = Build::new();
-        let numbers = build.scene("numbers", 0, 4, values.len() as u64);
-        let last = build.words("last", 1);
-        let shader = build.shader(
-            "last.comp",
-            "layout(set = 0, binding = 0) readonly buffer Numbers { uint numbers[]; };
-layout(set = 0, binding = 1) writeonly buffer Last { uint last; };
-void main() { last = numbers[numbers.length() - 1]; }",
-        );
-        build.dispatch(Run::Frame, "last", shader, 1, &[(numbers, 0, READ), (last, 1, WRITE)]);
-        show(build, last)
-    };
-    let vulkan = open();
-    let meeting = Meeting::new(THREADS as usize);
-    in_threads(&vulkan, THREADS, |_, own| {
-        meeting.wait();
-        own.load(plan.clone(), &data, &mut |_| {}).expect("the plan loads");
-        for _ in 0..3 {
-            assert_eq!(shown(own), [(1 << 20) - 1]);
-        }
-    });
-    assert_eq!(data.asked(), 1);
-    finish(vulkan);
-}
-
-struct Broken {
-    panics: bool,
-}
-
-impl SceneData for Broken {
-    fn write(&self, _: &str, _: u32, _: u64, _: &mut [u8]) -> Result<(), String> {
-        assert!(!self.panics, "the scene breaks on purpose");
-        Err("any of it".to_string())
-    }
-
-    fn identity(&self) -> u64 {
-        1
-    }
-}
-
-#[test]
-fn an_upload_that_fails_does_not_block_others() {
-    let mut vulkan = open();
-    let loader = vulkan.loader();
-    let error = loader.prepare(numbers(2), &Broken { panics: false }, &mut |_| {}).err();
-    assert!(matches!(error, Some(BackendError::Scene { .. })), "{error:?}");
-    let loader = vulkan.loader();
-    let thread =
-        thread::spawn(move || loader.prepare(numbers(2), &Broken { panics: true }, &mut |_| {}).map(drop));
-    assert!(thread.join().is_err(), "the thread panics");
-    // The scene's identity is the same, but nothing of the failed attempts is reused.
-    let data = scene(&[8, 9]);
-    vulkan.load(numbers(2), &data, &mut |_| {}).expect("the plan loads");
-    assert_eq!((data.asked(), shown(&mut vulkan)), (1, vec![8, 9]));
-    finish(vulkan);
 }
 
 #[test]
