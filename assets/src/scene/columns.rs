@@ -1,6 +1,6 @@
 //! Stores splats as arrays that readers fill in parallel.
 
-use super::gathered::{Gathered, fault};
+use super::gathered::Gathered;
 use super::splat::{Splat, sh_floats};
 use crate::memory::{self, SceneMemoryError};
 use crate::words::CHUNK;
@@ -57,8 +57,7 @@ impl Rows<'_> {
     #[inline]
     pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
         let floats = sh_floats(self.degree);
-        if let Some(reason) = fault(splat, norm, floats) {
-            self.gathered.dropped.count(reason);
+        if self.gathered.dropped.count(splat, norm, floats) {
             return;
         }
         self.gathered.norms.add(norm);

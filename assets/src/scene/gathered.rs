@@ -4,16 +4,6 @@ use super::splat::Splat;
 use crate::bounds::Bounds;
 use serde::Serialize;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Reason {
-    Position,
-    Scale,
-    Rotation,
-    ZeroRotation,
-    Opacity,
-    Color,
-}
-
 /// Counts of the splats dropped on load or by a transformation. A splat counts for its first reason only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Dropped {
@@ -69,15 +59,26 @@ impl Dropped {
         }
     }
 
-    pub(super) fn count(&mut self, reason: Reason) {
-        *match reason {
-            Reason::Position => &mut self.position,
-            Reason::Scale => &mut self.scale,
-            Reason::Rotation => &mut self.rotation,
-            Reason::ZeroRotation => &mut self.zero_rotation,
-            Reason::Opacity => &mut self.opacity,
-            Reason::Color => &mut self.color,
+    /// Counts a splat under the first reason to drop it, in the order of the fields. Returns false if there is none.
+    #[inline]
+    pub(super) fn count(&mut self, splat: &Splat, norm: f64, sh_floats: usize) -> bool {
+        let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+        *if !finite(&splat.position) {
+            &mut self.position
+        } else if !finite(&splat.scale) {
+            &mut self.scale
+        } else if !norm.is_finite() {
+            &mut self.rotation
+        } else if norm == 0.0 {
+            &mut self.zero_rotation
+        } else if !splat.opacity.is_finite() {
+            &mut self.opacity
+        } else if !finite(&splat.sh[..sh_floats]) {
+            &mut self.color
+        } else {
+            return false;
         } += 1;
+        true
     }
 }
 
@@ -154,25 +155,5 @@ impl Gathered {
         self.effective_degree = self.effective_degree.max(other.effective_degree);
         self.bounds.join(&other.bounds);
         self.rounding = self.rounding.max(other.rounding);
-    }
-}
-
-/// Finds the first reason, in the order of [`Reason`], to drop a splat.
-pub(super) fn fault(splat: &Splat, norm: f64, sh_floats: usize) -> Option<Reason> {
-    let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
-    if !finite(&splat.position) {
-        Some(Reason::Position)
-    } else if !finite(&splat.scale) {
-        Some(Reason::Scale)
-    } else if !norm.is_finite() {
-        Some(Reason::Rotation)
-    } else if norm == 0.0 {
-        Some(Reason::ZeroRotation)
-    } else if !splat.opacity.is_finite() {
-        Some(Reason::Opacity)
-    } else if !finite(&splat.sh[..sh_floats]) {
-        Some(Reason::Color)
-    } else {
-        None
     }
 }
