@@ -3,6 +3,7 @@
 use crate::similarity::Similarity;
 use crate::words::{AttributeInfo, hash, mix, write_words};
 use glam::DVec3;
+use std::borrow::Cow;
 
 /// Names of a mesh's attributes, by which graphs import them.
 pub const MESH_ATTRIBUTES: [&str; 8] = [
@@ -123,21 +124,23 @@ impl Mesh {
         Some(AttributeInfo { stride, planes: 1, count: count.max(1) as u64 })
     }
 
+    /// Returns the words of an attribute of [`MESH_ATTRIBUTES`].
+    fn words(&self, name: &str) -> Cow<'_, [u32]> {
+        match name {
+            "mesh.position" => bytemuck::cast_slice(&self.positions).into(),
+            "mesh.normal" => bytemuck::cast_slice(&self.normals).into(),
+            "mesh.uv" => bytemuck::cast_slice(&self.uvs).into(),
+            "mesh.index" => self.triangles.as_flattened().into(),
+            "mesh.material_of" => self.material_of.as_slice().into(),
+            "mesh.material" => self.materials.iter().flat_map(MeshMaterial::words).collect(),
+            "mesh.texel" => self.texels.iter().map(|texel| u32::from_le_bytes(*texel)).collect(),
+            _ => self.light.words().to_vec().into(),
+        }
+    }
+
     /// Writes the part of an attribute of [`MESH_ATTRIBUTES`] that begins at byte `offset` and fills `out`.
     pub(crate) fn write_attribute(&self, name: &str, offset: u64, out: &mut [u8]) {
-        match name {
-            "mesh.position" => write_words(bytemuck::cast_slice(&self.positions), offset, out),
-            "mesh.normal" => write_words(bytemuck::cast_slice(&self.normals), offset, out),
-            "mesh.uv" => write_words(bytemuck::cast_slice(&self.uvs), offset, out),
-            "mesh.index" => write_words(bytemuck::cast_slice(&self.triangles), offset, out),
-            "mesh.material_of" => write_words(&self.material_of, offset, out),
-            "mesh.material" => {
-                let words: Vec<u32> = self.materials.iter().flat_map(MeshMaterial::words).collect();
-                write_words(&words, offset, out);
-            }
-            "mesh.texel" => write_words(&self.texel_words(), offset, out),
-            _ => write_words(&self.light.words(), offset, out),
-        }
+        write_words(&self.words(name), offset, out);
     }
 
     /// Transforms the mesh in the world. Its positions are relative to `from`; the result's are relative to `offset`.
@@ -177,22 +180,8 @@ impl Mesh {
         self.texels.extend(&other.texels);
     }
 
-    fn texel_words(&self) -> Vec<u32> {
-        self.texels.iter().map(|texel| u32::from_le_bytes(*texel)).collect()
-    }
-
     pub(crate) fn identity(&self) -> u64 {
-        let materials: Vec<u32> = self.materials.iter().flat_map(MeshMaterial::words).collect();
-        let lists = [
-            hash(&self.positions),
-            hash(&self.normals),
-            hash(&self.uvs),
-            hash(&self.triangles),
-            hash(&self.material_of),
-            hash(&materials),
-            hash(&self.texel_words()),
-            hash(&self.light.words()),
-        ];
+        let lists = MESH_ATTRIBUTES.map(|name| hash(&self.words(name)));
         lists.into_iter().fold(self.triangles.len() as u64, mix)
     }
 }
