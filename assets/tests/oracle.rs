@@ -8,6 +8,7 @@
 mod captures;
 
 use captures::{captures, not_run};
+use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{QUIET, Scene, SceneFormat, Splat, SpzVersion, harmonics};
 use std::fs::File;
 use std::io::Write;
@@ -95,17 +96,10 @@ const ANOTHER: f64 = 0.1;
 /// Computes the covariance, relative to the largest variance.
 fn covariance(splat: &Splat) -> [f32; 9] {
     let [w, x, y, z] = splat.rotation.map(f64::from);
-    let axes = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ];
-    let variances = splat.scale.map(|scale| f64::from(scale).powi(2));
-    let largest = variances.into_iter().fold(f64::MIN_POSITIVE, f64::max);
-    std::array::from_fn(|at| {
-        let sum: f64 = (0..3).map(|k| axes[at / 3][k] * variances[k] * axes[at % 3][k]).sum();
-        (sum / largest) as f32
-    })
+    let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w));
+    let variances = DVec3::from(splat.scale.map(f64::from)).powf(2.0);
+    let relative = variances / variances.max_element().max(f64::MIN_POSITIVE);
+    (axes * DMat3::from_diagonal(relative) * axes.transpose()).to_cols_array().map(|v| v as f32)
 }
 
 /// Turns a splat half a turn about x, which changes only signs.
