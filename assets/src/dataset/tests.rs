@@ -292,6 +292,9 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
         "{found}"
     );
     assert!(said(&format!("{}\n1 2", image())).ends_with("found 2 numbers"));
+    let padded = |bytes: usize| image() + &" ".repeat(bytes - image().len());
+    assert!(Dataset::load(colmap_text(LENS, &padded(65_536)).path()).is_ok());
+    assert!(said(&padded(65_537)).ends_with("`line`: expected at most 65536 bytes, found more"));
     let folder = tempfile::tempdir().unwrap();
     let said = |files: [Vec<u8>; 2]| {
         write_binary(folder.path(), files);

@@ -13,7 +13,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::str::FromStr;
 
-/// Lines of this many bytes or more are refused. Lines of points are skipped, and can be longer.
+/// Maximum length of a line, without the line feed. Lines of points are skipped, and can be longer.
 const MAX_LINE: u64 = 64 << 10;
 
 struct Lines<'a> {
@@ -35,30 +35,31 @@ impl<'a> Lines<'a> {
     /// Reads the next line that is neither empty nor a comment; false at the end of the file.
     fn next(&mut self) -> Result<bool, CameraError> {
         loop {
-            self.line.clear();
-            self.number += 1;
-            let mut line = (&mut self.file).take(MAX_LINE);
-            let read = line.read_until(b'\n', &mut self.line);
-            match read.map_err(CameraError::io(self.path))? as u64 {
-                0 => return Ok(false),
-                MAX_LINE => {
-                    return Err(
-                        self.fault(("line", format!("expected at most {MAX_LINE} bytes, found more")))
-                    );
-                }
-                _ if self.line.starts_with(b"#") || self.line.trim_ascii().is_empty() => {}
-                _ => return Ok(true),
+            if self.read()? {
+                return Err(self.fault(("line", format!("expected at most {MAX_LINE} bytes, found more"))));
+            }
+            if self.line.is_empty() {
+                return Ok(false);
+            }
+            if !self.line.starts_with(b"#") && !self.line.trim_ascii().is_empty() {
+                return Ok(true);
             }
         }
     }
 
-    /// Skips the line of an image's points: triples of numbers, or nothing. Only its first bytes are checked.
-    fn skip_points(&mut self) -> Result<(), CameraError> {
+    /// Reads the next line with its line feed; nothing at the end of the file. Returns true if the line is too long and
+    /// was cut.
+    fn read(&mut self) -> Result<bool, CameraError> {
         self.line.clear();
         self.number += 1;
-        let mut line = (&mut self.file).take(MAX_LINE);
-        line.read_until(b'\n', &mut self.line).map_err(CameraError::io(self.path))?;
-        let is_cut = self.line.len() as u64 == MAX_LINE && !self.line.ends_with(b"\n");
+        let mut line = (&mut self.file).take(MAX_LINE + 1);
+        let read = line.read_until(b'\n', &mut self.line).map_err(CameraError::io(self.path))?;
+        Ok(read as u64 > MAX_LINE && !self.line.ends_with(b"\n"))
+    }
+
+    /// Skips the line of an image's points: triples of numbers, or nothing. Only its first bytes are checked.
+    fn skip_points(&mut self) -> Result<(), CameraError> {
+        let is_cut = self.read()?;
         let text = String::from_utf8_lossy(&self.line);
         let mut words: Vec<&str> = text.split_ascii_whitespace().collect();
         if is_cut {
