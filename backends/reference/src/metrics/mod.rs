@@ -75,7 +75,7 @@ pub struct Comparison {
     pub ssim: Option<f64>,
     /// The pixel with the largest difference.
     pub worst: WorstPixel,
-    /// True if every channel of every pixel is equal. False for single precision against double precision.
+    /// True if every channel of every pixel is equal, in single precision or in double precision.
     pub identical: bool,
 }
 
@@ -136,12 +136,9 @@ pub enum MetricError {
 /// The sizes differ, or a value is not finite.
 pub fn compare(a: ImageRef, b: ImageRef) -> Result<Comparison, MetricError> {
     comparable(a, b)?;
-    Ok(Comparison {
-        psnr_db: psnr_over(a, b, &|_| true),
-        ssim: ssim(a, b),
-        worst: worst_pixel(a, b),
-        identical: a == b,
-    })
+    let worst = worst_pixel(a, b);
+    let identical = worst.difference == 0.0;
+    Ok(Comparison { psnr_db: psnr_over(a, b, &|_| true), ssim: ssim(a, b), worst, identical })
 }
 
 /// Checks that two pictures have the same size, and finite values.
@@ -335,6 +332,9 @@ pub(crate) mod tests {
         assert_eq!(found.worst.difference, 0.0);
         assert!(found.identical);
         assert!((found.ssim.unwrap() - 1.0).abs() < 1e-12);
+        let rgb: Vec<[f64; 3]> = a.rgb.iter().map(|pixel| pixel.map(f64::from)).collect();
+        let double = ImageRef { width: 20, height: 20, rgb: Rgb::F64(&rgb) };
+        assert!(compare((&a).into(), double).unwrap().identical, "equal values in another precision");
     }
 
     #[test]
