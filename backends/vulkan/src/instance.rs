@@ -63,15 +63,18 @@ pub(crate) struct Instance {
     /// True if objects and command buffers can be named (`VK_EXT_debug_utils`).
     pub labels: bool,
     pub messages: Arc<Messages>,
+    // Dropped after the surface.
+    window: Option<Arc<dyn Window>>,
     surface: Mutex<Option<Arc<Surface>>>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
 }
 
 impl Instance {
     pub fn in_window(validation: Validation, window: Arc<dyn Window>) -> Result<Instance, BackendError> {
-        let instance = Instance::new(validation, &surface::extensions(&*window)?)?;
-        let surface = Surface::new(loader()?, &instance.raw, window)?;
-        *lock(&instance.surface) = Some(Arc::new(surface));
+        let extensions = surface::extensions(&*window)?;
+        let mut instance = Instance::new(validation, &extensions)?;
+        instance.window = Some(window);
+        instance.renew_surface()?;
         Ok(instance)
     }
 
@@ -86,12 +89,12 @@ impl Instance {
         lock(&self.surface).clone()
     }
 
-    /// Recreates the surface for the same window. All swapchains of the previous surface must have been dropped. Does
-    /// nothing if there is no surface.
+    /// Creates the window's surface, or recreates it. All swapchains of the previous surface must have been dropped. Does
+    /// nothing without a window.
     pub fn renew_surface(&self) -> Result<(), BackendError> {
+        let Some(window) = self.window.as_deref() else { return Ok(()) };
         let mut surface = lock(&self.surface);
-        let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
-        // A window has one surface at a time. If the new one cannot be created, none is left.
+        // A window has one surface at a time. If the new one cannot be created, none is left until the next attempt.
         *surface = None;
         *surface = Some(Arc::new(Surface::new(loader()?, &self.raw, window)?));
         Ok(())
@@ -165,7 +168,8 @@ impl Instance {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => no_driver(),
             _ => api("vkCreateInstance")(answer),
         })?;
-        let mut instance = Instance { raw, labels, messages, surface: Mutex::default(), messenger: None };
+        let mut instance =
+            Instance { raw, labels, messages, window: None, surface: Mutex::default(), messenger: None };
         if validation != Validation::Off && labels {
             instance.listen(entry)?;
         }

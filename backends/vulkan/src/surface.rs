@@ -9,7 +9,6 @@ use raw_window_handle::{HandleError, RawDisplayHandle};
 use splatgraph_api::BackendError;
 use splatgraph_runtime::Window;
 use std::ffi::CStr;
-use std::sync::Arc;
 
 pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, BackendError> {
     let display = window.display_handle().map_err(no_handle)?;
@@ -25,8 +24,6 @@ pub(crate) struct Surface {
     pub raw: vk::SurfaceKHR,
     is_wayland: bool,
     functions: khr::surface::Instance,
-    // Dropped after the surface is destroyed.
-    pub window: Arc<dyn Window>,
 }
 
 impl Surface {
@@ -34,16 +31,16 @@ impl Surface {
     pub fn new(
         entry: &ash::Entry,
         instance: &ash::Instance,
-        window: Arc<dyn Window>,
+        window: &dyn Window,
     ) -> Result<Surface, BackendError> {
         let display = window.display_handle().map_err(no_handle)?.as_raw();
         let handle = window.window_handle().map_err(no_handle)?.as_raw();
-        // SAFETY: both handles are valid as long as the window exists, and the surface keeps the window. The owner of
-        // the instance drops the surface first.
+        // SAFETY: both handles are valid as long as the window exists. The owner of the instance keeps the window, and
+        // drops the surface first.
         let raw = unsafe { ash_window::create_surface(entry, instance, display, handle, None) };
         let raw = raw.map_err(api("vkCreate*SurfaceKHR"))?;
         let is_wayland = matches!(display, RawDisplayHandle::Wayland(_));
-        Ok(Surface { raw, is_wayland, functions: khr::surface::Instance::new(entry, instance), window })
+        Ok(Surface { raw, is_wayland, functions: khr::surface::Instance::new(entry, instance) })
     }
 
     /// Returns true if queues of this family can present to the window; false also if the query fails.

@@ -220,7 +220,14 @@ fn a_window_that_is_gone_is_an_error_in_words_and_frames_are_drawn_without_it() 
     let (_screen, window, mut vulkan) = opened();
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 3);
+    window.suspend(true);
     window.close();
+    // Every frame tries again: the window may have a handle by then.
+    let errors = (0..6).filter_map(|blue| vulkan.submit(&inputs(blue, true)).err()).take(2);
+    let errors: Vec<String> = errors.map(|error| error.to_string()).collect();
+    assert!(errors.iter().all(|error| error.contains("the window cannot be drawn in now")), "{errors:?}");
+    assert_eq!(errors.len(), 2);
+    window.suspend(false);
     let error = (0..4).find_map(|blue| vulkan.submit(&inputs(blue, true)).err());
     assert!(matches!(&error, Some(BackendError::SurfaceLost { .. })), "{error:?}");
     assert_eq!(frame(&mut vulkan, &inputs(9, false)).output.unwrap().bytes[2], 9);

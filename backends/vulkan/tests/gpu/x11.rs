@@ -7,6 +7,7 @@ use raw_window_handle::{
 use std::ffi::CString;
 use std::num::NonZeroU32;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use x11rb::connection::Connection;
 use x11rb::protocol::xproto::*;
@@ -31,7 +32,11 @@ impl Screen {
             .create_window(depth, id, parent, 0, 0, width, height, 0, class, visual, &values)
             .and_then(|_| connection.map_window(id))
             .expect("the window is created");
-        let window = Window { id: NonZeroU32::new(id).expect("an id"), connection };
+        let window = Window {
+            id: NonZeroU32::new(id).expect("an id"),
+            connection,
+            is_suspended: AtomicBool::new(false),
+        };
         until("the window is on the screen", || {
             let attributes = window.connection.get_window_attributes(id).expect("asked");
             attributes.reply().expect("answered").map_state == MapState::VIEWABLE
@@ -43,6 +48,7 @@ impl Screen {
 pub struct Window {
     connection: XCBConnection,
     id: NonZeroU32,
+    is_suspended: AtomicBool,
 }
 
 impl Window {
@@ -51,6 +57,11 @@ impl Window {
         let size = ConfigureWindowAux::new().width(width).height(height);
         let sent = self.connection.configure_window(self.id.get(), &size).expect("the request is sent");
         sent.check().expect("the window is resized");
+    }
+
+    /// Makes the window refuse to give its handle, as the windows of a suspended Android application do.
+    pub fn suspend(&self, is_suspended: bool) {
+        self.is_suspended.store(is_suspended, Ordering::Relaxed);
     }
 
     /// Closes the window, and waits until it is gone.
@@ -105,6 +116,9 @@ impl HasDisplayHandle for Window {
 
 impl HasWindowHandle for Window {
     fn window_handle(&self) -> Result<WindowHandle<'_>, HandleError> {
+        if self.is_suspended.load(Ordering::Relaxed) {
+            return Err(HandleError::Unavailable);
+        }
         let handle = RawWindowHandle::Xcb(XcbWindowHandle::new(self.id));
         // SAFETY: the window exists as long as the server's connection is open.
         Ok(unsafe { WindowHandle::borrow_raw(handle) })
