@@ -102,3 +102,49 @@ fn a_picture_that_cannot_be_written_ends_the_batch_and_those_before_it_are_told_
         }
     }
 }
+
+#[test]
+fn a_cutout_over_a_background_is_the_picture_with_this_background() {
+    let place = Place::demo(2000);
+    for renderer in ["--pipeline auto", "--pipeline splat", "--backend reference"] {
+        let draw = format!("render scene.ply -c cameras.json#0 --size 96x72 {renderer} --background");
+        place.done(&format!("{draw} 1,0.5,0 -o over.exr --output alpha=alpha.exr --output rgba=cut.png"));
+        place.done(&format!("{draw} 0,0.25,1 --output rgba=cut.exr"));
+        let [over, alpha, cut] = ["over.exr", "alpha.exr", "cut.exr"].map(|name| place.image(name));
+        let straight = place.image("cut.png");
+        for (at, pixel) in over.rgb.iter().enumerate() {
+            let alpha = alpha.rgb[at][0];
+            for (c, background) in [1.0, 0.5, 0.0].into_iter().enumerate() {
+                let found = cut.rgb[at][c] + (1.0 - alpha) * background;
+                // The blending target of `splat` holds half floats.
+                assert!((found - pixel[c]).abs() < 4e-3, "{renderer}, pixel {at}: {found}, {}", pixel[c]);
+                // A straight colour above 1 is clamped.
+                let (found, expected) = (straight.rgb[at][c] * alpha, cut.rgb[at][c].min(alpha));
+                assert!((found - expected).abs() < 8e-3, "{renderer}, pixel {at}: {found}, {expected}");
+            }
+        }
+        assert!(alpha.rgb.iter().any(|a| a[0] < 0.9), "{renderer}");
+    }
+    place.done("synth ring -o ring.glb");
+    let error = place.fails("render scene.ply ring.glb --output rgba=cut.png", 2);
+    assert!(error.contains("expected a scene without a mesh for the output `rgba`"), "{error}");
+}
+
+#[test]
+fn depths_that_are_distances_are_reported() {
+    let place = Place::demo(500);
+    // A glTF file sorts splats by distance.
+    place.done("convert scene.ply scene.glb");
+    for (renderer, change) in
+        [("--pipeline auto", "--set key_of=depth"), ("--backend reference", "--rule key_of=depth")]
+    {
+        let draw = format!(
+            "render scene.glb -c cameras.json#0 --size 32x24 {renderer} --output expected_depth=d.npy"
+        );
+        let note = format!(
+            "`expected_depth`: distances from the camera, not view depths, because the scene's splats are sorted by distance; {change}"
+        );
+        assert!(place.said(&draw).1.contains(&note), "{draw}");
+        assert!(!place.said(&format!("{draw} {change}")).1.contains("distances"), "{draw} {change}");
+    }
+}

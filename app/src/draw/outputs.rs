@@ -23,7 +23,7 @@
 use crate::draw::capture::CaptureError;
 use crate::draw::inspect::{Finding, Words};
 use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
-use crate::io::image::{Format, Image, ImageError, save_values, save_words};
+use crate::io::image::{Format, Image, ImageError, save_rgba_png, save_values, save_words};
 use crate::io::output::OutputError;
 use splatgraph_api::Inspect;
 use splatgraph_assets::Camera;
@@ -44,6 +44,13 @@ pub const NAMES: [(&str, &str); 7] = [
     ("contributors", "the number of splats that are blended (uint32)"),
     ("index", "the index of the splat with the largest share; 4294967295 without splats (uint32)"),
 ];
+
+/// The output that is made from the picture and `alpha`, with its description. It is not in [`NAMES`], because no graph
+/// declares it.
+pub const RGBA: (&str, &str) = (
+    "rgba",
+    "the picture without its background, with alpha: straight in .png, premultiplied in .exr and .npy",
+);
 
 /// An image of a frame besides its picture, row 0 at the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,6 +93,19 @@ pub fn draw(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Res
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }
 
+/// Says that a pinhole's depth outputs are distances from the camera, because splats are sorted by distance. `None` if
+/// they are view depths, as their descriptions say. `change` is the option that sorts by view depth.
+pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &str) -> Option<String> {
+    let depths: Vec<String> =
+        outputs.into_iter().filter(|name| name.ends_with("depth")).map(|name| format!("`{name}`")).collect();
+    (!depths.is_empty()).then(|| {
+        format!(
+            "{}: distances from the camera, not view depths, because the scene's splats are sorted by distance; {change} sorts by view depth",
+            depths.join(", ")
+        )
+    })
+}
+
 /// Lists the plan's outputs as inspections after the export of the picture, in plan order.
 pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     let mut ids = (0..plan.passes.len() as u32).map(PassId);
@@ -107,6 +127,29 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
         Output { name: output.name.clone(), shape, words }
     };
     outputs.map(output).collect()
+}
+
+/// Returns the name of the graph's output that the output `name` needs: `alpha` for [`RGBA`], otherwise the same name.
+pub fn source_of(name: &str) -> &str {
+    if name == RGBA.0 { "alpha" } else { name }
+}
+
+/// Makes the output [`RGBA`]: colours premultiplied by alpha, display-encoded, and alpha. The shape is
+/// `[height, width, 4]`.
+///
+/// `background` is the picture's, display-encoded. Returns `None` if `alpha` is not one float per pixel of the picture.
+pub fn rgba(picture: &Image, alpha: &Output, background: [f32; 3]) -> Option<Output> {
+    let Words::Float(alpha) = &alpha.words else { return None };
+    if alpha.len() != picture.rgb.len() {
+        return None;
+    }
+    let pixel = |(rgb, alpha): (&[f32; 3], &f32)| {
+        let [r, g, b] = std::array::from_fn(|c| rgb[c] - (1.0 - alpha) * background[c]);
+        [r, g, b, *alpha]
+    };
+    let values = picture.rgb.iter().zip(alpha).flat_map(pixel).collect();
+    let shape = vec![picture.height as u64, picture.width as u64, 4];
+    Some(Output { name: RGBA.0.into(), shape, words: Words::Float(values) })
 }
 
 /// Checks that the output named `name` can be written in a format, as [`Output::save`] does.
@@ -152,9 +195,13 @@ impl Output {
                 (1, "depth" | "expected_depth" | "median_depth") => &["Z"],
                 (1, _) => &["Y"],
                 (_, "normal") => &["N.X", "N.Y", "N.Z"],
+                (4, _) => &["R", "G", "B", "A"],
                 _ => &["R", "G", "B"],
             };
             return save_values(path, names, size, values);
+        }
+        if channels == 4 {
+            return save_rgba_png(path, size, values);
         }
         let pixel = |x: usize, y: usize| {
             let at = (y * width + x) * channels;
@@ -191,6 +238,19 @@ mod tests {
         save("depth", alpha.clone(), &[2, 2], "d.exr").unwrap();
         let error = save("depth", alpha, &[2, 2], "d.png").unwrap_err().to_string();
         assert!(error.contains("expected the extension .npy or .exr"), "{error}");
+        let picture = Image { width: 2, height: 1, rgb: vec![[0.3, 0.4, 0.5], [0.2, 0.4, 0.6]] };
+        let half = Output { name: "alpha".into(), shape: vec![1, 2], words: Words::Float(vec![0.5, 0.0]) };
+        let rgba = rgba(&picture, &half, [0.2, 0.4, 0.6]).expect("an alpha for each pixel");
+        let path = folder.path().join("rgba.png");
+        rgba.save(&path).unwrap();
+        let [levels, clear] = Image::load(&path).unwrap().rgb[..] else { panic!("two pixels") };
+        // (0.3 - 0.5 * 0.2) / 0.5 and so on.
+        assert_eq!((levels.map(|v| (255.0 * v).round()), clear), ([102.0, 102.0, 102.0], [0.0; 3]));
+        assert!(Image::header(&path).unwrap().has_alpha);
+        rgba.save(&path.with_extension("exr")).unwrap();
+        let premultiplied = Image::load(&path.with_extension("exr")).unwrap().rgb[0];
+        assert!(premultiplied.iter().all(|v| (v - 0.2).abs() < 1e-6), "{premultiplied:?}");
+        assert!(Image::header(&path.with_extension("exr")).unwrap().has_alpha);
         let normals = Words::Float(vec![0.0, 0.0, -0.5, 0.0, 0.0, 0.0]);
         let colours = Image::load(&save("normal", normals, &[1, 2, 3], "n.png").unwrap()).unwrap();
         assert_eq!((colours.at(0, 0)[2], colours.at(1, 0)), (0.0, [0.0; 3]));

@@ -10,7 +10,7 @@ use crate::cli::outcome::{self, Usage};
 use crate::cli::scenes::ScenesArgs;
 use crate::cli::stdout::Stdout;
 use crate::draw::backend::Api;
-use crate::draw::outputs::NAMES;
+use crate::draw::outputs::{NAMES, RGBA};
 use crate::draw::truth::rule_list;
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
@@ -257,8 +257,9 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             ("--inspect", !args.inspect.is_empty()),
         ];
         refuse_for_reference(&more)?;
-        if let Some((name, _)) = args.named().find(|(name, _)| NAMES.iter().all(|(other, _)| other != name)) {
-            let names = NAMES.map(|(name, _)| name).join(", ");
+        let names: Vec<&str> = NAMES.iter().chain([&RGBA]).map(|(name, _)| *name).collect();
+        if let Some((name, _)) = args.named().find(|(name, _)| !names.contains(name)) {
+            let names = names.join(", ");
             return Err(Usage(format!("expected an output of the exact renderer, {names}, found `{name}`")));
         }
         // A preset named after a projection selects that projection.

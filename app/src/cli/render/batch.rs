@@ -7,7 +7,7 @@ use super::destination::{Destination, PICTURE, per_camera};
 use super::kept::Kept;
 use crate::cli::options::text_of;
 use crate::cli::stdout::Stdout;
-use crate::draw::outputs::{self, Output};
+use crate::draw::outputs::{self, Output, RGBA};
 use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, image_of};
 use crate::draw::stats::CameraStats;
@@ -28,6 +28,7 @@ pub struct Batch {
     pub destination: Option<Destination>,
     /// Names and files of the outputs besides the picture; and the number of cameras.
     files: (Vec<(String, PathBuf)>, usize),
+    background: [f32; 3],
     stdout: Stdout,
     flying: VecDeque<Flying>,
     pictures: Pictures<Told>,
@@ -55,17 +56,24 @@ impl Batch {
         jobs: usize,
         destination: Option<Destination>,
         files: (Vec<(String, PathBuf)>, usize),
+        background: [f32; 3],
         stdout: Stdout,
     ) -> Batch {
         Batch {
             destination,
             files,
+            background,
             stdout,
             flying: VecDeque::new(),
             pictures: Pictures::new(jobs),
             pixels: channel(),
             done: Vec::new(),
         }
+    }
+
+    /// Returns true if a file needs the picture: its own, or that of [`RGBA`].
+    pub fn reads_picture(&self) -> bool {
+        self.destination.is_some() || self.files.0.iter().any(|(name, _)| name == RGBA.0)
     }
 
     /// Submits the only frame of a camera. The session must be prepared for the camera's size.
@@ -75,14 +83,13 @@ impl Batch {
     pub fn submit(
         &mut self,
         session: &mut Session,
-        background: [f32; 3],
         (camera, stem): (&Camera, &str),
         progress: &Progress,
     ) -> Result<()> {
         if self.flying.len() == FRAMES_IN_FLIGHT {
             self.land(session, progress)?;
         }
-        let read_output = self.destination.is_some();
+        let (background, read_output) = (self.background, self.reads_picture());
         let inspect = session.plan().map(outputs::inspections).unwrap_or_default();
         let options = FrameOptions { background, read_output, inspect, ..FrameOptions::default() };
         let frame = session.submit(camera, &options)?;
@@ -114,7 +121,7 @@ impl Batch {
         kept.add(result, plan, true);
         let output = kept.output();
         let stats = kept.stats((&name, size), plan, &info, count, memory);
-        self.save(stats, output, &outputs, stem, progress)
+        self.save(stats, output, outputs, stem, progress)
     }
 
     /// Starts to write the picture of a camera whose frames are finished, and its other outputs. Reports the earlier
@@ -126,36 +133,39 @@ impl Batch {
         &mut self,
         mut stats: CameraStats,
         output: Option<Pixels>,
-        outputs: &[Output],
+        outputs: Vec<Output>,
         stem: String,
         progress: &Progress,
     ) -> Result<()> {
-        if self.destination.is_some() && output.is_none() {
+        if self.reads_picture() && output.is_none() {
             bail!("the device returned no picture");
         }
         let (files, cameras) = &self.files;
         let named = files.iter().map(|(name, file)| (name.as_str(), per_camera(file, &stem, *cameras)));
         let picture = self.destination.as_ref().map(|destination| (PICTURE, destination.path(&stem)));
         stats.files = named.chain(picture).map(|(name, file)| (name.into(), text_of(&file))).collect();
-        let output_of = |name: &str| outputs.iter().find(|output| output.name == name).cloned();
-        let others: Vec<(PathBuf, Output)> = files
-            .iter()
-            .filter_map(|(name, file)| Some((per_camera(file, &stem, *cameras), output_of(name)?)))
-            .collect();
-        if others.len() < files.len() {
-            bail!("the device returned {} of {} outputs", others.len(), files.len());
-        }
-        let other_bytes: usize = others.iter().map(|(_, output)| 4 * output.words.len()).sum();
-        let bytes = other_bytes as u64 + output.as_ref().map_or(0, pictures::encoding_bytes);
-        let destination = self.destination.clone();
+        let files: Vec<(String, PathBuf)> =
+            files.iter().map(|(name, file)| (name.clone(), per_camera(file, &stem, *cameras))).collect();
+        let output_bytes: usize = outputs.iter().map(|output| 4 * output.words.len()).sum();
+        let bytes = output_bytes as u64 + output.as_ref().map_or(0, pictures::encoding_bytes);
+        let (destination, background) = (self.destination.clone(), self.background);
         let pixels_held = self.pixels.0.clone();
         let work = move || {
-            others.iter().try_for_each(|(path, output)| output.save(path))?;
-            let line = match (destination, output) {
-                (Some(destination), Some(pixels)) => {
-                    let image = info_span!("convert the pixels").in_scope(|| image_of(&pixels))?;
-                    // Return the readback memory to the device before encoding.
-                    drop((pixels, pixels_held));
+            let convert = |pixels: Pixels| info_span!("convert the pixels").in_scope(|| image_of(&pixels));
+            let image = output.map(convert).transpose()?;
+            // The readback memory is back at the device before encoding.
+            drop(pixels_held);
+            for (name, path) in &files {
+                let source = outputs.iter().find(|output| output.name == outputs::source_of(name));
+                let rgba = match (&image, source) {
+                    (Some(image), Some(alpha)) if name == RGBA.0 => outputs::rgba(image, alpha, background),
+                    _ => None,
+                };
+                let output = rgba.as_ref().or(source);
+                output.with_context(|| format!("the device returned no output `{name}`"))?.save(path)?;
+            }
+            let line = match (destination, image) {
+                (Some(destination), Some(image)) => {
                     let path = destination.path(&stem);
                     image.save_as(destination.format(), &path)?;
                     format!("{}: {} x {}, {}", path.display(), image.width, image.height, stats.line())

@@ -2,7 +2,7 @@
 
 use crate::cli::help;
 use crate::cli::outcome::Usage;
-use crate::draw::outputs::{NAMES, check_format};
+use crate::draw::outputs::{NAMES, RGBA, check_format};
 use crate::io::image::Format;
 use crate::io::output::{is_standard_output, names};
 use std::ffi::OsString;
@@ -38,8 +38,8 @@ pub fn output(text: OsString) -> Result<Output, String> {
 }
 
 pub fn output_help() -> String {
-    let names = NAMES.map(|(name, what)| (name.to_owned(), what.to_owned()));
-    format!("{OUTPUT_HELP}\n\n{}", help::two_columns(names.into()))
+    let names = NAMES.into_iter().chain([RGBA]).map(|(name, what)| (name.to_owned(), what.to_owned()));
+    format!("{OUTPUT_HELP}\n\n{}", help::two_columns(names.collect()))
 }
 
 const OUTPUT_HELP: &str = "\
@@ -50,7 +50,7 @@ Characters that a file name cannot have become `_`, and cameras with equal names
 `-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
 
 NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) The built-in
-graphs have these outputs, defined in docs/splatting.md; quads (`splat`) have only the first three:";
+graphs have these outputs, defined in docs/splatting.md; quads (`splat`) have only the first three, and `rgba`:";
 
 /// Name of the picture among the files of a camera's statistics.
 pub const PICTURE: &str = "picture";

@@ -8,6 +8,7 @@ use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::facts::DEFAULT_SIZE;
+use crate::draw::outputs::{self, RGBA};
 use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::draw::storage::Choice;
@@ -18,7 +19,8 @@ use anyhow::{Context, Result};
 use serde_json::Value as Json;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene};
-use splatgraph_reference::Rules;
+use splatgraph_framework::ir::Value;
+use splatgraph_reference::{KeyOf, Rules};
 use std::panic::resume_unwind;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -46,6 +48,11 @@ impl Loaded {
             let camera = if is_free { camera } else { projection::convert(&camera, graph, &scene)? };
             Ok(args.look.scaled(camera)?)
         };
+        if scene.mesh().is_some() && args.named().any(|(name, _)| name == RGBA.0) {
+            let why =
+                "expected a scene without a mesh for the output `rgba`: `alpha` does not contain the mesh";
+            return Err(Usage(why.into()).into());
+        }
         let cameras = looking.unwrap_or(cameras).into_iter().map(projected).collect::<Result<_>>()?;
         Ok(Loaded { scene: scene.into(), cameras })
     }
@@ -89,6 +96,14 @@ impl Drawer {
                     "the scene's mesh is not drawn: expected a pinhole camera, found a {projection} one"
                 ));
             }
+            let sorts_by_distance = |camera: &Camera| {
+                let rules = truth::rules(Rules::of_view(&loaded.scene, camera), &args.rule);
+                !camera.projection.sees_behind() && rules.is_ok_and(|rules| rules.key_of == KeyOf::Distance)
+            };
+            if loaded.cameras.iter().any(sorts_by_distance) {
+                let names = args.named().map(|(name, _)| name);
+                outputs::distance_note(names, "--rule key_of=depth").iter().for_each(say);
+            }
             return Ok(Drawer { loaded, stems, with: With::Exact { done: Vec::new() } });
         };
         let (pipeline, set) = (&args.drawing.pipeline, &args.drawing.set);
@@ -110,7 +125,7 @@ impl Drawer {
         if !args.inspect.is_empty() {
             session.keep_contents();
         }
-        let names: Vec<String> = args.named().map(|(name, _)| name.to_owned()).collect();
+        let names: Vec<String> = args.named().map(|(name, _)| outputs::source_of(name).to_owned()).collect();
         session.set_outputs(&names);
         let sizes = loaded.cameras.iter().map(|camera| (camera.width, camera.height));
         let largest = sizes.max_by_key(|(width, height)| u64::from(*width) * u64::from(*height));
@@ -120,7 +135,7 @@ impl Drawer {
         let files: Vec<(String, PathBuf)> =
             args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
         let (jobs, files) = (options::jobs(args.jobs), (files, loaded.cameras.len()));
-        let batch = Batch::new(jobs, work.destination.clone(), files, args.stdout());
+        let batch = Batch::new(jobs, work.destination.clone(), files, args.background, args.stdout());
         let with =
             With::Device { session: Box::new(session), batch: batch.into(), guard: work.guard.clone() };
         Ok(Drawer { loaded, stems, with })
@@ -216,16 +231,26 @@ fn draw(
     if loaded {
         let _span = info_span!("check files and settings").entered();
         progress.suspend(|| session.settings_without_effect().iter().for_each(say));
+        let plan = session.plan().context("no plan after `prepare`")?;
+        let sorts_by_distance = plan
+            .params
+            .iter()
+            .any(|param| param.name == "key_of" && param.value == Value::Text("distance".into()));
+        if sorts_by_distance && !camera.projection.sees_behind() {
+            let note =
+                outputs::distance_note(plan.outputs.iter().map(|o| o.name.as_str()), "--set key_of=depth");
+            progress.suspend(|| note.iter().for_each(say));
+        }
         claim_graph_files(guard, &session.files())?;
     }
     if args.repeat == 1 && args.inspect.is_empty() {
-        return batch.submit(session, args.background, (camera, stem), progress);
+        return batch.submit(session, (camera, stem), progress);
     }
-    let read_output = batch.destination.is_some();
+    let read_output = batch.reads_picture();
     let Drawn { stats, output, outputs, requests } =
         frames::draw(args, read_output, session, camera, loaded)?;
     let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
-    batch.save(stats, output, &outputs, stem.to_owned(), progress)?;
+    batch.save(stats, output, outputs, stem.to_owned(), progress)?;
     batch.finish(progress)?;
     for (finding, inspect_request) in inspected {
         progress.suspend(|| args.stdout().line(&finding.text()))?;
@@ -246,8 +271,11 @@ fn draw_exactly(
     let rules = truth::rules(Rules::of_view(scene, camera), &args.rule)?;
     let mut truth = Truth::draw(scene, camera, args.background, &rules)?;
     for (name, file) in args.named() {
-        let output =
-            truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;
+        let output = truth.output(outputs::source_of(name)).and_then(|source| match name == RGBA.0 {
+            true => outputs::rgba(&truth.image(), &source, args.background),
+            false => Some(source),
+        });
+        let output = output.with_context(|| format!("the exact renderer has no output `{name}`"))?;
         let path = per_camera(file, stem, cameras);
         output.save(&path)?;
         truth.stats.files.insert(name.into(), options::text_of(&path));

@@ -27,6 +27,24 @@ pub use exr::save_values;
 pub use npy::{npz_names, save_words};
 pub use pixels::{Depth, Header, Image, ImageError};
 
+/// Writes colours with alpha as a PNG file: 8 bits per channel, colours not multiplied by alpha.
+///
+/// `values` are four per pixel: display-encoded colours multiplied by alpha, and alpha. Colours above 1 are clamped after
+/// the division by alpha.
+///
+/// # Errors
+/// The file cannot be written. An existing file is then kept.
+pub fn save_rgba_png(path: &Path, (width, height): (usize, usize), values: &[f32]) -> Result<(), ImageError> {
+    let _span = info_span!("encode and write", path = %path.display()).entered();
+    let pixel = |pixel: &[f32]| {
+        let alpha = pixel[3];
+        let straight = |c: usize| if alpha > 0.0 { pixel[c] / alpha } else { 0.0 };
+        [straight(0), straight(1), straight(2), alpha].map(pixels::level)
+    };
+    let bytes: Vec<u8> = values.chunks_exact(4).flat_map(pixel).collect();
+    Ok(output::write(path, |out| png::write_bytes((width, height), &bytes, true, out))?)
+}
+
 impl Image {
     /// Reads the header of a picture, not its pixels.
     ///

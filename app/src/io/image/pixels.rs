@@ -188,6 +188,6 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
 }
 
 /// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
-fn level(value: f32) -> u8 {
+pub(super) fn level(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

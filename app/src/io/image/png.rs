@@ -8,8 +8,19 @@ use std::path::Path;
 
 /// Writes a picture. The file declares sRGB only if its values are `colors`.
 pub(super) fn write(image: &Image, colors: bool, out: &mut dyn Write) -> Result<(), Cause> {
-    let mut encoder = png::Encoder::new(out, image.width as u32, image.height as u32);
-    encoder.set_color(png::ColorType::Rgb);
+    write_bytes((image.width, image.height), &image.bytes(), colors, out)
+}
+
+/// Writes the bytes of RGB, or of RGBA if there are four per pixel.
+pub(super) fn write_bytes(
+    (width, height): (usize, usize),
+    bytes: &[u8],
+    colors: bool,
+    out: &mut dyn Write,
+) -> Result<(), Cause> {
+    let mut encoder = png::Encoder::new(out, width as u32, height as u32);
+    let has_alpha = bytes.len() == 4 * width * height;
+    encoder.set_color(if has_alpha { png::ColorType::Rgba } else { png::ColorType::Rgb });
     encoder.set_depth(png::BitDepth::Eight);
     if colors {
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
@@ -17,7 +28,7 @@ pub(super) fn write(image: &Image, colors: bool, out: &mut dyn Write) -> Result<
     // `Balanced` takes many times as long, for files that are only a few percent smaller.
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(&image.bytes())?;
+    writer.write_image_data(bytes)?;
     Ok(writer.finish()?)
 }
 
