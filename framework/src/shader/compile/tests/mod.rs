@@ -132,13 +132,13 @@ fn what_follows_an_error_in_its_line_is_left_out_and_what_follows_ten_errors() {
     let request =
         ShaderRequest { file, stage: ShaderStage::Compute, defines: &[], unfit: &[], generated: &[] };
     let sources = Sources::gather(&mut bench.files, &request, &mut Scans::default()).unwrap();
-    let found = log::diagnose(&mut bench.files, &request, &sources, log);
+    let found = log::diagnose(&bench.files, &request, &sources, log);
     assert_eq!(found.iter().map(|d| d.message.as_str()).collect::<Vec<_>>(), ["`x`: undeclared identifier"]);
     // Of many errors, the first ten are shown.
     let many: String = (1..=11).map(|line| format!("ERROR: 0:{line}:1: 'x{line}' : unknown\n")).collect();
     let missing = |i| IncludeFailure { unit: 0, name: format!("{i}.glsl"), why: IncludeProblem::Missing };
     for failure in [Failure::Log(many), Failure::Includes((0..11).map(missing).collect())] {
-        let found = failure.diagnose(&mut bench.files, &request, &sources);
+        let found = failure.diagnose(&bench.files, &request, &sources);
         assert_eq!(found.len(), 10, "{failure:?}");
     }
 }
