@@ -26,8 +26,8 @@ use std::path::{Path, PathBuf};
 /// `trade`. The worst pixel has the largest difference of a channel, unclamped. If one picture has only 8 or 16 bits,
 /// values are clamped to 0..1.
 ///
-/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey: depths, for instance, whose
-/// values beyond 0..1 count only for the worst pixel.
+/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey. If two of them have values
+/// above 1, as depths do, both are divided by the largest value, the peak. Only the worst pixel keeps its unit.
 ///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]
@@ -67,6 +67,8 @@ fn least_psnr(text: &str) -> Result<f64, String> {
 
 struct Found {
     all: Comparison,
+    /// Divisor of the values for all measures but the worst pixel; 1 for pictures.
+    peak: f64,
     flip: f64,
     flip_8_bits: f64,
 }
@@ -176,14 +178,24 @@ fn compare(args: &Args) -> Result<(String, Option<String>)> {
     let Work { pairs, folders, diffs } = prepare(args)?;
     let mut found = Vec::with_capacity(pairs.len());
     for (index, pair) in pairs.iter().enumerate() {
-        let (a, b) = load(pair)?;
-        let comparison = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
+        let (mut a, mut b) = load(pair)?;
+        let peak = peak_of(&a, &b);
+        if peak != 1.0 {
+            say(format!(
+                "{}: values are divided by the largest, {peak}, for all but the worst pixel",
+                pair.name
+            ));
+            let values = [&mut a, &mut b].map(|image| image.rgb.as_flattened_mut()).into_iter().flatten();
+            values.for_each(|value| *value /= peak);
+        }
+        let mut comparison = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
+        comparison.worst.difference *= peak;
         if let Some(out) = diffs.get(index) {
             Image::difference(&a, &b, args.gain).save(out)?;
         }
         let (flip, flip_8_bits) =
             (flip::of_floats((&b).into(), (&a).into()), flip::of_8_bits((&b).into(), (&a).into()));
-        found.push(Found { all: comparison, flip, flip_8_bits });
+        found.push(Found { all: comparison, peak, flip, flip_8_bits });
     }
 
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
@@ -305,13 +317,9 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    for (path, image, header) in [(&pair.a, &a, headers[0]), (&pair.b, &b, headers[1])] {
+    for (path, header) in [(&pair.a, headers[0]), (&pair.b, headers[1])] {
         if header.has_alpha {
             say(format!("{}: its alpha is not compared", path.display()));
-        }
-        let is_grey = image.rgb.iter().all(|[r, g, b]| r == g && g == b);
-        if is_grey && image.rgb.iter().any(|pixel| !(0.0..=1.0).contains(&pixel[0])) {
-            say(format!("{}: grey values beyond 0..1 count only for the worst pixel", path.display()));
         }
     }
     // Each integer level becomes the nearest float of the other picture's precision.
@@ -321,6 +329,17 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
         (Depth::Levels(_), _) | (_, Depth::Levels(_)) => (a.clamped(), b.clamped()),
         _ => (a, b),
     })
+}
+
+/// Returns the largest value of two grey pictures, at least 1; 1 if one of them has colours.
+fn peak_of(a: &Image<f64>, b: &Image<f64>) -> f64 {
+    let mut pixels = a.rgb.iter().chain(&b.rgb);
+    let is_grey = pixels.clone().all(|[r, g, b]| r == g && g == b);
+    if is_grey {
+        pixels.by_ref().map(|pixel| pixel[0]).filter(|value| value.is_finite()).fold(1.0, f64::max)
+    } else {
+        1.0
+    }
 }
 
 fn decibels(c: &Comparison) -> String {
@@ -386,6 +405,7 @@ fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value
             (&mut entry, serde_json::to_value(found.all))
         {
             entry.extend(metrics);
+            entry.insert("peak".into(), found.peak.into());
             entry.insert("flip".into(), found.flip.into());
             entry.insert("flip_8_bits".into(), found.flip_8_bits.into());
         }
@@ -494,6 +514,9 @@ mod tests {
         crate::io::image::save_words(&b, &[12, 12], &[5u32; 144]).unwrap();
         let text = told(&a, &b, &[]).unwrap().0;
         assert!(text.contains("worst pixel 2.000000 at (0, 0)") && !text.contains("identical"), "{text}");
+        // 20 log10(5 / 2)
+        assert!(text.starts_with("PSNR 7.96 dB"), "{text}");
+        assert!(compared(&a, &b, &["--min-psnr", "8"]).unwrap().is_some());
     }
 
     #[test]
