@@ -14,7 +14,7 @@ pub struct Case {
 
 /// Minimum PSNR in dB by kind of preset, and the largest error of a pixel.
 pub struct Bounds {
-    /// Presets with the right order, blending in 32-bit floats.
+    /// Quads in the right order, blended in 32-bit floats.
     pub exact: f64,
     /// Largest pixel error of the pictures that `exact` bounds.
     pub worst: f64,

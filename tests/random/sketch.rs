@@ -363,8 +363,9 @@ impl Sketch {
         }
     }
 
-    /// Drops reads and statistics of contents that no pass wrote under these settings. Returns false if there were
-    /// none.
+    /// Drops the reads and statistics that are invalid under these settings: of contents that are not written yet, or
+    /// of the last frame's contents after they were overwritten. Kept targets and indirect arguments count as reads.
+    /// Returns false if nothing was dropped.
     fn mend(&mut self, settings: Settings) -> bool {
         let runs = self.runs(settings);
         let past = Past::of(self, &runs);

@@ -397,7 +397,7 @@ impl Scene {
         spz::write(self, version, out)
     }
 
-    /// Computes the largest error of a coordinate that is rounded to f32 in a format, in world units.
+    /// Computes the largest error from rounding coordinates to f32 in a format, in world units.
     ///
     /// Returns 0 for formats that round no position to f32. Formats that also quantise positions have a further error,
     /// whose steps [`SceneFormat::losses`] describes.

@@ -46,7 +46,7 @@ impl Writer {
         self.accessors.len() - 1
     }
 
-    /// Appends an image as PNG, and returns the JSON that refers to it; `None` for an empty texture.
+    /// Appends a texture as PNG, and returns its glTF `textureInfo`; `None` for an empty texture.
     fn image(&mut self, mesh: &Mesh, texture: Texture) -> Result<Option<Value>, Error> {
         if texture.width == 0 {
             return Ok(None);

@@ -25,7 +25,7 @@ pub(crate) struct Place {
 pub(crate) struct Line<'a> {
     /// The bytes before the line feed. A carriage return is white space between words.
     pub text: &'a [u8],
-    /// Line number, counted from 1 over the file.
+    /// Line number in the file, from 1; header lines count.
     pub number: u64,
     /// True if the line ended at the end of the file, without a line feed: the file may be truncated.
     pub cut: bool,

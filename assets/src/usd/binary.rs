@@ -389,7 +389,7 @@ impl<'a, 'b> Sections<'a, 'b> {
         Ok(numbers)
     }
 
-    /// Finds an array, and unpacks it if it is compressed.
+    /// Locates an array in the layer. A compressed array is unpacked into memory; others are not read yet.
     fn array(&self, rep: Rep, width: usize, name: &str) -> Result<Array, SceneError> {
         let Some((scalar, _)) = shape(rep.kind()).filter(|(_, found)| *found == width) else {
             let text = format!("expected an array of `{name}`, found the type {}", rep.kind());

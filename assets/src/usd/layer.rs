@@ -1,4 +1,5 @@
-//! Stores the parts of a layer that the splat reader needs: prims with some of their attributes.
+//! Stores the parts of a layer that the USD reader needs: the up axis, prims with some of their attributes, and whether
+//! the layer refers to others.
 
 use crate::error::{SceneError, field, wrong};
 use crate::input::{Source, Table, grow};

@@ -153,7 +153,8 @@ pub trait SceneData: Sync {
     /// The reason why the scene cannot supply the bytes.
     fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String>;
 
-    /// Returns the identity of the data. Planes, histories and shared results are reused only under an equal identity.
+    /// Returns a number that identifies the data. Scenes with different data must have different numbers: planes,
+    /// histories and shared results are reused if the number is equal.
     fn identity(&self) -> u64;
 }
 

@@ -27,7 +27,7 @@ pub(crate) const CHUNK: usize = 4096;
 pub(crate) struct Ellipse {
     /// Index among the splats.
     pub index: u32,
-    /// The value to sort by, view depth or distance: see [`Rules::key_of`].
+    /// The sort key, view depth or distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Tiles that the splat touches: first column and row, then end column and row (exclusive).
     pub tiles: [u32; 4],

@@ -45,7 +45,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     used_once: BTreeSet<ResourceId>,
     /// Readback buffers for the output. Each serves one frame at a time.
     readbacks: Vec<Arc<Buffer<G>>>,
-    /// True until the first frame, which runs the prologue.
+    /// True until the first frame, which runs the prologue, is submitted.
     pub prologue_due: bool,
 }
 

@@ -25,7 +25,7 @@ pub struct Error {
     /// PSNR of the covered pixels; `None` if they are equal, or if no pixel is covered.
     #[serde(with = "decibels")]
     pub covered_psnr_db: Option<f64>,
-    /// Share of covered pixels in which a channel differs by more than 1/255.
+    /// Share of covered pixels in which a channel differs by more than 1/255; 0 if no pixel is covered.
     pub covered_off: f64,
 }
 

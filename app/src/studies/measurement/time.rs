@@ -117,8 +117,8 @@ pub fn time_alone(
     Ok(time(&rounds, None).map(|time| alone(time, &rounds)))
 }
 
-/// Corrects a time whose baseline are the same frames: the spread of the rounds' shares is 0, that of their times is
-/// not.
+/// Corrects a time that was measured against its own frames. All shares are 1, so their spread is 0: the spread of the
+/// rounds' times replaces it, and the share has no range.
 fn alone(time: Time, rounds: &[Round]) -> Time {
     let own: Vec<f64> = rounds.iter().filter_map(|round| round.own_ms).collect();
     Time { spread_ms: spread(&own), share: Share { median: 1.0, range: None }, ..time }

@@ -11,8 +11,8 @@ pub const WINDOW: &str = "frame.window";
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
-/// Name of the buffer with the view's indirect draw arguments: one draw for each part of an unscaled picture A, and one
-/// for every other composition.
+/// Name of the buffer with the view's indirect draw arguments. If A is shown alone and unscaled, each of its parts has
+/// a draw. The last draw is for all other compositions. Unused draws have no instances.
 pub const VIEW_DRAW: &str = "frame.view_draw";
 /// Names of the buffers with the pixels of pictures A and B, packed. A picture that is too large for one storage
 /// binding is split into parts of whole rows.

@@ -93,7 +93,7 @@ pub struct Panels {
     pub hidden: bool,
     /// True to synchronise presentation with the display's refresh.
     pub vsync: bool,
-    /// True to show the frame time and messages over the picture.
+    /// True to show the frame time and toasts over the picture. Errors and notices are always shown.
     pub hud: bool,
     /// Viewport that the tools show and change.
     pub selected: RendererId,
@@ -142,7 +142,7 @@ pub struct Panels {
     before: Option<Instant>,
     /// Time of A's newest picture.
     newest: Instant,
-    /// Number of A's frames at the last draw of the panels.
+    /// Total number of A's frames when the panels were last drawn.
     drawn: u64,
     /// Plan with which the next one is compared after a parameter changed, and its renderer.
     compared: Option<(Arc<Plan>, RendererId)>,

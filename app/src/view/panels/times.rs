@@ -147,7 +147,7 @@ fn choose(ui: &mut Ui, phases: &[Series], plotted: &mut Option<String>) {
     });
 }
 
-/// Plots series, each with its colour index. `changes` are the numbers of the frames with a new plan.
+/// Plots series, each with its colour index. `changes` are the frame numbers at which the plan changed.
 fn plot(ui: &mut Ui, series: Vec<(usize, Series)>, changes: &[f64]) {
     let palette = Palette::of(ui);
     let plot = widgets::time_plot("phases", 140.0).grid_spacing(16.0..=120.0).y_axis_min_width(48.0);

@@ -486,7 +486,7 @@ impl Viewer {
         Ok(())
     }
 
-    /// Returns true if the last frame's view had no pixels.
+    /// Returns true if the last frame's view had no pixels, and before the first frame.
     pub fn is_empty(&self) -> bool {
         self.asked.0 == 0 || self.asked.1 == 0
     }

@@ -27,8 +27,9 @@ pub(super) struct Requirement {
     /// Source stage, and the write access to make available; no access after a read or a layout change.
     pub from: Stages,
     pub flush: Accesses,
-    /// Source stages, any one of which suffices without `flush`, because it chains with earlier barriers. After a read,
-    /// they include `from` and the later stages of its pipeline.
+    /// Source stages, any one of which suffices without `flush`. After a write, they chain with the barrier that made
+    /// it available; there are none if `flush` is required. After a read or a layout change, they are `from`, later
+    /// stages of its pipeline, and stages that chain with earlier barriers.
     pub via: Stages,
     /// Target stage, and the access to which the write must be visible; no access for an execution dependency.
     pub to: Stages,

@@ -40,7 +40,7 @@ fn drawn(plan: Plan, planes: &[&[[f32; 4]]], inspect: Vec<Inspect>) -> FrameResu
     result
 }
 
-/// Draws two overlapping triangles and returns the pixel inside, after checking the triangle's position.
+/// Draws two coincident triangles. Checks which pixels they cover, and returns the colour of these pixels.
 fn two_triangles(blend: Blend, clear: [f32; 4], indirect: bool) -> [f32; 4] {
     let mut build = Build::new();
     let colors = build.scene("colors", 0, 16, 2);

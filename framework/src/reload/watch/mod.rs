@@ -42,7 +42,7 @@ pub const ROUNDS: Duration = Duration::from_secs(2);
 /// Interval between looks at all files if the watcher cannot receive events.
 pub const POLLING: Duration = Duration::from_millis(200);
 
-/// Files that changed since they were built or reported.
+/// Files that changed since a build read them, or since they were last reported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileChange {
     /// Sorted paths, as in [`Wanted::path`], including missing and new files.

@@ -323,8 +323,9 @@ impl Ledger {
         output::write_bytes(path, format!("{text}\n").as_bytes())
     }
 
-    /// Summarises the rows of each setting, in the order of the rows. Also lists the settings that failed, and those
-    /// that are not measured in every view yet, with the reason.
+    /// Summarises each setting that was drawn in every view of the exact settings, in the order of the first rows.
+    /// Widens the ranges to the noise floor, and marks the Pareto front. The second list has the other settings, each
+    /// with the reason: it failed in a view, or a view is not measured yet.
     pub fn lines(&self) -> (Vec<Line>, Vec<(String, String)>) {
         let mut names: Vec<&str> = Vec::new();
         for row in &self.rows {
