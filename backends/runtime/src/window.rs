@@ -30,7 +30,8 @@ pub(crate) struct Swapchain<G: Gpu> {
     acquired: bool,
     /// True if the swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
     rebuilt_for_suboptimal: bool,
-    /// True if the swapchain must be dropped and the surface recreated.
+    /// True if the swapchain must be dropped and the surface recreated. Also false while a new surface waits for the
+    /// window to have pixels.
     surface_lost: bool,
     gpu: Arc<G>,
 }
@@ -132,11 +133,15 @@ impl<G: Gpu> Swapchain<G> {
         self.stale |= self.acquired;
         // The window may be resized between the two calls. After a second failure, the next frame tries again.
         for _ in 0..2 {
+            let was_lost = self.surface_lost;
             match self.renew() {
                 Ok(()) => {}
-                // The loss was discovered just now: retry with a new surface. If that is lost, too, the window is gone.
-                Err(BackendError::SurfaceLost { .. }) if !self.surface_lost => {
+                // Retry with a new surface. If the new one is lost, too, the window is gone.
+                Err(error @ BackendError::SurfaceLost { .. }) => {
                     self.lose_surface();
+                    if was_lost {
+                        return Err(error);
+                    }
                     continue;
                 }
                 Err(error) => return Err(error),
@@ -170,6 +175,7 @@ impl<G: Gpu> Swapchain<G> {
             }
             self.raw = None;
             self.gpu.renew_surface()?;
+            self.surface_lost = false;
         }
         let Some(size) = self.gpu.window_size(self.wanted_size)? else { return Ok(()) };
         // The device must be idle when the old swapchain is destroyed. While it is busy for long, frames are drawn and
@@ -181,7 +187,6 @@ impl<G: Gpu> Swapchain<G> {
         let former = self.raw.take();
         self.raw = Some(G::Swapchain::new(&self.gpu, size, self.vsync, former.as_ref())?);
         self.stale = false;
-        self.surface_lost = false;
         self.acquired = false;
         Ok(())
     }

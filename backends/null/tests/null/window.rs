@@ -135,6 +135,19 @@ fn a_lost_surface_is_made_anew_and_the_same_frame_is_shown() {
     let calls = journal.take();
     assert_eq!((renewed(&calls), made(&calls).len(), shown(&calls)), (1, 1, 1));
     finish(null, &journal);
+    // A minimised window keeps its new surface until it has pixels again.
+    let (mut null, journal) = window(&always(Point::PresentLost, 1));
+    frame(&mut null, &presented());
+    journal.take();
+    null.resize_window(0, 0);
+    (0..3).for_each(|_| drop(frame(&mut null, &presented())));
+    let calls = journal.take();
+    assert_eq!((renewed(&calls), made(&calls).len(), shown(&calls)), (1, 0, 0));
+    null.resize_window(80, 40);
+    frame(&mut null, &presented());
+    let calls = journal.take();
+    assert_eq!((renewed(&calls), made(&calls).len(), shown(&calls)), (0, 1, 1));
+    finish(null, &journal);
 }
 
 #[test]
