@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::ops::Range;
 
 /// A borrowed picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct ImageRef<'a> {
     /// Width, in pixels.
     pub width: usize,
@@ -25,7 +25,7 @@ pub struct ImageRef<'a> {
 /// The pixels of a picture. 0 is black and 1 is white.
 ///
 /// An enum instead of a generic type, so that the metrics are compiled, and optimised, in this crate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub enum Rgb<'a> {
     /// Pixels in single precision.
     F32(&'a [[f32; 3]]),
