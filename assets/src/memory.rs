@@ -4,7 +4,6 @@
 //! container's), and the process's address-space limit (`ulimit -v`). On other systems the available memory is unknown,
 //! and a failed allocation is reported instead.
 
-use std::alloc::Layout;
 use std::path::Path;
 
 /// The error of a scene that does not fit in the host's memory.
@@ -130,19 +129,9 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
 /// The system provides a zero page when a thread first touches it. Here each thread first touches the pages that it
 /// fills; `try_reserve` followed by `resize` would touch all pages on one thread.
 pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
-    let layout = Layout::array::<T>(count).ok()?;
-    if layout.size() == 0 {
-        return Some(Vec::new());
-    }
-    // SAFETY: the layout's size is not 0.
-    let pointer = unsafe { std::alloc::alloc_zeroed(layout) }.cast::<T>();
-    if pointer.is_null() {
-        return None;
-    }
-    use_large_pages(pointer.cast(), layout.size());
-    // SAFETY: the global allocator returned the memory for an array of `count` elements; all its bytes are zero, and
-    // zero is a valid value of the type.
-    Some(unsafe { Vec::from_raw_parts(pointer, count, count) })
+    let mut column = bytemuck::try_zeroed_slice_box::<T>(count).ok()?;
+    use_large_pages(&mut column);
+    Some(column.into())
 }
 
 /// Smallest allocation for which large pages are requested, in bytes.
@@ -151,8 +140,9 @@ const LARGE: usize = 8 << 20;
 
 /// Asks the system to back fresh memory with huge pages, which cause fewer page faults.
 #[cfg(target_os = "linux")]
-fn use_large_pages(start: *mut u8, bytes: usize) {
+fn use_large_pages<T>(column: &mut [T]) {
     const PAGE: usize = 2 << 20;
+    let (start, bytes) = (column.as_mut_ptr().cast::<u8>(), size_of_val(column));
     let skipped = start.align_offset(PAGE);
     if bytes >= LARGE && skipped < bytes {
         // SAFETY: the range lies within an allocation, and the advice changes no contents. A system without large pages
@@ -164,7 +154,7 @@ fn use_large_pages(start: *mut u8, bytes: usize) {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn use_large_pages(_: *mut u8, _: usize) {}
+fn use_large_pages<T>(_: &mut [T]) {}
 
 #[cfg(test)]
 mod tests {
