@@ -15,5 +15,5 @@ layout(set = 0, binding = 30, std140) uniform Camera {
     vec4 origin_low;  // the rest, which f32 cannot hold
     vec4 to_origin;   // from the camera to `origin`, in world space
     vec4 view_origin; // from the camera to `origin`, in camera space
-    vec4 reserved;
+    vec4 principal;   // the principal point from the middle of the picture: in pixels, and over the focal lengths
 } camera;

@@ -28,8 +28,8 @@ float angle_of(float y, float x) {
 
 // A projected point.
 struct ImagePoint {
-    vec2 from_middle;  // in pixels, from the middle of the picture
-    vec3 j0, j1;       // the derivatives of its x and y by the point in camera space
+    vec2 from_axis;  // in pixels, from the principal point
+    vec3 j0, j1;     // the derivatives of its x and y by the point in camera space
 };
 
 #if PROJECTION == PROJECTION_ORTHOGRAPHIC

@@ -174,7 +174,7 @@ bool project_splat(uint i, out Projection splat) {
 
 #ifdef HAS_LENS
     ImagePoint point = project_point(vec3(x, y, z));
-    if (CULL_MARGIN < 1.0 && any(greaterThan(abs(point.from_middle), (0.5 + CULL_MARGIN) * camera.viewport.xy))) {
+    if (CULL_MARGIN < 1.0 && any(greaterThan(abs(point.from_axis + camera.principal.xy), (0.5 + CULL_MARGIN) * camera.viewport.xy))) {
         return false;
     }
     // Rows of J W.
@@ -182,14 +182,15 @@ bool project_splat(uint i, out Projection splat) {
     vec3 t0 = point.j0 * rotation;
     vec3 t1 = point.j1 * rotation;
 #else
-    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
+    // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view, as far beyond each edge of
+    // the picture as with the principal point in the middle.
     vec2 slope = vec2(x, y) / z;
     // Culls by the centre alone, whatever the splat's size.
-    if (CULL_MARGIN < 1.0 && any(greaterThan(abs(slope), (1.0 + 2.0 * CULL_MARGIN) * camera.focal.zw))) {
+    if (CULL_MARGIN < 1.0 && any(greaterThan(abs(slope + camera.principal.zw), (1.0 + 2.0 * CULL_MARGIN) * camera.focal.zw))) {
         return false;
     }
     vec2 limit = jacobian_limit * camera.focal.zw;
-    vec2 held = clamp(slope, -limit, limit);
+    vec2 held = clamp(slope, -limit - camera.principal.zw, limit - camera.principal.zw);
     vec3 w0 = vec3(view[0][0], view[1][0], view[2][0]);
     vec3 w1 = vec3(view[0][1], view[1][1], view[2][1]);
     vec3 w2 = vec3(view[0][2], view[1][2], view[2][2]);
@@ -234,9 +235,9 @@ bool project_splat(uint i, out Projection splat) {
 #endif
 
 #ifdef HAS_LENS
-    splat.centre = point.from_middle + 0.5 * (camera.viewport.xy - 1.0);
+    splat.centre = point.from_axis + (0.5 * (camera.viewport.xy - 1.0) + camera.principal.xy);
 #else
-    splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
+    splat.centre = camera.focal.xy * slope + (0.5 * (camera.viewport.xy - 1.0) + camera.principal.xy);
 #endif
     splat.alpha = alpha;
     splat.reach = sqrt(2.0 * max(log(alpha / alpha_floor), LEAST_LOG));

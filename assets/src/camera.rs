@@ -1,6 +1,6 @@
 //! Defines a camera, as in the `cameras.json` of the 3DGS reference implementation.
 //!
-//! A camera is a position, a rotation, a focal length and an image size; its principal point is the image's centre.
+//! A camera is a position, a rotation, a focal length, an image size and a principal point.
 //! Position and rotation are camera-to-world, and the columns of the rotation are the camera's axes in the world: x
 //! right, y down, z forward. Most cameras are pinholes; [`Projection`] lists the others.
 //! [`Dataset`](crate::Dataset) reads camera files.
@@ -13,12 +13,11 @@ use serde::{Deserialize, Serialize};
 
 /// A camera. Unknown fields of the file are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Entry", into = "Entry")]
 pub struct Camera {
     /// Number that the trainer assigned to the camera.
-    #[serde(default)]
     pub id: i64,
     /// Name of the camera's photograph, without its extension.
-    #[serde(default)]
     pub img_name: String,
     /// Image width, in pixels.
     pub width: u32,
@@ -32,9 +31,52 @@ pub struct Camera {
     pub fx: f64,
     /// Vertical focal length, in the same unit.
     pub fy: f64,
+    /// Principal point, where the view's axis meets the image: right and down from the image's centre, in pixels. It is
+    /// the centre of an equirectangular image.
+    pub offset: [f64; 2],
     /// Mapping from view space to the picture; pinhole if the file does not name it.
-    #[serde(default, skip_serializing_if = "Projection::is_pinhole")]
     pub projection: Projection,
+}
+
+/// A camera as it is in a file, with the principal point relative to the image's top left corner.
+#[derive(Serialize, Deserialize)]
+#[serde(rename = "Camera")]
+struct Entry {
+    #[serde(default)]
+    id: i64,
+    #[serde(default)]
+    img_name: String,
+    width: u32,
+    height: u32,
+    position: [f64; 3],
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+    // Left out for the image's centre, like in the files of the reference implementation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cx: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cy: Option<f64>,
+    #[serde(default, skip_serializing_if = "Projection::is_pinhole")]
+    projection: Projection,
+}
+
+impl From<Entry> for Camera {
+    fn from(entry: Entry) -> Self {
+        let Entry { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection } = entry;
+        let offset = Self::offset_of([cx, cy], [width, height]);
+        Self { id, img_name, width, height, position, rotation, fx, fy, offset, projection }
+    }
+}
+
+impl From<Camera> for Entry {
+    fn from(camera: Camera) -> Self {
+        let center = camera.principal_point();
+        let [cx, cy] = [0, 1].map(|axis| (camera.offset[axis] != 0.0).then_some(center[axis]));
+        let Camera { id, img_name, width, height, position, rotation, fx, fy, offset: _, projection } =
+            camera;
+        Self { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection }
+    }
 }
 
 impl Camera {
@@ -75,6 +117,7 @@ impl Camera {
             rotation: glam::DMat3::from_cols(right, down, forward).transpose().to_cols_array_2d(),
             fx: focal,
             fy: focal,
+            offset: [0.0; 2],
             projection: Projection::Pinhole,
         }
     }
@@ -131,6 +174,18 @@ impl Camera {
         self.axes().map(|axis| (0..3).map(|i| axis[i] * (point[i] - self.position[i])).sum())
     }
 
+    /// Returns the principal point, in pixels right and down from the image's top left corner.
+    pub fn principal_point(&self) -> [f64; 2] {
+        let [x, y] = self.offset;
+        [0.5 * f64::from(self.width) + x, 0.5 * f64::from(self.height) + y]
+    }
+
+    /// Converts a principal point from [`Camera::principal_point`]'s coordinates to [`Camera::offset`]. A missing
+    /// coordinate is the centre's.
+    pub(crate) fn offset_of(center: [Option<f64>; 2], size: [u32; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| center[axis].map_or(0.0, |center| center - 0.5 * f64::from(size[axis])))
+    }
+
     /// Computes the minimum and maximum view depth of a box's corners; negative behind the camera.
     pub fn depth_range(&self, bounds: &Bounds) -> (f64, f64) {
         let depths = bounds.corners().map(|corner| self.to_view(corner)[2]);
@@ -142,14 +197,16 @@ impl Camera {
     /// Returns the camera with another image size and the same vertical field of view.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let factor = f64::from(height) / f64::from(self.height);
-        Self { width, height, fx: self.fx * factor, fy: self.fy * factor, ..self.clone() }
+        let offset = self.offset.map(|v| v * factor);
+        Self { width, height, fx: self.fx * factor, fy: self.fy * factor, offset, ..self.clone() }
     }
 
     /// Returns the camera with another image size and the same view. Its pixels may not be square.
     pub fn stretched(&self, width: u32, height: u32) -> Self {
         let [x, y] =
             [(width, self.width), (height, self.height)].map(|(to, from)| f64::from(to) / f64::from(from));
-        Self { width, height, fx: self.fx * x, fy: self.fy * y, ..self.clone() }
+        let offset = [self.offset[0] * x, self.offset[1] * y];
+        Self { width, height, fx: self.fx * x, fy: self.fy * y, offset, ..self.clone() }
     }
 
     /// Converts a pinhole camera to another projection, with the same position and about the same view.
@@ -177,7 +234,8 @@ impl Camera {
             (Projection::Orthographic, _) => distance(),
             _ => 1.0,
         };
-        Camera { projection, fx: self.fx * scale, fy: self.fy * scale, ..self.clone() }
+        let offset = if projection == Projection::Equirectangular { [0.0; 2] } else { self.offset };
+        Camera { projection, fx: self.fx * scale, fy: self.fy * scale, offset, ..self.clone() }
     }
 
     /// Returns the horizontal and vertical scale of the picture, in the units that [`Projection`] lists.
@@ -194,8 +252,8 @@ impl Camera {
 
     /// Describes the first reason why the camera is unusable; `None` for a usable camera.
     ///
-    /// Checks the image size, the focal lengths, the position and the rotation. Renderers compute in f32, so the
-    /// numbers must also be within limits that keep intermediate results in its range.
+    /// Checks the image size, the focal lengths, the principal point, the position and the rotation. Renderers compute
+    /// in f32, so the numbers must also be within limits that keep intermediate results in its range.
     pub fn fault(&self) -> Option<String> {
         /// Maximum deviation of the rotation from orthonormal. Some files have only three decimals.
         const TOLERANCE: f64 = 0.01;
@@ -222,6 +280,18 @@ impl Camera {
                     "expected {name} from {MIN_FOCAL:e} to {:e} pixels, found {focal:e}",
                     1.0 / MIN_FOCAL
                 ));
+            }
+        }
+        let (farthest, place) = match self.projection {
+            Projection::Equirectangular => (0.0, "in the middle of a panorama".to_owned()),
+            _ => (f64::from(Self::MAX_SIDE), format!("within {} pixels of the middle", Self::MAX_SIDE)),
+        };
+        for (axis, name) in ["cx", "cy"].into_iter().enumerate() {
+            // The comparison is false for NaN.
+            let within = self.offset[axis].abs() <= farthest;
+            if !within {
+                let found = self.principal_point()[axis];
+                return Some(format!("expected the principal point {place}, found {name} = {found}"));
             }
         }
         for (axis, value) in ["x", "y", "z"].into_iter().zip(self.position) {

@@ -102,8 +102,8 @@ def rasterization(
         colors: colours of D channels, [..., N, D] or for each camera [..., C, N, D]; with `sh_degree`, spherical harmonics,
             [..., N, K, 3] or [..., C, N, K, 3].
         viewmats: world to camera, with x to the right, y down and z forward, [..., C, 4, 4].
-        Ks: intrinsics in pixels, [..., C, 3, 3]; the middle of the first pixel is at 0.5, and the principal point in the middle of the
-            picture. Focal lengths are pixels per world unit for "ortho", and pixels per radian for "fisheye".
+        Ks: intrinsics in pixels, [..., C, 3, 3]; the middle of the first pixel is at 0.5.
+            Focal lengths are pixels per world unit for "ortho", and pixels per radian for "fisheye".
         width: width of the pictures, in pixels.
         height: height of the pictures, in pixels.
         near_plane: minimum depth of a drawn centre, in world units, above 0.

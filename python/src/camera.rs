@@ -4,7 +4,7 @@ use crate::arrays::{give, take};
 use crate::errors::{Error, SceneError};
 use crate::scene::Scene;
 use crate::wait;
-use pyo3::exceptions::{PyNotImplementedError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use splatgraph_assets::{self as assets, Projection};
 use std::path::PathBuf;
@@ -13,9 +13,10 @@ use std::path::PathBuf;
 ///
 /// Args:
 ///     viewmat: world to camera, a rotation and a translation in world units, [4, 4].
-///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, which must be the middle of the picture. The
+///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point cx, cy from the picture's top left corner. The
 ///         focal lengths of an orthographic camera are pixels per world unit, and those of a fisheye camera are pixels
-///         per radian. An equirectangular camera ignores them, but they must be positive.
+///         per radian. An equirectangular camera ignores them, but they must be positive, and the principal point must
+///         be the middle of the picture.
 ///     width: width of the picture, in pixels.
 ///     height: height of the picture, in pixels.
 ///     name: name for files and messages.
@@ -58,23 +59,13 @@ impl Camera {
             rotation: std::array::from_fn(|row| std::array::from_fn(|axis| axes[axis][row])),
             fx: k[0][0],
             fy: k[1][1],
+            offset: [k[0][2] - 0.5 * f64::from(width), k[1][2] - 0.5 * f64::from(height)],
             projection,
         };
         if view[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(PyValueError::new_err(format!(
                 "viewmat: expected the last row 0, 0, 0, 1, found {:?}",
                 view[3]
-            )));
-        }
-        let off = [k[0][2] - 0.5 * f64::from(width), k[1][2] - 0.5 * f64::from(height)];
-        // Allows for the rounding of float32.
-        if off.iter().any(|off| off.abs() > 1e-3) {
-            return Err(PyNotImplementedError::new_err(format!(
-                "K: expected the principal point in the middle of the picture, ({}, {}), found ({}, {})",
-                0.5 * f64::from(width),
-                0.5 * f64::from(height),
-                k[0][2],
-                k[1][2]
             )));
         }
         if k[0][1] != 0.0 || k[1][0] != 0.0 || k[2] != [0.0, 0.0, 1.0] {
@@ -173,11 +164,12 @@ impl Camera {
         give(py, view.as_flattened(), &[4, 4])
     }
 
-    /// Intrinsics in pixels, float64 [3, 3].
+    /// Intrinsics in pixels, float64 [3, 3]: fx, fy, and the principal point from the picture's top left corner, where
+    /// the middle of the first pixel is (0.5, 0.5).
     #[getter]
     #[pyo3(name = "K")]
     fn intrinsics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let centre = [self.0.width, self.0.height].map(|side| 0.5 * f64::from(side));
+        let centre = self.0.principal_point();
         let k = [[self.0.fx, 0.0, centre[0]], [0.0, self.0.fy, centre[1]], [0.0, 0.0, 1.0]];
         give(py, k.as_flattened(), &[3, 3])
     }

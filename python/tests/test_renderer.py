@@ -82,7 +82,7 @@ def test_cameras_are_pickled_and_copies_are_the_same_object(scene):
     view = np.eye(4)
     view[:3, 3] = (0.1, -0.2, 1e6 / 3)
     for camera in (
-        Camera(view, intrinsics(64, 48, 60), 64, 48, "name", projection="fisheye"),
+        Camera(view, intrinsics(61, 49, 60), 64, 48, "name", projection="fisheye"),
         Camera.look_at((0.1, 0.2, -3), (0, 0.3, 4), fov=51.7, size=(np.int64(63), 47)),
     ):
         again = pickle.loads(pickle.dumps(camera))
@@ -131,8 +131,11 @@ def test_a_camera_gives_back_its_matrices():
     for fov in (-5, 180, float("nan")):
         with pytest.raises(ValueError, match="fov: expected an angle above 0 and below 180 degrees"):
             Camera.look_at((0, 0, -3), (0, 0, 0), fov=fov)
-    with pytest.raises(NotImplementedError, match="K: expected the principal point in the middle"):
-        Camera(view, intrinsics(60, 48, 60), 64, 48)
+    aside = np.array([[60, 0, 12.25], [0, 50, 40], [0, 0, 1]])
+    np.testing.assert_array_equal(Camera(view, aside, 64, 48).K, aside)
+    np.testing.assert_array_equal(Camera(view, aside, 64, 48).resized(128, 96).K, aside * [[2], [2], [1]])
+    with pytest.raises(ValueError, match="expected the principal point in the middle of a panorama, found cx = 12.25"):
+        Camera(view, aside, 64, 48, projection="equirectangular")
 
 
 def test_a_camera_has_a_projection_and_needs_a_renderer_with_the_same(scene):

@@ -50,5 +50,6 @@ void main() {
     along_v = (to_c * uv_b.x - to_b * uv_c.x) * inverse_area;
 
     // Pixel centres are at integers (camera.glsl), at halves in the framebuffer: the two halves cancel around the middle of the picture.
-    gl_Position = vec4(2.0 * camera.focal.xy * camera.viewport.zw * view.xy, camera.depth.x, view.z);
+    vec2 place = 2.0 * camera.focal.xy * camera.viewport.zw * view.xy + 2.0 * camera.principal.xy * camera.viewport.zw * view.z;
+    gl_Position = vec4(place, camera.depth.x, view.z);
 }

@@ -108,18 +108,17 @@ pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
 }
 
 fn load_file(file: &Path) -> Result<Vec<Camera>, CameraError> {
-    let dataset = Dataset::load(file)?;
-    tell_off_center(&dataset);
-    let cameras: Vec<Camera> = dataset.views.into_iter().map(|view| view.camera).collect();
+    let cameras = Camera::load(file)?;
     if cameras.is_empty() { Err(CameraError::Empty { path: file.into() }) } else { Ok(cameras) }
 }
 
-/// Warns the user if principal points are more than half a pixel from the centre of the pictures.
+/// Warns the user if principal points are more than half a pixel from the middle of the pictures.
 pub fn tell_off_center(dataset: &Dataset) {
-    if dataset.off_center > 0.5 {
+    let farthest =
+        dataset.views.iter().flat_map(|view| view.camera.offset).fold(0.0, |most, v| v.abs().max(most));
+    if farthest > 0.5 {
         say(format!(
-            "principal points are up to {:.1} pixels off the centre of the pictures; they are treated as central, as in the 3DGS reference implementation",
-            dataset.off_center
+            "principal points are up to {farthest:.1} pixels off the middle of the pictures; the 3DGS reference implementation trains with the middle: score its scenes with their cameras.json"
         ));
     }
 }
@@ -236,6 +235,7 @@ mod tests {
                 rotation: rotation.to_cols_array_2d(),
                 fx: focal[0],
                 fy: focal[1],
+                offset: [0.0; 2],
                 projection: Default::default(),
             };
             let line = RenderCommand {

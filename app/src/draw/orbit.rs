@@ -58,7 +58,8 @@ pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
 }
 
-/// Turns a camera towards a point and zooms by a factor, for pictures of the given size in pixels. Keeps the roll.
+/// Turns a camera towards a point and zooms by a factor, for pictures of the given size in pixels, with the point in
+/// the middle. Keeps the roll.
 pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {
     let [right, down, forward] = camera.axes().map(DVec3::from);
     let position = DVec3::from(camera.position);
@@ -66,7 +67,7 @@ pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u3
     let right = down.cross(forward).normalize_or(right);
     let factor = zoom * f64::from(width) / f64::from(camera.width);
     let turned = with_axes(camera, position, [right, forward.cross(right), forward]);
-    Camera { width, height, fx: camera.fx * factor, fy: camera.fy * factor, ..turned }
+    Camera { width, height, fx: camera.fx * factor, fy: camera.fy * factor, offset: [0.0; 2], ..turned }
 }
 
 fn with_axes(camera: &Camera, position: DVec3, [right, down, forward]: [DVec3; 3]) -> Camera {

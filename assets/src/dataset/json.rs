@@ -156,13 +156,11 @@ fn plain(path: &Path) -> &Path {
     path.strip_prefix(".").unwrap_or(path)
 }
 
-/// Converts a frame to a view. Raises `off_center` to the distance of the view's principal point from the image's
-/// centre. `size` returns the size of a photograph.
+/// Converts a frame to a view. `size` returns the size of a photograph.
 fn view(
     frame: &Fields,
     file: &Fields,
     size: impl FnOnce(&str) -> Result<(u32, u32), String>,
-    off_center: &mut f64,
 ) -> Result<View, String> {
     let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
     let matrix = frame.transform_matrix.ok_or("missing field `transform_matrix`")?;
@@ -208,9 +206,7 @@ fn view(
     let panorama =
         (projection == Projection::Equirectangular).then(|| f64::from(width) / std::f64::consts::TAU);
     let fx = fx.or(panorama).ok_or("missing field `fl_x`, or `camera_angle_x`")?;
-    for (center, side) in [(either!(cx of frame, file), width), (either!(cy of frame, file), height)] {
-        *off_center = off_center.max(center.map_or(0.0, |center| (center - 0.5 * f64::from(side)).abs()));
-    }
+    let center = [either!(cx of frame, file), either!(cy of frame, file)];
     let camera = Camera {
         id: 0,
         img_name: stem(photograph),
@@ -221,6 +217,7 @@ fn view(
         rotation: [0, 1, 2].map(|row| [matrix[row][0], -matrix[row][1], -matrix[row][2]]),
         fx,
         fy: fy.unwrap_or(fx),
+        offset: Camera::offset_of(center, [width, height]),
         projection,
     };
     let test = file.test_filenames.as_ref().map(|names| names.contains(plain(Path::new(photograph))));
@@ -267,13 +264,13 @@ fn transforms(
         },
     };
     let read = |is_last: bool| {
-        let (mut off_center, mut has_masks) = (0.0, file.mask_path.is_some());
+        let mut has_masks = file.mask_path.is_some();
         let view = |frame: Fields| {
             has_masks |= frame.mask_path.is_some();
-            view(&frame, &file, |photograph| size(photograph, is_last), &mut off_center)
+            view(&frame, &file, |photograph| size(photograph, is_last))
         };
         let views = whole(text, Frames(List { reached, view, entry: PhantomData }))?;
-        serde_json::Result::Ok(Dataset { views, off_center, has_masks, ..Dataset::default() })
+        serde_json::Result::Ok(Dataset { views, has_masks, ..Dataset::default() })
     };
     let mut dataset = read(false)?;
     if is_lost.get() {

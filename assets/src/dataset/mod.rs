@@ -8,8 +8,7 @@
 //! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |
 //!
 //! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
-//! distortion is refused. The principal point is at the centre; any other one is moved there, as the reference does,
-//! and [`Dataset::off_center`] has the largest distance.
+//! distortion is refused. Principal points are those of the dataset; the reference moves them to the images' centres.
 
 mod colmap;
 mod error;
@@ -103,7 +102,6 @@ impl Dataset {
             let size = dataset.views.first().map(|view| (view.camera.width, view.camera.height));
             for file in splits[1..].iter().filter(|file| file.exists()) {
                 let split = Self::load_sized(file, photographs, size)?;
-                dataset.off_center = dataset.off_center.max(split.off_center);
                 dataset.has_masks |= split.has_masks;
                 dataset.files.extend(split.files);
                 dataset.views.extend(split.views);

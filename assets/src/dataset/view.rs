@@ -27,8 +27,6 @@ pub struct Dataset {
     pub unmatched: Vec<String>,
     /// True if the dataset has masks (`mask_path`), which are not read.
     pub has_masks: bool,
-    /// Largest distance of a principal point from its image's centre, in pixels along an axis.
-    pub off_center: f64,
 }
 
 /// Returns the path of a photograph without its extension and a leading `./`: a camera's `img_name`.

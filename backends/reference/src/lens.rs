@@ -22,6 +22,8 @@ pub(crate) struct Lens {
     /// Pixels per unit of the projection.
     focal: [f64; 2],
     size: [f64; 2],
+    /// [`Camera::offset`].
+    offset: [f64; 2],
     /// Tangents of half the fields of view, for a pinhole.
     tan: [f64; 2],
     jacobian_clamp: Option<f64>,
@@ -35,6 +37,7 @@ impl Lens {
             projection: camera.projection,
             focal: camera.focal(),
             size,
+            offset: camera.offset,
             tan: [size[0] / camera.fx, size[1] / camera.fy].map(|v| 0.5 * v),
             jacobian_clamp: rules.jacobian_clamp,
             pixel_offset: rules.pixel_offset,
@@ -47,14 +50,14 @@ impl Lens {
     }
 
     /// Returns the pixel position of a point in view space. For a pinhole, it is `((ndc + 1) size - 1) / 2` (`ndc2Pix`
-    /// in auxiliary.h) plus [`Rules::pixel_offset`].
+    /// in auxiliary.h) plus [`Camera::offset`] and [`Rules::pixel_offset`].
     pub(crate) fn pixel(&self, p: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = p;
         let from_middle = match self.projection {
             Projection::Pinhole => {
                 let ndc = [x / (self.tan[0] * z), y / (self.tan[1] * z)];
                 return std::array::from_fn(|i| {
-                    0.5 * ((ndc[i] + 1.0) * self.size[i] - 1.0) + self.pixel_offset
+                    0.5 * ((ndc[i] + 1.0) * self.size[i] - 1.0) + self.offset[i] + self.pixel_offset
                 });
             }
             Projection::Orthographic => [x, y],
@@ -65,25 +68,26 @@ impl Lens {
             Projection::Equirectangular => [x.atan2(z), y.atan2(x.hypot(z))],
         };
         std::array::from_fn(|i| {
-            self.focal[i] * from_middle[i] + 0.5 * (self.size[i] - 1.0) + self.pixel_offset
+            self.focal[i] * from_middle[i] + 0.5 * (self.size[i] - 1.0) + self.offset[i] + self.pixel_offset
         })
     }
 
     /// Returns the rows of the Jacobian: the derivative of [`Lens::pixel`] with respect to the point. For a pinhole, x
-    /// / z and y / z are clamped by [`Rules::jacobian_clamp`] (`computeCov2D` in forward.cu).
+    /// / z and y / z are clamped by [`Rules::jacobian_clamp`] (`computeCov2D` in forward.cu), as far beyond each edge of
+    /// the picture as with the principal point in the middle.
     pub(crate) fn jacobian(&self, p: [f64; 3]) -> [[f64; 3]; 2] {
         let [x, y, z] = p;
         let [fx, fy] = self.focal;
         match self.projection {
             Projection::Pinhole => {
-                let slope = |value: f64, tan: f64| match self.jacobian_clamp {
-                    Some(limit) => (value / z).clamp(-limit * tan, limit * tan),
-                    None => value / z,
+                let slope = |axis: usize| {
+                    let (slope, middle) = (p[axis] / z, -self.offset[axis] / self.focal[axis]);
+                    match self.jacobian_clamp.map(|limit| limit * self.tan[axis]) {
+                        Some(limit) => slope.clamp(middle - limit, middle + limit),
+                        None => slope,
+                    }
                 };
-                [
-                    [fx / z, 0.0, -fx * slope(x, self.tan[0]) / z],
-                    [0.0, fy / z, -fy * slope(y, self.tan[1]) / z],
-                ]
+                [[fx / z, 0.0, -fx * slope(0) / z], [0.0, fy / z, -fy * slope(1) / z]]
             }
             Projection::Orthographic => [[fx, 0.0, 0.0], [0.0, fy, 0.0]],
             Projection::Fisheye => {
@@ -176,6 +180,22 @@ mod tests {
             rounded(90.0 - 181.0 / 2.0),
             "the top"
         );
+    }
+
+    #[test]
+    fn the_clamp_of_the_jacobian_reaches_as_far_beyond_each_edge_wherever_the_principal_point_is() {
+        // gsplat's limits, for a picture of 200 pixels with a focal length of 100 and cx = 160.
+        let camera = Camera {
+            offset: [60.0, 0.0],
+            fx: 100.0,
+            ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (200, 100))
+        };
+        let lens = Lens::new(&camera, &Rules::PUBLISHED);
+        assert_eq!(lens.pixel([0.0, 0.0, 2.0]), [159.5, 49.5]);
+        let held = |slope: f64| -lens.jacobian([slope, 0.0, 1.0])[0][2] / camera.fx;
+        for (slope, expected) in [(-9.0, -1.6 - 0.3), (-1.8, -1.8), (0.6, 0.6), (9.0, 0.4 + 0.3)] {
+            assert!((held(slope) - expected).abs() < 1e-7, "{slope}: {}", held(slope));
+        }
     }
 
     proptest! {

@@ -111,7 +111,7 @@ impl<'a> Caster<'a> {
     /// Prepares the triangles of a mesh, except triangles nearer than the near plane.
     fn new(mesh: &'a Mesh, camera: &'a Camera, rules: &Rules) -> Self {
         let near = rules.near;
-        let middle = [camera.width, camera.height].map(|side| 0.5 * (f64::from(side) - 1.0));
+        let axis_at = camera.principal_point().map(|v| v - 0.5);
         let prepare = |(index, corners): (usize, &[u32; 3])| {
             let [a, b, c] =
                 corners.map(|corner| camera.to_view(mesh.positions[corner as usize].map(f64::from)));
@@ -122,7 +122,7 @@ impl<'a> Caster<'a> {
             if [a, b, c].iter().all(|p| p[2] > near) {
                 let focal = [camera.fx, camera.fy];
                 pixels = std::array::from_fn(|axis| {
-                    let at = [a, b, c].map(|p| focal[axis] * p[axis] / p[2] + middle[axis]);
+                    let at = [a, b, c].map(|p| focal[axis] * p[axis] / p[2] + axis_at[axis]);
                     let bound = |pick: fn(f64, f64) -> f64| at.into_iter().reduce(pick).unwrap_or(0.0);
                     // Rounding may put a corner on either side of a pixel's centre, so the bounds have a margin.
                     [bound(f64::min) - 1e-6, bound(f64::max) + 1e-6]
@@ -171,9 +171,9 @@ impl<'a> Caster<'a> {
     /// Returns the nearer of `hit` and the hit of a pixel's ray with `triangle` (Möller and Trumbore). A hit whose
     /// alpha is below the material's cutoff does not count.
     fn nearer(&self, triangle: &Triangle, [x, y]: [f64; 2], hit: Option<Hit>) -> Option<Hit> {
-        let Camera { width, height, fx, fy, .. } = *self.camera;
-        let ray =
-            [(x - 0.5 * (f64::from(width) - 1.0)) / fx, (y - 0.5 * (f64::from(height) - 1.0)) / fy, 1.0];
+        let Camera { fx, fy, .. } = *self.camera;
+        let [cx, cy] = self.camera.principal_point().map(|v| v - 0.5);
+        let ray = [(x - cx) / fx, (y - cy) / fy, 1.0];
         let [to_b, to_c] = triangle.edges;
         let across = cross(ray, to_c);
         let determinant = dot(to_b, across);
@@ -372,6 +372,13 @@ mod tests {
         let camera = camera();
         let caster = Caster::new(&both, &camera, &Rules::PUBLISHED);
         assert!(caster.surfaces([0, 0, 5, 5], &|| true).is_none(), "it is cancelled");
+        // The lower right 3 x 2 pixels of the picture.
+        let window = Camera { width: 3, height: 2, offset: [-1.0, -1.5], ..camera };
+        let caster = Caster::new(&both, &window, &Rules::PUBLISHED);
+        let part = caster.surfaces([0, 0, 3, 2], &|| false).expect("nobody cancels it");
+        for (x, y) in (0..2).flat_map(|y| (0..3).map(move |x| (x, y))) {
+            assert_eq!(part.at([x, y]), found[(y + 3) * 5 + x + 2], "{x}, {y}");
+        }
     }
 
     struct Alone(Mesh);

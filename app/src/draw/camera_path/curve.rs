@@ -1,8 +1,8 @@
 //! Interpolates the keys of a camera path, and measures the curve's length.
 //!
-//! A key is a point with three components: position, rotation and zoom. Each is interpolated by cubic segments whose
+//! A key is a point with four components: position, rotation, zoom and principal point. Each is interpolated by cubic segments whose
 //! slopes are those of a Catmull-Rom spline with centripetal knots: the knot interval of a segment is the square root
-//! of the distance between its keys (Yuksel et al., On the Parameterization of Catmull-Rom Curves, 2009). All three
+//! of the distance between its keys (Yuksel et al., On the Parameterization of Catmull-Rom Curves, 2009). All
 //! components share the knots, so that they pass a key without a kink. Rotations are interpolated by squad (Shoemake,
 //! Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
 //!
@@ -29,7 +29,7 @@ const TINY: f64 = 1e-7;
 /// Length below which an interval is not bisected, in rounding errors of a view.
 const NOISE: f64 = 1e3;
 
-/// Position, rotation and zoom of a camera.
+/// Position, rotation, zoom and principal point of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct View {
     position: DVec3,
@@ -38,6 +38,8 @@ pub(super) struct View {
     /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; then 0.
     /// All are 0 in an equirectangular view, which shows all directions.
     zoom: DVec3,
+    /// Offset of the principal point, relative to the picture's height; then 0.
+    offset: DVec3,
 }
 
 impl View {
@@ -50,6 +52,7 @@ impl View {
                 Projection::Equirectangular => DVec3::ZERO,
                 _ => DVec3::new((camera.fx / height).ln(), (camera.fy / height).ln(), 0.0),
             },
+            offset: DVec3::new(camera.offset[0] / height, camera.offset[1] / height, 0.0),
         }
     }
 
@@ -66,6 +69,7 @@ impl View {
             rotation: DMat3::from_quat(self.rotation).transpose().to_cols_array_2d(),
             fx: focal(self.zoom.x),
             fy: focal(self.zoom.y),
+            offset: [self.offset.x, self.offset.y].map(|v| v * f64::from(height)),
             projection,
         }
     }
@@ -73,7 +77,7 @@ impl View {
     /// Computes the distance between two views, in radians.
     ///
     /// A rotation counts as its angle. A translation by `radian` world units counts as 1, as does a change of the focal
-    /// length by a factor of e.
+    /// length by a factor of e, and an offset of the principal point by the picture's height.
     pub(super) fn distance(&self, to: &View, radian: f64) -> f64 {
         let way = (to.position - self.position).length() / radian;
         let between = self.rotation.inverse() * to.rotation;
@@ -81,7 +85,7 @@ impl View {
         let turn = 2.0 * log(if between.w < 0.0 { -between } else { between }).length();
         // Root mean square of the two zooms.
         let zoom = (to.zoom - self.zoom).length() * std::f64::consts::FRAC_1_SQRT_2;
-        DVec3::new(way, turn, zoom).length()
+        DVec3::new(way, turn, zoom.hypot((to.offset - self.offset).length())).length()
     }
 
     /// Estimates the rounding error of a view, in the unit of [`View::distance`].
@@ -100,6 +104,8 @@ struct Segment {
     position: [DVec3; 2],
     /// Slopes at both ends.
     zoom: [DVec3; 2],
+    /// Slopes at both ends.
+    offset: [DVec3; 2],
     /// Inner quaternions of squad.
     inner: [DQuat; 2],
 }
@@ -113,6 +119,7 @@ impl Segment {
             position: hermite(from.position, to.position, self.position, u),
             rotation: slerp(outer, inner, 2.0 * u * (1.0 - u)).normalize(),
             zoom: hermite(from.zoom, to.zoom, self.zoom, u),
+            offset: hermite(from.offset, to.offset, self.offset, u),
         }
     }
 }
@@ -156,13 +163,21 @@ impl Curve {
         };
         let position = slopes(&|(from, to)| to.position - from.position, radian);
         let zoom = slopes(&|(from, to)| to.zoom - from.zoom, 1.0);
+        let offset = slopes(&|(from, to)| to.offset - from.offset, 1.0);
         // The logarithm of a unit quaternion is half the rotation vector, so its unit is half a radian.
         let turns = slopes(&|(from, to)| log(from.rotation.inverse() * to.rotation), 0.5);
         let segment = |(at, (from, to)): (usize, &(View, View))| {
             let step = log(from.rotation.inverse() * to.rotation);
             let [start, end] = turns[at];
             let inner = [from.rotation * exp(0.5 * (start - step)), to.rotation * exp(0.5 * (step - end))];
-            Segment { from: *from, to: *to, position: position[at], zoom: zoom[at], inner }
+            Segment {
+                from: *from,
+                to: *to,
+                position: position[at],
+                zoom: zoom[at],
+                offset: offset[at],
+                inner,
+            }
         };
         let segments = pairs.iter().enumerate().map(segment).collect();
         let mut curve = Curve { segments, table: vec![(0.0, 0.0)], keys: Vec::new() };

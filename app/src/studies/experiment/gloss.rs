@@ -118,8 +118,8 @@ fn richest(values: &[f64], [width, height]: [usize; 2], size: [usize; 2]) -> Opt
 }
 
 fn unprojected(camera: &Camera, x: f64, y: f64, depth: f64) -> [f64; 3] {
-    let side = |at: f64, size: u32, focal: f64| (at - 0.5 * (f64::from(size) - 1.0)) / focal * depth;
-    let view = [side(x, camera.width, camera.fx), side(y, camera.height, camera.fy), depth];
+    let [cx, cy] = camera.principal_point().map(|v| v - 0.5);
+    let view = [(x - cx) / camera.fx * depth, (y - cy) / camera.fy * depth, depth];
     let axes = camera.axes();
     std::array::from_fn(|i| camera.position[i] + (0..3).map(|axis| axes[axis][i] * view[axis]).sum::<f64>())
 }

@@ -18,7 +18,7 @@ pub(super) struct Lens {
     fx: f64,
     fy: f64,
     projection: Projection,
-    off_center: f64,
+    offset: [f64; 2],
 }
 
 /// Lenses of a sparse model, by `CAMERA_ID`.
@@ -101,18 +101,18 @@ impl Model {
         (width, height): (u32, u32),
         values: &[f64],
     ) -> Result<Lens, Fault> {
-        let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, projection, off_center: 0.0 };
+        let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, projection, offset: [0.0; 2] };
         for (name, value) in self.parameters.iter().zip(values) {
             match *name {
                 "f" => (lens.fx, lens.fy) = (*value, *value),
                 "fx" => lens.fx = *value,
                 "fy" => lens.fy = *value,
                 "cx" | "cy" => {
-                    let side = if *name == "cx" { width } else { height };
+                    let (axis, side) = if *name == "cx" { (0, width) } else { (1, height) };
                     if !value.is_finite() {
                         return Err((name, format!("expected a finite number, found {value}")));
                     }
-                    lens.off_center = lens.off_center.max((value - 0.5 * f64::from(side)).abs());
+                    lens.offset[axis] = value - 0.5 * f64::from(side);
                 }
                 _ if *value == 0.0 => {}
                 _ => {
@@ -169,12 +169,12 @@ pub(super) fn push(
         rotation: to_world.transpose().to_cols_array_2d(),
         fx: lens.fx,
         fy: lens.fy,
+        offset: lens.offset,
         projection: lens.projection,
     };
     if let Some(fault) = camera.fault() {
         return Err(("IMAGE_ID", fault));
     }
-    dataset.off_center = dataset.off_center.max(lens.off_center);
     dataset.views.push(View { camera, photograph: name, test: None });
     Ok(())
 }

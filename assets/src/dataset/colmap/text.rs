@@ -172,7 +172,7 @@ pub(in crate::dataset) fn write(
     );
     for (camera, id) in cameras.iter().zip(1..) {
         let Camera { width, height, fx, fy, .. } = camera;
-        let [cx, cy] = [width, height].map(|side| 0.5 * f64::from(*side));
+        let [cx, cy] = camera.principal_point();
         let to_camera = DMat3::from_cols_array_2d(&camera.rotation);
         let DQuat { x, y, z, w } = DQuat::from_mat3(&to_camera);
         let [tx, ty, tz] = (to_camera * -DVec3::from(camera.position)).to_array();
