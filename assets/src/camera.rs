@@ -250,6 +250,20 @@ impl Camera {
         }
     }
 
+    /// Replaces a rotation that is not quite one, for instance because its file has three decimals, by the nearest
+    /// rotation: it would scale depths. Rounding to f32 is kept. The camera must have no [`fault`](Self::fault).
+    pub fn straighten(&mut self) {
+        /// Maximum deviation that rounding to f32 leaves.
+        const ROUNDING: f64 = 1e-5;
+        let matrix = glam::DMat3::from_cols_array_2d(&self.rotation);
+        let deviation = (matrix * matrix.transpose() - glam::DMat3::IDENTITY).to_cols_array();
+        if deviation.iter().any(|v| v.abs() > ROUNDING) {
+            // Newton's iteration for the polar decomposition (Higham 1986): each step squares the deviation.
+            let step = |matrix: glam::DMat3, _| 0.5 * (matrix + matrix.inverse().transpose());
+            self.rotation = (0..4).fold(matrix, step).to_cols_array_2d();
+        }
+    }
+
     /// Describes the first reason why the camera is unusable; `None` for a usable camera.
     ///
     /// Checks the image size, the focal lengths, the principal point, the position and the rotation. Renderers compute
@@ -335,6 +349,30 @@ mod tests {
         assert!(v[0].abs() < 1e-12 && v[1].abs() < 1e-12 && (v[2] - 43f64.sqrt()).abs() < 1e-12);
         assert!(camera.axes()[1][1] > 0.0, "down in the image is down in the world");
         assert!((camera.fx - 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_rounded_rotation_becomes_the_nearest_one_and_one_in_f32_stays() {
+        let exact = Camera::looking_at([1.0, -2.0, 3.0], [4.0, 1.0, -2.0], 90.0, (200, 100));
+        let rounded = |to: &dyn Fn(f64) -> f64| {
+            let mut camera = Camera { rotation: exact.rotation.map(|row| row.map(to)), ..exact.clone() };
+            let before = camera.rotation;
+            camera.straighten();
+            (camera, before)
+        };
+        let (single, before) = rounded(&|v| f64::from(v as f32));
+        assert_eq!(single.rotation, before);
+        for coarse in [&|v: f64| (v * 1e3).round() / 1e3, &|v: f64| v * 1.004] as [&dyn Fn(f64) -> f64; 2] {
+            let (camera, before) = rounded(coarse);
+            assert_ne!(camera.rotation, before);
+            let axes = camera.axes().map(glam::DVec3::from);
+            assert!(
+                axes.iter().all(|axis| (axis.length() - 1.0).abs() < 1e-12)
+                    && axes[0].dot(axes[1]).abs() < 1e-12
+            );
+            let near = camera.rotation.as_flattened().iter().zip(exact.rotation.as_flattened());
+            assert!(near.into_iter().all(|(a, b)| (a - b).abs() < 1e-3));
+        }
     }
 
     #[test]

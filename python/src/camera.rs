@@ -49,13 +49,12 @@ impl Camera {
         let view = matrix::<4>(viewmat, "viewmat")?;
         let k = matrix::<3>(K, "K")?;
         let axes: [[f64; 3]; 3] = std::array::from_fn(|row| [view[row][0], view[row][1], view[row][2]]);
-        let position = std::array::from_fn(|i| -(0..3).map(|row| axes[row][i] * view[row][3]).sum::<f64>());
         let camera = assets::Camera {
             id: 0,
             img_name: name,
             width,
             height,
-            position,
+            position: [0.0; 3],
             rotation: std::array::from_fn(|row| std::array::from_fn(|axis| axes[axis][row])),
             fx: k[0][0],
             fy: k[1][1],
@@ -71,6 +70,11 @@ impl Camera {
         if k[0][1] != 0.0 || k[1][0] != 0.0 || k[2] != [0.0, 0.0, 1.0] {
             return Err(PyValueError::new_err("K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"));
         }
+        let Camera(mut camera) = checked(camera)?;
+        camera.straighten();
+        let axes = camera.axes();
+        camera.position =
+            std::array::from_fn(|i| -(0..3).map(|row| axes[row][i] * view[row][3]).sum::<f64>());
         checked(camera)
     }
 

@@ -85,10 +85,11 @@ impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> Visitor<'de>
         let mut views = Vec::new();
         self.reached.set(Some(0));
         while let Some(entry) = list.next_element::<T>()? {
-            let view = (self.view)(entry).map_err(A::Error::custom)?;
+            let mut view = (self.view)(entry).map_err(A::Error::custom)?;
             if let Some(fault) = view.camera.fault() {
                 return Err(A::Error::custom(fault));
             }
+            view.camera.straighten();
             if views.len() == MAX_CAMERAS {
                 return Err(A::Error::custom(format!("expected at most {MAX_CAMERAS} cameras, found more")));
             }
@@ -121,6 +122,8 @@ struct Fields {
     k4: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
+    /// nerfstudio's k1, k2, k3, k4, p1 and p2.
+    distortion_params: Option<Vec<f64>>,
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     /// Image that marks the pixels to ignore.
@@ -138,8 +141,10 @@ impl Fields {
         let all =
             |f: &Self| [("k1", f.k1), ("k2", f.k2), ("k3", f.k3), ("k4", f.k4), ("p1", f.p1), ("p2", f.p2)];
         let pairs = all(self).into_iter().zip(all(of_file));
+        let listed = self.distortion_params.as_ref().or(of_file.distortion_params.as_ref());
         pairs
             .map(|((name, own), (_, file))| (name, own.or(file).unwrap_or(0.0)))
+            .chain(listed.into_iter().flatten().map(|value| ("distortion_params", *value)))
             .find(|(_, value)| *value != 0.0)
     }
 }

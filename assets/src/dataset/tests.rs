@@ -391,6 +391,10 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
     for (of_frame, what) in [
         ("\"k1\": 0.1,", "`k1`: expected 0, a lens without distortion, found 0.1; undistort"),
         (
+            "\"distortion_params\": [0, 0.2],",
+            "`distortion_params`: expected 0, a lens without distortion, found 0.2; undistort",
+        ),
+        (
             "\"camera_model\": \"FISHEYE624\",",
             "`camera_model`: expected PINHOLE, OPENCV_FISHEYE, EQUIRECTANGULAR or another model without distortion, found FISHEYE624",
         ),
