@@ -78,7 +78,7 @@ mod tests {
         {
             assert!(of(expression), "{expression}");
         }
-        for expression in ["1.0", "camera.depth.y", "camera.position_low.w", "camera.reserved[0].x"] {
+        for expression in ["1.0", "camera.depth.y", "camera.position_low.w", "camera.principal[0].x"] {
             assert!(!of(expression), "{expression}");
         }
     }
