@@ -186,6 +186,13 @@ impl Camera {
         [0, 1].map(|axis| center[axis].map_or(0.0, |center| center - 0.5 * f64::from(size[axis])))
     }
 
+    /// Rounds the principal point as writing the camera to a file and reading it does, so that both are equal.
+    #[must_use]
+    pub fn rounded(self) -> Self {
+        let offset = Self::offset_of(self.principal_point().map(Some), [self.width, self.height]);
+        Self { offset, ..self }
+    }
+
     /// Computes the minimum and maximum view depth of a box's corners; negative behind the camera.
     pub fn depth_range(&self, bounds: &Bounds) -> (f64, f64) {
         let depths = bounds.corners().map(|corner| self.to_view(corner)[2]);
@@ -198,7 +205,7 @@ impl Camera {
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let factor = f64::from(height) / f64::from(self.height);
         let offset = self.offset.map(|v| v * factor);
-        Self { width, height, fx: self.fx * factor, fy: self.fy * factor, offset, ..self.clone() }
+        Self { width, height, fx: self.fx * factor, fy: self.fy * factor, offset, ..self.clone() }.rounded()
     }
 
     /// Returns the camera with another image size and the same view. Its pixels may not be square.
@@ -206,7 +213,7 @@ impl Camera {
         let [x, y] =
             [(width, self.width), (height, self.height)].map(|(to, from)| f64::from(to) / f64::from(from));
         let offset = [self.offset[0] * x, self.offset[1] * y];
-        Self { width, height, fx: self.fx * x, fy: self.fy * y, offset, ..self.clone() }
+        Self { width, height, fx: self.fx * x, fy: self.fy * y, offset, ..self.clone() }.rounded()
     }
 
     /// Converts a pinhole camera to another projection, with the same position and about the same view.

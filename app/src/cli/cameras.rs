@@ -223,7 +223,7 @@ mod tests {
         fn a_camera_comes_back_from_its_command_bit_by_bit(
             position in prop::array::uniform3(any::<f64>().prop_filter("within f32", |v| v.abs() < 1e18)),
             turn in prop::array::uniform3(-4.0..4.0f64), focal in prop::array::uniform2(1e-3..1e5f64),
-            size in (1..9000u32, 1..9000u32),
+            size in (1..9000u32, 1..9000u32), offset in prop::array::uniform2(-1e4..1e4f64),
         ) {
             let rotation = glam::DMat3::from_euler(glam::EulerRot::XYZ, turn[0], turn[1], turn[2]);
             let camera = Camera {
@@ -235,9 +235,10 @@ mod tests {
                 rotation: rotation.to_cols_array_2d(),
                 fx: focal[0],
                 fy: focal[1],
-                offset: [0.0; 2],
+                offset,
                 projection: Default::default(),
             };
+            let camera = camera.rounded();
             let line = RenderCommand {
                 scene: Path::new("scene.ply"),
                 camera: &camera,
@@ -253,7 +254,8 @@ mod tests {
             prop_assert_eq!(read.len(), 1);
             let resized = read[0].resized(size.0, size.1);
             let bits = |camera: &Camera| {
-                let numbers = [&camera.position[..], camera.rotation.as_flattened(), &[camera.fx, camera.fy]].concat();
+                let lens = [camera.fx, camera.fy, camera.offset[0], camera.offset[1]];
+                let numbers = [&camera.position[..], camera.rotation.as_flattened(), &lens].concat();
                 numbers.into_iter().map(f64::to_bits).collect::<Vec<_>>()
             };
             prop_assert_eq!(bits(&resized), bits(&camera));

@@ -60,7 +60,7 @@ impl View {
     pub(super) fn camera(&self, sized: &Camera, projection: Projection) -> Camera {
         let (width, height) = (sized.width, sized.height);
         let focal = |zoom: f64| zoom.exp() * f64::from(height);
-        Camera {
+        let camera = Camera {
             id: 0,
             img_name: String::new(),
             width,
@@ -71,7 +71,8 @@ impl View {
             fy: focal(self.zoom.y),
             offset: [self.offset.x, self.offset.y].map(|v| v * f64::from(height)),
             projection,
-        }
+        };
+        camera.rounded()
     }
 
     /// Computes the distance between two views, in radians.

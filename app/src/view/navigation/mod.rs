@@ -318,7 +318,7 @@ impl Navigation {
             offset: (pose.offset * f64::from(height)).into(),
             projection: Projection::Pinhole,
         };
-        pinhole.with_projection(pose.projection, self.bounds.center())
+        pinhole.rounded().with_projection(pose.projection, self.bounds.center())
     }
 
     /// Flies to a camera, or jumps if flights are disabled, and takes over its vertical field of view; a wider view
