@@ -180,6 +180,7 @@ fn compare(args: &Args) -> Result<(String, Option<String>)> {
     for (index, pair) in pairs.iter().enumerate() {
         let (mut a, mut b) = load(pair)?;
         let peak = peak_of(&a, &b);
+        let worst = metrics::worst_pixel((&a).into(), (&b).into());
         if peak != 1.0 {
             say(format!(
                 "{}: values are divided by the largest, {peak}, for all but the worst pixel",
@@ -188,14 +189,15 @@ fn compare(args: &Args) -> Result<(String, Option<String>)> {
             let values = [&mut a, &mut b].map(|image| image.rgb.as_flattened_mut()).into_iter().flatten();
             values.for_each(|value| *value /= peak);
         }
-        let mut comparison = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
-        comparison.worst.difference *= peak;
+        let divided = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
+        // The division rounds, and different values may become equal.
+        let all = Comparison { worst, identical: worst.difference == 0.0, ..divided };
         if let Some(out) = diffs.get(index) {
             Image::difference(&a, &b, args.gain).save(out)?;
         }
         let (flip, flip_8_bits) =
             (flip::of_floats((&b).into(), (&a).into()), flip::of_8_bits((&b).into(), (&a).into()));
-        found.push(Found { all: comparison, peak, flip, flip_8_bits });
+        found.push(Found { all, peak, flip, flip_8_bits });
     }
 
     let worst = (0..found.len()).min_by(|&i, &j| found[i].psnr().total_cmp(&found[j].psnr()));
@@ -317,9 +319,13 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    for (path, header) in [(&pair.a, headers[0]), (&pair.b, headers[1])] {
+    for (path, image, header) in [(&pair.a, &a, headers[0]), (&pair.b, &b, headers[1])] {
         if header.has_alpha {
             say(format!("{}: its alpha is not compared", path.display()));
+        }
+        let is_grey = image.rgb.iter().all(|[r, g, b]| r == g && g == b);
+        if is_grey && image.rgb.iter().any(|pixel| pixel[0] < 0.0) {
+            say(format!("{}: values below 0 count only for the worst pixel", path.display()));
         }
     }
     // Each integer level becomes the nearest float of the other picture's precision.

@@ -157,11 +157,14 @@ impl Batch {
             drop(pixels_held);
             for (name, path) in &files {
                 let source = outputs.iter().find(|output| output.name == outputs::source_of(name));
-                let rgba = match (&image, source) {
-                    (Some(image), Some(alpha)) if name == RGBA.0 => outputs::rgba(image, alpha, background),
-                    _ => None,
+                let rgba;
+                let output = if name == RGBA.0 {
+                    let both = image.as_ref().zip(source);
+                    rgba = both.and_then(|(image, alpha)| outputs::rgba(image, alpha, background));
+                    rgba.as_ref()
+                } else {
+                    source
                 };
-                let output = rgba.as_ref().or(source);
                 output.with_context(|| format!("the device returned no output `{name}`"))?.save(path)?;
             }
             let line = match (destination, image) {

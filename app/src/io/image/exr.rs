@@ -17,28 +17,35 @@ use std::sync::Once;
 const ENCODING: &str = "srgb_rec709_display";
 const COMMENT: &str = "Display-encoded (sRGB) values as blended, not linear light; not clamped to 0..1.";
 
-pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
+/// Returns the attributes of a layer. Colours are declared to be display-encoded.
+fn attributes(are_colours: bool) -> x::LayerAttributes {
     let mut attributes = x::LayerAttributes {
-        comments: Some(x::Text::from(COMMENT)),
         software_name: Some(x::Text::from(concat!("splatgraph ", env!("CARGO_PKG_VERSION")))),
         ..Default::default()
     };
+    if are_colours {
+        attributes.comments = Some(x::Text::from(COMMENT));
+        attributes
+            .other
+            .insert(x::Text::from("colorInteropID"), x::AttributeValue::Text(x::Text::from(ENCODING)));
+    }
     attributes
-        .other
-        .insert(x::Text::from("colorInteropID"), x::AttributeValue::Text(x::Text::from(ENCODING)));
+}
+
+pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     let channels = x::SpecificChannels::rgb(|at: x::Vec2<usize>| {
         let [r, g, b] = image.at(at.x(), at.y());
         (r, g, b)
     });
-    let layer =
-        x::Layer::new((image.width, image.height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
+    let size = (image.width, image.height);
+    let layer = x::Layer::new(size, attributes(true), x::Encoding::SMALL_FAST_LOSSLESS, channels);
     // The library seeks in its output, which a pipe does not support.
     let mut bytes = Vec::new();
     x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
     Ok(out.write_all(&bytes)?)
 }
 
-/// Writes values other than colours, one channel per name. `values` are interleaved, in the order of `names`.
+/// Writes one channel per name. `values` are interleaved, in the order of `names`. Four channels are colours with alpha.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -53,10 +60,7 @@ pub fn save_values(
         x::AnyChannel::new(*name, x::FlatSamples::F32(samples))
     };
     let channels = x::AnyChannels::sort(names.iter().enumerate().map(channel).collect());
-    let attributes = x::LayerAttributes {
-        software_name: Some(x::Text::from(concat!("splatgraph ", env!("CARGO_PKG_VERSION")))),
-        ..Default::default()
-    };
+    let attributes = attributes(names.len() == 4);
     let layer = x::Layer::new((width, height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
     Ok(output::write(path, |out| {
         let mut bytes = Vec::new();
@@ -222,13 +226,18 @@ mod tests {
     fn the_file_says_that_its_values_are_not_linear() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
+        let check = || {
+            let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
+            let attributes = &meta.headers[0].own_attributes;
+            assert_eq!(attributes.comments.as_ref().unwrap().to_string(), COMMENT);
+            assert_eq!(
+                attributes.other.get(&x::Text::from("colorInteropID")),
+                Some(&x::AttributeValue::Text(x::Text::from(ENCODING)))
+            );
+        };
         Image { width: 1, height: 1, rgb: vec![[0.5; 3]] }.save(&path).unwrap();
-        let meta = exr::meta::MetaData::read_from_file(&path, true).unwrap();
-        let attributes = &meta.headers[0].own_attributes;
-        assert_eq!(attributes.comments.as_ref().unwrap().to_string(), COMMENT);
-        assert_eq!(
-            attributes.other.get(&x::Text::from("colorInteropID")),
-            Some(&x::AttributeValue::Text(x::Text::from(ENCODING)))
-        );
+        check();
+        save_values(&path, &["R", "G", "B", "A"], (1, 1), &[0.5; 4]).unwrap();
+        check();
     }
 }
