@@ -54,7 +54,7 @@ impl Editor {
     /// Opens a location. Fails if the file cannot be found (it may be built into the program), or no program can be
     /// started; see also [`Editor::take_failure`].
     pub fn open(&mut self, origin: &Origin) -> Result<(), String> {
-        let path = located(&origin.file)?;
+        let path = located(&origin.file, Path::new(""))?;
         let editor = chosen(|name| env::var(name).ok());
         let (program, arguments) = command(&editor, &path, origin);
         let failure = format!("{}; the place is {}:{}", advice(&editor), path.display(), origin.line);
@@ -104,8 +104,9 @@ fn advice(editor: &str) -> String {
     }
 }
 
-fn located(file: &str) -> Result<PathBuf, String> {
-    Path::new(file).canonicalize().map_err(|error| {
+/// Returns the absolute path of a file that is named relative to `folder`.
+fn located(file: &str, folder: &Path) -> Result<PathBuf, String> {
+    folder.join(file).canonicalize().map_err(|error| {
         let is_built_in = builtin::FILES.iter().any(|(path, _)| *path == file);
         match error.kind() {
             ErrorKind::NotFound if is_built_in => {
@@ -204,10 +205,10 @@ mod tests {
 
     #[test]
     fn only_a_file_of_the_program_is_told_to_be_built_in() {
-        let error = located(builtin::FILES[0].0).unwrap_err();
+        let folder = tempfile::tempdir().unwrap();
+        let error = located(builtin::FILES[0].0, folder.path()).unwrap_err();
         assert!(error.contains("is built into the program"), "{error}");
-        let deleted = tempfile::tempdir().unwrap().path().join("gone.ron");
-        let error = located(&deleted.display().to_string()).unwrap_err();
+        let error = located("gone.ron", folder.path()).unwrap_err();
         assert!(error.contains("gone.ron cannot be opened: ") && !error.contains("built"), "{error}");
     }
 }
