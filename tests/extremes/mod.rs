@@ -48,7 +48,7 @@ impl Error {
     }
 }
 
-/// Draws with the exact renderer and changed rules; fails on non-finite colors and on a transmittance outside 0 to 1.
+/// Draws with the exact renderer and changed rules; fails on non-finite colours and on a transmittance outside 0 to 1.
 fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &str)]) -> Image {
     let mut rules = Rules::PUBLISHED;
     for (name, value) in changes {
