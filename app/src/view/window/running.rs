@@ -35,7 +35,7 @@ const LOOK: u32 = 16;
 /// Maximum wait for each device's frames, and for a build, when the window closes.
 const CLOSING: Duration = Duration::from_secs(3);
 
-/// Time after which the program gives up if the window's own graph never could be drawn because of a transient failure,
+/// Time after which the program gives up if the window's own graph could never be drawn because of a transient failure,
 /// such as a lack of memory.
 const BLIND: Duration = Duration::from_secs(3);
 
