@@ -112,11 +112,13 @@ fn load_file(file: &Path) -> Result<Vec<Camera>, CameraError> {
     if cameras.is_empty() { Err(CameraError::Empty { path: file.into() }) } else { Ok(cameras) }
 }
 
-/// Warns the user if principal points are more than half a pixel from the middle of the pictures.
+/// Warns the user if principal points are farther from the middle of the pictures than scores tolerate.
 pub fn tell_off_center(dataset: &Dataset) {
+    /// Distance that hardly changes a score, in pixels. Half a pixel, as of `cx = (width - 1) / 2`, changes it a lot.
+    const TOLERANCE: f64 = 0.05;
     let farthest =
         dataset.views.iter().flat_map(|view| view.camera.offset).fold(0.0, |most, v| v.abs().max(most));
-    if farthest > 0.5 {
+    if farthest > TOLERANCE {
         say(format!(
             "principal points are up to {farthest:.1} pixels off the middle of the pictures; the 3DGS reference implementation trains with the middle: score its scenes with their cameras.json"
         ));

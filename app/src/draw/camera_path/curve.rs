@@ -1,10 +1,10 @@
 //! Interpolates the keys of a camera path, and measures the curve's length.
 //!
-//! A key is a point with four components: position, rotation, zoom and principal point. Each is interpolated by cubic segments whose
-//! slopes are those of a Catmull-Rom spline with centripetal knots: the knot interval of a segment is the square root
-//! of the distance between its keys (Yuksel et al., On the Parameterization of Catmull-Rom Curves, 2009). All
-//! components share the knots, so that they pass a key without a kink. Rotations are interpolated by squad (Shoemake,
-//! Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
+//! A key is a point with four components: position, rotation, zoom and principal point. Each is interpolated by cubic
+//! segments whose slopes are those of a Catmull-Rom spline with centripetal knots: the knot interval of a segment is
+//! the square root of the distance between its keys (Yuksel et al., On the Parameterization of Catmull-Rom Curves,
+//! 2009). All components share the knots, so that they pass a key without a kink. Rotations are interpolated by squad
+//! (Shoemake, Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
 //!
 //! A component that is equal at two adjacent keys stays constant between them. Slopes of a component that changes
 //! little beside keys with large steps are limited, so that the camera does not spin: it overshoots by at most a sixth
@@ -91,7 +91,7 @@ impl View {
 
     /// Estimates the rounding error of a view, in the unit of [`View::distance`].
     fn rounding(&self, radian: f64) -> f64 {
-        f64::EPSILON * (self.position.length() / radian + self.zoom.length() + 1.0)
+        f64::EPSILON * (self.position.length() / radian + self.zoom.length() + self.offset.length() + 1.0)
     }
 }
 
