@@ -26,8 +26,9 @@ use std::path::{Path, PathBuf};
 /// `trade`. The worst pixel has the largest difference of a channel, unclamped. If one picture has only 8 or 16 bits,
 /// values are clamped to 0..1.
 ///
-/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey. If two of them have values
-/// above 1, as depths do, both are divided by the largest value, the peak. Only the worst pixel keeps its unit.
+/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey. If both pictures are grey
+/// and a value exceeds 1, as in depths, both are divided by the largest value, the peak. Only the worst pixel keeps its
+/// unit. Values below 0 count only for the worst pixel.
 ///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]
