@@ -117,8 +117,8 @@ fn unswapped(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Dia
 /// Returns a warning for each ping-pong buffer that a `Once` pass fills, and that each frame changes there and back by
 /// iterations of one pass, if the last iteration writes the half that the frame did not start with.
 ///
-/// The values that a sort moves are no such buffer: the iterations move keys with them, which each frame makes anew, so
-/// any permutation is as good a start.
+/// The values that a sort moves are no such buffer: the iterations move keys with them, another ping-pong buffer that
+/// each frame writes anew, so any permutation is as good a start.
 fn lost_steps(passes: &[LinkedPass], order: &Order, lowered: &Lowered) -> Vec<Diagnostic> {
     let lost = |&[start, other]: &[ResourceId; 2]| {
         let name = lowered.plan.resource(start).name.trim_end_matches("#0");
@@ -136,9 +136,11 @@ fn lost_steps(passes: &[LinkedPass], order: &Order, lowered: &Lowered) -> Vec<Di
             let (iterations, others): (Vec<_>, Vec<_>) = of_frame()
                 .filter(|pass| accesses(pass, keys).writes())
                 .partition(|pass| pass.span == first.span);
-            keys != start && accesses(first, keys).reads() && !iterations.is_empty() && !others.is_empty()
+            let are_new = others.iter().any(|pass| !accesses(pass, keys).reads());
+            accesses(first, keys).reads() && !iterations.is_empty() && are_new
         };
-        let sorts = first.pass.uses.iter().any(|touch| are_keys(touch.resource));
+        let pairs = lowered.ping_pongs.iter().filter(|pair| **pair != [start, other]);
+        let sorts = pairs.flatten().any(|half| are_keys(*half));
         (is_lost && !sorts && changes.iter().any(|pass| back(pass))).then(|| {
             let message = format!("the next frame does not start with the result of `{}`", last.pass.name);
             Diagnostic::new(message, last.span, format!("writes the other half of `{name}`"))
