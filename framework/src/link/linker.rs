@@ -52,11 +52,14 @@ pub(super) const MAX_COMPILATIONS: usize = 500;
 
 pub(super) type Defines = Vec<(String, String)>;
 
-/// Adds the text of `live.glsl`, which shaders include, to the files.
+/// Adds the text of `live.glsl`, which shaders include, to the files. Builds that share the files add an equal text
+/// once.
 pub(super) fn generated(files: &mut SourceMap, live_glsl: &str) -> Vec<(String, FileId)> {
     let name = "live.glsl".to_string();
-    let file = files.add(format!("{name} (generated)"), live_glsl);
-    vec![(name, file)]
+    let path = format!("{name} (generated)");
+    let is_same = |&(file, known, _): &(FileId, &str, bool)| known == path && files.text(file) == live_glsl;
+    let known = files.opened().find(is_same).map(|(file, ..)| file);
+    vec![(name, known.unwrap_or_else(|| files.add(path, live_glsl)))]
 }
 
 pub(super) struct Linker<'a> {
@@ -111,5 +114,19 @@ pub(super) fn describe(resource: &Resource) -> String {
         Shape::Image { format, width, height } => {
             format!("an image of {width} x {height}, {}", format.name())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_equal_generated_text_is_added_once() {
+        let mut files = SourceMap::default();
+        let first = generated(&mut files, "float a;");
+        assert_eq!(generated(&mut files, "float a;"), first);
+        assert_ne!(generated(&mut files, "float b;"), first);
+        assert_eq!(files.opened().count(), 2);
     }
 }
