@@ -41,18 +41,23 @@ pub fn limits(reported: &ReportedLimits) -> Limits {
     let buffers = Msl::MAX_BUFFERS - 2;
     Limits {
         facts: DeviceFacts {
+            subgroup_size: LANES,
+            // Metal documents no limit. Shaders split larger counts into x and y, on every backend.
+            max_groups_x: 65535,
+            max_groups_y: 65535,
+            max_groups_z: 65535,
             // Shaders receive the sizes of buffers as 32-bit words.
             max_storage_bytes: reported.max_buffer_bytes.min(u64::from(u32::MAX)),
             max_push_bytes: Msl::MAX_PUSH_BYTES,
             max_invocations: reported.max_threads[0],
             shared_bytes: reported.threadgroup_bytes,
             max_image_size: 16384,
+            max_targets: 8,
             // Not documented; docs/metal-mac.md says how to measure it. A plan built for `false` is correct on every
             // device.
             rounds_half: false,
+            fused_fma: true,
             features: features(),
-            // Metal documents no limit of workgroups. Shaders split larger counts into x and y, on every backend.
-            ..DeviceFacts::typical(LANES)
         },
         max_uniform_bytes: 64 << 10,
         max_buffer_bytes: reported.max_buffer_bytes,
