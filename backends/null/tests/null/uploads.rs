@@ -6,6 +6,8 @@ use crate::testing::{SPLATS, plan};
 use splatgraph_api::{BackendError, Device, Loader as _, Progress, SceneData};
 use splatgraph_framework::ir::Shape;
 use splatgraph_null::{Call, Config, Null};
+use std::sync::Barrier;
+use std::time::Duration;
 
 fn copies(calls: &[Call]) -> Vec<(u64, u64)> {
     let copy = |call: &Call| match call {
@@ -102,6 +104,42 @@ fn a_plane_is_uploaded_once_for_all_executors_as_long_as_some_plan_has_it() {
     finish(other, &journal);
 }
 
+/// Zeros that come slowly.
+#[derive(Default)]
+struct Slow(Zeros);
+
+impl SceneData for Slow {
+    fn write(&self, name: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String> {
+        std::thread::sleep(Duration::from_millis(50));
+        self.0.write(name, plane, offset, target)
+    }
+
+    fn identity(&self) -> u64 {
+        self.0.identity()
+    }
+}
+
+#[test]
+fn plans_that_are_made_ready_at_the_same_time_upload_what_they_share_once() {
+    const THREADS: usize = 4;
+    let (null, journal) = device();
+    let (scene, meeting) = (Slow::default(), Barrier::new(THREADS));
+    let ready: Vec<_> = std::thread::scope(|scope| {
+        let prepare = |_| {
+            let (loader, scene, meeting) = (null.loader(), &scene, &meeting);
+            scope.spawn(move || {
+                meeting.wait();
+                loader.prepare(plan(), scene, &mut |_| {}).expect("it is made ready")
+            })
+        };
+        let threads: Vec<_> = (0..THREADS).map(prepare).collect();
+        threads.into_iter().map(|thread| thread.join().expect("it ends well")).collect()
+    });
+    assert_eq!((scene.0.asked(), copies(&journal.take()).len()), (1, 1));
+    drop(ready);
+    finish(null, &journal);
+}
+
 /// Has no data, and says so or panics.
 struct Broken {
     panics: bool,
@@ -134,6 +172,7 @@ fn a_scene_without_the_attribute_is_named_and_the_former_plan_and_its_histories_
     let broken = move || drop(loader.prepare(histories(), &Broken { panics: true }, &mut |_| {}));
     assert!(std::thread::spawn(broken).join().is_err(), "the thread panics");
     null.wait(before).expect("the frame is done");
+    frame(&mut null, &inputs());
     load(&mut null, histories());
     frame(&mut null, &inputs());
     assert_eq!(started(&journal.take()), Vec::<&str>::new());
