@@ -37,7 +37,7 @@ impl<G: Gpu> Transient<G> {
     }
 }
 
-/// Binds a resource that was created to its memory.
+/// Binds a created resource to memory.
 type Bind<'a, G> = Box<dyn FnOnce(Arc<<G as Gpu>::Memory>) -> Result<Transient<G>, BackendError> + 'a>;
 
 impl Member<'_> {

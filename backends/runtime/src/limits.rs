@@ -5,7 +5,7 @@ use splatgraph_framework::ir::DeviceFacts;
 /// The limits of a device.
 #[derive(Clone, Debug, Default)]
 pub struct Limits {
-    /// The limits and features that graphs can read.
+    /// The limits and features that graphs and the linker use.
     pub facts: DeviceFacts,
     /// Maximum size of a uniform block, in bytes.
     pub max_uniform_bytes: u64,

@@ -30,8 +30,8 @@ pub(crate) struct Swapchain<G: Gpu> {
     acquired: bool,
     /// True if the swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
     rebuilt_for_suboptimal: bool,
-    /// True if the swapchain must be dropped and the surface recreated. Also false while a new surface waits for the
-    /// window to have pixels.
+    /// True if the swapchain must be dropped and the surface recreated. False as soon as there is a new surface, even
+    /// if the window has no pixels for a swapchain yet.
     surface_lost: bool,
     gpu: Arc<G>,
 }

@@ -75,7 +75,7 @@ pub struct Comparison {
     pub ssim: Option<f64>,
     /// The pixel with the largest difference.
     pub worst: WorstPixel,
-    /// True if every channel of every pixel is equal, in single precision or in double precision.
+    /// True if every channel of every pixel is equal, also between single and double precision.
     pub identical: bool,
 }
 
