@@ -4,7 +4,7 @@ use crate::common::*;
 use crate::testing::{CAMERA, COLOR, WORDS, plan};
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
-use splatgraph_null::{Call, Object};
+use splatgraph_null::{Call, Config, Object};
 use std::sync::Arc;
 
 #[test]
@@ -156,6 +156,23 @@ fn reading_back_adds_the_copies_and_what_makes_them_visible_to_the_host() {
     finish(null, &journal);
 }
 
+fn give(bytes: &Arc<Vec<u8>>) -> FrameInputs {
+    let buffers = [("frame.words".to_string(), BufferContents::Bytes(bytes.clone()))].into();
+    FrameInputs { buffers, ..inputs() }
+}
+
+#[test]
+fn contents_of_a_host_buffer_beyond_a_binding_are_a_limit_and_the_next_frame_is_drawn() {
+    let mut config = Config::default();
+    config.limits.facts.max_storage_bytes = 1 << 16;
+    let (mut null, journal) = opened(&config);
+    load(&mut null, with_host_buffer());
+    let error = error_of(null.submit(&give(&Arc::new(vec![0; (1 << 16) + 4]))));
+    assert!(matches!(error, BackendError::Limit(_)), "{error:?}");
+    frame(&mut null, &give(&Arc::new(vec![0; 1 << 16])));
+    finish(null, &journal);
+}
+
 #[test]
 fn bindings_of_a_host_buffer_are_written_where_it_moves_or_changes_its_length_and_not_otherwise() {
     let (mut null, journal) = device();
@@ -163,10 +180,6 @@ fn bindings_of_a_host_buffer_are_written_where_it_moves_or_changes_its_length_an
     let missing = error_of(null.submit(&inputs())).to_string();
     assert!(missing.contains("no contents for host buffer `frame.words`"), "{missing}");
     assert!(null.memory().iter().all(|(name, _)| name != "splats"), "it has no memory before its contents");
-    let give = |bytes: &Arc<Vec<u8>>| {
-        let buffers = [("frame.words".to_string(), BufferContents::Bytes(bytes.clone()))].into();
-        FrameInputs { buffers, ..inputs() }
-    };
     let writes = |calls: &[Call]| -> Vec<(usize, Option<u64>)> {
         let write = |call: &Call| match call {
             Call::WriteBinding { copy, bytes, .. } => Some((*copy, *bytes)),
