@@ -1,4 +1,5 @@
 use super::*;
+use crate::testing::plan_of;
 
 #[test]
 fn the_only_writer_runs_before_a_reader_that_stands_above_it_in_the_file() {
@@ -65,6 +66,23 @@ fn ping_pong_ends_at_the_right_half_for_odd_and_even_counts() {
         let show = plan.passes.iter().find(|p| p.name == "show").unwrap();
         assert_eq!(plan.resource(show.bindings[0].resource).name, last, "{}", shown(&plan));
     }
+}
+
+#[test]
+fn a_buffer_that_each_frame_clears_is_not_taken_for_the_keys_of_a_sort() {
+    let passes = [
+        r#"Dispatch(name: "seed", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "keys"}),"#,
+        &dispatch("clear", "make.comp", r#""Out": "a""#),
+        r#"Repeat(var: "i", count: 3, body: [
+            Dispatch(name: "step", shader: "counted.comp", size: Threads(64), bind: {"In": "keys", "Out": "back(keys)", "Count": "a"}),
+            Swap("keys"),
+        ]),"#,
+        &dispatch("show", "show.comp", r#""In": "keys", "Image": "image""#),
+    ];
+    let counted = ("counted.comp", "r In 4\nw Out 4\nrwa Count 4");
+    let plan = plan_of(&[counted, ("graph.ron", &graph("", &passes.join("\n")))], &[]);
+    let warnings: Vec<&str> = plan.warnings.iter().map(|w| w.diagnostic.message.as_str()).collect();
+    assert_eq!(warnings, ["the next frame does not start with the result of `step[2]`"]);
 }
 
 #[test]
