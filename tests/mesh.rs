@@ -72,7 +72,7 @@ fn quads_and_tiles_with_a_mesh_draw_what_the_exact_renderer_draws_from_four_came
     let mut session = Session::new(common::device(), scene.clone(), "mesh_quads", &[]);
     for camera in synth::demo_cameras() {
         // A principal point aside, as of a window of a larger picture.
-        let camera = Camera { offset: [20.0, -13.5], ..camera.resized(192, 108) };
+        let camera = Camera { principal_offset: [20.0, -13.5], ..camera.resized(192, 108) };
         let truth = Truth::draw(&scene, &camera, [0.0; 3], &as_drawn()).unwrap().image();
         let counted = away_from_edges(scene.mesh().expect("the ring"), &camera);
         assert!(counted.iter().filter(|counted| **counted).count() * 10 > counted.len() * 8, "few edges");

@@ -108,7 +108,7 @@ fn a_camera_with_its_principal_point_aside_draws_a_window_of_a_larger_picture() 
     let (all, mut drawn_splats) = (around(), 0);
     for projection in [Projection::Pinhole, Projection::Orthographic, Projection::Fisheye] {
         let whole = camera(projection, (384, 256));
-        let window = Camera { width: 160, height: 96, offset: [-80.0, 16.0], ..whole.clone() };
+        let window = Camera { width: 160, height: 96, principal_offset: [-80.0, 16.0], ..whole.clone() };
         // The Jacobian of a pinhole is clamped relative to the picture: splats beyond its edges differ.
         let near = |splat: &Splat| {
             let [x, y, z] = splat.position.map(f64::from);

@@ -33,7 +33,7 @@ pub struct Camera {
     pub fy: f64,
     /// Principal point, where the view's axis meets the image: right and down from the image's centre, in pixels. It is
     /// the centre of an equirectangular image.
-    pub offset: [f64; 2],
+    pub principal_offset: [f64; 2],
     /// Mapping from view space to the picture; pinhole if the file does not name it.
     pub projection: Projection,
 }
@@ -64,17 +64,27 @@ struct Entry {
 impl From<Entry> for Camera {
     fn from(entry: Entry) -> Self {
         let Entry { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection } = entry;
-        let offset = Self::offset_of([cx, cy], [width, height]);
-        Self { id, img_name, width, height, position, rotation, fx, fy, offset, projection }
+        let principal_offset = Self::offset_of([cx, cy], [width, height]);
+        Self { id, img_name, width, height, position, rotation, fx, fy, principal_offset, projection }
     }
 }
 
 impl From<Camera> for Entry {
     fn from(camera: Camera) -> Self {
         let center = camera.principal_point();
-        let [cx, cy] = [0, 1].map(|axis| (camera.offset[axis] != 0.0).then_some(center[axis]));
-        let Camera { id, img_name, width, height, position, rotation, fx, fy, offset: _, projection } =
-            camera;
+        let [cx, cy] = [0, 1].map(|axis| (camera.principal_offset[axis] != 0.0).then_some(center[axis]));
+        let Camera {
+            id,
+            img_name,
+            width,
+            height,
+            position,
+            rotation,
+            fx,
+            fy,
+            principal_offset: _,
+            projection,
+        } = camera;
         Self { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection }
     }
 }
@@ -117,7 +127,7 @@ impl Camera {
             rotation: glam::DMat3::from_cols(right, down, forward).transpose().to_cols_array_2d(),
             fx: focal,
             fy: focal,
-            offset: [0.0; 2],
+            principal_offset: [0.0; 2],
             projection: Projection::Pinhole,
         }
     }
@@ -176,11 +186,11 @@ impl Camera {
 
     /// Returns the principal point, in pixels right and down from the image's top left corner.
     pub fn principal_point(&self) -> [f64; 2] {
-        let [x, y] = self.offset;
+        let [x, y] = self.principal_offset;
         [0.5 * f64::from(self.width) + x, 0.5 * f64::from(self.height) + y]
     }
 
-    /// Converts a principal point from [`Camera::principal_point`]'s coordinates to [`Camera::offset`]. A missing
+    /// Converts a principal point's pixel position to [`Camera::principal_offset`]. A missing
     /// coordinate is the centre's.
     pub(crate) fn offset_of(center: [Option<f64>; 2], size: [u32; 2]) -> [f64; 2] {
         [0, 1].map(|axis| center[axis].map_or(0.0, |center| center - 0.5 * f64::from(size[axis])))
@@ -189,8 +199,8 @@ impl Camera {
     /// Rounds the principal point as writing the camera to a file and reading it does, so that both are equal.
     #[must_use]
     pub fn rounded(self) -> Self {
-        let offset = Self::offset_of(self.principal_point().map(Some), [self.width, self.height]);
-        Self { offset, ..self }
+        let principal_offset = Self::offset_of(self.principal_point().map(Some), [self.width, self.height]);
+        Self { principal_offset, ..self }
     }
 
     /// Computes the minimum and maximum view depth of a box's corners; negative behind the camera.
@@ -204,16 +214,17 @@ impl Camera {
     /// Returns the camera with another image size and the same vertical field of view.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let factor = f64::from(height) / f64::from(self.height);
-        let offset = self.offset.map(|v| v * factor);
-        Self { width, height, fx: self.fx * factor, fy: self.fy * factor, offset, ..self.clone() }.rounded()
+        let principal_offset = self.principal_offset.map(|v| v * factor);
+        Self { width, height, fx: self.fx * factor, fy: self.fy * factor, principal_offset, ..self.clone() }
+            .rounded()
     }
 
     /// Returns the camera with another image size and the same view. Its pixels may not be square.
     pub fn stretched(&self, width: u32, height: u32) -> Self {
         let [x, y] =
             [(width, self.width), (height, self.height)].map(|(to, from)| f64::from(to) / f64::from(from));
-        let offset = [self.offset[0] * x, self.offset[1] * y];
-        Self { width, height, fx: self.fx * x, fy: self.fy * y, offset, ..self.clone() }.rounded()
+        let principal_offset = [self.principal_offset[0] * x, self.principal_offset[1] * y];
+        Self { width, height, fx: self.fx * x, fy: self.fy * y, principal_offset, ..self.clone() }.rounded()
     }
 
     /// Converts a pinhole camera to another projection, with the same position and about the same view.
@@ -241,8 +252,9 @@ impl Camera {
             (Projection::Orthographic, _) => distance(),
             _ => 1.0,
         };
-        let offset = if projection == Projection::Equirectangular { [0.0; 2] } else { self.offset };
-        Camera { projection, fx: self.fx * scale, fy: self.fy * scale, offset, ..self.clone() }
+        let principal_offset =
+            if projection == Projection::Equirectangular { [0.0; 2] } else { self.principal_offset };
+        Camera { projection, fx: self.fx * scale, fy: self.fy * scale, principal_offset, ..self.clone() }
     }
 
     /// Returns the horizontal and vertical scale of the picture, in the units that [`Projection`] lists.
@@ -258,7 +270,8 @@ impl Camera {
     }
 
     /// Replaces a rotation that is not quite one, for instance because its file has three decimals, by the nearest
-    /// rotation: it would scale depths. Rounding to f32 is kept. The camera must have no [`fault`](Self::fault).
+    /// rotation: it would scale depths. Rounding to f32 is kept. A panorama's principal point becomes the middle. The
+    /// camera must have no [`fault`](Self::fault).
     pub fn straighten(&mut self) {
         /// Maximum deviation that rounding to f32 leaves.
         const ROUNDING: f64 = 1e-5;
@@ -268,6 +281,9 @@ impl Camera {
             // Newton's iteration for the polar decomposition (Higham 1986): each step squares the deviation.
             let step = |matrix: glam::DMat3, _| 0.5 * (matrix + matrix.inverse().transpose());
             self.rotation = (0..4).fold(matrix, step).to_cols_array_2d();
+        }
+        if self.projection == Projection::Equirectangular {
+            self.principal_offset = [0.0; 2];
         }
     }
 
@@ -304,12 +320,13 @@ impl Camera {
             }
         }
         let (farthest, place) = match self.projection {
-            Projection::Equirectangular => (0.0, "in the middle of a panorama".to_owned()),
+            // `straighten` puts it in the middle; (width - 1) / 2 is half a pixel aside.
+            Projection::Equirectangular => (1.0, "within a pixel of the middle of a panorama".to_owned()),
             _ => (f64::from(Self::MAX_SIDE), format!("within {} pixels of the middle", Self::MAX_SIDE)),
         };
         for (axis, name) in ["cx", "cy"].into_iter().enumerate() {
             // The comparison is false for NaN.
-            let within = self.offset[axis].abs() <= farthest;
+            let within = self.principal_offset[axis].abs() <= farthest;
             if !within {
                 let found = self.principal_point()[axis];
                 return Some(format!("expected the principal point {place}, found {name} = {found}"));

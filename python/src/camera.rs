@@ -58,7 +58,7 @@ impl Camera {
             rotation: std::array::from_fn(|row| std::array::from_fn(|axis| axes[axis][row])),
             fx: k[0][0],
             fy: k[1][1],
-            offset: [k[0][2] - 0.5 * f64::from(width), k[1][2] - 0.5 * f64::from(height)],
+            principal_offset: [k[0][2] - 0.5 * f64::from(width), k[1][2] - 0.5 * f64::from(height)],
             projection,
         };
         if view[3] != [0.0, 0.0, 0.0, 1.0] {

@@ -134,7 +134,7 @@ def test_a_camera_gives_back_its_matrices():
     aside = np.array([[60, 0, 12.25], [0, 50, 40], [0, 0, 1]])
     np.testing.assert_array_equal(Camera(view, aside, 64, 48).K, aside)
     np.testing.assert_array_equal(Camera(view, aside, 64, 48).resized(128, 96).K, aside * [[2], [2], [1]])
-    with pytest.raises(ValueError, match="expected the principal point in the middle of a panorama, found cx = 12.25"):
+    with pytest.raises(ValueError, match="expected the principal point within a pixel of the middle of a panorama, found cx = 12.25"):
         Camera(view, aside, 64, 48, projection="equirectangular")
 
 

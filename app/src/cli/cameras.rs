@@ -116,8 +116,11 @@ fn load_file(file: &Path) -> Result<Vec<Camera>, CameraError> {
 pub fn tell_off_center(dataset: &Dataset) {
     /// Distance that hardly changes a score, in pixels. Half a pixel, as of `cx = (width - 1) / 2`, changes it a lot.
     const TOLERANCE: f64 = 0.05;
-    let farthest =
-        dataset.views.iter().flat_map(|view| view.camera.offset).fold(0.0, |most, v| v.abs().max(most));
+    let farthest = dataset
+        .views
+        .iter()
+        .flat_map(|view| view.camera.principal_offset)
+        .fold(0.0, |most, v| v.abs().max(most));
     if farthest > TOLERANCE {
         say(format!(
             "principal points are up to {farthest:.1} pixels off the middle of the pictures; the 3DGS reference implementation trains with the middle: score its scenes with their cameras.json"
@@ -225,7 +228,7 @@ mod tests {
         fn a_camera_comes_back_from_its_command_bit_by_bit(
             position in prop::array::uniform3(any::<f64>().prop_filter("within f32", |v| v.abs() < 1e18)),
             turn in prop::array::uniform3(-4.0..4.0f64), focal in prop::array::uniform2(1e-3..1e5f64),
-            size in (1..9000u32, 1..9000u32), offset in prop::array::uniform2(-1e4..1e4f64),
+            size in (1..9000u32, 1..9000u32), principal_offset in prop::array::uniform2(-1e4..1e4f64),
         ) {
             let rotation = glam::DMat3::from_euler(glam::EulerRot::XYZ, turn[0], turn[1], turn[2]);
             let camera = Camera {
@@ -237,7 +240,7 @@ mod tests {
                 rotation: rotation.to_cols_array_2d(),
                 fx: focal[0],
                 fy: focal[1],
-                offset,
+                principal_offset,
                 projection: Default::default(),
             };
             let camera = camera.rounded();
@@ -256,7 +259,7 @@ mod tests {
             prop_assert_eq!(read.len(), 1);
             let resized = read[0].resized(size.0, size.1);
             let bits = |camera: &Camera| {
-                let lens = [camera.fx, camera.fy, camera.offset[0], camera.offset[1]];
+                let lens = [camera.fx, camera.fy, camera.principal_offset[0], camera.principal_offset[1]];
                 let numbers = [&camera.position[..], camera.rotation.as_flattened(), &lens].concat();
                 numbers.into_iter().map(f64::to_bits).collect::<Vec<_>>()
             };

@@ -105,7 +105,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3]
     let [to_x, to_y, to_z] = to_origin.map(|v| v as f32);
     let [view_x, view_y, view_z] = rows.map(|row| (0..3).map(|i| row[i] * to_origin[i]).sum::<f64>() as f32);
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
-    let [x_offset, y_offset] = camera.offset;
+    let [x_offset, y_offset] = camera.principal_offset;
     let [r, g, b] = background;
     let block = Block {
         view: [column(0), column(1), column(2), [tx, ty, tz, 1.0]],
@@ -194,7 +194,7 @@ mod tests {
             rotation: [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]],
             fx: 50.0,
             fy: 40.0,
-            offset: [0.0; 2],
+            principal_offset: [0.0; 2],
             projection: Default::default(),
         }
     }
@@ -225,7 +225,7 @@ mod tests {
         assert_eq!(f[40].to_bits(), 7, "frame at 160");
         assert_eq!(f[44..48], [1.0, 2.0, 3.0, 0.0], "origin at 176: the camera");
         assert!(f[36..40].iter().chain(&f[41..44]).chain(&f[48..]).all(|v| *v == 0.0));
-        let aside = Camera { offset: [25.0, -10.0], ..sideways() };
+        let aside = Camera { principal_offset: [25.0, -10.0], ..sideways() };
         let f = floats(&uniform(&aside, [1.5, 8.0], 9.0, [0.25, 0.5, 0.75], 7));
         assert_eq!(f[60..], [25.0, -10.0, 0.5, -0.25], "principal point at 240");
     }

@@ -67,7 +67,14 @@ pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u3
     let right = down.cross(forward).normalize_or(right);
     let factor = zoom * f64::from(width) / f64::from(camera.width);
     let turned = with_axes(camera, position, [right, forward.cross(right), forward]);
-    Camera { width, height, fx: camera.fx * factor, fy: camera.fy * factor, offset: [0.0; 2], ..turned }
+    Camera {
+        width,
+        height,
+        fx: camera.fx * factor,
+        fy: camera.fy * factor,
+        principal_offset: [0.0; 2],
+        ..turned
+    }
 }
 
 fn with_axes(camera: &Camera, position: DVec3, [right, down, forward]: [DVec3; 3]) -> Camera {

@@ -222,7 +222,7 @@ fn view(
         rotation: [0, 1, 2].map(|row| [matrix[row][0], -matrix[row][1], -matrix[row][2]]),
         fx,
         fy: fy.unwrap_or(fx),
-        offset: Camera::offset_of(center, [width, height]),
+        principal_offset: Camera::offset_of(center, [width, height]),
         projection,
     };
     let test = file.test_filenames.as_ref().map(|names| names.contains(plain(Path::new(photograph))));

@@ -339,25 +339,32 @@ fn damaged_images_of_colmap_are_told_with_line_or_byte_and_field() {
 fn a_principal_point_aside_is_read_from_every_format_and_scaled_with_the_picture() {
     let folder = colmap_text("7 PINHOLE 100 80 100 80 51 37.5", &image());
     let camera = Dataset::load(folder.path()).unwrap().views.remove(0).camera;
-    assert_eq!((camera.offset, camera.principal_point()), ([1.0, -2.5], [51.0, 37.5]));
+    assert_eq!((camera.principal_offset, camera.principal_point()), ([1.0, -2.5], [51.0, 37.5]));
     assert_eq!(
-        (camera.resized(200, 40).offset, camera.stretched(200, 40).offset),
+        (camera.resized(200, 40).principal_offset, camera.stretched(200, 40).principal_offset),
         ([0.5, -1.25], [2.0, -1.25])
     );
-    let parse =
-        |text: &str| Dataset::parse(text, Path::new("t.json")).map(|dataset| dataset.views[0].camera.offset);
+    let parse = |text: &str| {
+        Dataset::parse(text, Path::new("t.json")).map(|dataset| dataset.views[0].camera.principal_offset)
+    };
     assert_eq!(parse(&nerfstudio("\"cx\": 50, \"cy\": 41.25,", "\"cx\": 46,")).unwrap(), [-4.0, 1.25]);
     let text = serde_json::to_string(&camera).unwrap();
     assert!(text.contains("\"cx\":51.0,\"cy\":37.5}"), "{text}");
     assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), camera);
     assert_eq!(parse(&format!("[{}]", ONE.replace("6.0", "6.0, \"cy\": 0.5"))).unwrap()[0], 0.0);
+    let panorama = "\"cx\": 49.5, \"camera_model\": \"EQUIRECTANGULAR\",";
+    assert_eq!(parse(&nerfstudio("", panorama)).unwrap(), [0.0; 2]);
     for (model, cx, said) in [
         (
             "OPENCV",
             "1e9",
             "expected the principal point within 1048576 pixels of the middle, found cx = 1000000000",
         ),
-        ("EQUIRECTANGULAR", "49", "expected the principal point in the middle of a panorama, found cx = 49"),
+        (
+            "EQUIRECTANGULAR",
+            "48",
+            "expected the principal point within a pixel of the middle of a panorama, found cx = 48",
+        ),
     ] {
         let text = nerfstudio("", &format!("\"cx\": {cx}, \"camera_model\": \"{model}\","));
         let error = parse(&text).unwrap_err().to_string();
@@ -566,8 +573,8 @@ fn a_written_model_is_read_as_it_was() {
             let t = f64::from(index);
             let camera =
                 Camera::looking_at([3.0 * t.sin(), -0.3 * t, 5.0 + t], [0.1, 0.2, t.cos()], 60.0, (64, 48));
-            let offset = [0.25 * t, -1.5];
-            Camera { id: i64::from(index) + 1, img_name: format!("view-{index}"), offset, ..camera }
+            let principal_offset = [0.25 * t, -1.5];
+            Camera { id: i64::from(index) + 1, img_name: format!("view-{index}"), principal_offset, ..camera }
         })
         .collect();
     let folder = tempfile::tempdir().unwrap();
@@ -578,8 +585,8 @@ fn a_written_model_is_read_as_it_was() {
     for (a, b) in cameras.iter().zip(&back.views) {
         let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
         assert_eq!(
-            (a.id, &a.img_name, a.width, a.fx, a.fy, a.offset),
-            (b.camera.id, &b.camera.img_name, 64, b.camera.fx, b.camera.fy, b.camera.offset)
+            (a.id, &a.img_name, a.width, a.fx, a.fy, a.principal_offset),
+            (b.camera.id, &b.camera.img_name, 64, b.camera.fx, b.camera.fy, b.camera.principal_offset)
         );
         assert!(
             near(&a.position, &b.camera.position)

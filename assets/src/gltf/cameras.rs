@@ -51,7 +51,7 @@ pub(crate) fn cameras(source: &Source) -> Result<Vec<Camera>, SceneError> {
             rotation: DMat3::from_cols(right, down, forward).transpose().to_cols_array_2d(),
             fx: 0.5 * width / (aspect * half_height),
             fy: 0.5 * f64::from(HEIGHT) / half_height,
-            offset: [0.0; 2],
+            principal_offset: [0.0; 2],
             projection,
         };
         if let Some(text) = camera.fault() {

@@ -22,8 +22,8 @@ pub(crate) struct Lens {
     /// Pixels per unit of the projection.
     focal: [f64; 2],
     size: [f64; 2],
-    /// [`Camera::offset`].
-    offset: [f64; 2],
+    /// [`Camera::principal_offset`].
+    principal_offset: [f64; 2],
     /// Tangents of half the fields of view, for a pinhole.
     tan: [f64; 2],
     jacobian_clamp: Option<f64>,
@@ -37,7 +37,7 @@ impl Lens {
             projection: camera.projection,
             focal: camera.focal(),
             size,
-            offset: camera.offset,
+            principal_offset: camera.principal_offset,
             tan: [size[0] / camera.fx, size[1] / camera.fy].map(|v| 0.5 * v),
             jacobian_clamp: rules.jacobian_clamp,
             pixel_offset: rules.pixel_offset,
@@ -50,14 +50,14 @@ impl Lens {
     }
 
     /// Returns the pixel position of a point in view space. For a pinhole, it is `((ndc + 1) size - 1) / 2` (`ndc2Pix`
-    /// in auxiliary.h) plus [`Camera::offset`] and [`Rules::pixel_offset`].
+    /// in auxiliary.h) plus [`Camera::principal_offset`] and [`Rules::pixel_offset`].
     pub(crate) fn pixel(&self, p: [f64; 3]) -> [f64; 2] {
         let [x, y, z] = p;
         let from_middle = match self.projection {
             Projection::Pinhole => {
                 let ndc = [x / (self.tan[0] * z), y / (self.tan[1] * z)];
                 return std::array::from_fn(|i| {
-                    0.5 * ((ndc[i] + 1.0) * self.size[i] - 1.0) + self.offset[i] + self.pixel_offset
+                    0.5 * ((ndc[i] + 1.0) * self.size[i] - 1.0) + self.principal_offset[i] + self.pixel_offset
                 });
             }
             Projection::Orthographic => [x, y],
@@ -68,7 +68,10 @@ impl Lens {
             Projection::Equirectangular => [x.atan2(z), y.atan2(x.hypot(z))],
         };
         std::array::from_fn(|i| {
-            self.focal[i] * from_middle[i] + 0.5 * (self.size[i] - 1.0) + self.offset[i] + self.pixel_offset
+            self.focal[i] * from_middle[i]
+                + 0.5 * (self.size[i] - 1.0)
+                + self.principal_offset[i]
+                + self.pixel_offset
         })
     }
 
@@ -81,7 +84,7 @@ impl Lens {
         match self.projection {
             Projection::Pinhole => {
                 let slope = |axis: usize| {
-                    let (slope, middle) = (p[axis] / z, -self.offset[axis] / self.focal[axis]);
+                    let (slope, middle) = (p[axis] / z, -self.principal_offset[axis] / self.focal[axis]);
                     match self.jacobian_clamp.map(|limit| limit * self.tan[axis]) {
                         Some(limit) => slope.clamp(middle - limit, middle + limit),
                         None => slope,
@@ -186,7 +189,7 @@ mod tests {
     fn the_clamp_of_the_jacobian_reaches_as_far_beyond_each_edge_wherever_the_principal_point_is() {
         // gsplat's limits, for a picture of 200 pixels with a focal length of 100 and cx = 160.
         let camera = Camera {
-            offset: [60.0, 0.0],
+            principal_offset: [60.0, 0.0],
             fx: 100.0,
             ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (200, 100))
         };

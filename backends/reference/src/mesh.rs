@@ -373,7 +373,7 @@ mod tests {
         let caster = Caster::new(&both, &camera, &Rules::PUBLISHED);
         assert!(caster.surfaces([0, 0, 5, 5], &|| true).is_none(), "it is cancelled");
         // The lower right 3 x 2 pixels of the picture.
-        let window = Camera { width: 3, height: 2, offset: [-1.0, -1.5], ..camera };
+        let window = Camera { width: 3, height: 2, principal_offset: [-1.0, -1.5], ..camera };
         let caster = Caster::new(&both, &window, &Rules::PUBLISHED);
         let part = caster.surfaces([0, 0, 3, 2], &|| false).expect("nobody cancels it");
         for (x, y) in (0..2).flat_map(|y| (0..3).map(move |x| (x, y))) {

@@ -39,7 +39,7 @@ pub(super) struct View {
     /// All are 0 in an equirectangular view, which shows all directions.
     zoom: DVec3,
     /// Offset of the principal point, relative to the picture's height; then 0.
-    offset: DVec3,
+    principal_offset: DVec3,
 }
 
 impl View {
@@ -52,7 +52,11 @@ impl View {
                 Projection::Equirectangular => DVec3::ZERO,
                 _ => DVec3::new((camera.fx / height).ln(), (camera.fy / height).ln(), 0.0),
             },
-            offset: DVec3::new(camera.offset[0] / height, camera.offset[1] / height, 0.0),
+            principal_offset: DVec3::new(
+                camera.principal_offset[0] / height,
+                camera.principal_offset[1] / height,
+                0.0,
+            ),
         }
     }
 
@@ -69,7 +73,8 @@ impl View {
             rotation: DMat3::from_quat(self.rotation).transpose().to_cols_array_2d(),
             fx: focal(self.zoom.x),
             fy: focal(self.zoom.y),
-            offset: [self.offset.x, self.offset.y].map(|v| v * f64::from(height)),
+            principal_offset: [self.principal_offset.x, self.principal_offset.y]
+                .map(|v| v * f64::from(height)),
             projection,
         };
         camera.rounded()
@@ -86,12 +91,13 @@ impl View {
         let turn = 2.0 * log(if between.w < 0.0 { -between } else { between }).length();
         // Root mean square of the two zooms.
         let zoom = (to.zoom - self.zoom).length() * std::f64::consts::FRAC_1_SQRT_2;
-        DVec3::new(way, turn, zoom.hypot((to.offset - self.offset).length())).length()
+        DVec3::new(way, turn, zoom.hypot((to.principal_offset - self.principal_offset).length())).length()
     }
 
     /// Estimates the rounding error of a view, in the unit of [`View::distance`].
     fn rounding(&self, radian: f64) -> f64 {
-        f64::EPSILON * (self.position.length() / radian + self.zoom.length() + self.offset.length() + 1.0)
+        f64::EPSILON
+            * (self.position.length() / radian + self.zoom.length() + self.principal_offset.length() + 1.0)
     }
 }
 
@@ -106,7 +112,7 @@ struct Segment {
     /// Slopes at both ends.
     zoom: [DVec3; 2],
     /// Slopes at both ends.
-    offset: [DVec3; 2],
+    principal_offset: [DVec3; 2],
     /// Inner quaternions of squad.
     inner: [DQuat; 2],
 }
@@ -120,7 +126,7 @@ impl Segment {
             position: hermite(from.position, to.position, self.position, u),
             rotation: slerp(outer, inner, 2.0 * u * (1.0 - u)).normalize(),
             zoom: hermite(from.zoom, to.zoom, self.zoom, u),
-            offset: hermite(from.offset, to.offset, self.offset, u),
+            principal_offset: hermite(from.principal_offset, to.principal_offset, self.principal_offset, u),
         }
     }
 }
@@ -164,7 +170,7 @@ impl Curve {
         };
         let position = slopes(&|(from, to)| to.position - from.position, radian);
         let zoom = slopes(&|(from, to)| to.zoom - from.zoom, 1.0);
-        let offset = slopes(&|(from, to)| to.offset - from.offset, 1.0);
+        let principal_offset = slopes(&|(from, to)| to.principal_offset - from.principal_offset, 1.0);
         // The logarithm of a unit quaternion is half the rotation vector, so its unit is half a radian.
         let turns = slopes(&|(from, to)| log(from.rotation.inverse() * to.rotation), 0.5);
         let segment = |(at, (from, to)): (usize, &(View, View))| {
@@ -176,7 +182,7 @@ impl Curve {
                 to: *to,
                 position: position[at],
                 zoom: zoom[at],
-                offset: offset[at],
+                principal_offset: principal_offset[at],
                 inner,
             }
         };

@@ -17,7 +17,7 @@ fn key(position: [f64; 3], turn: [f64; 3], focal: f64) -> Camera {
         rotation: rotation.transpose().to_cols_array_2d(),
         fx: focal,
         fy: 1.25 * focal,
-        offset: [0.0; 2],
+        principal_offset: [0.0; 2],
         projection: Default::default(),
     }
 }
@@ -303,13 +303,14 @@ fn keys_are_edited_and_unusable_ones_refused() {
 
 #[test]
 fn zoom_and_principal_point_are_the_keys_own_also_for_pictures_of_several_sizes() {
-    let at = |x: f64| Camera { offset: [10.0 * x, -4.0], ..key([x, 0.0, 0.0], [0.0; 3], 200.0) };
+    let at = |x: f64| Camera { principal_offset: [10.0 * x, -4.0], ..key([x, 0.0, 0.0], [0.0; 3], 200.0) };
     let keys = vec![at(0.0), at(1.0).resized(640, 360)];
     let path = path(keys, false);
     for step in 0..=10 {
         let camera = path.at(f64::from(step)).unwrap();
         assert!((camera.fx - 200.0).abs() < 1e-9 && (camera.fy - 250.0).abs() < 1e-9, "{camera:?}");
-        let [x, y] = [camera.offset[0] - 10.0 * camera.position[0], camera.offset[1] + 4.0];
+        let [x, y] =
+            [camera.principal_offset[0] - 10.0 * camera.position[0], camera.principal_offset[1] + 4.0];
         assert!(x.abs() < 1e-9 && y.abs() < 1e-9, "{camera:?}");
     }
 }

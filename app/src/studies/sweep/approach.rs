@@ -47,7 +47,7 @@ pub const STEPS: [(f64, u32); 8] =
 /// picture's width and height divided.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
-    let [right, down] = [first.offset[0] / first.fx, first.offset[1] / first.fy];
+    let [right, down] = [first.principal_offset[0] / first.fx, first.principal_offset[1] / first.fy];
     let seen = |p: &[f32; 3]| {
         let [x, y, z] = first.to_view(p.map(f64::from));
         let (x, y) = (x + right * z, y + down * z);

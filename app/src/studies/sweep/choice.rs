@@ -96,7 +96,7 @@ fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     }
     // At three deviations, a splat has 1 % of its opacity.
     let reach = 3.0 * scene.scales()[index].map(f64::from).iter().fold(0.0, |a: f64, b| a.max(*b));
-    let [right, down] = [camera.offset[0] / camera.fx, camera.offset[1] / camera.fy];
+    let [right, down] = [camera.principal_offset[0] / camera.fx, camera.principal_offset[1] / camera.fy];
     let outside = |at: f64, focal: f64, side: u32| focal * (at.abs() - reach) > 0.5 * f64::from(side) * z;
     if outside(x + right * z, camera.fx, camera.width) || outside(y + down * z, camera.fy, camera.height) {
         return 0.0;

@@ -96,7 +96,7 @@ struct Pose {
     /// Ratio of the horizontal focal length to the vertical one, in pixels: 1 for square pixels.
     stretch: f64,
     /// Offset of the principal point from the middle of the picture, relative to its height.
-    offset: DVec2,
+    principal_offset: DVec2,
     /// Distance to the pivot, in world units.
     distance: f64,
     /// Projection of the camera. The other fields are those of the pinhole camera with the same view.
@@ -164,7 +164,7 @@ impl Pose {
             orientation,
             tan_y: geometric(self.tan_y, to.tan_y),
             stretch: geometric(self.stretch, to.stretch),
-            offset: self.offset.lerp(to.offset, t),
+            principal_offset: self.principal_offset.lerp(to.principal_offset, t),
             distance,
             projection: to.projection,
         }
@@ -216,7 +216,7 @@ impl Navigation {
             orientation: DQuat::IDENTITY,
             tan_y: 30f64.to_radians().tan(),
             stretch: 1.0,
-            offset: DVec2::ZERO,
+            principal_offset: DVec2::ZERO,
             distance: 1.0,
             projection: Projection::Pinhole,
         };
@@ -315,7 +315,7 @@ impl Navigation {
             rotation: DMat3::from_quat(pose.orientation).transpose().to_cols_array_2d(),
             fx: fy * pose.stretch,
             fy,
-            offset: (pose.offset * f64::from(height)).into(),
+            principal_offset: (pose.principal_offset * f64::from(height)).into(),
             projection: Projection::Pinhole,
         };
         pinhole.rounded().with_projection(pose.projection, self.bounds.center())
@@ -457,15 +457,15 @@ impl Navigation {
         let pinhole = camera.with_projection(Projection::Pinhole, self.bounds.center());
         let tan_y = 0.5 * f64::from(pinhole.height) / pinhole.fy;
         let stretch = camera.fx / camera.fy;
-        let offset = DVec2::from(camera.offset) / f64::from(camera.height);
-        let near = offset.abs().max_element() < 1e6;
+        let principal_offset = DVec2::from(camera.principal_offset) / f64::from(camera.height);
+        let near = principal_offset.abs().max_element() < 1e6;
         let whole = sound && placed && usable(tan_y) && usable(stretch) && near;
         let mut pose = Pose {
             position,
             orientation,
             tan_y: if usable(tan_y) { tan_y } else { 30f64.to_radians().tan() },
             stretch: if usable(stretch) { stretch } else { 1.0 },
-            offset: if near { offset } else { DVec2::ZERO },
+            principal_offset: if near { principal_offset } else { DVec2::ZERO },
             distance: self.scale,
             projection: camera.projection,
         };
@@ -479,7 +479,7 @@ impl Navigation {
     fn framing(&self, size: [f64; 2]) -> Pose {
         // During a flight, use the direction of its destination.
         let mut pose = self.flight.as_ref().map_or(self.pose, |flight| flight.to.pose);
-        pose.offset = DVec2::ZERO;
+        pose.principal_offset = DVec2::ZERO;
         let [width, height] = size.map(|side| finite(side).clamp(1.0, 1e6));
         let tan_y = FILL * pose.tan_y;
         let tan_x = tan_y * width / height / pose.stretch;

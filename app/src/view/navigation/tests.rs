@@ -15,7 +15,7 @@ fn start() -> Camera {
     let rotation = roll * DMat3::from_cols_array_2d(&camera.rotation).transpose();
     camera.rotation = rotation.transpose().to_cols_array_2d();
     camera.fx *= 1.25;
-    camera.offset = [31.0, -12.0];
+    camera.principal_offset = [31.0, -12.0];
     camera
 }
 

@@ -147,8 +147,8 @@ impl Viewer {
         let mut camera = self.world_camera();
         if !camera.projection.is_pinhole() {
             // The command would refuse a camera with another projection than the graph's.
-            let Camera { fx, fy, offset, projection, .. } = self.picture_camera_of(id);
-            camera = Camera { fx, fy, offset, projection, ..camera };
+            let Camera { fx, fy, principal_offset, projection, .. } = self.picture_camera_of(id);
+            camera = Camera { fx, fy, principal_offset, projection, ..camera };
         }
         let (scene, background) = (self.scene_path_of(id).to_owned(), self.background);
         let renderer = &self.viewport(id)?.renderer;

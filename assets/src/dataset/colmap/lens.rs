@@ -18,7 +18,7 @@ pub(super) struct Lens {
     fx: f64,
     fy: f64,
     projection: Projection,
-    offset: [f64; 2],
+    principal_offset: [f64; 2],
 }
 
 /// Lenses of a sparse model, by `CAMERA_ID`.
@@ -101,7 +101,7 @@ impl Model {
         (width, height): (u32, u32),
         values: &[f64],
     ) -> Result<Lens, Fault> {
-        let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, projection, offset: [0.0; 2] };
+        let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, projection, principal_offset: [0.0; 2] };
         for (name, value) in self.parameters.iter().zip(values) {
             match *name {
                 "f" => (lens.fx, lens.fy) = (*value, *value),
@@ -112,7 +112,7 @@ impl Model {
                     if !value.is_finite() {
                         return Err((name, format!("expected a finite number, found {value}")));
                     }
-                    lens.offset[axis] = value - 0.5 * f64::from(side);
+                    lens.principal_offset[axis] = value - 0.5 * f64::from(side);
                 }
                 _ if *value == 0.0 => {}
                 _ => {
@@ -169,7 +169,7 @@ pub(super) fn push(
         rotation: to_world.transpose().to_cols_array_2d(),
         fx: lens.fx,
         fy: lens.fy,
-        offset: lens.offset,
+        principal_offset: lens.principal_offset,
         projection: lens.projection,
     };
     if let Some(fault) = camera.fault() {
