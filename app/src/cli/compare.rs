@@ -181,7 +181,7 @@ fn compare(args: &Args) -> Result<(String, Option<String>)> {
     for (index, pair) in pairs.iter().enumerate() {
         let (mut a, mut b) = load(pair)?;
         let peak = peak_of(&a, &b);
-        let worst = metrics::worst_pixel((&a).into(), (&b).into());
+        let undivided = (peak != 1.0).then(|| metrics::worst_pixel((&a).into(), (&b).into()));
         if peak != 1.0 {
             say(format!(
                 "{}: values are divided by the largest, {peak}, for all but the worst pixel",
@@ -190,9 +190,11 @@ fn compare(args: &Args) -> Result<(String, Option<String>)> {
             let values = [&mut a, &mut b].map(|image| image.rgb.as_flattened_mut()).into_iter().flatten();
             values.for_each(|value| *value /= peak);
         }
-        let divided = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
-        // The division rounds, and different values may become equal.
-        let all = Comparison { worst, identical: worst.difference == 0.0, ..divided };
+        let mut all = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
+        if let Some(worst) = undivided {
+            // The division rounds, and different values may become equal.
+            all = Comparison { worst, identical: worst.difference == 0.0, ..all };
+        }
         if let Some(out) = diffs.get(index) {
             Image::difference(&a, &b, args.gain).save(out)?;
         }
@@ -324,8 +326,7 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
         if header.has_alpha {
             say(format!("{}: its alpha is not compared", path.display()));
         }
-        let is_grey = image.rgb.iter().all(|[r, g, b]| r == g && g == b);
-        if is_grey && image.rgb.iter().any(|pixel| pixel[0] < 0.0) {
+        if is_grey(image) && image.rgb.iter().any(|pixel| pixel[0] < 0.0) {
             say(format!("{}: values below 0 count only for the worst pixel", path.display()));
         }
     }
@@ -340,13 +341,15 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
 
 /// Returns the largest value of two grey pictures, at least 1; 1 if one of them has colours.
 fn peak_of(a: &Image<f64>, b: &Image<f64>) -> f64 {
-    let mut pixels = a.rgb.iter().chain(&b.rgb);
-    let is_grey = pixels.clone().all(|[r, g, b]| r == g && g == b);
-    if is_grey {
-        pixels.by_ref().map(|pixel| pixel[0]).filter(|value| value.is_finite()).fold(1.0, f64::max)
-    } else {
-        1.0
+    if !is_grey(a) || !is_grey(b) {
+        return 1.0;
     }
+    let values = a.rgb.iter().chain(&b.rgb).map(|pixel| pixel[0]);
+    values.filter(|value| value.is_finite()).fold(1.0, f64::max)
+}
+
+fn is_grey(image: &Image<f64>) -> bool {
+    image.rgb.iter().all(|[r, g, b]| r == g && g == b)
 }
 
 fn decibels(c: &Comparison) -> String {

@@ -29,6 +29,7 @@ use splatgraph_api::Inspect;
 use splatgraph_assets::Camera;
 use splatgraph_framework::ir::{PassId, Work};
 use splatgraph_framework::plan::Plan;
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Names of the built-in graphs' outputs, each with a description.
@@ -93,8 +94,8 @@ pub fn draw(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Res
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }
 
-/// Says that a pinhole's depth outputs are distances from the camera, because splats are sorted by distance. `None` if
-/// they are view depths, as their descriptions say. `change` is the option that sorts by view depth.
+/// Says that depth outputs contain distances from the camera, because splats are sorted by distance. `None` if `outputs`
+/// names no depth. `change` is the option that sorts by view depth.
 pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &str) -> Option<String> {
     let depths: Vec<String> =
         outputs.into_iter().filter(|name| name.ends_with("depth")).map(|name| format!("`{name}`")).collect();
@@ -134,11 +135,25 @@ pub fn source_of(name: &str) -> &str {
     if name == RGBA.0 { "alpha" } else { name }
 }
 
+/// Returns the output `name` from its [source](source_of), and [`RGBA`] also from the picture over `background`. `None`
+/// if something that the output needs is missing.
+pub fn named<'a>(
+    name: &str,
+    source: Option<&'a Output>,
+    picture: Option<&Image>,
+    background: [f32; 3],
+) -> Option<Cow<'a, Output>> {
+    match name == RGBA.0 {
+        true => rgba(picture?, source?, background).map(Cow::Owned),
+        false => source.map(Cow::Borrowed),
+    }
+}
+
 /// Makes the output [`RGBA`]: colours premultiplied by alpha, display-encoded, and alpha. The shape is
 /// `[height, width, 4]`.
 ///
 /// `background` is the picture's, display-encoded. Returns `None` if `alpha` is not one float per pixel of the picture.
-pub fn rgba(picture: &Image, alpha: &Output, background: [f32; 3]) -> Option<Output> {
+fn rgba(picture: &Image, alpha: &Output, background: [f32; 3]) -> Option<Output> {
     let Words::Float(alpha) = &alpha.words else { return None };
     if alpha.len() != picture.rgb.len() {
         return None;

@@ -213,7 +213,7 @@ impl Planner {
     /// [`lower::standing`].
     ///
     /// # Errors
-    /// Those of `ask`.
+    /// See `ask`.
     pub fn ask<T>(
         &mut self,
         (graph, set): (&str, &[(String, String)]),

@@ -90,7 +90,7 @@ impl SplatSet {
     /// Formats the set as the text of a selection file. `count` is the number of splats in the scene.
     ///
     /// # Errors
-    /// Those of [`serde_json::to_string`]; numbers cause none.
+    /// See [`serde_json::to_string`]; numbers cause no error.
     pub fn to_json(&self, count: u32) -> serde_json::Result<String> {
         serde_json::to_string(&SelectionFile { splats: count, indices: self.indices() })
     }

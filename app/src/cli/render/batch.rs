@@ -141,11 +141,11 @@ impl Batch {
             bail!("the device returned no picture");
         }
         let (files, cameras) = &self.files;
-        let named = files.iter().map(|(name, file)| (name.as_str(), per_camera(file, &stem, *cameras)));
-        let picture = self.destination.as_ref().map(|destination| (PICTURE, destination.path(&stem)));
-        stats.files = named.chain(picture).map(|(name, file)| (name.into(), text_of(&file))).collect();
         let files: Vec<(String, PathBuf)> =
             files.iter().map(|(name, file)| (name.clone(), per_camera(file, &stem, *cameras))).collect();
+        stats.files = files.iter().map(|(name, file)| (name.clone(), text_of(file))).collect();
+        let picture = self.destination.as_ref().map(|destination| destination.path(&stem));
+        stats.files.extend(picture.map(|file| (PICTURE.to_owned(), text_of(&file))));
         let output_bytes: usize = outputs.iter().map(|output| 4 * output.words.len()).sum();
         let bytes = output_bytes as u64 + output.as_ref().map_or(0, pictures::encoding_bytes);
         let (destination, background) = (self.destination.clone(), self.background);
@@ -157,14 +157,7 @@ impl Batch {
             drop(pixels_held);
             for (name, path) in &files {
                 let source = outputs.iter().find(|output| output.name == outputs::source_of(name));
-                let rgba;
-                let output = if name == RGBA.0 {
-                    let both = image.as_ref().zip(source);
-                    rgba = both.and_then(|(image, alpha)| outputs::rgba(image, alpha, background));
-                    rgba.as_ref()
-                } else {
-                    source
-                };
+                let output = outputs::named(name, source, image.as_ref(), background);
                 output.with_context(|| format!("the device returned no output `{name}`"))?.save(path)?;
             }
             let line = match (destination, image) {

@@ -270,11 +270,10 @@ fn draw_exactly(
     let _span = info_span!("draw exactly").entered();
     let rules = truth::rules(Rules::of_view(scene, camera), &args.rule)?;
     let mut truth = Truth::draw(scene, camera, args.background, &rules)?;
+    let image = truth.image();
     for (name, file) in args.named() {
-        let output = truth.output(outputs::source_of(name)).and_then(|source| match name == RGBA.0 {
-            true => outputs::rgba(&truth.image(), &source, args.background),
-            false => Some(source),
-        });
+        let source = truth.output(outputs::source_of(name));
+        let output = outputs::named(name, source.as_ref(), Some(&image), args.background);
         let output = output.with_context(|| format!("the exact renderer has no output `{name}`"))?;
         let path = per_camera(file, stem, cameras);
         output.save(&path)?;
@@ -283,7 +282,7 @@ fn draw_exactly(
     let name = match Destination::of(args.picture()?, args.format)? {
         Some(destination) => {
             let path = destination.path(stem);
-            truth.image().save_as(destination.format(), &path)?;
+            image.save_as(destination.format(), &path)?;
             let name = options::text_of(&path);
             truth.stats.files.insert(PICTURE.into(), name.clone());
             name

@@ -72,7 +72,7 @@ fn b_shares_the_scene_of_a_however_its_path_is_written() {
         let viewer = script.viewer();
         assert_eq!((viewer.has_two_scenes(), viewer.loading(RendererId::B)), (false, None), "{path:?}");
     }
-    // A's scene is the file that was read, not the one that its path leads to by now.
+    // A's scene is the file that was read, not the link's present target.
     #[cfg(unix)]
     {
         let link = script.path("link.ply");
