@@ -30,6 +30,16 @@ pub enum CameraError {
         /// Expected and found values, as a sentence.
         message: String,
     },
+    /// The file has none of the known formats.
+    #[error(
+        "{}: expected cameras in JSON (cameras.json, transforms.json, camera_path.json), COLMAP's cameras and images (.bin or \
+         .txt), or glTF, found another format",
+        path.display()
+    )]
+    UnknownFormat {
+        /// Path of the file.
+        path: PathBuf,
+    },
     /// The folder contains no camera file.
     #[error(
         "{}: expected cameras.json, transforms.json, transforms_test.json, or COLMAP's cameras and images (.bin or .txt) here or \

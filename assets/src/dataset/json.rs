@@ -1,8 +1,10 @@
-//! Reads both JSON formats of cameras: the 3DGS reference implementation's list, and `transforms.json`.
+//! Reads the JSON formats of cameras: the 3DGS reference implementation's list, `transforms.json`, and nerfstudio's
+//! `camera_path.json`.
 //!
-//! The poses of a `transforms.json` transform camera coordinates (x right, y up, z backward) to world coordinates.
+//! The poses of the last two transform camera coordinates (x right, y up, z backward) to world coordinates.
 //! Values of a frame take precedence over the file's, except that `is_fisheye` is true if either has it. Sources: the
-//! Blender scenes of NeRF (`camera_angle_x`), and <https://docs.nerf.studio/quickstart/data_conventions.html>.
+//! Blender scenes of NeRF (`camera_angle_x`), <https://docs.nerf.studio/quickstart/data_conventions.html>, and
+//! `get_path_from_json` of nerfstudio.
 
 use super::colmap::UNDISTORT;
 use super::error::{CameraError, MAX_CAMERAS};
@@ -18,7 +20,7 @@ use std::collections::HashSet;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
-/// Parses a camera file in either format: an object is a `transforms.json`, anything else a list.
+/// Parses a camera file: an object is a `transforms.json` or a `camera_path.json`, a list a `cameras.json`.
 ///
 /// Sizes that the file lacks are those of the photographs. `folder` has the photographs; `None` for the file's folder.
 /// `fallback` is the size if no photograph can be read.
@@ -30,8 +32,11 @@ pub(super) fn parse(
 ) -> Result<Dataset, CameraError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let reached = Cell::new(None);
-    let parsed = if text.trim_start().starts_with('{') {
+    let start = text.trim_start();
+    let parsed = if start.starts_with('{') {
         transforms(text, path, folder, fallback, &reached)
+    } else if !start.is_empty() && !start.starts_with('[') {
+        return Err(CameraError::UnknownFormat { path: path.to_owned() });
     } else {
         let view = |camera: Camera| {
             let (img_name, photograph) =
@@ -129,13 +134,73 @@ struct Fields {
     /// Image that marks the pixels to ignore.
     mask_path: Option<IgnoredAny>,
     file_path: Option<String>,
-    /// Camera-to-world, row by row.
-    transform_matrix: Option<[[f64; 4]; 4]>,
+    #[serde(alias = "camera_to_world")]
+    transform_matrix: Option<Pose>,
     /// Photographs reserved for tests, in nerfstudio's files.
     test_filenames: Option<HashSet<PathBuf>>,
+    // The fields of a `camera_path.json`; `fov` is vertical, in degrees.
+    camera_type: Option<String>,
+    render_width: Option<f64>,
+    render_height: Option<f64>,
+    fov: Option<f64>,
+}
+
+/// A camera-to-world matrix: 3 or 4 rows of 4 numbers, or these numbers in one list.
+#[derive(Clone)]
+struct Pose([[f64; 4]; 3]);
+
+impl<'de> Deserialize<'de> for Pose {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "expected a number or 4 numbers in a row of the matrix")]
+        enum Entry {
+            Row([f64; 4]),
+            Number(f64),
+        }
+        let mut numbers = Vec::new();
+        for entry in Vec::deserialize(deserializer)? {
+            match entry {
+                Entry::Row(row) => numbers.extend(row),
+                Entry::Number(number) => numbers.push(number),
+            }
+        }
+        let (rows, _) = numbers.as_chunks();
+        match rows {
+            [a, b, c] | [a, b, c, _] if numbers.len() % 4 == 0 => Ok(Self([*a, *b, *c])),
+            _ => Err(D::Error::custom(format!(
+                "expected a matrix of 3 or 4 rows of 4 numbers, found {} numbers",
+                numbers.len()
+            ))),
+        }
+    }
 }
 
 impl Fields {
+    /// Returns true for the values of a `camera_path.json`.
+    fn is_path(&self) -> bool {
+        self.render_width.is_some()
+    }
+
+    /// Converts a frame of a `camera_path.json`, which names no photograph, to one of a `transforms.json`. `file` has
+    /// the file's values.
+    fn of_path(self, file: &Self) -> Self {
+        let focal = |fov: f64| 0.5 * file.render_height.unwrap_or_default() / (0.5 * fov.to_radians()).tan();
+        let model = match file.camera_type.as_deref() {
+            None | Some("perspective") => "PINHOLE",
+            Some("fisheye") => "OPENCV_FISHEYE",
+            Some("equirectangular") => "EQUIRECTANGULAR",
+            Some(other) => other,
+        };
+        Self {
+            w: file.render_width,
+            h: file.render_height,
+            fl_x: self.fov.map(focal),
+            camera_model: Some(model.to_owned()),
+            file_path: Some(String::new()),
+            ..self
+        }
+    }
+
     /// Returns the first non-zero distortion coefficient of the lens, with its name.
     fn distortion(&self, of_file: &Self) -> Option<(&'static str, f64)> {
         let all =
@@ -168,7 +233,9 @@ fn view(
     size: impl FnOnce(&str) -> Result<(u32, u32), String>,
 ) -> Result<View, String> {
     let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
-    let matrix = frame.transform_matrix.ok_or("missing field `transform_matrix`")?;
+    let Some(Pose(matrix)) = &frame.transform_matrix else {
+        return Err("missing field `transform_matrix`".into());
+    };
     let model = frame.camera_model.as_deref().or(file.camera_model.as_deref()).unwrap_or("PINHOLE");
     let is_fisheye = either!(is_fisheye of frame, file).unwrap_or_default();
     let projection = match model {
@@ -239,7 +306,7 @@ fn size_of(folder: &Path, photograph: &str) -> Result<(u32, u32), String> {
     photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))
 }
 
-/// Reads a `transforms.json`: first the file's own values, which may follow its frames, then the frames.
+/// Reads a `transforms.json` or a `camera_path.json`: first the file's own values, which may follow its frames, then the frames.
 fn transforms(
     text: &str,
     path: &Path,
@@ -272,6 +339,7 @@ fn transforms(
         let mut has_masks = file.mask_path.is_some();
         let view = |frame: Fields| {
             has_masks |= frame.mask_path.is_some();
+            let frame = if file.is_path() { frame.of_path(&file) } else { frame };
             view(&frame, &file, |photograph| size(photograph, is_last))
         };
         let views = whole(text, Frames(List { reached, view, entry: PhantomData }))?;
@@ -308,20 +376,20 @@ impl<'de, F: FnMut(Fields) -> Result<View, String>> Visitor<'de> for Frames<'_, 
     type Value = Vec<View>;
 
     fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str("a list of cameras, or an object with `frames`")
+        f.write_str("a list of cameras, or an object with `frames` or `camera_path`")
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
         let (mut list, mut views) = (Some(self.0), None);
         while let Some(key) = map.next_key::<String>()? {
-            match list.take_if(|_| key == "frames") {
+            match list.take_if(|_| key == "frames" || key == "camera_path") {
                 Some(list) => views = Some(map.next_value_seed(list)?),
                 None => drop(map.next_value::<IgnoredAny>()?),
             }
         }
         views.ok_or_else(|| {
             A::Error::custom(
-                "expected a list of cameras, or an object with `frames`, found an object without them",
+                "expected a list of cameras, or an object with `frames` or `camera_path`, found an object without them",
             )
         })
     }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | COLMAP, text or binary | a file `cameras` or `images`; a folder with both in it, in `sparse/0` or in `sparse` |
 //! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
+//! | a path of nerfstudio's viewer | a JSON object with `camera_path` |
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
 //! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |
 //!
@@ -23,7 +24,7 @@ use crate::camera::Camera;
 use crate::file;
 use crate::gltf;
 use crate::input::{OpenFile, Source};
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Sampling stride of test views if the dataset does not specify any, as in the reference implementation (`llffhold`).
@@ -68,7 +69,11 @@ impl Dataset {
         if let Some(dataset) = Self::load_gltf(path)? {
             return Ok(dataset);
         }
-        let text = file::read_text(path, MAX_CAMERA_BYTES).map_err(CameraError::io(path))?;
+        let text = file::read_text(path, MAX_CAMERA_BYTES).map_err(|error| match error.kind() {
+            // Not UTF-8.
+            ErrorKind::InvalidData => CameraError::UnknownFormat { path: path.to_owned() },
+            _ => CameraError::io(path)(error),
+        })?;
         let mut dataset =
             Self { files: vec![path.to_owned()], ..json::parse(&text, path, photographs, fallback)? };
         // Blender's scenes have a file for each split.
@@ -81,7 +86,7 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Parses the text of a `cameras.json` or a `transforms.json`. Errors name `path`; photographs are in its folder.
+    /// Parses the text of a `cameras.json`, a `transforms.json` or a `camera_path.json`. Errors name `path`; photographs are in its folder.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`].
@@ -205,7 +210,7 @@ impl Camera {
         Dataset::load(path).map(Dataset::into_cameras)
     }
 
-    /// Parses the text of a `cameras.json` or a `transforms.json`, as [`Dataset::parse`] does.
+    /// Parses the text of cameras in JSON, as [`Dataset::parse`] does.
     ///
     /// # Errors
     /// The errors of [`Dataset::parse`].

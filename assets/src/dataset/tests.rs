@@ -407,6 +407,11 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
         ),
         ("\"w\": 10.5,", "`w`: expected a number of pixels, found 10.5"),
         ("\"transform_matrix\": 1,", "invalid type: integer `1`"),
+        ("\"transform_matrix\": [[1, 2, 3]],", "expected a number or 4 numbers in a row of the matrix"),
+        (
+            "\"transform_matrix\": [1, 2, 3],",
+            "expected a matrix of 3 or 4 rows of 4 numbers, found 3 numbers",
+        ),
     ] {
         let said = parse(&nerfstudio("", of_frame)).unwrap_err().to_string();
         assert!(said.starts_with("folder/transforms.json:") && said.contains(what), "{said}");
@@ -417,6 +422,40 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
         said.contains("transforms.json:3:") && said.contains("camera 0: the rotation is not orthonormal"),
         "{said}"
     );
+}
+
+#[test]
+fn a_path_of_nerfstudio_and_a_matrix_of_three_rows_show_the_known_point() {
+    let path = |kind: &str, pose: &str| {
+        let text = format!(
+            "{{\"keyframes\": [{{\"matrix\": \"[1]\"}}], \"camera_type\": \"{kind}\", \"render_height\": 80, \"render_width\": 100, \
+             \"camera_path\": [{{\"camera_to_world\": {pose}, \"fov\": 53.13010235415598, \"aspect\": 1.25}}], \"fps\": 24}}"
+        );
+        Camera::parse(&text, Path::new("camera_path.json"))
+    };
+    let rows = MATRIX.replace(", [0, 0, 0, 1]]", "]");
+    let flat = format!("[{}]", MATRIX.replace(['[', ']'], ""));
+    for pose in [MATRIX, rows.as_str(), flat.as_str()] {
+        let camera = path("perspective", pose).unwrap().remove(0);
+        // The known camera has fx = 100; a path has one focal length, from the height: 80 / 2 / tan(53.13 / 2) = 80.
+        assert!((camera.fx - 80.0).abs() < 1e-9 && camera.fx == camera.fy, "{camera:?}");
+        shows_the_known_point(&Camera { fx: 100.0, fy: 80.0, ..camera });
+    }
+    assert_eq!(path("fisheye", &flat).unwrap()[0].projection, Projection::Fisheye);
+    assert_eq!(path("equirectangular", &flat).unwrap()[0].projection, Projection::Equirectangular);
+    let said = path("vr180_l", &flat).unwrap_err().to_string();
+    assert!(said.contains("found vr180_l"), "{said}");
+}
+
+#[test]
+fn a_file_that_is_no_camera_file_lists_the_formats() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in [("tum.txt", "# time\n1.0 0 0 0 0 0 0 1\n".as_bytes()), ("a.npy", b"\x93NUMPY")] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let said = Camera::load(&path).unwrap_err().to_string();
+        assert!(said.contains("expected cameras in JSON (cameras.json, transforms.json"), "{said}");
+    }
 }
 
 #[test]
