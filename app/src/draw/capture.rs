@@ -23,23 +23,11 @@ pub struct Capture {
     pub counts: Vec<(String, u32)>,
 }
 
-/// An error while taking a capture.
-#[derive(Debug, thiserror::Error)]
-pub enum CaptureError {
-    /// The session could not draw the frame.
-    // Not transparent: a graph's errors are found among the causes, and printed with their source text.
-    #[error("{0}")]
-    Session(#[from] SessionError),
-    /// The device returned no picture, or the graph's output has no colours.
-    #[error(transparent)]
-    Pixels(#[from] PixelsError),
-}
-
 /// Draws a frame of a prepared session, and reads its picture and order back.
 ///
 /// # Errors
 /// The session is not prepared, the device fails, or the graph's output has no colours.
-pub fn take(session: &mut Session, camera: &Camera) -> Result<Capture, CaptureError> {
+pub fn take(session: &mut Session, camera: &Camera) -> Result<Capture, SessionError> {
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect: Vec<Inspect> = order_of(plan).into_iter().collect();
     let options = FrameOptions { read_output: true, inspect, ..FrameOptions::default() };

@@ -20,7 +20,6 @@
 //! # }
 //! ```
 
-use crate::draw::capture::CaptureError;
 use crate::draw::inspect::{Finding, Words};
 use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
 use crate::io::image::{Format, Image, ImageError, save_rgba_png, save_values, save_words};
@@ -82,7 +81,7 @@ pub struct Frame {
 ///
 /// # Errors
 /// The graph has errors or lacks an output, the device fails, or the picture has no colours.
-pub fn draw(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Result<Frame, CaptureError> {
+pub fn draw(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Result<Frame, SessionError> {
     session.prepare((camera.width, camera.height), &mut |_| {})?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
     let inspect = inspections(plan);

@@ -4,7 +4,6 @@
 //! Studies print nothing. Only `trade` writes files: its ledger and the pictures beside it.
 
 use crate::draw::backend::Backend;
-use crate::draw::capture::CaptureError;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::ImageError;
 use crate::io::output::OutputError;
@@ -159,9 +158,6 @@ pub enum StudyError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// A capture failed.
-    #[error("{0}")]
-    Capture(#[from] CaptureError),
     /// Two pictures cannot be compared.
     #[error("{0}")]
     Metric(#[from] MetricError),

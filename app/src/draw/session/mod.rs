@@ -96,6 +96,9 @@ pub enum SessionError {
         /// Error of the larger plan. Its text is part of this error's message, so it is not a `source`.
         error: Box<SessionError>,
     },
+    /// The device returned no picture, or the graph's output has no colours.
+    #[error(transparent)]
+    Pixels(#[from] PixelsError),
     /// A frame must be repeated, but the larger plan lacks the inspected resource or pass.
     #[error(transparent)]
     Inspect(#[from] InspectError),

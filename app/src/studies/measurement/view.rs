@@ -3,7 +3,7 @@
 use super::error::{self, Error};
 use super::plans;
 use super::time::{Baseline, Time, time_in_turns};
-use crate::draw::capture::{self, Capture, CaptureError};
+use crate::draw::capture::{self, Capture};
 use crate::draw::interleaved::{self, Effort};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::truth::Truth;
@@ -144,8 +144,8 @@ fn capture(session: &mut Session, view: &View) -> Result<Result<Capture, String>
     interleaved::frame(session, &view.camera)?;
     match capture::take(session, &view.camera) {
         Ok(capture) => Ok(Ok(capture)),
-        Err(CaptureError::Session(error)) => Err(error),
-        Err(error) => Ok(Err(error.to_string())),
+        Err(error @ SessionError::Pixels(_)) => Ok(Err(error.to_string())),
+        Err(error) => Err(error),
     }
 }
 
