@@ -24,9 +24,6 @@ pub struct Case {
 /// A graph to build for a case.
 #[derive(Clone, Debug)]
 pub struct Build {
-    /// True if the case is a given one, in which this graph is drawn. Otherwise another graph of a choice is drawn, or
-    /// the graph's requirements are not met.
-    pub is_drawn: bool,
     /// Index of the graph in its choice; see [`splatgraph_framework::lower::candidates`].
     pub index: usize,
     /// Name by which the choice refers to a graph that is not drawn; `None` if the graph is drawn or is not part of a
@@ -55,7 +52,6 @@ pub fn builds(
         let standing = planner.ask((graph, &[]), &case.facts(), catalog, lower::standing)?;
         if standing.unmet.is_empty() {
             all.push(Build {
-                is_drawn: true,
                 index: standing.fallbacks.len(),
                 name: None,
                 case: Some(case.clone()),
@@ -94,7 +90,7 @@ pub fn undrawn(
             });
             let changed = met.as_ref().map_or_else(String::new, |met| met.differences(case));
             let name = (!is_alone).then_some(candidate.name);
-            let new = Build { is_drawn: false, index, name, case: met, changed, unmet: candidate.unmet };
+            let new = Build { index, name, case: met, changed, unmet: candidate.unmet };
             match found.iter_mut().find(|other| (other.index, &other.case) == (index, &new.case)) {
                 Some(same) if same.changed.len() > new.changed.len() => *same = new,
                 Some(_) => {}
