@@ -1,15 +1,16 @@
 //! Sweeps a scene: draws every view with fewer and fewer splats, then the approach of the first camera.
 
 use super::approach::{self, Closer};
-use super::choice::{BUDGET, Choice, for_nearest};
-use super::measure::{Step, Sweep, counts};
+use super::choice::{BUDGET, Choice, for_nearest, ranking};
+use super::measure::{Step, counts};
 use super::page::{Shown, SweepResult};
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
-use crate::io::image::Image;
-use crate::studies::measurement::time::FRAMES_DIVISOR;
-use crate::studies::measurement::view::View;
+use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR, MAX_DURATION};
+use crate::studies::measurement::view::{self, Measuring, View};
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
+use splatgraph_assets::synth::SynthError;
+use std::{iter, thread};
 
 /// The parameters of a sweep.
 #[derive(Clone, Debug)]
@@ -97,28 +98,78 @@ impl Study {
         listener: &mut dyn Listener,
     ) -> Result<(Vec<Step>, Vec<Shown>), StudyError> {
         let camera = &subject.cameras[at];
-        let (pipeline, set) = (wanted.pipeline.as_str(), wanted.set.as_slice());
         // Without the true order: indices in a part of the scene are not those in the whole scene.
         let view = View::exact(self.whole.scene(), camera)?;
         self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
         let effort = wanted.frames.choose(&mut self.whole, camera, FRAMES_DIVISOR)?;
         let mut progress = self.progress(subject, at, listener);
         let (mut steps, mut shown): (Vec<Step>, Vec<Shown>) = (Vec::new(), Vec::new());
-        let nearest = self.nearest.as_deref();
-        let mut sweep = Sweep { whole: &mut self.whole, pipeline, set, ms: None, nearest };
         let refused = |why: String| StudyError::of(&camera.img_name)(StudyError::Input(why));
-        let mut keep = |step: Step, picture: Image| -> Result<(), StudyError> {
-            progress.next(&format!("{}, {} splats", camera.img_name, step.count))?;
-            shown.push(Shown { choice: step.choice, count: step.count, picture });
-            steps.push(step);
-            Ok(())
-        };
-        let (step, picture) = sweep.all(&view, effort)?.map_err(refused)?;
-        keep(step, picture)?;
-        for choice in Choice::ALL {
-            sweep.steps(choice, &self.counts[1..], &view, effort, &mut keep)?.map_err(refused)?;
+        let all = [self.whole.scene().count()];
+        // Frame time with all splats, by which the view's shares are multiplied.
+        let mut whole_ms = None;
+        for choice in iter::once(None).chain(Choice::ALL.map(Some)) {
+            let ranking = choice.and_then(|choice| ranking(self.whole.scene(), camera, choice));
+            let counts = if choice.is_some() { &self.counts[1..] } else { &all[..] };
+            for &count in counts {
+                let session = self.session_with(wanted, choice, ranking.as_deref(), count)?;
+                let Some(mut session) = session else { break };
+                session.prepare((camera.width, camera.height), &mut |_| {})?;
+                let whole = Baseline { session: &mut self.whole, ms: whole_ms };
+                let measured = thread::scope(|scope| {
+                    view::measure(scope, &mut session, whole, &view, effort, MAX_DURATION)
+                        .map(Measuring::finish)
+                });
+                let (found, drawn) = measured?.map_err(refused)?;
+                if choice.is_none() {
+                    whole_ms = found.time.as_ref().map(|time| time.exact_ms);
+                }
+                progress.next(&format!("{}, {count} splats", camera.img_name))?;
+                let number =
+                    |name: &str| drawn.counts.iter().find(|(n, _)| n == name).map(|(_, count)| *count);
+                steps.push(Step {
+                    choice,
+                    camera: camera.img_name.clone(),
+                    count,
+                    visible: number("visible"),
+                    drawn: number("drawn"),
+                    time: found.time,
+                    error: found.error,
+                    gpu_bytes: found.gpu_bytes,
+                });
+                shown.push(Shown { choice, count, picture: drawn.picture });
+            }
         }
         Ok((steps, shown))
+    }
+
+    /// Opens a session that draws `count` splats: the first of `ranking`, or the nearest, or all without a criterion.
+    /// Returns `None` for the nearest if the graph has no budget.
+    fn session_with(
+        &self,
+        wanted: &Wanted,
+        choice: Option<Choice>,
+        ranking: Option<&[u32]>,
+        count: u32,
+    ) -> Result<Option<Session>, StudyError> {
+        let Wanted { pipeline, set, .. } = wanted;
+        Ok(Some(match (choice, ranking) {
+            (None, _) => self.whole.beside(pipeline, set)?,
+            (_, Some(ranking)) => {
+                // Keep the order of the file.
+                let mut chosen = ranking[..count as usize].to_vec();
+                chosen.sort_unstable();
+                let part = self.whole.scene().picked(&chosen).map_err(SynthError::from)?;
+                self.whole.beside_with(part, pipeline, set)?
+            }
+            (Some(_), None) => {
+                let Some(needed) = &self.nearest else { return Ok(None) };
+                let share = f64::from(count) / f64::from(self.whole.scene().count());
+                // Later values override earlier ones.
+                let budget = [(BUDGET.to_owned(), share.to_string())];
+                self.whole.beside(pipeline, &[set.as_slice(), needed, &budget].concat())?
+            }
+        }))
     }
 
     /// Measures the approach of the first camera.
