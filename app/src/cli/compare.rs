@@ -26,9 +26,8 @@ use std::path::{Path, PathBuf};
 /// `trade`. The worst pixel has the largest difference of a channel, unclamped. If one picture has only 8 or 16 bits,
 /// values are clamped to 0..1.
 ///
-/// Alpha is not compared; `evaluate` blends it. A picture with one channel is read as grey. If both pictures are grey
-/// and a value exceeds 1, as in depths, both are divided by the largest value, the peak. Only the worst pixel keeps its
-/// unit. Values below 0 count only for the worst pixel.
+/// Alpha is not compared; `evaluate` blends it. If both pictures have one channel and values outside of 0..1, as depths
+/// have, the range of the values of both (with 0 and 1) becomes 0..1. Only the worst pixel keeps its unit.
 ///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]
@@ -68,7 +67,7 @@ fn least_psnr(text: &str) -> Result<f64, String> {
 
 struct Found {
     all: Comparison,
-    /// Divisor of the values for all measures but the worst pixel; 1 for pictures.
+    /// Length of the range of values that becomes 0..1 for all measures but the worst pixel; 1 for pictures.
     peak: f64,
     flip: f64,
     flip_8_bits: f64,
@@ -179,20 +178,21 @@ fn compare(args: &Args) -> Result<(String, Option<String>)> {
     let Work { pairs, folders, diffs } = prepare(args)?;
     let mut found = Vec::with_capacity(pairs.len());
     for (index, pair) in pairs.iter().enumerate() {
-        let (mut a, mut b) = load(pair)?;
-        let peak = peak_of(&a, &b);
-        let undivided = (peak != 1.0).then(|| metrics::worst_pixel((&a).into(), (&b).into()));
+        let (mut a, mut b, are_grey) = load(pair)?;
+        let (least, most) = if are_grey { range_of(&a, &b) } else { (0.0, 1.0) };
+        let peak = most - least;
+        let unscaled = (peak != 1.0).then(|| metrics::worst_pixel((&a).into(), (&b).into()));
         if peak != 1.0 {
             say(format!(
-                "{}: values are divided by the largest, {peak}, for all but the worst pixel",
+                "{}: the range of the values, {least} to {most}, becomes 0 to 1 for all but the worst pixel",
                 pair.name
             ));
             let values = [&mut a, &mut b].map(|image| image.rgb.as_flattened_mut()).into_iter().flatten();
-            values.for_each(|value| *value /= peak);
+            values.for_each(|value| *value = (*value - least) / peak);
         }
         let mut all = metrics::compare((&a).into(), (&b).into()).with_context(|| cannot(pair))?;
-        if let Some(worst) = undivided {
-            // The division rounds, and different values may become equal.
+        if let Some(worst) = unscaled {
+            // Scaling rounds, and different values may become equal.
             all = Comparison { worst, identical: worst.difference == 0.0, ..all };
         }
         if let Some(out) = diffs.get(index) {
@@ -313,7 +313,8 @@ fn cannot(pair: &Pair) -> String {
     format!("{} and {} cannot be compared", pair.a.display(), pair.b.display())
 }
 
-fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
+/// Loads two pictures. The last value is true if both have one channel.
+fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>, bool)> {
     let headers = [Image::header(&pair.a)?, Image::header(&pair.b)?];
     let [(a_width, a_height), (b_width, b_height)] = headers.map(|header| header.size);
     if (a_width, a_height) != (b_width, b_height) {
@@ -322,34 +323,25 @@ fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    for (path, image, header) in [(&pair.a, &a, headers[0]), (&pair.b, &b, headers[1])] {
+    for (path, header) in [(&pair.a, headers[0]), (&pair.b, headers[1])] {
         if header.has_alpha {
             say(format!("{}: its alpha is not compared", path.display()));
         }
-        if is_grey(image) && image.rgb.iter().any(|pixel| pixel[0] < 0.0) {
-            say(format!("{}: values below 0 count only for the worst pixel", path.display()));
-        }
     }
     // Each integer level becomes the nearest float of the other picture's precision.
-    Ok(match (a_depth, b_depth) {
+    let (a, b) = match (a_depth, b_depth) {
         (Depth::Levels(greatest), Depth::Double) => (a.levels(greatest).clamped(), b.clamped()),
         (Depth::Double, Depth::Levels(greatest)) => (a.clamped(), b.levels(greatest).clamped()),
         (Depth::Levels(_), _) | (_, Depth::Levels(_)) => (a.clamped(), b.clamped()),
         _ => (a, b),
-    })
+    };
+    Ok((a, b, headers.iter().all(|header| header.is_grey)))
 }
 
-/// Returns the largest value of two grey pictures, at least 1; 1 if one of them has colours.
-fn peak_of(a: &Image<f64>, b: &Image<f64>) -> f64 {
-    if !is_grey(a) || !is_grey(b) {
-        return 1.0;
-    }
-    let values = a.rgb.iter().chain(&b.rgb).map(|pixel| pixel[0]);
-    values.filter(|value| value.is_finite()).fold(1.0, f64::max)
-}
-
-fn is_grey(image: &Image<f64>) -> bool {
-    image.rgb.iter().all(|[r, g, b]| r == g && g == b)
+/// Returns the least and the largest value of two grey pictures, at most 0 and at least 1.
+fn range_of(a: &Image<f64>, b: &Image<f64>) -> (f64, f64) {
+    let values = a.rgb.iter().chain(&b.rgb).map(|pixel| pixel[0]).filter(|value| value.is_finite());
+    values.fold((0.0, 1.0), |(least, most), value| (value.min(least), value.max(most)))
 }
 
 fn decibels(c: &Comparison) -> String {
@@ -527,6 +519,14 @@ mod tests {
         // 20 log10(5 / 2)
         assert!(text.starts_with("PSNR 7.96 dB"), "{text}");
         assert!(compared(&a, &b, &["--min-psnr", "8"]).unwrap().is_some());
+        // Negative values differ, too: 20 log10((1 + 4) / 1).
+        for (path, value) in [(&a, -3.0), (&b, -4.0)] {
+            crate::io::image::save_words(path, &[12, 12], &[value; 144]).unwrap();
+        }
+        assert!(told(&a, &b, &[]).unwrap().0.starts_with("PSNR 13.98 dB"));
+        // A grey picture in colour channels is clamped like every picture.
+        [(&a, 1.0), (&b, 7.0)].iter().for_each(|(path, value)| grey(*value).save(path).unwrap());
+        assert!(told(&a, &b, &[]).unwrap().0.starts_with("PSNR inf dB"));
     }
 
     #[test]

@@ -96,13 +96,13 @@ fn find(path: &Path) -> Result<Found, ImageError> {
     let first = |names: &[&x::Text]| (0..sizes.len()).find(|&at| names.iter().all(|name| has(at, name)));
     let [r, g, b, a] = ["R", "G", "B", "A"].map(x::Text::from);
     if let Some(at) = first(&[&r, &g, &b]) {
-        let header = Header { size: sizes[at], has_alpha: has(at, &a) };
+        let header = Header { size: sizes[at], has_alpha: has(at, &a), is_grey: false };
         return Ok(Found { header, grey: None });
     }
     let only = meta.headers.iter().find(|header| header.channels.list.len() == 1);
     let grey = only.map(|header| header.channels.list[0].name.clone());
     match grey.as_ref().and_then(|name| first(&[name])) {
-        Some(at) => Ok(Found { header: Header { size: sizes[at], has_alpha: false }, grey }),
+        Some(at) => Ok(Found { header: Header { size: sizes[at], has_alpha: false, is_grey: true }, grey }),
         None => Err(ImageError::new(
             path,
             "expected a layer with the channels R, G and B, or with a single channel, found none",

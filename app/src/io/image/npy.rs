@@ -97,10 +97,12 @@ pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
         npyz::DType::Plain(kind) => kind.size_field(),
         _ => return Ok(false),
     };
-    let bytes = npy.len() * size;
+    // `None` if the size overflows, which `NpyFile::len` does not check.
+    let bytes = npy.shape().iter().try_fold(size, |bytes, length| bytes.checked_mul(*length));
     drop(npy);
     let start = file.stream_position().map_err(fail)?;
-    Ok(file.get_ref().metadata().map_err(fail)?.len() == start + bytes)
+    let expected = bytes.and_then(|bytes| start.checked_add(bytes));
+    Ok(Some(file.get_ref().metadata().map_err(fail)?.len()) == expected)
 }
 
 pub(super) fn load_member(archive: &Path, array: &str) -> Result<(Image<f64>, Depth), ImageError> {
@@ -146,7 +148,7 @@ fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
 }
 
 fn header_of<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<Header, ImageError> {
-    shape(path, npy).map(|(size, channels)| Header { size, has_alpha: channels == 4 })
+    shape(path, npy).map(|(size, channels)| Header { size, has_alpha: channels == 4, is_grey: channels == 1 })
 }
 
 /// Checks the shape of an array, and returns the picture's size and its number of channels.
@@ -258,6 +260,17 @@ mod tests {
             "{}",
             said(&deep)
         );
+    }
+
+    #[test]
+    fn an_array_whose_size_overflows_is_not_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let side = 1u64 << 32;
+        let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({side}, {side}), }}");
+        let start = [&b"\x93NUMPY\x01\x00\x76\x00"[..], format!("{header:<117}\n").as_bytes()].concat();
+        std::fs::write(&path, start).unwrap();
+        assert!(!is_whole(&path).unwrap());
     }
 
     #[test]

@@ -125,6 +125,8 @@ pub struct Header {
     pub size: (usize, usize),
     /// True if there is an alpha channel, which [`Image::load`] drops.
     pub has_alpha: bool,
+    /// True if there is a single channel besides alpha, as in depths.
+    pub is_grey: bool,
 }
 
 /// An error while reading or writing a picture.

@@ -55,11 +55,11 @@ fn decoder(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
 
 /// Reads the header. A transparent colour counts as alpha.
 pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
-    use png::ColorType::{GrayscaleAlpha, Rgba};
+    use png::ColorType::{Grayscale, GrayscaleAlpha, Rgba};
     let (decoder, size) = decoder(path)?;
-    let has_alpha =
-        decoder.read_info().is_ok_and(|info| matches!(info.output_color_type().0, GrayscaleAlpha | Rgba));
-    Ok(Header { size, has_alpha })
+    let colour = decoder.read_info().ok().map(|info| info.output_color_type().0);
+    let has_alpha = matches!(colour, Some(GrayscaleAlpha | Rgba));
+    Ok(Header { size, has_alpha, is_grey: matches!(colour, Some(Grayscale | GrayscaleAlpha)) })
 }
 
 /// Loads a file without its alpha. Also returns the level of white: 255 or 65535.
