@@ -17,6 +17,19 @@ use tracing::info_span;
 /// Maximum number of frames whose inputs are kept. A device keeps the results of as many frames.
 const MAX_FLYING: usize = 64;
 
+impl SessionError {
+    /// Returns true if the graph, the device's limits or its memory do not allow this plan or this frame. Other plans
+    /// and frames can still be drawn.
+    pub fn spares_device(&self) -> bool {
+        match self {
+            SessionError::Graph(_) | SessionError::Full { .. } => true,
+            SessionError::NoRoom { error, .. } => error.spares_device(),
+            SessionError::Backend(error) => error.recovery() == Recovery::User,
+            _ => false,
+        }
+    }
+}
+
 impl Session {
     /// Submits a frame. The camera has the prepared size; pinholes are converted to the graph's projection.
     ///
@@ -126,12 +139,7 @@ impl Session {
         let has_spare = tight != capacities;
         let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
         let mut outcome = self.load(size, share, &mut |_| {});
-        let lacks_room = |error: &SessionError| {
-            let of_device =
-                matches!(error, SessionError::Backend(error) if error.recovery() == Recovery::User);
-            of_device || matches!(error, SessionError::Graph(_))
-        };
-        if has_spare && outcome.as_ref().is_err_and(lacks_room) {
+        if has_spare && outcome.as_ref().is_err_and(SessionError::spares_device) {
             self.planner.capacities = tight;
             outcome = self.load(size, share, &mut |_| {});
         }

@@ -8,7 +8,7 @@ use crate::draw::stats::{self, BufferSize};
 use crate::studies::study::{Setting, Steps, StudyError};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
-use splatgraph_api::{BackendError, Device};
+use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{Fallback, PassId, Reason, Run};
 use splatgraph_framework::plan::Plan;
@@ -111,19 +111,15 @@ pub struct Found {
 /// Measurements of a candidate, or the reason that it cannot be drawn.
 pub type Outcome = Result<Found, String>;
 
-/// Returns why a candidate cannot be drawn: its graph has errors, or the device rejects its plan.
+/// Returns why a candidate cannot be drawn: its graph has errors, the device rejects its plan, or a frame needs more
+/// capacity than the graph or the device allows.
 ///
 /// # Errors
 /// Any other error, such as one of the device: no candidate is then measured further.
 pub fn reason(error: SessionError) -> Result<String, SessionError> {
     match error {
         SessionError::Graph(errors) => Ok(errors.text(false).trim().to_owned()),
-        SessionError::Backend(
-            error @ (BackendError::Limit(_)
-            | BackendError::Unsupported(_)
-            | BackendError::OutOfMemory { .. }
-            | BackendError::Scene { .. }),
-        ) => Ok(error.to_string()),
+        error if error.spares_device() => Ok(error.to_string()),
         error => Err(error),
     }
 }
@@ -149,10 +145,10 @@ pub struct Bench<'a> {
 impl Bench<'_> {
     /// Measures candidates from each camera, interleaved. Each camera is one step of the task, named by `place`.
     ///
-    /// A candidate whose plan cannot be built or loaded gives the reason; the others are still measured.
+    /// A candidate that cannot be drawn gives the [reason]; the others are still measured.
     ///
     /// # Errors
-    /// The device fails, a frame needs more capacity than its graph or the device allows, or the listener cancels.
+    /// The device fails, or the listener cancels.
     pub fn measure(
         &self,
         candidates: &[Setting],
@@ -188,13 +184,14 @@ impl Bench<'_> {
         all.into_iter().map(outcome).collect()
     }
 
-    /// Loads the plan for a camera, and draws the frame that runs its prologue.
+    /// Loads the plan for a camera, and draws a frame: the one that runs the prologue, or one in which lists grow.
     fn prepare(&self, runner: &mut Runner, camera: &Camera) -> Result<(), SessionError> {
         let session = &mut runner.session;
-        if !session.prepare((camera.width, camera.height), &mut |_| {})? {
+        let loaded = session.prepare((camera.width, camera.height), &mut |_| {})?;
+        let first = interleaved::frame(session, camera)?;
+        if !loaded {
             return Ok(());
         }
-        let first = interleaved::frame(session, camera)?;
         let plan = session.plan().ok_or(SessionError::NotPrepared)?;
         let once = first.result.pass_ms.iter().filter(|(id, _)| plan.pass(*id).run == Run::Once);
         let part = |(id, ms): &(PassId, Option<f64>)| {
@@ -427,15 +424,22 @@ mod tests {
 
     #[test]
     fn a_candidate_that_does_not_fit_says_why_and_the_others_are_measured() {
-        let (device, _) = device(&Config::default());
+        // Every count of a frame is `read`.
+        let (device, _) = device(&Config { read: u32::MAX, ..Config::default() });
         let outcomes = measured(
             &device,
-            &[candidate(GRAPH, &[("mebibytes", "2000")]), candidate("unsorted", &[])],
-            &["one"],
+            &[
+                candidate(GRAPH, &[("mebibytes", "2000")]),
+                candidate("tiled", &[]),
+                candidate("unsorted", &[]),
+            ],
+            &["one", "two"],
         );
         let why = outcomes[0].as_ref().expect_err("a storage buffer has 1 GiB at most");
         assert!(why.contains("`from` has 2000 MiB"), "{why}");
-        let found = outcomes[1].as_ref().expect("it fits");
+        let why = outcomes[1].as_ref().expect_err("no list has so many entries");
+        assert!(why.contains("expected a frame that needs at most"), "{why}");
+        let found = outcomes[2].as_ref().expect("it fits");
         assert_eq!(found.views[0].frames, 3);
         assert!(
             found.memory_bytes > 50 * (32 + 16)
