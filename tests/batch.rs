@@ -67,18 +67,22 @@ fn a_batch_has_the_files_and_the_messages_of_one_picture_after_the_other() {
 }
 
 #[test]
-fn a_camera_that_fails_costs_no_statistics_of_those_before_it() {
+fn cameras_that_cannot_be_drawn_are_listed_and_the_others_are_drawn() {
     let place = scene();
     let mut views = place.json("views.json");
     // Larger than the largest image of the tests' devices.
-    for side in ["width", "height"] {
-        views[2][side] = 32_768.into();
+    for (view, side) in [(2, "width"), (2, "height"), (7, "width"), (7, "height")] {
+        views[view][side] = 32_768.into();
     }
     place.write("views.json", views.to_string());
-    place.fails("render scene.ply -c views.json --output alpha=a.npy --json=stats.json", 1);
+    let draw = "render scene.ply --output alpha=a.npy --json=stats.json -c views.json";
+    let error = place.fails(draw, 1);
+    assert!(error.contains("2 of 12 cameras are not drawn:\nview02, view07: "), "{error}");
     let stats = place.json("stats.json");
-    assert_eq!(stats.as_array().map(Vec::len), Some(2));
-    assert_eq!(stats[1]["files"], json!({ "alpha": "a-view01.npy" }));
+    assert_eq!(stats.as_array().map(Vec::len), Some(VIEWS - 2));
+    assert_eq!(stats[2]["files"], json!({ "alpha": "a-view03.npy" }));
+    let alone = place.fails(&format!("{draw}#2"), 1);
+    assert!(alone.starts_with("error: `pixels` has 8192 MiB"), "{alone}");
 }
 
 #[test]

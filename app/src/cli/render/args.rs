@@ -76,8 +76,7 @@ pub struct Args {
     pub(super) format: Option<Format>,
     /// Print statistics as JSON, one entry per camera, or write them to FILE
     ///
-    /// docs/output-files.md lists the fields. If a camera fails, the cameras before it have entries, and the exit code
-    /// is 1.
+    /// docs/output-files.md lists the fields. If a camera fails, the others have entries, and the exit code is 1.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     pub(super) json: Option<PathBuf>,
     /// Record where the time goes: a trace for https://ui.perfetto.dev, and a summary on standard error

@@ -9,7 +9,7 @@ use crate::cli::options::text_of;
 use crate::cli::stdout::Stdout;
 use crate::draw::outputs::{self, Output, RGBA};
 use crate::draw::pictures::{self, Pictures};
-use crate::draw::session::{FrameOptions, Session, image_of};
+use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::draw::stats::CameraStats;
 use crate::io::output::one_line;
 use crate::io::progress::Progress;
@@ -35,6 +35,8 @@ pub struct Batch {
     /// Each picture whose pixels are in the device's memory has a clone of the sender.
     pixels: (Sender<Infallible>, Receiver<Infallible>),
     done: Vec<CameraStats>,
+    /// Cameras that are not drawn, by error.
+    skipped: Vec<(SessionError, Vec<String>)>,
 }
 
 struct Flying {
@@ -68,6 +70,7 @@ impl Batch {
             pictures: Pictures::new(jobs),
             pixels: channel(),
             done: Vec::new(),
+            skipped: Vec::new(),
         }
     }
 
@@ -98,6 +101,43 @@ impl Batch {
         Ok(())
     }
 
+    /// Records that a camera is not drawn.
+    ///
+    /// # Errors
+    /// The error concerns the device, and thus all cameras.
+    pub fn skip(&mut self, camera: String, error: SessionError) -> Result<()> {
+        if !error.spares_device() {
+            return Err(error.into());
+        }
+        let text = error.to_string();
+        match self.skipped.iter_mut().find(|(other, _)| other.to_string() == text) {
+            Some((_, cameras)) => cameras.push(camera),
+            None => self.skipped.push((error, vec![camera])),
+        }
+        Ok(())
+    }
+
+    /// Reports the skipped cameras out of `all`.
+    ///
+    /// # Errors
+    /// A camera was skipped. If all were, for the same reason, this is the error.
+    pub fn report_skipped(&mut self, all: usize) -> Result<()> {
+        let mut skipped = std::mem::take(&mut self.skipped);
+        let count: usize = skipped.iter().map(|(_, cameras)| cameras.len()).sum();
+        match skipped.pop() {
+            None => Ok(()),
+            Some((error, cameras)) if cameras.len() == all => Err(error.into()),
+            Some(last) => {
+                skipped.push(last);
+                let line = |(error, cameras): &(SessionError, Vec<String>)| {
+                    format!("\n{}: {}", one_line(&cameras.join(", ")), error.to_string().trim_end())
+                };
+                let lines: String = skipped.iter().map(line).collect();
+                bail!("{count} of {all} cameras are not drawn:{lines}")
+            }
+        }
+    }
+
     /// Waits for all frames in flight, before another plan is prepared.
     ///
     /// # Errors
@@ -112,7 +152,10 @@ impl Batch {
     /// Waits for the oldest frame in flight, and starts to write its picture.
     fn land(&mut self, session: &mut Session, progress: &Progress) -> Result<()> {
         let Some(Flying { frame, name, stem, size }) = self.flying.pop_front() else { return Ok(()) };
-        let result = session.wait(frame)?;
+        let result = match session.wait(frame) {
+            Ok(result) => result,
+            Err(error) => return self.skip(name, error),
+        };
         let memory = session.device().memory();
         let (info, count) = (session.device().info().clone(), session.scene().count().into());
         let plan = session.plan().context("no plan after a frame")?;
@@ -147,7 +190,10 @@ impl Batch {
         let picture = self.destination.as_ref().map(|destination| destination.path(&stem));
         stats.files.extend(picture.map(|file| (PICTURE.to_owned(), text_of(&file))));
         let output_bytes: usize = outputs.iter().map(|output| 4 * output.words.len()).sum();
-        let bytes = output_bytes as u64 + output.as_ref().map_or(0, pictures::encoding_bytes);
+        // Four floats per pixel.
+        let makes_rgba = files.iter().any(|(name, _)| name == RGBA.0);
+        let rgba_bytes = if makes_rgba { 16 * u64::from(stats.width) * u64::from(stats.height) } else { 0 };
+        let bytes = output_bytes as u64 + rgba_bytes + output.as_ref().map_or(0, pictures::encoding_bytes);
         let (destination, background) = (self.destination.clone(), self.background);
         let pixels_held = self.pixels.0.clone();
         let work = move || {

@@ -155,6 +155,10 @@ impl Drawer {
     }
 
     /// Draws the views with these camera indices. May return before all files are written; see [`Drawer::finish`].
+    ///
+    /// # Errors
+    /// A view cannot be drawn. If the graph, or the device's limits or memory, do not allow its size or its frame, the
+    /// other views are drawn first.
     pub fn draw(&mut self, args: &Args, views: &[usize]) -> Result<()> {
         let Drawer { loaded: Loaded { scene, cameras }, stems, with } = self;
         let mut progress = Progress::new("drawing");
@@ -175,6 +179,7 @@ impl Drawer {
         }
         if let With::Device { session, batch, .. } = with {
             batch.land_all(session, &progress)?;
+            batch.report_skipped(views.len())?;
         }
         Ok(())
     }
@@ -227,7 +232,10 @@ fn draw(
     if !session.is_prepared((camera.width, camera.height)) {
         batch.land_all(session, progress)?;
     }
-    let loaded = frames::prepare_plan(session, camera)?;
+    let loaded = match frames::prepare_plan(session, camera) {
+        Ok(loaded) => loaded,
+        Err(error) => return batch.skip(camera.img_name.clone(), error),
+    };
     if loaded {
         let _span = info_span!("check files and settings").entered();
         progress.suspend(|| session.settings_without_effect().iter().for_each(say));

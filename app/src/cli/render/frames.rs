@@ -6,7 +6,7 @@ use crate::draw::animation::is_animated;
 use crate::draw::inspect::{self, Finding};
 use crate::draw::interleaved;
 use crate::draw::outputs::{self, Output};
-use crate::draw::session::{FrameOptions, Session};
+use crate::draw::session::{FrameOptions, Session, SessionError};
 use crate::draw::stats::CameraStats;
 use crate::io::progress::Progress;
 use anyhow::{Context, Result};
@@ -108,10 +108,10 @@ pub fn draw(
 }
 
 /// Builds and loads the plan, and shows the progress. Returns true if a plan was loaded, false if it already was.
-pub fn prepare_plan(session: &mut Session, camera: &Camera) -> Result<bool> {
+pub fn prepare_plan(session: &mut Session, camera: &Camera) -> Result<bool, SessionError> {
     let mut compiling = Progress::new("making pipelines");
     let mut uploading = None;
-    let loaded = session.prepare((camera.width, camera.height), &mut |step| match step {
+    session.prepare((camera.width, camera.height), &mut |step| match step {
         splatgraph_api::Progress::Pipeline { done, of, shader } => {
             compiling.set(done as u64, of as u64, shader)
         }
@@ -120,6 +120,5 @@ pub fn prepare_plan(session: &mut Session, camera: &Camera) -> Result<bool> {
                 .get_or_insert_with(|| Progress::new("uploading the scene"))
                 .set(done_bytes, of_bytes, "");
         }
-    })?;
-    Ok(loaded)
+    })
 }

@@ -30,7 +30,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut drawer = Drawer::open(args, &work, None)?;
     let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
     let closed = drawer.close();
-    // If a camera fails, the statistics of the cameras before it are still written.
+    // If a camera fails, the statistics of the others are still written.
     if let (Some(path), Ok((stats, _))) = (&args.json, &closed)
         && (drawn.is_ok() || stats.as_array().is_some_and(|stats| !stats.is_empty()))
     {
