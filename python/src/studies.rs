@@ -153,9 +153,9 @@ pub fn trade<'py>(
     let name = format!("{:016x}", scene.identity());
     let (ledger, messages) = run(py, progress, move |listener| {
         let device = Backend::open(api, &options)?;
-        let subject = Subject { device: &device, name, scene, cameras };
+        let subject = Subject { device, name, scene, cameras };
         let found = trading::study(&subject, &wanted, listener);
-        device.close();
+        subject.device.close();
         found
     })?;
     let (lines, failed) = ledger.lines();
@@ -197,9 +197,9 @@ pub fn advise<'py>(
             return Ok(all);
         }
         let device = Backend::open(api, &options)?;
-        let subject = Subject { device: &device, name: "scene".into(), scene, cameras };
+        let subject = Subject { device, name: "scene".into(), scene, cameras };
         let found = advising::study(&subject, &keys, &wanted, listener);
-        device.close();
+        subject.device.close();
         let advice = found?;
         let best = advice.best();
         all["best"] = json!(best.found);

@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         if let Some(path) = &args.scene {
             fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
         }
-        let subject = Subject { device: &device, name, scene: scene.into(), cameras };
+        let subject = Subject { device, name, scene: scene.into(), cameras };
         let setting = Setting::of_graph(&args.drawing.pipeline, &args.drawing.set);
         claim_graph_files(&mut guard, &subject.check(&[setting])?)?;
         let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         all["tried"] = serde_json::to_value(tried)?;
         let names = |of: &[&Tried]| of.iter().map(|tried| tried.setting.name.clone()).collect::<Vec<_>>();
         all["too_noisy_to_tell"] = json!({ "better": names(&hidden), "not_combined": unsure });
-        if super::outcome::validated(args.device.validate, &device.close()) == Outcome::Failed {
+        if super::outcome::validated(args.device.validate, &subject.device.close()) == Outcome::Failed {
             outcome = Outcome::Failed;
         }
     }

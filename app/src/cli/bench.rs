@@ -220,7 +220,7 @@ fn measure_scene(
     let name = options::scene_name(path);
     let candidates: Vec<_> =
         args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
-    let subject = Subject { device, name, scene: scene.into(), cameras };
+    let subject = Subject { device: device.new_context()?, name, scene: scene.into(), cameras };
     claim_graph_files(guard, &subject.files(&candidates)?)?;
     let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };
     // An interrupted run keeps its results.

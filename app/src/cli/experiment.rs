@@ -4,7 +4,7 @@ use super::cameras;
 use super::console::Console;
 use super::options::{self, BackendArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
-use crate::draw::fit;
+use super::subject;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard, one_line, say};
@@ -13,7 +13,6 @@ use crate::studies::experiment::exact::GRAPH;
 use crate::studies::study::{Setting, Subject};
 use anyhow::Result;
 use splatgraph_api::Device;
-use splatgraph_assets::Camera;
 use std::path::PathBuf;
 
 /// Write a page that illustrates an equation of splatting with measurements of a scene
@@ -93,27 +92,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let output = args.output();
     let given = cameras::load(common.cameras.as_deref(), common.scene.as_deref())?;
     let mut guard = guard(args)?;
-    let device = common.device.open()?;
-    if let Some(path) = &common.scene {
-        fit::check_header(path, &common.load, device.info(), GRAPH, &[])?;
+    let settings = [Setting::of_graph(GRAPH, &[])];
+    let scene = (common.scene.as_deref(), &common.load);
+    let mut subject =
+        subject::load(common.device.open()?, scene, &settings, given, MAX_NAME_BYTES, common.size)?;
+    if common.size.is_none() {
+        subject.cameras.iter_mut().for_each(|camera| *camera = options::at_most(camera, WIDTH));
     }
-    let scene = common.scene.as_deref();
-    let (scene, cameras) =
-        options::scene_and_cameras(scene, &common.load, given, MAX_NAME_BYTES, common.size)?;
-    let cameras: Vec<Camera> = match common.size {
-        Some(_) => cameras,
-        None => cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect(),
-    };
-    cameras.iter().try_for_each(cameras::check_size)?;
-    let name = options::scene_name(common.scene.as_deref());
-    let subject = Subject { device: &device, name, scene: scene.into(), cameras };
-    claim_graph_files(&mut guard, &subject.check(&[Setting::of_graph(GRAPH, &[])])?)?;
+    subject.cameras.iter().try_for_each(cameras::check_size)?;
+    claim_graph_files(&mut guard, &subject.check(&settings)?)?;
     let page = experiment::study(&subject, kind, view(&subject), &mut Console::default())?;
     options::write_text(Some(&output), &page.html())?;
     if !output::is_standard_output(&output) {
         say(format!("{}: open it in a browser", output.display()));
     }
-    Ok(super::outcome::validated(common.device.validate, &device.close()))
+    Ok(super::outcome::validated(common.device.validate, &subject.device.close()))
 }
 
 fn view(subject: &Subject) -> String {

@@ -36,6 +36,7 @@ mod render;
 mod scenes;
 mod source;
 mod stdout;
+mod subject;
 mod sweep;
 mod synth;
 mod threads;

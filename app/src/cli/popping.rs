@@ -4,17 +4,16 @@ use super::cameras;
 use super::console::Console;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
-use crate::draw::fit;
+use super::subject;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard};
 use crate::studies::measurement::settings;
 use crate::studies::popping::report::{self, Summary};
 use crate::studies::popping::{measure, study};
-use crate::studies::study::{Setting, Subject};
+use crate::studies::study::Setting;
 use anyhow::{Context, Result};
 use serde_json::json;
-use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene};
 use std::path::{Path, PathBuf};
 
@@ -98,18 +97,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     let mut guard = guard(args)?;
     let variants = variants(args);
-    let device = args.device.open()?;
-    if let Some(path) = &args.scene {
-        for variant in &variants {
-            fit::check_header(path, &args.load, device.info(), &variant.pipeline, &variant.set)?;
-        }
-    }
-    let scene = args.scene.as_deref();
-    let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, MAX_NAME_BYTES, args.size)?;
-    let cameras = path(args, &scene, cameras)?;
-    measure::check(&cameras)?;
-    let name = options::scene_name(args.scene.as_deref());
-    let subject = Subject { device: &device, name, scene: scene.into(), cameras };
+    let scene = (args.scene.as_deref(), &args.load);
+    let mut subject = subject::load(args.device.open()?, scene, &variants, given, MAX_NAME_BYTES, args.size)?;
+    subject.cameras = path(args, &subject.scene, subject.cameras)?;
+    measure::check(&subject.cameras)?;
     // Report errors in the graphs before the exact pictures are drawn, which takes long.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
     let tracks = study(&subject, &variants, &mut Console::default())?;
@@ -134,7 +125,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         output::write_bytes(&folder.join(CSV), report::csv(&tracks).as_bytes())?;
         options::write_plot(&report::plot(&tracks), folder, PLOT)?;
     }
-    Ok(super::outcome::validated(args.device.validate, &device.close()))
+    Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
 
 /// Lists the variants without duplicates: the given graphs and parameters or, if none are given, the built-in graphs

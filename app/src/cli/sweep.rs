@@ -4,8 +4,7 @@ use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
 use super::options::{self, BackendArgs, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
-use crate::draw::backend::Backend;
-use crate::draw::fit;
+use super::subject;
 use crate::draw::projection;
 use crate::io::image::Image;
 use crate::io::load::LoadOptions;
@@ -20,10 +19,8 @@ use crate::studies::sweep::{Study, Wanted, study};
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::Camera;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Measure quality and time as splats are removed
 ///
@@ -69,43 +66,18 @@ const PAGE: &str = "sweep.html";
 const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
-struct Request {
-    name: String,
-    scene: Arc<Scene>,
-    cameras: Vec<Camera>,
-    wanted: Wanted,
-}
-
-impl Request {
-    fn load(
-        args: &Args,
-        device: &Backend,
-        guard: &mut OutputGuard,
-        given: Option<Vec<Camera>>,
-    ) -> Result<Request> {
-        if let Some(path) = &args.scene {
-            fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
-        }
-        let scene = args.scene.as_deref();
-        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, ROOM, args.drawing.size)?;
-        let cameras = projection::convert_all(cameras, &args.drawing.pipeline, &args.drawing.set, &scene)?;
-        let file = args.scene.as_deref().and_then(Path::file_stem);
-        let name = file.map_or("demo".into(), |stem| stem.to_string_lossy()).into_owned();
-        let wanted = Wanted {
-            pipeline: args.drawing.pipeline.clone(),
-            set: args.drawing.set.clone(),
-            steps: args.steps,
-            frames: args.effort.frames(),
-        };
-        let setting = Setting::of_graph(&wanted.pipeline, &wanted.set);
-        let request = Request { name, scene: scene.into(), cameras, wanted };
-        claim_graph_files(guard, &request.subject(device).check(&[setting])?)?;
-        Ok(request)
-    }
-
-    fn subject<'a>(&self, device: &'a Backend) -> Subject<'a> {
-        Subject { device, name: self.name.clone(), scene: self.scene.clone(), cameras: self.cameras.clone() }
-    }
+/// Opens the device and loads the scene.
+fn open(args: &Args, guard: &mut OutputGuard, given: Option<Vec<Camera>>) -> Result<(Subject, Wanted)> {
+    let Drawing { pipeline, set, size, .. } = &args.drawing;
+    let settings = [Setting::of_graph(pipeline, set)];
+    let scene = (args.scene.as_deref(), &args.load);
+    let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
+    subject.cameras = projection::convert_all(subject.cameras, pipeline, set, &subject.scene)?;
+    let file = args.scene.as_deref().and_then(Path::file_stem);
+    subject.name = file.map_or("demo".into(), |stem| stem.to_string_lossy()).into_owned();
+    claim_graph_files(guard, &subject.check(&settings)?)?;
+    let (pipeline, set, frames) = (pipeline.clone(), set.clone(), args.effort.frames());
+    Ok((subject, Wanted { pipeline, set, steps: args.steps, frames }))
 }
 
 /// Maximum length of a camera's file name, in bytes, without suffixes.
@@ -115,12 +87,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
     let given = args.drawing.cameras(args.scene.as_deref())?;
     let mut guard = guard(args)?;
-    let device = args.device.open()?;
-    let request = Request::load(args, &device, &mut guard, given)?;
-    let (swept, shown) = study(&request.subject(&device), &request.wanted, &mut Console::default())?;
+    let (subject, wanted) = open(args, &mut guard, given)?;
+    let (swept, shown) = study(&subject, &wanted, &mut Console::default())?;
     save_pictures(&shown, &args.output)?;
     report(&swept, &shown, &args.output)?;
-    Ok(super::outcome::validated(args.device.validate, &device.close()))
+    Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
 
 fn save_pictures(shown: &[Shown], output: &Path) -> Result<()> {
@@ -162,7 +133,7 @@ pub struct Views {
     guard: OutputGuard,
     given: Option<Vec<Camera>>,
     stems: Vec<String>,
-    open: Option<(Backend, Request, Study)>,
+    open: Option<(Subject, Wanted, Study)>,
 }
 
 impl Views {
@@ -181,14 +152,12 @@ impl Work for Views {
     }
 
     fn open(&mut self) -> Result<Origin> {
-        let device = self.args.device.open()?;
-        let request = Request::load(&self.args, &device, &mut self.guard, self.given.clone())?;
-        let subject = request.subject(&device);
-        let study = Study::new(&subject, &request.wanted, &mut Console::default())?;
-        let Wanted { pipeline, set, steps, frames } = &request.wanted;
-        let cameras = serde_json::to_value(&request.cameras)?;
+        let (subject, wanted) = open(&self.args, &mut self.guard, self.given.clone())?;
+        let study = Study::new(&subject, &wanted, &mut Console::default())?;
+        let Wanted { pipeline, set, steps, frames } = &wanted;
+        let cameras = serde_json::to_value(&subject.cameras)?;
         let mut origin = job::origin_of(study.session(), &cameras, (pipeline, set))?;
-        let empty = study.empty(&subject, &request.wanted);
+        let empty = study.empty(&subject, &wanted);
         origin.extend([
             ("device".into(), json!(empty.device)),
             ("--steps".into(), json!(steps)),
@@ -196,18 +165,18 @@ impl Work for Views {
             ("--frames".into(), json!(frames.frames)),
             (job::REQUEST.into(), serde_json::to_value(empty)?),
         ]);
-        self.open = Some((device, request, study));
+        self.open = Some((subject, wanted, study));
         Ok(origin)
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
-        let (device, request, study) = self.open.as_mut().context("no device")?;
-        let (subject, console) = (request.subject(device), &mut Console::default());
+        let (subject, wanted, study) = self.open.as_mut().context("no device")?;
+        let console = &mut Console::default();
         for &view in views {
-            let (steps, shown) = study.view(&subject, &request.wanted, view, console)?;
+            let (steps, shown) = study.view(subject, wanted, view, console)?;
             let mut closer = Vec::new();
             if view == 0 {
-                closer = study.approach(&subject, &request.wanted, console)?;
+                closer = study.approach(subject, wanted, console)?;
                 save_pictures(&shown, &self.args.output)?;
             }
             job::write_part(&self.args.output, &self.stems[view], &Part { steps, closer })?;
@@ -216,10 +185,10 @@ impl Work for Views {
     }
 
     fn close(&mut self) -> Vec<String> {
-        let Some((device, _, study)) = self.open.take() else { return Vec::new() };
+        let Some((subject, _, study)) = self.open.take() else { return Vec::new() };
         // The study's objects must not outlive `close`, which returns the last messages.
         drop(study);
-        device.close()
+        subject.device.close()
     }
 }
 

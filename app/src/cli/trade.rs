@@ -4,8 +4,7 @@ use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
 use super::options::{self, BackendArgs, DeviceArgs, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
-use crate::draw::backend::Backend;
-use crate::draw::fit;
+use super::subject;
 use crate::draw::projection;
 use crate::io::image::{Format, Image};
 use crate::io::load::LoadOptions;
@@ -19,12 +18,10 @@ use crate::studies::trade::pictures::{self, Album};
 use crate::studies::trade::table::{csv, notes, table};
 use crate::studies::trade::{Study, Wanted, study};
 use anyhow::{Context, Result, bail};
-use splatgraph_api::Device;
+use splatgraph_assets::Camera;
 use splatgraph_assets::photograph::EXTENSIONS;
-use splatgraph_assets::{Camera, Scene};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Measure what each setting saves and what it costs in accuracy
 ///
@@ -90,50 +87,34 @@ const CSV: &str = "ledger.csv";
 const PAGE: &str = "ledger.html";
 const PLOT: &str = "ledger";
 
-struct Request {
-    scene: Arc<Scene>,
-    cameras: Vec<Camera>,
-    wanted: Wanted,
-}
-
-impl Request {
-    fn load(
-        args: &Args,
-        device: &Backend,
-        guard: &mut OutputGuard,
-        given: Option<Vec<Camera>>,
-        file: Option<PathBuf>,
-    ) -> Result<Request> {
-        let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
-        if let Some(path) = &args.scene {
-            fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
-        }
-        let scene = args.scene.as_deref();
-        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, ROOM, args.drawing.size)?;
-        let cameras = projection::convert_all(cameras, &args.drawing.pipeline, &args.drawing.set, &scene)?;
-        let truths = |folder: &PathBuf| -> Result<_> {
-            Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))
-        };
-        let DeviceArgs { validate, no_robustness, .. } = &*args.device;
-        let wanted = Wanted {
-            pipeline: args.drawing.pipeline.clone(),
-            set: args.drawing.set.clone(),
-            only: args.only.clone(),
-            frames: args.effort.frames(),
-            truths: args.truth.as_ref().map(truths).transpose()?,
-            opened: format!("validation {validate}, robustness {}", !no_robustness),
-            file,
-        };
-        let request = Request { scene: scene.into(), cameras, wanted };
-        let setting = Setting::of_graph(&args.drawing.pipeline, &args.drawing.set);
-        claim_graph_files(guard, &request.subject(args, device).check(&[setting])?)?;
-        Ok(request)
-    }
-
-    fn subject<'a>(&self, args: &Args, device: &'a Backend) -> Subject<'a> {
-        let name = options::scene_name(args.scene.as_deref());
-        Subject { device, name, scene: self.scene.clone(), cameras: self.cameras.clone() }
-    }
+/// Opens the device and loads the scene.
+fn open(
+    args: &Args,
+    guard: &mut OutputGuard,
+    given: Option<Vec<Camera>>,
+    file: Option<PathBuf>,
+) -> Result<(Subject, Wanted)> {
+    let Drawing { pipeline, set, size, .. } = &args.drawing;
+    let settings = [Setting::of_graph(pipeline, set)];
+    let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
+    let scene = (args.scene.as_deref(), &args.load);
+    let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
+    subject.cameras = projection::convert_all(subject.cameras, pipeline, set, &subject.scene)?;
+    let truths = |folder: &PathBuf| -> Result<_> {
+        Ok((folder.display().to_string(), true_pictures(folder, &subject.cameras, &stems)?))
+    };
+    let DeviceArgs { validate, no_robustness, .. } = &*args.device;
+    let wanted = Wanted {
+        pipeline: pipeline.clone(),
+        set: set.clone(),
+        only: args.only.clone(),
+        frames: args.effort.frames(),
+        truths: args.truth.as_ref().map(truths).transpose()?,
+        opened: format!("validation {validate}, robustness {}", !no_robustness),
+        file,
+    };
+    claim_graph_files(guard, &subject.check(&settings)?)?;
+    Ok((subject, wanted))
 }
 
 /// Maximum length of a camera's file name, in bytes, without the extension.
@@ -143,12 +124,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // Check the cameras before a device is opened.
     let given = args.drawing.cameras(args.scene.as_deref())?;
     let mut guard = guard(args)?;
-    let device = args.device.open()?;
-    let request = Request::load(args, &device, &mut guard, given, Some(args.output.join(LEDGER)))?;
-    let subject = request.subject(args, &device);
-    let ledger = study(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
+    let (subject, wanted) = open(args, &mut guard, given, Some(args.output.join(LEDGER)))?;
+    let ledger = study(&subject, &wanted, &mut Console::default()).map_err(usage)?;
     report(ledger, &args.output)?;
-    Ok(super::outcome::validated(args.device.validate, &device.close()))
+    Ok(super::outcome::validated(args.device.validate, &subject.device.close()))
 }
 
 /// Prints a ledger and writes its files.
@@ -177,7 +156,7 @@ pub struct Views {
     guard: OutputGuard,
     given: Option<Vec<Camera>>,
     stems: Vec<String>,
-    open: Option<(Backend, Request, Study)>,
+    open: Option<(Subject, Wanted, Study)>,
 }
 
 impl Views {
@@ -196,38 +175,35 @@ impl Work for Views {
     }
 
     fn open(&mut self) -> Result<Origin> {
-        let device = self.args.device.open()?;
-        let request = Request::load(&self.args, &device, &mut self.guard, self.given.clone(), None)?;
-        let subject = request.subject(&self.args, &device);
-        let study = Study::new(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
+        let (subject, wanted) = open(&self.args, &mut self.guard, self.given.clone(), None)?;
+        let study = Study::new(&subject, &wanted, &mut Console::default()).map_err(usage)?;
         let origin = serde_json::to_value(study.origin())?;
         let mut origin = origin.as_object().cloned().unwrap_or_default();
         // Other machines may have other paths to the same files.
         let names = ["scene", "truth"].into_iter().filter_map(|name| origin.remove_entry(name)).collect();
         origin.insert(job::REQUEST.into(), serde_json::Value::Object(names));
-        self.open = Some((device, request, study));
+        self.open = Some((subject, wanted, study));
         Ok(origin)
     }
 
     fn draw(&mut self, views: &[usize]) -> Result<()> {
-        let (device, request, study) = self.open.as_mut().context("no device")?;
-        let subject = request.subject(&self.args, device);
+        let (subject, wanted, study) = self.open.as_mut().context("no device")?;
         for &view in views {
             let mut book = study.book(None, &mut ())?;
             let stem = &self.stems[view];
             let album = album_of(&self.args.output.join(job::part(stem)));
             let console = &mut Console::default();
-            study.measure(&subject, &request.wanted, view..view + 1, (&mut book, &album), console)?;
+            study.measure(subject, wanted, view..view + 1, (&mut book, &album), console)?;
             job::write_part(&self.args.output, stem, &book.ledger.rows)?;
         }
         Ok(())
     }
 
     fn close(&mut self) -> Vec<String> {
-        let Some((device, _, study)) = self.open.take() else { return Vec::new() };
+        let Some((subject, _, study)) = self.open.take() else { return Vec::new() };
         // The study's objects must not outlive `close`, which returns the last messages.
         drop(study);
-        device.close()
+        subject.device.close()
     }
 }
 

@@ -82,9 +82,9 @@ impl<'a> Steps<'a> {
 }
 
 /// A device, and a scene with the cameras that look at it.
-pub struct Subject<'a> {
+pub struct Subject {
     /// The device. A study draws with its own contexts.
-    pub device: &'a Backend,
+    pub device: Backend,
     /// Name of the scene in results.
     pub name: String,
     /// Scene to draw.
@@ -94,7 +94,7 @@ pub struct Subject<'a> {
     pub cameras: Vec<Camera>,
 }
 
-impl Subject<'_> {
+impl Subject {
     /// Returns the first camera.
     ///
     /// # Errors

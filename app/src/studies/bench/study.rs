@@ -57,7 +57,7 @@ pub fn study<E: From<StudyError>>(
                 |camera: &Camera| size.map_or_else(|| camera.clone(), |(w, h)| camera.resized(w, h));
             let cameras: Vec<Camera> = cameras.iter().map(resized).collect();
             let bench = Bench {
-                device: subject.device,
+                device: &subject.device,
                 scene: enlarged.clone(),
                 frames: report.origin.effort,
                 copy: report.origin.copy.as_ref().map(|copy| copy.gb_per_s),
@@ -96,7 +96,8 @@ mod tests {
             let origin = Origin::new(device.info(), None, frames, &[]);
             let mut report = Report { complete: false, origin, scenes: vec![], rows: vec![] };
             let (name, scene, cameras) = ("demo".to_owned(), scene.clone(), cameras.to_vec());
-            let subject = Subject { device: &device, name, scene, cameras };
+            let device = device.new_context()?;
+            let subject = Subject { device, name, scene, cameras };
             study(&subject, &wanted, &mut report, &mut |_| Ok::<(), StudyError>(()), &mut ())?;
             Ok(report.rows.into_iter().map(|row| (row.size, row.found.is_ok())).collect())
         };

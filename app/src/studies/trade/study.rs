@@ -360,7 +360,7 @@ mod tests {
         let scene = synth::generate("demo", 50, 0).expect("a small scene");
         let camera = Camera::framing(&scene, 32, 24);
         let cameras = ["a", "b"].map(|name| Camera { img_name: name.into(), ..camera.clone() }).to_vec();
-        let subject = Subject { device: &device, name: "demo".into(), scene: Arc::new(scene), cameras };
+        let subject = Subject { device, name: "demo".into(), scene: Arc::new(scene), cameras };
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("ledger.json");
         let wanted = Wanted {
