@@ -64,7 +64,7 @@ pub use activation::SH_C0;
 pub use attributes::ATTRIBUTES;
 pub use bounds::Bounds;
 pub use camera::Camera;
-pub use dataset::{CameraError, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph};
+pub use dataset::{CameraError, CameraOptions, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph};
 pub use error::{LoadError, SceneError};
 pub use formats::{Content, names_scenes};
 pub use input::{Progress, QUIET, SceneHeader};

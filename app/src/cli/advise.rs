@@ -233,6 +233,9 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     args.load.level.iter().for_each(|level| ["--level", &level.to_string()].into_iter().for_each(&mut add));
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
     args.drawing.cameras.iter().for_each(|cameras| ["-c", cameras].into_iter().for_each(&mut add));
+    if args.drawing.ignore_distortion {
+        add("--ignore-distortion");
+    }
     args.drawing
         .size
         .iter()

@@ -273,7 +273,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let cameras = |index: usize| {
         let spec = args.cameras.get(index).or(args.cameras.first());
         let scene = args.scenes.get(index).map(PathBuf::as_path);
-        cameras::load_sized(spec.map(String::as_str), scene, args.sizes.first().copied())
+        cameras::load_sized(spec.map(String::as_str), scene, args.sizes.first().copied(), false)
     };
     Ok(Work { guard, cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
 }

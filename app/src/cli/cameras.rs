@@ -4,7 +4,7 @@ use super::outcome::Usage;
 use crate::draw::camera;
 use crate::io::output::{OutputGuard, one_line, say};
 use anyhow::{Result, bail};
-use splatgraph_assets::{Camera, CameraError, Dataset, View};
+use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, View};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -21,9 +21,13 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
 ///
 /// # Errors
 /// The file of `--cameras` cannot be read, or holds no cameras.
-pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
+pub fn load(
+    spec: Option<&str>,
+    scene: Option<&Path>,
+    ignore_distortion: bool,
+) -> Result<Option<Vec<Camera>>> {
     if let Some(spec) = spec {
-        return Ok(Some(parse(spec)?));
+        return Ok(Some(parse(spec, ignore_distortion)?));
     }
     let Some(file) = beside(spec, scene) else { return Ok(None) };
     let Some(mut all) = load_beside(&file) else { return Ok(None) };
@@ -46,8 +50,9 @@ pub fn load_sized(
     spec: Option<&str>,
     scene: Option<&Path>,
     size: Option<(u32, u32)>,
+    ignore_distortion: bool,
 ) -> Result<Option<Vec<Camera>>> {
-    let given = load(spec, scene)?;
+    let given = load(spec, scene, ignore_distortion)?;
     given.iter().flatten().filter(|_| size.is_none()).try_for_each(check_size)?;
     Ok(given)
 }
@@ -68,7 +73,11 @@ pub fn check_size(camera: &Camera) -> Result<()> {
 /// Loads all cameras of a file beside the scene. If they are not usable, prints why and returns `None`.
 pub fn load_beside(file: &Path) -> Option<Vec<Camera>> {
     let told = |error: &CameraError| say(format!("the cameras beside the scene are not used: {error}"));
-    load_file(file).inspect_err(told).ok()
+    let cameras = Camera::load(file).and_then(|cameras| match cameras.is_empty() {
+        true => Err(CameraError::Empty { path: file.into() }),
+        false => Ok(cameras),
+    });
+    cameras.inspect_err(told).ok()
 }
 
 /// Registers the camera file as an input, so that no output can overwrite it.
@@ -90,7 +99,7 @@ fn is_json(spec: &str) -> bool {
 ///
 /// # Errors
 /// The file or the text is invalid, or has no cameras.
-pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
+pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraError> {
     if is_json(spec) {
         let name = Path::new("--cameras");
         let cameras = Camera::parse(spec, name)?;
@@ -100,16 +109,16 @@ pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
         let source = io::Error::new(io::ErrorKind::InvalidInput, "expected a file, found an empty name");
         return Err(CameraError::Io { path: "--cameras".into(), source });
     }
-    // A `#` may also be part of the file's own name.
-    if spec.contains('#') && !Path::new(spec).exists() {
-        return Camera::select(spec).map(|camera| vec![camera]);
-    }
-    load_file(Path::new(spec))
+    let dataset = Dataset::select(spec, CameraOptions { ignore_distortion, ..CameraOptions::default() })?;
+    tell_alignment(&dataset);
+    Ok(dataset.into_cameras())
 }
 
-fn load_file(file: &Path) -> Result<Vec<Camera>, CameraError> {
-    let cameras = Camera::load(file)?;
-    if cameras.is_empty() { Err(CameraError::Empty { path: file.into() }) } else { Ok(cameras) }
+/// Tells the user which file moved the cameras.
+pub fn tell_alignment(dataset: &Dataset) {
+    if let Some(file) = &dataset.alignment {
+        say(format!("the cameras are moved to the space of nerfstudio's scene, by {}", file.display()));
+    }
 }
 
 /// Warns the user if principal points are farther from the middle of the pictures than scores tolerate.
@@ -145,7 +154,8 @@ pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
         Some((file, _)) if !Path::new(cameras).exists() => file,
         _ => cameras,
     };
-    match Dataset::load(file) {
+    let options = CameraOptions { ignore_distortion: true, ..CameraOptions::default() };
+    match Dataset::load_with(Path::new(file), options) {
         Ok(dataset) => claim_dataset(guard, &dataset),
         // The command reports it when it reads the cameras.
         Err(_) => Ok(()),
@@ -182,19 +192,19 @@ mod tests {
     fn the_first_camera_beside_a_scene_is_taken_unless_others_are_named() {
         let folder = tempfile::tempdir().expect("a folder");
         let (scene, own) = (folder.path().join("a.ply"), folder.path().join("a.cameras.json"));
-        assert_eq!(load(None, Some(&scene)).expect("no cameras"), None);
+        assert_eq!(load(None, Some(&scene), false).expect("no cameras"), None);
         let cameras = synth::demo_cameras();
         Camera::save(&cameras, &own).expect("written");
-        let found = load(None, Some(&scene)).expect("cameras").expect("beside the scene");
+        let found = load(None, Some(&scene), false).expect("cameras").expect("beside the scene");
         assert_eq!(found, cameras[..1]);
         let spec = own.display().to_string();
         assert_eq!(
-            load(Some(&spec), Some(&scene)).expect("cameras").map(|all| all.len()),
+            load(Some(&spec), Some(&scene), false).expect("cameras").map(|all| all.len()),
             Some(cameras.len())
         );
-        assert_eq!(load(None, None).expect("no scene"), None);
+        assert_eq!(load(None, None, false).expect("no scene"), None);
         std::fs::write(&own, "{}").expect("written");
-        assert_eq!(load(None, Some(&scene)).expect("a file without cameras is not used"), None);
+        assert_eq!(load(None, Some(&scene), false).expect("a file without cameras is not used"), None);
         let mut guard = OutputGuard::default();
         claim(&mut guard, None, Some(&scene)).expect("an input");
         assert!(guard.output("--output", &own).is_err(), "no output replaces it");
@@ -202,7 +212,7 @@ mod tests {
 
     #[test]
     fn mistakes_in_the_text_of_cameras_are_told_with_line_and_column() {
-        let said = |text: &str| parse(text).unwrap_err().to_string();
+        let said = |text: &str| parse(text, false).unwrap_err().to_string();
         let one = r#"{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "width": 4, "height": 2, "fx": 5.0}"#;
         assert_eq!(said(&format!("[{one}]")), "--cameras:1:97: camera 0: missing field `fy`");
         assert_eq!(
@@ -217,7 +227,7 @@ mod tests {
         assert_eq!(said(" []"), "--cameras has no cameras");
         assert_eq!(said(""), "--cameras: expected a file, found an empty name");
         let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
-        assert_eq!(parse(&format!("[{whole}]")).unwrap()[0].fy, 6.0);
+        assert_eq!(parse(&format!("[{whole}]"), false).unwrap()[0].fy, 6.0);
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("[1].json");
         assert!(!is_json(&file.to_string_lossy()));
@@ -255,7 +265,7 @@ mod tests {
             // Starting a shell for each of hundreds of lines would be slow.
             let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
             let json = json.expect("a quoted word").replace("'\\''", "'");
-            let read = parse(&json).expect("the camera is read");
+            let read = parse(&json, false).expect("the camera is read");
             prop_assert_eq!(read.len(), 1);
             let resized = read[0].resized(size.0, size.1);
             let bits = |camera: &Camera| {

@@ -22,7 +22,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Dataset, Scene, TEST_EVERY};
+use splatgraph_assets::{Camera, CameraOptions, Dataset, Scene, TEST_EVERY};
 use splatgraph_reference::Rules;
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
@@ -162,7 +162,10 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     if let Renderer::Reference = args.backend {
         refuse_graph_options(&args.pipeline, &args.set, &args.device)?;
     }
-    let dataset = Dataset::load_with(&args.cameras, args.photographs.as_deref())?;
+    let photographs = args.photographs.as_deref();
+    let options = CameraOptions { photographs, ..CameraOptions::default() };
+    let dataset = Dataset::load_with(&args.cameras, options)?;
+    cameras::tell_alignment(&dataset);
     cameras::tell_off_center(&dataset);
     cameras::tell_masks(&dataset);
     if let Some(name) = dataset.unmatched.first().filter(|_| !args.all) {

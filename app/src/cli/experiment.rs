@@ -90,7 +90,7 @@ impl Kind {
 pub fn run(args: &Args) -> Result<Outcome> {
     let (common, kind, _) = args.kind.parts();
     let output = args.output();
-    let given = cameras::load(common.cameras.as_deref(), common.scene.as_deref())?;
+    let given = cameras::load(common.cameras.as_deref(), common.scene.as_deref(), false)?;
     let mut guard = guard(args)?;
     let settings = [Setting::of_graph(GRAPH, &[])];
     let scene = (common.scene.as_deref(), &common.load);

@@ -55,7 +55,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     guard.input("the graph", Path::new(&args.drawing.pipeline)).map_err(Usage::from)?;
     args.json.iter().try_for_each(|path| guard.output("--json", path)).map_err(Usage::from)?;
     let scene = options::load_scene(&args.scene, &args.load)?;
-    let given = cameras::load(args.drawing.cameras.as_deref(), Some(&args.scene))?;
+    let given =
+        cameras::load(args.drawing.cameras.as_deref(), Some(&args.scene), args.drawing.ignore_distortion)?;
     // The picture has the size of the first camera.
     let first = given.iter().flatten().next().filter(|_| args.drawing.size.is_none());
     first.map_or(Ok(()), cameras::check_size)?;

@@ -19,7 +19,9 @@ use crate::lsp;
 use crate::studies::bench;
 use anyhow::{Context, Result, anyhow, bail};
 use splatgraph_api::BackendError;
-use splatgraph_assets::{Camera, Content, LoadError, QUIET, Scene, SceneError, SceneFormat, SceneHeader};
+use splatgraph_assets::{
+    Camera, CameraError, Content, LoadError, QUIET, Scene, SceneError, SceneFormat, SceneHeader,
+};
 use splatgraph_framework::ir::Catalog;
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -418,10 +420,14 @@ pub struct Drawing {
     /// Cameras: a COLMAP folder, a transforms.json, the reference implementation's cameras.json, or a glTF file; `#2`
     /// or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
     ///
-    /// The format is recognised by the contents. Lenses with distortion are refused. The text of a cameras.json works
+    /// The format is recognised by the contents; docs/formats.md lists the formats. The text of a cameras.json works
     /// in place of a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     pub cameras: Option<String>,
+    /// Draw lenses with distortion as ideal ones: the same poses and focal lengths, but pictures that do not match the
+    /// photographs [default: such lenses are refused]
+    #[arg(long, requires = "cameras")]
+    pub ignore_distortion: bool,
     /// Size of the pictures [default: the cameras']
     ///
     /// The cameras keep their vertical field of view: a wider picture shows more at the sides. The camera that frames
@@ -432,7 +438,13 @@ pub struct Drawing {
 
 impl Drawing {
     pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
-        super::cameras::load_sized(self.cameras.as_deref(), scene, self.size)
+        super::cameras::load_sized(self.cameras.as_deref(), scene, self.size, self.ignore_distortion)
+    }
+
+    /// Reads the cameras of `--cameras`.
+    pub fn given_cameras(&self) -> Result<Option<Vec<Camera>>, CameraError> {
+        let parse = |spec: &str| super::cameras::parse(spec, self.ignore_distortion);
+        self.cameras.as_deref().map(parse).transpose()
     }
 }
 

@@ -94,7 +94,7 @@ fn degrees(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref(), false)?;
     let mut guard = guard(args)?;
     let variants = variants(args);
     let scene = (args.scene.as_deref(), &args.load);

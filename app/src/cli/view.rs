@@ -235,7 +235,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
 pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
-    let cameras = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
+    let cameras = args.drawing.given_cameras()?;
     let list = args.scene.as_deref().filter(|path| names_scenes(path)).map(Content::at);
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;

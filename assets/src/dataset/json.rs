@@ -6,10 +6,11 @@
 //! Blender scenes of NeRF (`camera_angle_x`), <https://docs.nerf.studio/quickstart/data_conventions.html>, and
 //! `get_path_from_json` of nerfstudio.
 
-use super::colmap::UNDISTORT;
+use super::alignment::{self, Applied, Matrix};
+use super::colmap::{IDEAL, UNDISTORT};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
-use super::view::{Dataset, View, stem};
+use super::view::{CameraOptions, Dataset, View, stem};
 use crate::camera::Camera;
 use crate::composition::BYTE_ORDER_MARK;
 use crate::projection::Projection;
@@ -22,19 +23,19 @@ use std::path::{Path, PathBuf};
 
 /// Parses a camera file: an object is a `transforms.json` or a `camera_path.json`, a list a `cameras.json`.
 ///
-/// Sizes that the file lacks are those of the photographs. `folder` has the photographs; `None` for the file's folder.
-/// `fallback` is the size if no photograph can be read.
+/// Sizes that the file lacks are those of the photographs, by default in the file's folder. `fallback` is the size if no
+/// photograph can be read. The cameras of a `transforms.json` are moved by the `dataparser_transforms.json` beside it.
 pub(super) fn parse(
     text: &str,
     path: &Path,
-    folder: Option<&Path>,
+    options: CameraOptions,
     fallback: Option<(u32, u32)>,
 ) -> Result<Dataset, CameraError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let reached = Cell::new(None);
     let start = text.trim_start();
     let parsed = if start.starts_with('{') {
-        transforms(text, path, folder, fallback, &reached)
+        transforms(text, path, options, fallback, &reached)
     } else if !start.is_empty() && !start.starts_with('[') {
         return Err(CameraError::UnknownFormat { path: path.to_owned() });
     } else {
@@ -44,9 +45,9 @@ pub(super) fn parse(
             Ok(View { camera: Camera { img_name, ..camera }, photograph, test: None })
         };
         let views = whole(text, List { reached: &reached, view, entry: PhantomData });
-        views.map(|views| Dataset { views, ..Dataset::default() })
+        views.map(|views| (Dataset { views, ..Dataset::default() }, None))
     };
-    parsed.map_err(|error| {
+    let (mut dataset, applied) = parsed.map_err(|error| {
         // serde_json appends the line and column to its message.
         let message = error.to_string();
         let place = format!(" at line {} column {}", error.line(), error.column());
@@ -54,7 +55,12 @@ pub(super) fn parse(
         let camera = reached.get().map(|index| format!("camera {index}: ")).unwrap_or_default();
         let place = format!(":{}:{}", error.line(), error.column());
         CameraError::invalid(path, place, format!("{camera}{message}"))
-    })
+    })?;
+    let alignment = path.parent().and_then(alignment::beside);
+    if let Some((file, applied)) = alignment.zip(applied) {
+        alignment::apply(&mut dataset, file, &applied)?;
+    }
+    Ok(dataset)
 }
 
 /// Deserialises a text, and returns an error if anything follows the value.
@@ -135,7 +141,9 @@ struct Fields {
     mask_path: Option<IgnoredAny>,
     file_path: Option<String>,
     #[serde(alias = "camera_to_world")]
-    transform_matrix: Option<Pose>,
+    transform_matrix: Option<Matrix>,
+    applied_transform: Option<Matrix>,
+    applied_scale: Option<f64>,
     /// Photographs reserved for tests, in nerfstudio's files.
     test_filenames: Option<HashSet<PathBuf>>,
     // The fields of a `camera_path.json`; `fov` is vertical, in degrees.
@@ -143,36 +151,6 @@ struct Fields {
     render_width: Option<f64>,
     render_height: Option<f64>,
     fov: Option<f64>,
-}
-
-/// A camera-to-world matrix: 3 or 4 rows of 4 numbers, or these numbers in one list.
-#[derive(Clone)]
-struct Pose([[f64; 4]; 3]);
-
-impl<'de> Deserialize<'de> for Pose {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        #[derive(Deserialize)]
-        #[serde(untagged, expecting = "expected a number or 4 numbers in a row of the matrix")]
-        enum Entry {
-            Row([f64; 4]),
-            Number(f64),
-        }
-        let mut numbers = Vec::new();
-        for entry in Vec::deserialize(deserializer)? {
-            match entry {
-                Entry::Row(row) => numbers.extend(row),
-                Entry::Number(number) => numbers.push(number),
-            }
-        }
-        let (rows, _) = numbers.as_chunks();
-        match rows {
-            [a, b, c] | [a, b, c, _] if numbers.len() % 4 == 0 => Ok(Self([*a, *b, *c])),
-            _ => Err(D::Error::custom(format!(
-                "expected a matrix of 3 or 4 rows of 4 numbers, found {} numbers",
-                numbers.len()
-            ))),
-        }
-    }
 }
 
 impl Fields {
@@ -230,10 +208,11 @@ fn plain(path: &Path) -> &Path {
 fn view(
     frame: &Fields,
     file: &Fields,
+    ignore_distortion: bool,
     size: impl FnOnce(&str) -> Result<(u32, u32), String>,
 ) -> Result<View, String> {
     let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
-    let Some(Pose(matrix)) = &frame.transform_matrix else {
+    let Some(Matrix(matrix)) = &frame.transform_matrix else {
         return Err("missing field `transform_matrix`".into());
     };
     let model = frame.camera_model.as_deref().or(file.camera_model.as_deref()).unwrap_or("PINHOLE");
@@ -250,8 +229,10 @@ fn view(
             ));
         }
     };
-    if let Some((name, value)) = frame.distortion(file) {
-        return Err(format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}"));
+    if let Some((name, value)) = frame.distortion(file).filter(|_| !ignore_distortion) {
+        return Err(format!(
+            "`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}"
+        ));
     }
     let sides = [("w", either!(w of frame, file)), ("h", either!(h of frame, file))];
     let (width, height) = match sides.map(|(_, side)| side) {
@@ -306,14 +287,14 @@ fn size_of(folder: &Path, photograph: &str) -> Result<(u32, u32), String> {
     photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))
 }
 
-/// Reads a `transforms.json` or a `camera_path.json`: first the file's own values, which may follow its frames, then the frames.
+/// Reads a `transforms.json`, with the motion that its poses contain, or a `camera_path.json`: first the file's own values, which may follow its frames, then the frames.
 fn transforms(
     text: &str,
     path: &Path,
-    photographs: Option<&Path>,
+    options: CameraOptions,
     fallback: Option<(u32, u32)>,
     reached: &Cell<Option<usize>>,
-) -> serde_json::Result<Dataset> {
+) -> serde_json::Result<(Dataset, Option<Applied>)> {
     let mut file: Fields = serde_json::from_str(text)?;
     file.test_filenames =
         file.test_filenames.map(|names| names.iter().map(|name| plain(name).to_owned()).collect());
@@ -321,26 +302,27 @@ fn transforms(
     // A lost photograph, missing or damaged, has the size of the first readable one. Before that one is found, its size
     // is unknown, so the frames are read again.
     let (first, is_lost) = (Cell::new(None), Cell::new(false));
-    let size = |photograph: &str, is_last: bool| match size_of(photographs.unwrap_or(&folder), photograph) {
-        Ok(size) => {
-            first.set(first.get().or(Some(size)));
-            Ok(size)
-        }
-        Err(error) => match first.get() {
-            Some(size) => Ok(size),
-            None if is_last => fallback.ok_or(error),
-            None => {
-                is_lost.set(true);
-                Ok((1, 1))
+    let size =
+        |photograph: &str, is_last: bool| match size_of(options.photographs.unwrap_or(&folder), photograph) {
+            Ok(size) => {
+                first.set(first.get().or(Some(size)));
+                Ok(size)
             }
-        },
-    };
+            Err(error) => match first.get() {
+                Some(size) => Ok(size),
+                None if is_last => fallback.ok_or(error),
+                None => {
+                    is_lost.set(true);
+                    Ok((1, 1))
+                }
+            },
+        };
     let read = |is_last: bool| {
         let mut has_masks = file.mask_path.is_some();
         let view = |frame: Fields| {
             has_masks |= frame.mask_path.is_some();
             let frame = if file.is_path() { frame.of_path(&file) } else { frame };
-            view(&frame, &file, |photograph| size(photograph, is_last))
+            view(&frame, &file, options.ignore_distortion, |photograph| size(photograph, is_last))
         };
         let views = whole(text, Frames(List { reached, view, entry: PhantomData }))?;
         serde_json::Result::Ok(Dataset { views, has_masks, ..Dataset::default() })
@@ -352,6 +334,7 @@ fn transforms(
     for (view, id) in dataset.views.iter_mut().zip(0..) {
         view.camera.id = id;
     }
+    let is_path = file.is_path();
     if let Some(mut names) = file.test_filenames {
         for view in &dataset.views {
             names.remove(plain(Path::new(&view.photograph)));
@@ -359,7 +342,16 @@ fn transforms(
         dataset.unmatched = names.into_iter().map(|name| name.display().to_string()).collect();
         dataset.unmatched.sort();
     }
-    Ok(Dataset { photographs: Some(folder), ..dataset })
+    // A path is in the space of the scene.
+    let applied = (!is_path).then_some(Applied {
+        // nerfstudio assumes this one for files of COLMAP's poses that were written before the field existed.
+        transform: file.applied_transform.or_else(|| {
+            let swapped = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0]];
+            folder.join("colmap/sparse/0").is_dir().then_some(Matrix(swapped))
+        }),
+        scale: file.applied_scale,
+    });
+    Ok((Dataset { photographs: Some(folder), ..dataset }, applied))
 }
 
 struct Frames<'a, F>(List<'a, Fields, F>);

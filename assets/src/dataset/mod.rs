@@ -9,16 +9,18 @@
 //! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |
 //!
 //! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
-//! distortion is refused. Principal points are those of the dataset; the reference moves them to the images' centres.
+//! distortion is refused, unless [`CameraOptions`] ignores its distortion. Principal points are those of the dataset; the reference moves them to the images' centres.
 
+mod alignment;
 mod colmap;
 mod error;
 mod json;
 pub mod photograph;
 mod view;
 
+use alignment::Applied;
 pub use error::{CameraError, MAX_CAMERA_BYTES};
-pub use view::{Dataset, View};
+pub use view::{CameraOptions, Dataset, View};
 
 use crate::camera::Camera;
 use crate::file;
@@ -37,26 +39,25 @@ impl Dataset {
     /// No format is recognised, the file cannot be read, or a camera is malformed or has distortion. The error names
     /// the file, and if possible the line or byte and the field.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, CameraError> {
-        Self::load_with(path.as_ref(), None)
+        Self::load_with(path.as_ref(), CameraOptions::default())
     }
 
-    /// Reads a dataset as [`Dataset::load`] does. Cameras without a size get that of their photograph in the folder
-    /// `photographs`.
+    /// Reads a dataset as [`Dataset::load`] does, with options.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`].
-    pub fn load_with(path: &Path, photographs: Option<&Path>) -> Result<Self, CameraError> {
-        Self::load_sized(path, photographs, None)
+    pub fn load_with(path: &Path, options: CameraOptions) -> Result<Self, CameraError> {
+        Self::load_sized(path, options, None)
     }
 
     /// Reads a dataset as [`Dataset::load_with`] does. `fallback` is the size if no photograph can be read.
     fn load_sized(
         path: &Path,
-        photographs: Option<&Path>,
+        options: CameraOptions,
         fallback: Option<(u32, u32)>,
     ) -> Result<Self, CameraError> {
         if path.is_dir() {
-            return Self::load_folder(path, photographs);
+            return Self::load_folder(path, options);
         }
         // COLMAP's files come in pairs; either one identifies the model.
         let name = path.file_stem().and_then(|stem| stem.to_str());
@@ -64,7 +65,7 @@ impl Dataset {
             && path.extension().is_some_and(|extension| extension == "txt" || extension == "bin")
         {
             let here = Path::new(".");
-            return Self::load_colmap(if folder.as_os_str().is_empty() { here } else { folder });
+            return Self::load_colmap(if folder.as_os_str().is_empty() { here } else { folder }, options);
         }
         if let Some(dataset) = Self::load_gltf(path)? {
             return Ok(dataset);
@@ -74,8 +75,8 @@ impl Dataset {
             ErrorKind::InvalidData => CameraError::UnknownFormat { path: path.to_owned() },
             _ => CameraError::io(path)(error),
         })?;
-        let mut dataset =
-            Self { files: vec![path.to_owned()], ..json::parse(&text, path, photographs, fallback)? };
+        let mut dataset = json::parse(&text, path, options, fallback)?;
+        dataset.files.insert(0, path.to_owned());
         // Blender's scenes have a file for each split.
         let test = match name {
             Some("transforms_test") => Some(true),
@@ -91,22 +92,22 @@ impl Dataset {
     /// # Errors
     /// The errors of [`Dataset::load`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, CameraError> {
-        json::parse(text, path, None, None)
+        json::parse(text, path, CameraOptions::default(), None)
     }
 
-    fn load_folder(folder: &Path, photographs: Option<&Path>) -> Result<Self, CameraError> {
+    fn load_folder(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {
         for colmap in ["", "sparse/0", "sparse"].map(|below| folder.join(below)) {
             if colmap::is_folder(&colmap) {
-                return Self::load_colmap(&colmap);
+                return Self::load_colmap(&colmap, options);
             }
         }
         let splits = ["test", "train", "val"].map(|split| folder.join(format!("transforms_{split}.json")));
         if splits[0].exists() {
-            let mut dataset = Self::load_with(&splits[0], photographs)?;
+            let mut dataset = Self::load_with(&splits[0], options)?;
             // The photographs of the other splits may not be there: only test views are scored.
             let size = dataset.views.first().map(|view| (view.camera.width, view.camera.height));
             for file in splits[1..].iter().filter(|file| file.exists()) {
-                let split = Self::load_sized(file, photographs, size)?;
+                let split = Self::load_sized(file, options, size)?;
                 dataset.has_masks |= split.has_masks;
                 dataset.files.extend(split.files);
                 dataset.views.extend(split.views);
@@ -118,7 +119,7 @@ impl Dataset {
             .into_iter();
         let file = files.find(|file| file.exists());
         let none = || Err(CameraError::NoCameras { path: folder.to_owned() });
-        file.map_or_else(none, |file| Self::load_with(&file, photographs))
+        file.map_or_else(none, |file| Self::load_with(&file, options))
     }
 
     /// Reads the cameras of a glTF file; `None` for a file with neither its magic number nor the extension `.gltf`.
@@ -140,11 +141,48 @@ impl Dataset {
         Ok(Some(Self { views, files: vec![path.to_owned()], ..Self::default() }))
     }
 
-    fn load_colmap(folder: &Path) -> Result<Self, CameraError> {
-        let mut dataset = colmap::load(folder)?;
+    fn load_colmap(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {
+        let mut dataset = colmap::load(folder, options.ignore_distortion)?;
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-        dataset.photographs =
-            folder.ancestors().take(3).map(|around| around.join("images")).find(|images| images.is_dir());
+        let around = || folder.ancestors().take(3);
+        dataset.photographs = around().map(|around| around.join("images")).find(|images| images.is_dir());
+        if let Some(file) = around().find_map(alignment::beside) {
+            alignment::apply(&mut dataset, file, &Applied::default())?;
+        }
+        Ok(dataset)
+    }
+
+    /// Reads the dataset of `path`, or of `path#2` (index from 0) or `path#name` (a camera's `img_name`, or its
+    /// photograph's name), which has one view.
+    ///
+    /// # Errors
+    /// The errors of [`Dataset::load`], the dataset is empty, or there is no such camera.
+    pub fn select(spec: &str, options: CameraOptions) -> Result<Self, CameraError> {
+        // If the whole text names a file, the `#` is part of the file's name.
+        let (path, wanted) = match spec.rsplit_once('#') {
+            Some((path, wanted)) if !Path::new(spec).exists() => (Path::new(path), Some(wanted)),
+            _ => (Path::new(spec), None),
+        };
+        let mut dataset = Self::load_with(path, options)?;
+        if dataset.views.is_empty() {
+            return Err(CameraError::Empty { path: path.to_owned() });
+        }
+        let Some(wanted) = wanted else { return Ok(dataset) };
+        let mut names = dataset.views.iter().map(|view| view.camera.img_name.as_str());
+        let index = match wanted.parse::<usize>() {
+            Ok(index) => Some(index).filter(|index| *index < dataset.views.len()),
+            Err(_) => names.position(|name| name == photograph::stem(wanted)),
+        };
+        let Some(index) = index else {
+            let names = dataset.views.iter().map(|view| view.camera.img_name.clone());
+            return Err(CameraError::NotFound {
+                path: path.to_owned(),
+                wanted: wanted.to_owned(),
+                count: dataset.views.len(),
+                names: names.filter(|name| !name.is_empty()).take(8).collect(),
+            });
+        };
+        dataset.views = vec![dataset.views.swap_remove(index)];
         Ok(dataset)
     }
 
@@ -230,49 +268,11 @@ impl Camera {
         };
         written().map_err(CameraError::io(path))
     }
-
-    /// Selects the camera of `path`, `path#2` (index from 0) or `path#name` (`img_name`, or its photograph's name);
-    /// without `#`, the first.
-    ///
-    /// # Errors
-    /// The errors of [`Camera::load`], or there is no such camera.
-    pub fn select(spec: &str) -> Result<Self, CameraError> {
-        // If the whole text names a file, the `#` is part of the file's name.
-        let (path, wanted) = match spec.rsplit_once('#') {
-            Some((path, wanted)) if !Path::new(spec).exists() => (Path::new(path), Some(wanted)),
-            _ => (Path::new(spec), None),
-        };
-        let mut cameras = Self::load(path)?;
-        if cameras.is_empty() {
-            return Err(CameraError::Empty { path: path.to_owned() });
-        }
-        let Some(wanted) = wanted else { return Ok(cameras.swap_remove(0)) };
-        let index = match wanted.parse::<usize>() {
-            Ok(index) => Some(index).filter(|i| *i < cameras.len()),
-            Err(_) => {
-                let wanted = photograph::stem(wanted);
-                cameras.iter().position(|c| c.img_name == wanted)
-            }
-        };
-        match index {
-            Some(index) => Ok(cameras.swap_remove(index)),
-            None => Err(CameraError::NotFound {
-                path: path.to_owned(),
-                wanted: wanted.to_owned(),
-                count: cameras.len(),
-                names: cameras
-                    .iter()
-                    .map(|c| c.img_name.clone())
-                    .filter(|name| !name.is_empty())
-                    .take(8)
-                    .collect(),
-            }),
-        }
-    }
 }
 
 impl Dataset {
-    fn into_cameras(self) -> Vec<Camera> {
+    /// Returns the cameras, without their photographs.
+    pub fn into_cameras(self) -> Vec<Camera> {
         self.views.into_iter().map(|view| view.camera).collect()
     }
 }

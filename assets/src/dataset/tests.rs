@@ -66,10 +66,13 @@ fn a_camera_is_selected_by_number_or_name() {
     }
     Camera::save(&cameras, &path).unwrap();
     assert_eq!(Camera::load(&path).unwrap(), cameras);
-    let select = |suffix: &str| Camera::select(&format!("{}{suffix}", path.display()));
-    assert_eq!(select("").unwrap(), cameras[0]);
-    assert_eq!(select("#2").unwrap(), cameras[2]);
-    assert_eq!(select("#view-1").unwrap(), cameras[1]);
+    let select = |suffix: &str| {
+        let spec = format!("{}{suffix}", path.display());
+        Dataset::select(&spec, CameraOptions::default()).map(Dataset::into_cameras)
+    };
+    assert_eq!(select("").unwrap(), cameras);
+    assert_eq!(select("#2").unwrap(), cameras[2..]);
+    assert_eq!(select("#view-1").unwrap(), cameras[1..2]);
     for (camera, ending) in cameras.iter_mut().zip([".png", ".JPG", ".v2"]) {
         camera.img_name += ending;
     }
@@ -80,7 +83,7 @@ fn a_camera_is_selected_by_number_or_name() {
         ["view-0", "view-1", "view-2.v2"],
         "pictures are named like this, with their own ending"
     );
-    assert_eq!(select("#view-1.JPG").unwrap().id, 1);
+    assert_eq!(select("#view-1.JPG").unwrap()[0].id, 1);
     says(select("#3").unwrap_err(), "no camera `3`: it has 3, numbered from 0 and named view-0, view-1");
     Camera::save(&[], &path).unwrap();
     assert!(matches!(select(""), Err(CameraError::Empty { .. })));
@@ -214,6 +217,20 @@ fn a_lens_without_distortion_is_a_pinhole_by_any_name_and_one_with_it_is_refused
         let [view] = Dataset::load(folder.path()).unwrap().views.try_into().unwrap();
         assert_eq!((view.camera.fx, view.camera.fy), (100.0, fy), "{lens}");
     }
+    let ideal = CameraOptions { ignore_distortion: true, ..CameraOptions::default() };
+    for (lens, projection) in [
+        ("7 OPENCV 100 80 100 80 50 40 0.1 0.2 0 1e-9", Projection::Pinhole),
+        ("7 OPENCV_FISHEYE 100 80 100 80 50 40 0 0.1 0 0", Projection::Fisheye),
+    ] {
+        let dataset = Dataset::load_with(colmap_text(lens, &image()).path(), ideal).unwrap();
+        let camera = &dataset.views[0].camera;
+        assert_eq!((camera.projection, camera.fx, camera.fy), (projection, 100.0, 80.0), "{lens}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    std::fs::write(&path, nerfstudio("", "\"k1\": 0.1, \"distortion_params\": [0, 0.2],")).unwrap();
+    shows_the_known_point(&Dataset::load_with(&path, ideal).unwrap().views[0].camera);
+    says(Dataset::load(&path).unwrap_err(), "draw an ideal lens with `render --ignore-distortion`");
     for (lens, what) in [
         (
             "7 SIMPLE_RADIAL 100 80 100 50 40 0.01",
@@ -448,6 +465,45 @@ fn a_path_of_nerfstudio_and_a_matrix_of_three_rows_show_the_known_point() {
 }
 
 #[test]
+fn the_cameras_of_a_capture_are_moved_to_the_scene_of_nerfstudio() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    // The file's poses have y and x for x and y, -z for z, and twice the size.
+    let applied = "\"applied_transform\": [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]], \"applied_scale\": 2,";
+    std::fs::write(&path, nerfstudio(applied, "")).unwrap();
+    let of_file = Camera::load(&path).unwrap().remove(0);
+    let beside = folder.path().join("dataparser_transforms.json");
+    let moves = r#"{"transform": [[0, 1, 0, 1], [0, 0, 1, 2], [1, 0, 0, 3]], "scale": 0.5}"#;
+    std::fs::write(&beside, moves).unwrap();
+    let dataset = Dataset::load(&path).unwrap();
+    assert_eq!(
+        (&dataset.alignment, &dataset.files),
+        (&Some(beside.clone()), &vec![path.clone(), beside.clone()])
+    );
+    let camera = &dataset.views[0].camera;
+    let [x, y, z] = [7.0, -5.0, 4.0];
+    // The point in the space of the capture is (y, x, -z), and 0.5 / 2 is the scale.
+    let moved = [x + 1.0, -z + 2.0, y + 3.0].map(|v| 0.25 * v);
+    let (before, after) = (of_file.to_view([x, y, z]), camera.to_view(moved));
+    assert!((0..3).all(|axis| (0.25 * before[axis] - after[axis]).abs() < 1e-9), "{before:?} {after:?}");
+    // COLMAP's poses are those of the capture.
+    let colmap = colmap_text("7 PINHOLE 100 80 100 80 50 40", &image());
+    let of_colmap = Camera::load(colmap.path()).unwrap().remove(0);
+    std::fs::copy(&beside, colmap.path().join("dataparser_transforms.json")).unwrap();
+    let camera = Camera::load(colmap.path()).unwrap().remove(0);
+    let (before, after) =
+        (of_colmap.to_view([x, y, z]), camera.to_view([y + 1.0, z + 2.0, x + 3.0].map(|v| 0.5 * v)));
+    assert!((0..3).all(|axis| (0.5 * before[axis] - after[axis]).abs() < 1e-9), "{before:?} {after:?}");
+    for (from, to, what) in
+        [("0.5", "0", "`scale`: expected a positive"), ("[0, 1, 0, 1]", "[0, 2, 0, 1]", "orthonormal")]
+    {
+        std::fs::write(&beside, moves.replace(from, to)).unwrap();
+        let said = Dataset::load(&path).unwrap_err().to_string();
+        assert!(said.contains("dataparser_transforms.json: ") && said.contains(what), "{said}");
+    }
+}
+
+#[test]
 fn a_file_that_is_no_camera_file_lists_the_formats() {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in [("tum.txt", "# time\n1.0 0 0 0 0 0 0 1\n".as_bytes()), ("a.npy", b"\x93NUMPY")] {
@@ -514,7 +570,17 @@ fn a_blender_scene_takes_its_size_from_its_photographs_and_its_split_from_its_fi
     let file = elsewhere.path().join("transforms_test.json");
     std::fs::copy(folder.path().join("transforms_test.json"), &file).unwrap();
     assert!(Dataset::load(&file).is_err());
-    assert_eq!(Dataset::load_with(&file, Some(folder.path())).unwrap().views[0].camera.width, 100);
+    assert_eq!(
+        Dataset::load_with(
+            &file,
+            CameraOptions { photographs: Some(folder.path()), ..CameraOptions::default() }
+        )
+        .unwrap()
+        .views[0]
+            .camera
+            .width,
+        100
+    );
     assert_eq!(Dataset::photograph_in(folder.path(), test).unwrap(), folder.path().join("./r_0.png"));
 }
 

@@ -1,7 +1,7 @@
 //! Defines the views of a dataset.
 
 use crate::camera::Camera;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A camera with the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,6 +14,15 @@ pub struct View {
     pub test: Option<bool>,
 }
 
+/// Options of [`Dataset::load_with`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CameraOptions<'a> {
+    /// Folder of the photographs, whose sizes cameras without a size get; `None` for the dataset's own.
+    pub photographs: Option<&'a Path>,
+    /// True to read lenses without their distortion, which is otherwise an error. Photographs do not match them.
+    pub ignore_distortion: bool,
+}
+
 /// The views of a capture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
@@ -23,6 +32,8 @@ pub struct Dataset {
     pub photographs: Option<PathBuf>,
     /// Files that the cameras were read from; empty for a parsed text.
     pub files: Vec<PathBuf>,
+    /// The `dataparser_transforms.json` that moved the cameras to the space of nerfstudio's scene, if there is one.
+    pub alignment: Option<PathBuf>,
     /// Names of test photographs in the dataset (`test_filenames`) that no view has.
     pub unmatched: Vec<String>,
     /// True if the dataset has masks (`mask_path`), which are not read.

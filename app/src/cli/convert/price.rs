@@ -45,7 +45,7 @@ impl PriceArgs {
 
     /// Measures the prices of `scene`, which was loaded from `path`, and prints them.
     pub(super) fn run(&self, scene: Scene, path: &Path) -> Result<Outcome> {
-        let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size)?;
+        let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, false)?;
         // Use world coordinates: a format may or may not keep the scene's origin.
         let cameras = given.unwrap_or_else(|| vec![options::framing(&scene).in_world(scene.offset())]);
         let sized = |camera: splatgraph_assets::Camera| match self.size {

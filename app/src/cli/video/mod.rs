@@ -131,7 +131,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             "expected --cameras with --closed, found none; a circle always returns to its start".into()
         ));
     }
-    let keys = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
+    let keys = args.drawing.given_cameras()?;
     if let Some(keys) = &keys {
         check_keys(args, keys)?;
         keys.iter().filter(|_| args.drawing.size.is_none()).try_for_each(cameras::check_size)?;

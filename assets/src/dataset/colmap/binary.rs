@@ -96,7 +96,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
+pub(super) fn lenses(path: &Path, ignore_distortion: bool) -> Result<Lenses, CameraError> {
     let mut fields = Fields::open(path)?;
     let mut lenses = Lenses::new();
     for _ in 0..fields.count("num_cameras", 24 + 3 * 8)? {
@@ -116,7 +116,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
         for (value, name) in values.iter_mut().zip(model.parameters) {
             *value = fields.double(name)?;
         }
-        let lens = model.lens(projection, (width, height), &values).map_err(|fault| {
+        let lens = model.lens(projection, (width, height), &values, ignore_distortion).map_err(|fault| {
             let index = model.parameters.iter().position(|name| *name == fault.0).unwrap_or(0);
             fields.fault(at + 24 + 8 * index as u64, fault)
         })?;

@@ -82,6 +82,10 @@ pub(super) const MODELS: [Model; 11] = [
 pub(in crate::dataset) const UNDISTORT: &str =
     "undistort the photographs first, for instance with `colmap image_undistorter`";
 
+/// Advice that follows [`UNDISTORT`] for a lens that would be ideal without its coefficients.
+pub(in crate::dataset) const IDEAL: &str = ", or draw an ideal lens with `render --ignore-distortion`, in Python with \
+                                            `Camera.load(path, ignore_distortion=True)`";
+
 /// A field's name, and what was expected and found.
 pub(super) type Fault = (&'static str, String);
 
@@ -94,12 +98,13 @@ impl Model {
     }
 
     /// Creates a lens of this model, with its [projection](Model::projection). `values` has an entry for each
-    /// parameter. Fails if the lens has distortion, or its principal point is not finite.
+    /// parameter. Fails if the lens has distortion that is not ignored, or its principal point is not finite.
     pub(super) fn lens(
         &self,
         projection: Projection,
         (width, height): (u32, u32),
         values: &[f64],
+        ignore_distortion: bool,
     ) -> Result<Lens, Fault> {
         let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, projection, principal_offset: [0.0; 2] };
         for (name, value) in self.parameters.iter().zip(values) {
@@ -114,11 +119,11 @@ impl Model {
                     }
                     lens.principal_offset[axis] = value - 0.5 * f64::from(side);
                 }
-                _ if *value == 0.0 => {}
+                _ if ignore_distortion || *value == 0.0 => {}
                 _ => {
                     return Err((
                         name,
-                        format!("expected 0, a lens without distortion, found {value}; {UNDISTORT}"),
+                        format!("expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}"),
                     ));
                 }
             }

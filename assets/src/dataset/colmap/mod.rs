@@ -8,7 +8,7 @@ mod binary;
 mod lens;
 pub(super) mod text;
 
-pub(super) use lens::UNDISTORT;
+pub(super) use lens::{IDEAL, UNDISTORT};
 
 use super::error::CameraError;
 use super::view::Dataset;
@@ -22,15 +22,15 @@ fn has(folder: &Path, form: &str) -> bool {
     ["cameras", "images"].into_iter().all(|name| folder.join(format!("{name}.{form}")).exists())
 }
 
-pub(super) fn load(folder: &Path) -> Result<Dataset, CameraError> {
+pub(super) fn load(folder: &Path, ignore_distortion: bool) -> Result<Dataset, CameraError> {
     let form = if has(folder, "bin") { "bin" } else { "txt" };
     let [cameras, images] = ["cameras", "images"].map(|name| folder.join(format!("{name}.{form}")));
     let mut dataset = Dataset { files: vec![cameras.clone(), images.clone()], ..Dataset::default() };
     if form == "bin" {
-        let lenses = binary::lenses(&cameras)?;
+        let lenses = binary::lenses(&cameras, ignore_distortion)?;
         binary::images(&images, &lenses, &mut dataset)?;
     } else {
-        let lenses = text::lenses(&cameras)?;
+        let lenses = text::lenses(&cameras, ignore_distortion)?;
         text::images(&images, &lenses, &mut dataset)?;
     }
     if dataset.views.is_empty() {

@@ -108,7 +108,7 @@ fn word<'a>(rest: &mut &'a str, field: &'static str) -> Result<&'a str, Fault> {
     Ok(word)
 }
 
-pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
+pub(super) fn lenses(path: &Path, ignore_distortion: bool) -> Result<Lenses, CameraError> {
     let mut lines = Lines::open(path)?;
     let mut lenses = Lenses::new();
     while lines.next()? {
@@ -127,7 +127,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
             for (number, name) in values.iter_mut().zip(model.parameters) {
                 *number = value(&mut rest, name)?;
             }
-            Ok((id, model.lens(projection, (width, height), &values)?))
+            Ok((id, model.lens(projection, (width, height), &values, ignore_distortion)?))
         };
         let (id, lens) = entry().map_err(|fault| lines.fault(fault))?;
         lenses.insert(id, lens);
