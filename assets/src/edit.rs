@@ -21,6 +21,10 @@ fn on_axis(direction: DVec3) -> DVec3 {
     if axis.distance(direction) < ROUNDING { axis } else { direction }
 }
 
+fn largest(scale: [f32; 3]) -> f64 {
+    f64::from(scale[0].max(scale[1]).max(scale[2]))
+}
+
 impl Scene {
     /// Copies the splats with these indices, in this order.
     ///
@@ -83,7 +87,11 @@ impl Scene {
         // The offset moves with the scene, so that positions relative to it keep their precision in f32.
         let offset = by.point(DVec3::from(self.offset()));
         let offset = if self.offset() == [0.0; 3] { DVec3::ZERO } else { offset };
-        let wide = self.is_wide() || self.is_far_after(by, offset);
+        let size = |index: usize| by.scale * largest(self.scales()[index]);
+        let world = |index| by.point(DVec3::from(self.world_position(index)));
+        let origin = Self::finer_origin(self.count(), offset, world, size);
+        let wide = self.is_wide() || origin.is_some();
+        let offset = origin.unwrap_or(offset);
         let moved = Self::try_generate_at(self.count(), degree, wide, |index| {
             let mut splat = self.splat(index);
             let [w, x, y, z] = splat.rotation.map(f64::from);
@@ -91,8 +99,7 @@ impl Scene {
             splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|c| c as f32);
             splat.scale = splat.scale.map(|scale| (f64::from(scale) * by.scale) as f32);
             turn.apply(&mut splat.sh, degree);
-            let position = by.point(DVec3::from(self.world_position(index))) - offset;
-            (splat, position.into())
+            (splat, (world(index) - offset).into())
         })?;
         let up = self.notes().up.map(|up| on_axis(by.rotation * DVec3::from(up)).into());
         let mesh = self.mesh().map(|mesh| mesh.transformed(by, self.offset(), offset.into()).into());
@@ -101,18 +108,8 @@ impl Scene {
         Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh).with_dropped(dropped))
     }
 
-    /// Returns true if the transformed positions, relative to `offset`, are too far from 0 for f32.
-    ///
-    /// The limit is 16 times the scene's own distance from 0, scaled by the transform: f32 then loses more than 4 bits.
-    fn is_far_after(&self, by: &Similarity, offset: DVec3) -> bool {
-        let farthest = |point: &dyn Fn(DVec3) -> DVec3| {
-            self.robust_bounds().corners().into_iter().map(|v| point(v.into()).length()).fold(0.0, f64::max)
-        };
-        let before = by.scale * farthest(&|position| position);
-        farthest(&|position| by.point(position + DVec3::from(self.offset())) - offset) > 16.0 * before
-    }
-
-    /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's.
+    /// Joins scenes, one after the other, and their meshes. The result's offset is the first scene's, unless that is too
+    /// far from the splats.
     ///
     /// Harmonics that a scene lacks are 0. Tags that differ are dropped. The light is the first mesh's. Counts of
     /// dropped splats are summed.
@@ -137,13 +134,25 @@ impl Scene {
             firsts.push(first);
             first += scene.count() as usize;
         }
-        let offset = scenes[0].offset();
-        let joined = Self::try_generate_at(count, degree, true, |index| {
+        let place = |index| {
             let at = firsts.partition_point(|first| *first <= index) - 1;
-            let (scene, local) = (&scenes[at], index - firsts[at]);
-            let world = scene.world_position(local);
-            (scene.splat(local), std::array::from_fn(|axis| world[axis] - offset[axis]))
+            (&scenes[at], index - firsts[at])
+        };
+        let world = |index| {
+            let (scene, local) = place(index);
+            DVec3::from(scene.world_position(local))
+        };
+        let size = |index| {
+            let (scene, local) = place(index);
+            largest(scene.scales()[local])
+        };
+        let offset = DVec3::from(scenes[0].offset());
+        let offset = Self::finer_origin(count, offset, world, size).unwrap_or(offset);
+        let joined = Self::try_generate_at(count, degree, true, |index| {
+            let (scene, local) = place(index);
+            (scene.splat(local), (world(index) - offset).into())
         })?;
+        let offset = offset.into();
         let notes = scenes.iter().map(Self::notes).reduce(FileNotes::common).unwrap_or_default();
         let mut mesh = Mesh::default();
         for scene in scenes {
@@ -176,7 +185,8 @@ mod tests {
     use super::*;
     use crate::harmonics::basis;
     use crate::scene::{Filter, SortKey};
-    use crate::testing::splat;
+    use crate::scene_format::SceneFormat;
+    use crate::testing::{parse, splat, written};
     use std::f64::consts::TAU;
 
     fn color(sh: &[f32; 48], direction: DVec3) -> [f64; 3] {
@@ -236,7 +246,7 @@ mod tests {
 
     #[test]
     fn a_narrow_scene_stays_narrow_unless_it_is_moved_far() {
-        let small = |index| Splat { scale: [1e-6; 3], ..splat(index) };
+        let small = |index| Splat { scale: [1e-3; 3], ..splat(index) };
         let scene = Scene::generate(300, 0, small);
         let is_wide = |scene: &Scene, by: Similarity| scene.transformed(&by).unwrap().is_wide();
         let rotation = DQuat::from_axis_angle(DVec3::new(0.6, -0.48, 0.64), 50f64.to_radians());
@@ -249,6 +259,38 @@ mod tests {
         let surveyed = scene.with_offset([2e6, 0.0, 0.0]);
         let moved = surveyed.transformed(&far).unwrap();
         assert!(!moved.is_wide() && moved.offset() == [2_001_000.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_scene_that_is_moved_far_or_joined_to_one_has_the_offset_that_its_file_of_doubles_gets() {
+        let scene = Scene::generate(300, 0, splat);
+        let by = Similarity { translation: DVec3::new(5e5, 5e6, 300.0), ..Similarity::IDENTITY };
+        let moved = scene.transformed(&by).unwrap();
+        assert_eq!(moved.offset(), [499_712.0, 5_000_192.0, 0.0]);
+        let reread = parse(&written(&moved, SceneFormat::Ply)).unwrap();
+        assert_eq!((reread.offset(), reread.positions()), (moved.offset(), moved.positions()));
+        let few = Scene::generate(9, 0, splat);
+        let joined = Scene::joined(&[few, moved]).unwrap();
+        assert_eq!(joined.offset(), reread.offset());
+        assert_eq!(joined.positions()[9..], *reread.positions());
+        assert!(reread.position_rounding(SceneFormat::Gltf) < 3e-5);
+        // Near the first scene, its offset stays.
+        let beside = Scene::joined(&[reread.picked(&[0, 1]).unwrap(), reread]).unwrap();
+        assert_eq!(beside.offset(), [499_712.0, 5_000_192.0, 0.0]);
+    }
+
+    #[test]
+    fn moves_of_a_narrow_scene_do_not_add_up_to_a_coarse_one() {
+        let small = |index| Splat { scale: [0.05; 3], ..splat(index) };
+        let scene = Scene::generate(300, 0, small);
+        let step = |scene: Scene, x: f64| {
+            scene.transformed(&Similarity { translation: DVec3::X * x, ..Similarity::IDENTITY }).unwrap()
+        };
+        let moved = [30.0, 400.0, 6000.0, 70_000.0].into_iter().fold(step(scene, 0.0), step);
+        for index in 0..300 {
+            let error = moved.world_position(index)[0] - 76_430.0 - f64::from(splat(index).position[0]);
+            assert!(error.abs() < 0.05 / 64.0, "{error}");
+        }
     }
 
     #[test]

@@ -3,6 +3,19 @@
 use super::{Scene, Splat, normalised};
 use crate::memory::SceneMemoryError;
 use crate::ply::origin::Sample;
+use crate::words::CHUNK;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Chooses the origin as for a PLY file of doubles.
+fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
+    let mut sample = Sample::new([true; 3], count.into());
+    for index in (0..count).step_by(sample.every as usize) {
+        let position = position(index as usize);
+        (0..3).for_each(|axis| sample.add(axis, position[axis]));
+    }
+    sample.origin()
+}
 
 impl Scene {
     /// Generates a scene like [`Scene::try_generate`], from positions in the world; [`Splat::position`] is ignored.
@@ -17,18 +30,33 @@ impl Scene {
         position: impl Fn(usize) -> [f64; 3] + Sync,
         splat: impl Fn(usize) -> Splat + Sync,
     ) -> Result<Self, SceneMemoryError> {
-        let mut sample = Sample::new([true; 3], count.into());
-        for index in (0..count).step_by(sample.every as usize) {
-            let position = position(index as usize);
-            (0..3).for_each(|axis| sample.add(axis, position[axis]));
-        }
-        let origin = sample.origin();
+        let origin = origin(count, &position);
         let scene = Self::generated(count, degree, true, |index| {
             let (splat, norm) = normalised(splat(index));
             let world = position(index);
             (splat, std::array::from_fn(|axis| world[axis] - origin[axis]), norm)
         })?;
         Ok(scene.with_offset(origin))
+    }
+
+    /// Finds an origin near the splats, if f32 would be too coarse for positions relative to `offset`.
+    ///
+    /// It is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size, which is the
+    /// largest standard deviation. The positions are the world's.
+    pub(crate) fn finer_origin(
+        count: u32,
+        offset: DVec3,
+        position: impl Fn(usize) -> DVec3 + Sync,
+        size: impl Fn(usize) -> f64 + Sync,
+    ) -> Option<DVec3> {
+        const VISIBLE: f64 = 1.0 / 256.0;
+        let is_shifted = |index: &usize| {
+            let exact = position(*index) - offset;
+            (exact - exact.as_vec3().as_dvec3()).abs().max_element() > VISIBLE * size(*index)
+        };
+        let splats = (0..count as usize).into_par_iter().with_min_len(CHUNK);
+        let shifted = splats.filter(is_shifted).count();
+        (shifted > count as usize / 10).then(|| origin(count, &|index| position(index).into()).into())
     }
 }
 
