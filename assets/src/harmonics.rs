@@ -8,6 +8,7 @@
 
 use glam::{DQuat, DVec3};
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
 /// Evaluates the sixteen basis functions of degree 3 at a unit direction.
 ///
@@ -48,8 +49,14 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
 /// A rotation of spherical harmonics, as a matrix.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Turn {
-    /// Row `j` gives coefficient `j` of the rotated function.
-    matrix: [[f64; 16]; 16],
+    /// Row `j` gives coefficient `j` of the rotated function. `None` is the identity, which changes no bit.
+    matrix: Option<[[f64; 16]; 16]>,
+}
+
+/// Returns the range of the coefficients of the band that has coefficient `j`.
+fn band_of(j: usize) -> Range<usize> {
+    let l = j.isqrt();
+    l * l..(l + 1) * (l + 1)
 }
 
 impl Turn {
@@ -63,6 +70,9 @@ impl Turn {
             (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
             (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
         ];
+        if rotation == DQuat::IDENTITY {
+            return Self { matrix: None };
+        }
         let mut matrix = [[0.0; 16]; 16];
         for (z, weight) in NODES.into_iter().flat_map(|(z, weight)| [(z, weight), (-z, weight)]) {
             for step in 0..8 {
@@ -78,16 +88,16 @@ impl Turn {
                 }
             }
         }
-        Self { matrix }
+        Self { matrix: Some(matrix) }
     }
 
+    /// Rotates each band by itself: between bands, the matrix has only rounding errors, which would fill empty bands.
     pub(crate) fn apply(&self, sh: &mut [f32; 48], degree: u32) {
         let (before, coefficients) = (*sh, (degree + 1) * (degree + 1));
-        for (j, row) in self.matrix.iter().enumerate().take(coefficients as usize) {
+        for (j, row) in self.matrix.iter().flatten().enumerate().take(coefficients as usize) {
             for channel in 0..3 {
-                let sum: f64 =
-                    row.iter().enumerate().map(|(k, value)| value * f64::from(before[3 * k + channel])).sum();
-                sh[3 * j + channel] = sum as f32;
+                let terms = band_of(j).map(|k| row[k] * f64::from(before[3 * k + channel]));
+                sh[3 * j + channel] = terms.sum::<f64>() as f32;
             }
         }
     }
@@ -167,7 +177,7 @@ impl Zonal {
     pub fn about(&self, axis: [f64; 3]) -> [f64; 16] {
         let mut coefficients = basis(axis);
         for (k, value) in coefficients.iter_mut().enumerate() {
-            let l = [0, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3][k];
+            let l = k.isqrt();
             *value *= self.0[l] * 4.0 * PI / (2.0 * l as f64 + 1.0);
         }
         coefficients
@@ -224,6 +234,23 @@ mod tests {
             assert!(most <= bound && most > 0.99 * bound, "{floats} floats: {most}, bound {bound}");
         }
         assert_eq!(brightest(&[0.0; 48]), 0.5);
+    }
+
+    #[test]
+    fn rotations_leave_empty_bands_empty_and_the_identity_keeps_every_bit() {
+        let sh: [f32; 48] = std::array::from_fn(|float| match float / 3 {
+            0..4 | 9.. => 0.0,
+            k => 0.1 * (k as f32).sin(),
+        });
+        let turned = |rotation: DQuat| {
+            let mut turned = sh;
+            Turn::new(rotation).apply(&mut turned, 3);
+            turned
+        };
+        assert_eq!(turned(DQuat::IDENTITY), sh);
+        let found = turned(DQuat::from_rotation_z(1.0));
+        assert!(found[..12].iter().chain(&found[27..]).all(|value| *value == 0.0), "{found:?}");
+        assert_ne!(found, sh);
     }
 
     #[test]
