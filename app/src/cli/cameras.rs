@@ -122,14 +122,11 @@ pub fn tell_alignment(dataset: &Dataset) {
 }
 
 /// Warns the user if principal points are farther from the middle of the pictures than scores tolerate.
-pub fn tell_off_center(dataset: &Dataset) {
+pub fn tell_off_center<'a>(cameras: impl IntoIterator<Item = &'a Camera>) {
     /// Distance that hardly changes a score, in pixels. Half a pixel, as of `cx = (width - 1) / 2`, changes it a lot.
     const TOLERANCE: f64 = 0.05;
-    let farthest = dataset
-        .views
-        .iter()
-        .flat_map(|view| view.camera.principal_offset)
-        .fold(0.0, |most, v| v.abs().max(most));
+    let offsets = cameras.into_iter().flat_map(|camera| camera.principal_offset);
+    let farthest = offsets.fold(0.0, |most: f64, v| v.abs().max(most));
     if farthest > TOLERANCE {
         say(format!(
             "principal points are up to {farthest:.1} pixels off the middle of the pictures; the 3DGS reference implementation trains with the middle: score its scenes with their cameras.json"

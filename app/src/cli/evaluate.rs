@@ -166,7 +166,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     let options = CameraOptions { photographs, ..CameraOptions::default() };
     let dataset = Dataset::load_with(&args.cameras, options)?;
     cameras::tell_alignment(&dataset);
-    cameras::tell_off_center(&dataset);
+    cameras::tell_off_center(dataset.views.iter().map(|view| &view.camera));
     cameras::tell_masks(&dataset);
     if let Some(name) = dataset.unmatched.first().filter(|_| !args.all) {
         let more = match dataset.unmatched.len() - 1 {

@@ -1,5 +1,6 @@
 //! Runs `splatgraph trade`: writes a ledger of what each setting saves and costs.
 
+use super::cameras::tell_off_center;
 use super::console::Console;
 use super::job::{self, Origin, Outputs, ShardArgs, Work};
 use super::options::{self, BackendArgs, DeviceArgs, Drawing, EffortArgs};
@@ -101,6 +102,7 @@ fn open(
     let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
     subject.cameras = projection::convert_all(subject.cameras, pipeline, set, &subject.scene)?;
     let truths = |folder: &PathBuf| -> Result<_> {
+        tell_off_center(&subject.cameras);
         Ok((folder.display().to_string(), true_pictures(folder, &subject.cameras, &stems)?))
     };
     let DeviceArgs { validate, no_robustness, .. } = &*args.device;
