@@ -285,7 +285,7 @@ class Renderer:
 
     @property
     def plan(self) -> Plan:
-        """The plan for the device, the scene, `size` (960 x 540 without one), and the outputs of the last requested picture."""
+        """The plan for the device, the scene, `size` (960 x 540 without one), and the outputs of the last picture requested of the graph."""
         return self._engine.plan(self._size())
 
     @property

@@ -143,7 +143,15 @@ impl Engine {
         params: Vec<(String, String)>,
         size: (u32, u32),
     ) -> PyResult<()> {
-        self.ask(py, move |session| session.change_graph(&pipeline, &params, size))
+        self.ask(py, move |session| {
+            let former = session.graph().0.to_owned();
+            session.change_graph(&pipeline, &params, size)?;
+            if pipeline != former {
+                // The new graph may lack the outputs of the last picture.
+                session.set_outputs(&[]);
+            }
+            Ok(())
+        })
     }
 
     /// Draws another scene from the next request on.
@@ -280,7 +288,6 @@ impl Drop for Pending {
 /// Draws and answers requests until the channel is closed.
 fn serve(session: &mut Session, requests: &Receiver<Request>) {
     let mut flying = VecDeque::new();
-    let mut outputs = Vec::new();
     loop {
         // Waits for a request only if no frame is in flight.
         let request = match flying.is_empty() {
@@ -290,16 +297,14 @@ fn serve(session: &mut Session, requests: &Receiver<Request>) {
         match request {
             Ok(Request::Draw(draw)) if draw.abandoned.load(Ordering::Relaxed) => {}
             Ok(Request::Draw(draw)) => {
-                if draw.outputs != outputs {
+                let former = session.outputs().to_vec();
+                if draw.outputs != former {
                     land(session, &mut flying, 0);
                     session.set_outputs(&draw.outputs);
                 }
-                let wanted = draw.outputs.clone();
-                match start(session, &mut flying, *draw) {
-                    true => outputs = wanted,
+                if !start(session, &mut flying, *draw) {
                     // The plan must not depend on a request that failed.
-                    false if wanted != outputs => session.set_outputs(&outputs),
-                    false => {}
+                    session.set_outputs(&former);
                 }
             }
             Ok(Request::Call(call)) => {

@@ -208,6 +208,10 @@ def test_other_outputs_come_with_the_picture(scene, camera):
         with pytest.raises(splatgraph.GraphError, match="no output `light`"):
             renderer.render(camera, outputs=["light"])
         np.testing.assert_array_equal(renderer.render(camera), picture)
+        # `splat` has no normals.
+        renderer.render(camera, outputs="normal")
+        renderer.use("splat")
+        assert renderer.plan.name == "splat"
 
 
 def test_what_changes_a_renderer_only_by_a_call_cannot_be_assigned(scene):

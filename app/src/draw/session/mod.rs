@@ -216,6 +216,11 @@ impl Session {
         }
     }
 
+    /// Returns the names of the requested outputs.
+    pub fn outputs(&self) -> &[String] {
+        &self.planner.outputs
+    }
+
     /// Changes the graph and its parameters from the next [`Session::prepare`].
     ///
     /// Discards frames in flight, and resets growing parameters to their defaults, so that a measurement does not
