@@ -51,20 +51,22 @@ fn commit(root: &Path) -> Option<String> {
     for source in sources.into_iter().chain(backends.map(|backend| backend.path().join("src"))) {
         println!("cargo:rerun-if-changed={}", source.display());
     }
-    let mut git = Command::new("git");
-    // Set in hooks of a repository that builds this one.
-    for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
-        git.env_remove(variable);
-    }
-    git.arg("-C").arg(root).args(["--no-optional-locks", "describe", "--always", "--dirty", "--exclude=*"]);
-    let found = git.arg("--abbrev=12").output().ok().filter(|found| found.status.success())?;
-    let commit = String::from_utf8(found.stdout).ok()?;
-    let log = root.join(".git/logs/HEAD");
-    if commit.trim_end().ends_with("-dirty")
-        && env::var("PROFILE").is_ok_and(|p| p == "release")
-        && log.exists()
-    {
-        println!("cargo:rerun-if-changed={}", log.display());
+    let git = |arguments: &[&str]| -> Option<String> {
+        let mut git = Command::new("git");
+        // Set in hooks of a repository that builds this one.
+        for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
+            git.env_remove(variable);
+        }
+        let found = git.arg("--no-optional-locks").arg("-C").arg(root).args(arguments).output().ok()?;
+        found.status.success().then(|| String::from_utf8(found.stdout).ok())?
+    };
+    let commit = git(&["describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"])?;
+    if commit.trim_end().ends_with("-dirty") && env::var("PROFILE").is_ok_and(|p| p == "release") {
+        // A worktree has its log in the folder of the repository.
+        let log = git(&["rev-parse", "--git-path", "logs/HEAD"]).map(|log| root.join(log.trim_end()));
+        if let Some(log) = log.filter(|log| log.exists()) {
+            println!("cargo:rerun-if-changed={}", log.display());
+        }
     }
     Some(commit)
 }

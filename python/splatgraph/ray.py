@@ -186,13 +186,13 @@ class Run:
         except ray.exceptions.RayTaskError as error:
             # The scene cannot be opened, or the device is gone.
             scene.closed.append(_reason(error))
-            self._bury(worker, reference, None)
+            self._bury(worker, None)
             ray.kill(worker)
             if len(scene.closed) >= TRIES:
                 self._give_up(scene, scene.closed[-1])
             return
         except ray.exceptions.RayError as error:
-            self._bury(worker, reference, f"the worker died: {_reason(error)}")
+            self._bury(worker, f"the worker died: {_reason(error)}")
             return
         del self.workers[worker][reference]
         scene.closed.clear()
@@ -201,7 +201,7 @@ class Run:
         for view, reason in failed:
             self._retry(scene, view, reason)
 
-    def _bury(self, worker: Any, reference: Any, reason: str | None) -> None:
+    def _bury(self, worker: Any, reason: str | None) -> None:
         """Removes a worker and reassigns its batches. `reason` is why it died; None if it could not open the scene.
 
         If it died in a batch of one view, this counts as an attempt of the view.

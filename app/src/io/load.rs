@@ -14,8 +14,9 @@ pub struct LoadOptions {
     /// overrides a single one.
     #[arg(long, global = true)]
     pub ignore_tags: bool,
-    /// Level of a streamed SOG (lod-meta.json): 0 is the finest, and the default. Of several scenes, those with levels
-    /// have it
+    /// Level of a streamed SOG (lod-meta.json): 0 is the finest, and the default
+    ///
+    /// With several scenes, it applies to those with levels.
     #[arg(long, value_name = "N", global = true)]
     pub level: Option<u32>,
 }

@@ -67,8 +67,11 @@ impl Panels {
             state("fallback", "fallback".to_owned(), palette.caution, text);
         }
         if let Some(text) = viewport.in_part() {
-            let reason =
-                viewport.renderer.crowded().unwrap_or("A plan that draws all of it is built.").to_owned();
+            let reason = viewport
+                .renderer
+                .crowded()
+                .unwrap_or("A plan that draws all of it is being built.")
+                .to_owned();
             state("in_part", text, palette.caution, reason);
         }
         if let Some(text) = viewport.decisions() {
