@@ -21,7 +21,7 @@ fn part<'a>(list: &'a Value, name: &str) -> &'a Value {
 }
 
 #[test]
-fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
+fn graphs_are_measured_in_every_size_and_number_of_splats() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
     let text = done(

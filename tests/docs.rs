@@ -21,6 +21,7 @@ fn the_package_of_the_program_has_every_file_that_is_built_in() {
         .current_dir(root())
         .output()
         .expect("cargo starts");
+    assert!(listed.status.success(), "{}", String::from_utf8_lossy(&listed.stderr));
     let listed = String::from_utf8(listed.stdout).expect("names");
     let listed: BTreeSet<&str> = listed.lines().collect();
     for (folder, packed) in
@@ -46,7 +47,9 @@ fn page_names() -> Vec<PathBuf> {
         Path::new("docs").join(entry.file_name())
     });
     let mut pages: Vec<PathBuf> = docs.filter(|path| path.extension().is_some_and(|e| e == "md")).collect();
-    pages.extend(["README.md", "CONTRIBUTING.md"].map(PathBuf::from));
+    pages.extend(
+        ["README.md", "CONTRIBUTING.md", "python/README.md", "editors/vscode/README.md"].map(PathBuf::from),
+    );
     pages.sort();
     assert!(pages.len() > 10, "only {pages:?}");
     pages
@@ -83,8 +86,19 @@ fn anchors(text: &str) -> BTreeSet<String> {
 
 #[test]
 fn every_path_in_backticks_exists() {
-    let folders =
-        ["app", "assets", "backends", "docs", "examples", "framework", "pipelines", "shaders", "tests"];
+    let folders = [
+        "app",
+        "assets",
+        "backends",
+        "docs",
+        "editors",
+        "examples",
+        "framework",
+        "pipelines",
+        "python",
+        "shaders",
+        "tests",
+    ];
     let is_path = |text: &str| {
         let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "/._-".contains(c));
         plain && text.split_once('/').is_some_and(|(first, _)| folders.contains(&first))

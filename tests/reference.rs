@@ -9,7 +9,7 @@ use splatgraph::draw::splat_set::Masked;
 use splatgraph::draw::truth::image_of;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::metrics::Comparison;
-use splatgraph_reference::{Gaussian, Rules, Splats, render};
+use splatgraph_reference::{Gaussian, RULES, RuleInfo, Rules, Splats, render};
 
 /// Minimum PSNR of every image, in dB over values clamped to 0..1.
 const AGREEMENT: f64 = 95.0;
@@ -95,8 +95,13 @@ fn each_rule_broken_on_purpose_fails_the_bound() {
         ("sh_degree", "0", 26.0),
         ("color_floor", "none", 37.0),
         ("color_ceiling", "1", 22.0),
+        ("key_of", "distance", 24.0),
         ("ties", "descending", 40.0),
     ];
+    // `depth` orders only splats whose depths f32 cannot tell apart.
+    for RuleInfo { name, .. } in RULES.iter().filter(|rule| rule.name != "depth") {
+        assert!(broken.iter().any(|(rule, ..)| rule == name), "{name} is not broken");
+    }
     for (rule, value, bound) in broken {
         let mut rules = Rules::PUBLISHED;
         rules.set(rule, value).expect("a rule");

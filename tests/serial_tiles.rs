@@ -47,7 +47,7 @@ fn serial_tiles_draw_the_same_stack_with_subgroups_of_16_lanes() {
 
 /// A picture of 256 x 256 bins: the table has a word for each bin and block of pairs.
 #[test]
-fn the_blocks_of_serial_tiles_are_longer_where_the_device_has_no_buffer_for_more_of_them() {
+fn serial_tiles_of_a_large_picture_have_a_plan_on_the_least_capable_device() {
     let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), (4096, 4096));
     let set = [("entries".to_string(), "29000000".to_string())];
     let plan = Planner::default().plan("tiled_cpu", &set, &facts, &common::catalog());

@@ -254,7 +254,7 @@ fn plans_of_one_graph_can_follow_each_other() {
 }
 
 #[test]
-fn barriers_suit_every_order_of_a_frame() {
+fn barriers_suit_up_to_200_orders_of_a_frame() {
     const MAX_ORDERS: usize = 200;
     for_all("orders", SMALL, 3000, |case| {
         for order in orders::orders(&case.plan, MAX_ORDERS) {

@@ -26,7 +26,7 @@ fn the_key_that_hides_the_panels_gives_no_control_the_focus() {
 }
 
 #[test]
-fn a_mistake_is_shown_in_windows_of_whatever_size() {
+fn with_a_mistake_windows_of_whatever_size_are_drawn() {
     let mut viewer = viewer((320, 180));
     viewer.place.write("pipelines/splat.ron", "Graph(");
     viewer.until("the mistake", |viewer| viewer.shell.viewer.a.renderer.failure().is_some());

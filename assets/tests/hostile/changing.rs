@@ -8,7 +8,7 @@ use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 fn load(path: &Path) -> Result<Scene, LoadError> {
     Scene::load(path, splatgraph_assets::QUIET)
@@ -45,7 +45,7 @@ fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
     fs::write(&path, &scenes[0].0).unwrap();
     let loads = if long() { 2_000 } else { 40 };
     let done = AtomicBool::new(false);
-    let (mut whole, mut refused) = ([0, 0], 0);
+    let (mut whole, mut refused) = ([0u32, 0], 0u32);
     std::thread::scope(|scope| {
         scope.spawn(|| {
             for turn in 0u64.. {
@@ -66,7 +66,10 @@ fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
                 std::thread::sleep(Duration::from_millis(turn * 37 % 400));
             }
         });
-        for _ in 0..loads {
+        let (begun, mut turn) = (Instant::now(), 0);
+        let is_seen = |whole: &[u32; 2], refused| whole.iter().sum::<u32>() > 0 && refused > 0;
+        while turn < loads || !is_seen(&whole, refused) && begun.elapsed() < Duration::from_secs(60) {
+            turn += 1;
             match load(&path) {
                 Ok(scene) => {
                     let found = scenes.iter().position(|(_, identity)| *identity == scene.identity());
@@ -90,6 +93,7 @@ fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
         done.store(true, Relaxed);
     });
     println!("{loads} loads: {whole:?} whole scenes, {refused} errors");
+    assert!(whole.iter().sum::<u32>() > 0 && refused > 0, "the loads were all whole or all errors");
 }
 
 #[test]

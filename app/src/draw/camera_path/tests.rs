@@ -413,7 +413,7 @@ fn wild_key() -> impl Strategy<Value = Camera> {
 
 proptest! {
     #[test]
-    fn whatever_the_keys_every_camera_is_sound_and_keys_are_passed(
+    fn whatever_the_keys_every_camera_is_sound_and_their_times_are_in_order(
         few in prop::collection::vec(wild_key(), 1..5), picks in prop::collection::vec(0..5usize, 0..6),
         closed: bool, radian in prop_oneof![3 => 0.1..10.0f64, 1 => prop::sample::select(vec![0.0, -1.0, f64::NAN, 1e-300, 1e300])],
     ) {
