@@ -377,8 +377,7 @@ fn digits(difference: f64) -> String {
 
 fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
     let head = ["picture", "PSNR dB", "SSIM", "FLIP", "FLIP 8 bits", "worst pixel", "at"];
-    let mut rows = vec![head.map(String::from).to_vec()];
-    rows.extend(pairs.iter().zip(found).map(|(pair, found)| {
+    let rows = pairs.iter().zip(found).map(|(pair, found)| {
         let (c, worst) = (&found.all, &found.all.worst);
         vec![
             one_line(&pair.name).into_owned(),
@@ -389,13 +388,13 @@ fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
             digits(worst.difference),
             format!("({}, {})", worst.x, worst.y),
         ]
-    }));
+    });
     let Means { of_values: Mean { psnr_db, ssim, flip }, flip_8_bits } = Means::of(found);
-    let text = |mean: Option<f64>, digits: usize| mean.map_or("-".into(), |mean| format!("{mean:.digits$}"));
-    let [ssim, flip, flip_8_bits] = [ssim, flip, flip_8_bits].map(|mean| text(mean, 6));
-    let count = format!("{} pictures", found.len());
-    rows.push(vec!["mean".into(), text(psnr_db, 2), ssim, flip, flip_8_bits, String::new(), count]);
-    text::table(&rows) + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
+    let [ssim, flip, flip_8_bits] = [ssim, flip, flip_8_bits].map(|mean| text::number(mean, 6));
+    let (psnr, count) = (text::number(psnr_db, 2), format!("{} pictures", found.len()));
+    let mean = vec!["mean".into(), psnr, ssim, flip, flip_8_bits, String::new(), count];
+    text::table(head, rows.chain([mean]))
+        + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
 /// Makes the JSON report. An infinite PSNR is the text `inf`.

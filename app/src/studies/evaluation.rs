@@ -93,23 +93,22 @@ impl Evaluation {
     /// Formats the scores as a table with a row per view and the mean below.
     pub fn table(&self) -> String {
         let row = |name: &str, psnr: Option<f64>, ssim: Option<f64>, flip: Option<f64>, size: String| {
-            let [psnr, ssim, flip] = [(psnr, 2), (ssim, 4), (flip, 4)]
-                .map(|(value, digits)| value.map_or("-".into(), |value| format!("{value:.digits$}")));
+            let [psnr, ssim, flip] =
+                [(psnr, 2), (ssim, 4), (flip, 4)].map(|(value, digits)| text::number(value, digits));
             vec![one_line(name).into_owned(), psnr, ssim, flip, size]
         };
-        let mut rows = vec![["view", "PSNR dB", "SSIM", "FLIP", "size"].map(String::from).to_vec()];
-        rows.extend(self.views.iter().map(|score| {
+        let rows = self.views.iter().map(|score| {
             let size = format!("{} x {}", score.width, score.height);
             row(&score.view, Some(score.psnr()), score.ssim, Some(score.flip), size)
-        }));
+        });
         let Mean { psnr_db, ssim, flip } = self.mean;
         let views = match (self.views.len(), self.missing.len()) {
             (1, 0) => "1 view".into(),
             (views, 0) => format!("{views} views"),
             (views, missing) => format!("{views} of {} views", views + missing),
         };
-        rows.push(row("mean", psnr_db, ssim, flip, views));
-        text::table(&rows)
+        let mean = row("mean", psnr_db, ssim, flip, views);
+        text::table(["view", "PSNR dB", "SSIM", "FLIP", "size"], rows.chain([mean]))
     }
 }
 

@@ -70,10 +70,8 @@ impl PriceArgs {
 }
 
 fn table(prices: &[Price]) -> String {
-    let number =
-        |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));
     let head = ["format", "bytes", "per splat", "load ms", "lowest PSNR dB", "PSNR dB", "SSIM", "FLIP"];
-    let mut rows = vec![head.map(String::from).to_vec()];
+    let mut rows = Vec::new();
     let mut refused = String::new();
     for price in prices {
         let cells = match &price.found {
@@ -83,10 +81,10 @@ fn table(prices: &[Price]) -> String {
                     grouped(found.bytes),
                     format!("{:.1}", found.bytes_per_splat),
                     format!("{:.1}", found.load_ms),
-                    number(found.least_psnr_db.or(Some(f64::INFINITY)), 2),
-                    number(mean.psnr_db, 2),
-                    number(mean.ssim, 4),
-                    number(mean.flip, 4),
+                    text::number(found.least_psnr_db.or(Some(f64::INFINITY)), 2),
+                    text::number(mean.psnr_db, 2),
+                    text::number(mean.ssim, 4),
+                    text::number(mean.flip, 4),
                 ]
             }
             Found::Refused { cannot_be_written } => {
@@ -96,5 +94,5 @@ fn table(prices: &[Price]) -> String {
         };
         rows.push([vec![price.format.clone()], cells.to_vec()].concat());
     }
-    text::table(&rows) + &refused
+    text::table(head, rows) + &refused
 }

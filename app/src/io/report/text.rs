@@ -1,13 +1,20 @@
 //! Formats tables for terminals, cells of CSV, and numbers.
 
-/// Formats rows as a table. The first column is left-aligned; the others hold numbers and are right-aligned.
-pub fn table(rows: &[Vec<String>]) -> String {
+use std::iter;
+
+/// Formats a table. The first column is left-aligned; the others hold numbers and are right-aligned.
+pub fn table<C: Into<String>>(
+    header: impl IntoIterator<Item = C>,
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> String {
+    let header = header.into_iter().map(Into::into).collect();
+    let rows: Vec<Vec<String>> = iter::once(header).chain(rows).collect();
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let cell = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());
     let widths: Vec<usize> =
         (0..columns).map(|column| rows.iter().map(|row| cell(row, column)).max().unwrap_or(0)).collect();
     let mut text = String::new();
-    for row in rows {
+    for row in &rows {
         let mut line = String::new();
         for (column, (cell, width)) in row.iter().zip(&widths).enumerate() {
             line += &if column == 0 { format!("{cell:width$}") } else { format!("  {cell:>width$}") };
@@ -29,6 +36,16 @@ pub fn decimals(value: f64, digits: usize) -> String {
     if digits == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
+/// Formats a measurement for a table; `-` for `None`.
+pub fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".into(), |value| format!("{value:.digits$}"))
+}
+
+/// Formats a cell of CSV with all digits; empty for `None`.
+pub fn optional(value: Option<impl ToString>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}
+
 /// Quotes a cell of CSV (RFC 4180).
 pub fn quoted(cell: &str) -> String {
     format!("\"{}\"", cell.replace('"', "\"\""))
@@ -40,8 +57,8 @@ mod tests {
 
     #[test]
     fn names_stand_to_the_left_and_numbers_to_the_right() {
-        let rows = [["name", "ms"], ["é", "10.5"], ["longer", ""]].map(|row| row.map(String::from).to_vec());
-        assert_eq!(table(&rows), "name      ms\né       10.5\nlonger\n");
+        let rows = [["é", "10.5"], ["longer", ""]].map(|row| row.map(String::from).to_vec());
+        assert_eq!(table(["name", "ms"], rows), "name      ms\né       10.5\nlonger\n");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Outcome, Part};
 use crate::draw::interleaved::{Figure, Frames};
 use crate::io::program;
-use crate::io::report::text::quoted;
+use crate::io::report::text::{optional, quoted};
 use serde::Serialize;
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::Camera;
@@ -148,10 +148,6 @@ impl Report {
 pub(super) fn first_line(why: &str) -> &str {
     let line = why.lines().next().unwrap_or_default();
     line.strip_prefix("error: ").unwrap_or(line)
-}
-
-pub(super) fn optional(value: Option<f64>) -> String {
-    value.map_or(String::new(), |v| v.to_string())
 }
 
 fn lines(text: &mut String, start: &str, figures: &Figures) {

@@ -2,12 +2,12 @@
 
 use super::limit::no_scene;
 use super::measure::{Bench, Found, Part};
-use super::report::{Origin, first_line, optional};
+use super::report::{Origin, first_line};
 use super::table::head;
 use crate::draw::backend::Backend;
 use crate::draw::interleaved::Figure;
 use crate::io::report::plot::{Axis, Plot, Series};
-use crate::io::report::text::{quoted, table};
+use crate::io::report::text::{number, optional, quoted, table};
 use crate::studies::study::{Listener, Setting, Steps, StudyError};
 use serde::Serialize;
 use splatgraph_assets::grouped;
@@ -136,9 +136,8 @@ impl Report {
     /// Formats the rates and times as a table, with the reasons for missing sorts.
     pub fn table(&self) -> String {
         let header = ["pairs, key", "GKey/s", "GPU ms", "spread", "at most", "frame ms", "MB", "of copy"];
-        let mut lines = vec![header.map(String::from).to_vec()];
+        let mut lines = Vec::new();
         let mut missing = String::new();
-        let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.3}"));
         for row in &self.rows {
             let name = format!("{}, {} bits", grouped(row.pairs.into()), row.key_bits);
             let sorted = match &row.found {
@@ -151,17 +150,17 @@ impl Report {
             let ms = sorted.phase.gpu_ms;
             lines.push(vec![
                 name,
-                number(sorted.gkeys_per_s),
-                number(ms.map(|ms| ms.median)),
-                number(ms.map(|ms| ms.spread)),
-                number(sorted.at_most_ms),
-                number(sorted.wall_ms.map(|ms| ms.median)),
+                number(sorted.gkeys_per_s, 3),
+                number(ms.map(|ms| ms.median), 3),
+                number(ms.map(|ms| ms.spread), 3),
+                number(sorted.at_most_ms, 3),
+                number(sorted.wall_ms.map(|ms| ms.median), 3),
                 format!("{:.1}", sorted.phase.bytes as f64 * 1e-6),
                 sorted.phase.of_copy.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share)),
             ]);
         }
         let timed = self.rows.iter().flat_map(|row| &row.found).all(|sorted| sorted.phase.gpu_ms.is_some());
-        format!("{}\n{}{missing}", head(&self.origin, timed), table(&lines))
+        format!("{}\n{}{missing}", head(&self.origin, timed), table(header, lines))
     }
 
     /// Writes every sort as CSV (RFC 4180), one per line, with all digits; missing values are empty.

@@ -4,9 +4,10 @@ use super::measure::{Found, Part};
 use super::report::{Origin, Report, Row, first_line, size_text};
 use crate::draw::interleaved::Figure;
 use crate::draw::stats::BUSY;
-use crate::io::report::text::table;
+use crate::io::report::text::{number, table};
 use indexmap::IndexSet;
 use splatgraph_assets::grouped;
+use std::iter;
 use std::path::Path;
 
 /// Describes the device and its copy limit, explains the column `MB`, and warns of unreliable or missing times.
@@ -79,25 +80,20 @@ fn heading(row: &Row) -> String {
     format!("{}, {} splats, {}", scene_name(&row.scene), grouped(row.splats.into()), size_text(row.size))
 }
 
-fn cells<const N: usize>(cells: [&str; N]) -> Vec<String> {
-    cells.map(String::from).to_vec()
-}
-
 fn ms(figure: Option<Figure>) -> String {
-    figure.map_or("-".into(), |figure| format!("{:.3}", figure.median))
+    number(figure.map(|figure| figure.median), 3)
 }
 
 fn spread(figure: Option<Figure>) -> String {
-    figure.map_or("-".into(), |figure| format!("{:.3}", figure.spread))
+    number(figure.map(|figure| figure.spread), 3)
 }
 
 /// Formats the candidates of one scene, number of splats and size, one per line.
 fn candidates(rows: &[Row]) -> String {
     let all = drawn(rows).flat_map(|(_, found)| &found.mean.phases);
     let phases: IndexSet<&str> = all.map(|part| part.name.as_str()).collect();
-    let mut header = cells(["", "GPU ms", "spread"]);
-    header.extend(phases.iter().map(|phase| (*phase).to_owned()));
-    header.extend(cells(["between", "frame ms", "submit ms", "MiB"]));
+    let header = ["", "GPU ms", "spread"].into_iter().chain(phases.iter().copied());
+    let header = header.chain(["between", "frame ms", "submit ms", "MiB"]);
     let line = |(row, found): (&Row, &Found)| {
         let mean = &found.mean;
         let mut line = vec![row.pipeline.clone(), ms(mean.gpu_ms), spread(mean.gpu_ms)];
@@ -110,7 +106,7 @@ fn candidates(rows: &[Row]) -> String {
         line.extend([ms(between), ms(mean.wall_ms), ms(mean.submit_ms), format!("{mebibytes:.1}")]);
         line
     };
-    table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())
+    table(header, drawn(rows).map(line))
 }
 
 /// Returns a note if the device is idle for more than half of the frames' host time, otherwise an empty string.
@@ -128,9 +124,9 @@ fn resting(row: &Row, found: &Found) -> String {
 
 /// Formats the passes of a candidate, followed by the passes that run once. On a CPU, bandwidths are left out.
 fn passes(found: &Found, is_cpu: bool) -> String {
-    let header = cells(["", "phase", "GPU ms", "spread", "MB", "GB/s", "of copy"]);
+    let header = ["", "phase", "GPU ms", "spread", "MB", "GB/s", "of copy"];
     let line = |part: &Part| {
-        let rate = part.gb_per_s.filter(|_| !is_cpu).map_or("-".into(), |rate| format!("{rate:.0}"));
+        let rate = number(part.gb_per_s.filter(|_| !is_cpu), 0);
         let share = part.of_copy.map_or("-".into(), |share| format!("{:.0} %", 100.0 * share));
         let phase = part.phase.clone().unwrap_or_default();
         let megabytes = format!("{:.2}", part.bytes as f64 * 1e-6);
@@ -142,25 +138,19 @@ fn passes(found: &Found, is_cpu: bool) -> String {
         line[3] = "-".into();
         line
     });
-    let lines = std::iter::once(header).chain(found.mean.passes.iter().map(line)).chain(once);
-    table(&lines.collect::<Vec<_>>())
+    table(header, found.mean.passes.iter().map(line).chain(once))
 }
 
 /// Formats the GPU times of one scene, number of splats and size, with a row per camera and a column per candidate.
 fn cameras(rows: &[Row]) -> String {
-    let mut header = cells([""]);
-    header.extend(drawn(rows).map(|(row, _)| row.pipeline.clone()));
+    let header = iter::once("").chain(drawn(rows).map(|(row, _)| row.pipeline.as_str()));
     let names = drawn(rows).next().map_or(&[][..], |(_, found)| &found.views);
     let line = |(at, view): (usize, &super::measure::View)| {
         let of = |found: &Found| ms(found.views.get(at).and_then(|view| view.figures.gpu_ms));
-        std::iter::once(view.camera.clone()).chain(drawn(rows).map(|(_, found)| of(found))).collect()
+        iter::once(view.camera.clone()).chain(drawn(rows).map(|(_, found)| of(found))).collect()
     };
-    let mean = std::iter::once("mean".to_owned()).chain(drawn(rows).map(|(_, found)| ms(found.mean.gpu_ms)));
-    let lines: Vec<Vec<String>> = std::iter::once(header)
-        .chain(names.iter().enumerate().map(line))
-        .chain(std::iter::once(mean.collect()))
-        .collect();
-    table(&lines)
+    let mean = iter::once("mean".to_owned()).chain(drawn(rows).map(|(_, found)| ms(found.mean.gpu_ms)));
+    table(header, names.iter().enumerate().map(line).chain([mean.collect()]))
 }
 
 type Line<'a> = (&'a str, Option<(u32, u32)>, &'a str);
@@ -174,8 +164,8 @@ fn overview(report: &Report) -> String {
     let mut columns: Vec<u32> = report.rows.iter().map(|row| row.splats).collect();
     columns.sort_unstable();
     columns.dedup();
-    let mut lines = vec![cells([""])];
-    lines[0].extend(columns.iter().map(|splats| grouped((*splats).into())));
+    let header = iter::once(String::new()).chain(columns.iter().map(|splats| grouped((*splats).into())));
+    let mut lines = Vec::new();
     let mut done: Vec<Line> = Vec::new();
     for row in &report.rows {
         let key = line_of(row);
@@ -191,9 +181,9 @@ fn overview(report: &Report) -> String {
             })
         };
         let name = format!("{}, {}, {}", scene_name(&row.scene), size_text(row.size), row.pipeline);
-        lines.push(std::iter::once(name).chain(columns.iter().map(|splats| at(*splats))).collect());
+        lines.push(iter::once(name).chain(columns.iter().map(|splats| at(*splats))).collect());
     }
-    table(&lines)
+    table(header, lines)
 }
 
 #[cfg(test)]

@@ -71,7 +71,6 @@ change places; these pops are not counted here.
 
 /// Formats summaries as a table for a terminal.
 pub fn table(summaries: &[Summary]) -> String {
-    let optional = |value: Option<f64>| value.map_or("-".into(), |v| format!("{v:.0}"));
     let header = [
         "variant",
         "step",
@@ -85,8 +84,7 @@ pub fn table(summaries: &[Summary]) -> String {
         "order changes",
         "true changes",
     ];
-    let mut rows = vec![header.map(String::from).to_vec()];
-    rows.extend(summaries.iter().map(|found| {
+    let rows = summaries.iter().map(|found| {
         vec![
             found.name.clone(),
             format!("{}°", shown_degrees(found.step_degrees)),
@@ -97,11 +95,11 @@ pub fn table(summaries: &[Summary]) -> String {
             found.worst_camera.clone(),
             format!("{:.4}", found.worst.difference),
             format!("{},{}", found.worst.x, found.worst.y),
-            optional(found.order_changes),
-            optional(found.true_order_changes),
+            text::number(found.order_changes, 0),
+            text::number(found.true_order_changes, 0),
         ]
-    }));
-    text::table(&rows)
+    });
+    text::table(header, rows)
 }
 
 fn shown_degrees(degrees: f64) -> String {
@@ -113,7 +111,6 @@ pub fn csv(tracks: &[Track]) -> String {
     let mut csv = String::from(
         "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",
     );
-    let optional = |value: Option<u64>| value.map_or(String::new(), |v| v.to_string());
     for track in tracks {
         for (at, step) in track.steps.iter().enumerate() {
             let cells = [
@@ -128,8 +125,8 @@ pub fn csv(tracks: &[Track]) -> String {
                 step.score.worst.y.to_string(),
                 step.score.change.to_string(),
                 step.score.true_change.to_string(),
-                optional(step.order_changes),
-                optional(step.true_order_changes),
+                text::optional(step.order_changes),
+                text::optional(step.true_order_changes),
             ];
             csv += &(cells.join(",") + "\n");
         }

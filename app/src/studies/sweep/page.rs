@@ -186,7 +186,7 @@ impl SweepResult {
 
     /// Formats the table for a terminal, with a row per step, averaged over the views.
     pub fn table(&self) -> String {
-        text::table(&std::iter::once(self.header()).chain(self.rows()).collect::<Vec<_>>())
+        text::table(self.header(), self.rows())
     }
 
     fn header(&self) -> Vec<String> {
@@ -206,14 +206,13 @@ impl SweepResult {
         for choice in Choice::ALL {
             for mean in self.means(choice).iter().rev() {
                 let phase = |name: &str| mean.phases.iter().find(|(own, _)| own == name).map(|(_, ms)| *ms);
-                let ms = |ms: Option<f64>| ms.map_or("-".into(), |ms| format!("{ms:.3}"));
                 let mut row = vec![
                     choice.name().to_owned(),
                     grouped(mean.count.into()),
                     format!("{:.1}", mean.psnr_db),
-                    ms(mean.gpu_ms),
+                    text::number(mean.gpu_ms, 3),
                 ];
-                row.extend(self.phases().into_iter().map(|name| ms(phase(name))));
+                row.extend(self.phases().into_iter().map(|name| text::number(phase(name), 3)));
                 rows.push(row);
             }
         }
@@ -232,26 +231,25 @@ impl SweepResult {
         }
         text += "\n";
         for step in &self.steps {
-            let some = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
-            let whole = |value: Option<u32>| some(value.map(f64::from));
             let Error { psnr_db, ssim, flip, worst, .. } = &step.error;
             let time = step.time.as_ref();
             let mut cells = vec![
                 text::quoted(step.choice.map_or("all", Choice::stem)),
                 text::quoted(&step.camera),
                 step.count.to_string(),
-                whole(step.visible),
-                whole(step.drawn),
+                text::optional(step.visible),
+                text::optional(step.drawn),
                 psnr_db.unwrap_or(f64::INFINITY).to_string(),
-                some(*ssim),
+                text::optional(*ssim),
                 flip.to_string(),
                 worst.to_string(),
                 step.gpu_bytes.to_string(),
-                some(time.map(|t| t.gpu_ms)),
-                some(time.map(|t| t.spread_ms)),
-                some(time.map(|t| t.share.median)),
+                text::optional(time.map(|t| t.gpu_ms)),
+                text::optional(time.map(|t| t.spread_ms)),
+                text::optional(time.map(|t| t.share.median)),
             ];
-            cells.extend(phases.iter().map(|name| some(time.and_then(|t| t.phases.get(*name).copied()))));
+            let phase = |name: &&String| text::optional(time.and_then(|t| t.phases.get(*name)));
+            cells.extend(phases.iter().map(phase));
             text += &(cells.join(",") + "\n");
         }
         text
@@ -294,9 +292,7 @@ impl SweepResult {
             ));
         }
         let row = |step: &Closer| {
-            let time = |of: fn(&Time) -> Option<f64>| {
-                step.time.as_ref().and_then(of).map_or("-".into(), |ms| format!("{ms:.3}"))
-            };
+            let time = |of: fn(&Time) -> Option<f64>| text::number(step.time.as_ref().and_then(of), 3);
             vec![
                 step.distance.to_string(),
                 format!("{} x {}", step.size.0, step.size.1),

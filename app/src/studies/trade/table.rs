@@ -24,15 +24,14 @@ pub(super) const COLUMNS: [&str; 13] = [
 ];
 
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
-    let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     [
         line.setting.clone(),
-        optional(line.gpu_ms, 3),
-        optional(line.spread_ms, 3),
+        text::number(line.gpu_ms, 3),
+        text::number(line.spread_ms, 3),
         share(line),
         format!("{:.1}", line.psnr_db),
         format!("{:.1}", line.covered_psnr_db),
-        optional(line.ssim, 5),
+        text::number(line.ssim, 5),
         format!("{:.4}", line.flip),
         format!("{:.4}", line.worst),
         format!("{:.2} %", 100.0 * line.off),
@@ -122,7 +121,7 @@ pub fn table(lines: &[Line]) -> String {
     };
     let header = marked("  ", COLUMNS.map(String::from).to_vec());
     let row = |line: &Line| marked(&format!("{} ", sign(line.mark)), cells(line).to_vec());
-    text::table(&std::iter::once(header).chain(lines.iter().map(row)).collect::<Vec<_>>())
+    text::table(header, lines.iter().map(row))
 }
 
 /// Writes lines as CSV (RFC 4180), with all digits; missing values are empty, and an infinite PSNR is `inf`.
@@ -133,23 +132,22 @@ pub fn csv(lines: &[Line]) -> String {
     let phases = phase_names(lines);
     phases.iter().for_each(|name| text += &format!(",{name}_ms,{name}_spread_ms"));
     text += "\n";
-    let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
     for line in lines {
         let range = line.share.and_then(|share| share.range);
         let mut cells = vec![
             text::quoted(&line.setting),
-            optional(line.gpu_ms),
-            optional(line.spread_ms),
-            optional(line.share.map(|share| share.median)),
-            optional(range.map(|(low, _)| low)),
-            optional(range.map(|(_, high)| high)),
+            text::optional(line.gpu_ms),
+            text::optional(line.spread_ms),
+            text::optional(line.share.map(|share| share.median)),
+            text::optional(range.map(|(low, _)| low)),
+            text::optional(range.map(|(_, high)| high)),
             line.psnr_db.to_string(),
             line.covered_psnr_db.to_string(),
-            optional(line.ssim),
+            text::optional(line.ssim),
             line.flip.to_string(),
             line.worst.to_string(),
             line.off.to_string(),
-            line.inversions.map_or(String::new(), |count| count.to_string()),
+            text::optional(line.inversions),
             line.gpu_bytes.to_string(),
             text::quoted(match line.mark {
                 Mark::Best => "true",
@@ -160,8 +158,8 @@ pub fn csv(lines: &[Line]) -> String {
         ];
         for name in &phases {
             let phase = line.phases.iter().find(|(own, ..)| own == name);
-            cells.push(optional(phase.map(|(_, ms, _)| *ms)));
-            cells.push(optional(phase.map(|(.., spread)| *spread)));
+            cells.push(text::optional(phase.map(|(_, ms, _)| *ms)));
+            cells.push(text::optional(phase.map(|(.., spread)| *spread)));
         }
         text += &(cells.join(",") + "\n");
     }
