@@ -78,14 +78,9 @@ pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     names.into_iter().collect()
 }
 
-/// Computes the median of a value over frames; `None` if a frame lacks the value, or without frames.
-pub fn median_of(frames: &[Timed], value: impl Fn(&Timed) -> Option<f64>) -> Option<f64> {
-    median(frames.iter().map(value).collect::<Option<Vec<_>>>()?)
-}
-
 /// Computes the median GPU time of frames, in milliseconds; `None` without timestamps or without frames.
 pub fn gpu_ms(frames: &[Timed]) -> Option<f64> {
-    median_of(frames, |frame| frame.result.total_ms)
+    median(frames.iter().map(|frame| frame.result.total_ms).collect::<Option<_>>()?)
 }
 
 /// The frames of a session, grouped by round.
@@ -200,6 +195,11 @@ impl Figure {
         let (least, most) =
             medians.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
         Some(Figure { median: median(medians)?, spread: most - least })
+    }
+
+    /// Summarises a value of the frames; `None` without frames or if a frame lacks it.
+    pub fn of_frames(rounds: &Rounds, value: impl Fn(&Timed) -> Option<f64>) -> Option<Figure> {
+        Figure::of(rounds.iter().map(|round| round.iter().map(&value).collect()))
     }
 
     /// Averages the medians, and takes the largest spread; `None` if there are no figures or one is missing.

@@ -242,29 +242,28 @@ impl Bench<'_> {
 
 /// Summarises a view's frames, without passes that run once. `rounds` have per-pass timestamps; `whole` may lack them.
 fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> Figures {
-    type Value<'a> = &'a dyn Fn(&Timed) -> Option<f64>;
-    let of_rounds =
-        |of: &Rounds, value: Value| Figure::of(of.iter().map(|round| round.iter().map(value).collect()));
-    let over = |value: Value| of_rounds(rounds, value);
-    let over_whole = |value: Value| of_rounds(whole, value);
+    let over_whole = |value: fn(&Timed) -> Option<f64>| Figure::of_frames(whole, value);
     let ids = rounds.first().and_then(|round| round.first());
     let ids = ids.map(|frame| interleaved::timed_passes(plan, frame)).unwrap_or_default();
     let pass = |id: PassId| {
         let pass = plan.pass(id);
-        let figure = over(&|frame| frame.passes_ms(|other| other == id));
+        let figure = Figure::of_frames(rounds, |frame| frame.passes_ms(|other| other == id));
         Part::new(pass.name.clone(), Some(pass.phase.clone()), figure, bytes::of_pass(plan, pass), copy)
     };
     let phase = |name: &str| {
         let of = |id: PassId| plan.pass(id).phase == name && ids.contains(&id);
         let bytes = ids.iter().filter(|id| of(**id)).map(|id| bytes::of_pass(plan, plan.pass(*id))).sum();
-        Part::new(name.to_owned(), None, over(&|frame| frame.passes_ms(of)), bytes, copy)
+        let figure = Figure::of_frames(rounds, |frame| frame.passes_ms(of));
+        Part::new(name.to_owned(), None, figure, bytes, copy)
     };
     Figures {
-        gpu_ms: over_whole(&|frame| frame.result.total_ms),
-        between_ms: over(&|frame| Some(frame.result.total_ms? - frame.passes_ms(|_| true)?)),
-        submit_ms: over_whole(&|frame| Some(frame.submit_ms)),
-        record_ms: over_whole(&|frame| Some(frame.result.record_ms)),
-        wall_ms: over_whole(&|frame| Some(frame.wall_ms)),
+        gpu_ms: over_whole(|frame| frame.result.total_ms),
+        between_ms: Figure::of_frames(rounds, |frame| {
+            Some(frame.result.total_ms? - frame.passes_ms(|_| true)?)
+        }),
+        submit_ms: over_whole(|frame| Some(frame.submit_ms)),
+        record_ms: over_whole(|frame| Some(frame.result.record_ms)),
+        wall_ms: over_whole(|frame| Some(frame.wall_ms)),
         phases: interleaved::phases(plan, &ids).into_iter().map(phase).collect(),
         passes: ids.iter().copied().map(pass).collect(),
     }

@@ -1,7 +1,7 @@
 //! Measures the time of a frame as a share of a baseline's time. Frames of both are drawn interleaved.
 
 use super::noise::{self, Share};
-use crate::draw::interleaved::{self, Effort, Figure, Timed, Timestamps, WARM_UP};
+use crate::draw::interleaved::{self, Effort, Figure, Rounds, Timed, Timestamps, WARM_UP};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
@@ -73,23 +73,23 @@ pub fn time_in_turns(
     }
     let begun = Instant::now();
     let one = Effort { rounds: 1, ..effort };
-    let mut rounds = Vec::new();
+    let (mut of_exact, mut own) = (Rounds::new(), Rounds::new());
     for _ in 0..effort.rounds {
         let sessions = &mut [&mut *exact.session, &mut *session];
-        let mut of_each =
-            interleaved::rounds(sessions, camera, one, Timestamps::Passes)?.into_iter().flatten();
-        let (of_exact, own) = (of_each.next().unwrap_or_default(), of_each.next().unwrap_or_default());
-        let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-        rounds.push(Round::new(plan, &own, &of_exact));
-        let shares = turns(&rounds);
+        let round = interleaved::rounds(sessions, camera, one, Timestamps::Passes)?;
+        for (rounds, round) in [&mut of_exact, &mut own].into_iter().zip(round) {
+            rounds.extend(round);
+        }
+        let shares = turns(&own, &of_exact);
         let late = begun.elapsed() >= longest;
         let is_done = |shares: Vec<f64>| noise::enough(&shares) || late && shares.len() >= noise::MIN_TURNS;
         // One round has no spread.
-        if rounds.len() > 1 && shares.is_some_and(is_done) {
+        if own.len() > 1 && shares.is_some_and(is_done) {
             break;
         }
     }
-    Ok(time(&rounds, exact.ms))
+    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+    Ok(time(plan, &own, &of_exact, exact.ms))
 }
 
 /// Returns true if `effort` has at least [`noise::MIN_TURNS`] frames, enough for a range.
@@ -110,126 +110,95 @@ pub fn time_alone(
     if effort.rounds > 1 {
         interleaved::warm_up(&mut [&mut *session], camera, WARM_UP)?;
     }
-    let frames = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?;
+    let rounds = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?;
     let plan = session.plan().ok_or(SessionError::NotPrepared)?;
-    let round = |own: Vec<Timed>| Round::new(plan, &own, &own);
-    let rounds: Vec<Round> = frames.into_iter().flatten().map(round).collect();
-    Ok(time(&rounds, None).map(|time| alone(time, &rounds)))
+    Ok(rounds.first().and_then(|rounds| alone(plan, rounds)))
 }
 
-/// Corrects a time that was measured against its own frames. All shares are 1, so their spread is 0: the spread of the
-/// rounds' times replaces it, and the share has no range.
-fn alone(time: Time, rounds: &[Round]) -> Time {
-    let own: Vec<f64> = rounds.iter().filter_map(|round| round.own_ms).collect();
-    Time { spread_ms: spread(&own), share: Share { median: 1.0, range: None }, ..time }
+/// Summarises the rounds as shares of themselves. All shares are 1, so their spread is 0: the spread of the rounds'
+/// times replaces it, and the share has no range.
+fn alone(plan: &Plan, rounds: &Rounds) -> Option<Time> {
+    let time = time(plan, rounds, rounds, None)?;
+    Some(Time { spread_ms: gpu_ms(rounds)?.spread, share: Share { median: 1.0, range: None }, ..time })
 }
 
-struct Round {
-    own_ms: Option<f64>,
-    exact_ms: Option<f64>,
-    /// The share of each turn; `None` without timestamps.
-    turns: Option<Vec<f64>>,
-    busy: Option<f64>,
-    phases: Vec<(String, Option<f64>)>,
+fn gpu_ms(rounds: &Rounds) -> Option<Figure> {
+    Figure::of_frames(rounds, |frame| frame.result.total_ms)
 }
 
-impl Round {
-    fn new(plan: &Plan, own: &[Timed], exact: &[Timed]) -> Round {
-        let passes = own.first().map(|frame| interleaved::timed_passes(plan, frame)).unwrap_or_default();
-        let ms = |phase: &str| {
-            let of_phase = |id| plan.pass(id).phase == phase && passes.contains(&id);
-            interleaved::median_of(own, |frame| frame.passes_ms(of_phase))
-        };
-        let phases = interleaved::phases(plan, &passes).into_iter();
-        Round {
-            own_ms: interleaved::gpu_ms(own),
-            exact_ms: interleaved::gpu_ms(exact),
-            turns: own
-                .iter()
-                .zip(exact)
-                .map(|(a, b)| Some(a.result.total_ms? / b.result.total_ms?))
-                .collect(),
-            busy: interleaved::busy(own),
-            phases: phases.map(|phase| (phase.to_owned(), ms(phase))).collect(),
-        }
-    }
-
-    fn phase_ms(&self, name: &str) -> Option<f64> {
-        self.phases.iter().find(|(own, _)| own == name)?.1
-    }
+/// Computes the share of each turn; `None` without timestamps.
+fn turns(own: &Rounds, exact: &Rounds) -> Option<Vec<f64>> {
+    let turns = own.iter().flatten().zip(exact.iter().flatten());
+    turns.map(|(own, exact)| Some(own.result.total_ms? / exact.result.total_ms?)).collect()
 }
 
-fn turns(rounds: &[Round]) -> Option<Vec<f64>> {
-    Some(rounds.iter().map(|round| round.turns.as_deref()).collect::<Option<Vec<_>>>()?.concat())
-}
-
-fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
-    let share = Share::of(&turns(rounds)?)?;
-    let shares: Vec<f64> =
-        rounds.iter().map(|round| Some(round.own_ms? / round.exact_ms?)).collect::<Option<_>>()?;
-    let over = |of: fn(&Round) -> Option<f64>| median(rounds.iter().map(of).collect::<Option<_>>()?);
-    let own_ms = over(|round| round.own_ms)?;
-    let exact_of_rounds = over(|round| round.exact_ms)?;
-    let exact_ms = exact_ms.unwrap_or(exact_of_rounds);
-    let gpu_ms = share.median * exact_ms;
+fn time(plan: &Plan, own: &Rounds, exact: &Rounds, exact_ms: Option<f64>) -> Option<Time> {
+    let share = Share::of(&turns(own, exact)?)?;
+    let of_round = |(own, exact): (&Vec<_>, &Vec<_>)| {
+        vec![interleaved::gpu_ms(own).zip(interleaved::gpu_ms(exact)).map(|(own, exact)| own / exact)]
+    };
+    let spread = Figure::of(own.iter().zip(exact).map(of_round))?.spread;
+    let exact_ms = exact_ms.or(gpu_ms(exact).map(|figure| figure.median))?;
+    let (own_ms, gpu_ms) = (gpu_ms(own)?.median, share.median * exact_ms);
     // Converts a phase's times in these rounds to the clock speed of `exact_ms`.
     let scale = if own_ms > 0.0 { gpu_ms / own_ms } else { 1.0 };
-    let figure = |(name, _): &(String, Option<f64>)| {
-        let ms = |round: &Round| vec![round.phase_ms(name).map(|ms| scale * ms)];
-        Some((name.clone(), Figure::of(rounds.iter().map(ms))?))
+    let passes = interleaved::timed_passes(plan, own.first()?.first()?);
+    let figure = |phase: &str| {
+        let of_phase = |id| plan.pass(id).phase == phase && passes.contains(&id);
+        let ms = |frame: &Timed| Some(scale * frame.passes_ms(of_phase)?);
+        Some((phase.to_owned(), Figure::of_frames(own, ms)?))
     };
-    let phases: Vec<(String, Figure)> = rounds.first()?.phases.iter().filter_map(figure).collect();
+    let phases: Vec<(String, Figure)> =
+        interleaved::phases(plan, &passes).into_iter().filter_map(figure).collect();
     let each =
         |of: fn(&Figure) -> f64| phases.iter().map(|(name, figure)| (name.clone(), of(figure))).collect();
     Some(Time {
         gpu_ms,
-        spread_ms: spread(&shares) * exact_ms,
+        spread_ms: spread * exact_ms,
         share,
         exact_ms,
-        rounds: rounds.len() as u32,
-        busy: over(|round| round.busy)?,
+        rounds: own.len() as u32,
+        busy: median(own.iter().map(|round| interleaved::busy(round)).collect::<Option<_>>()?)?,
         phases: each(|figure| figure.median),
         phase_spreads: each(|figure| figure.spread),
     })
-}
-
-fn spread(values: &[f64]) -> f64 {
-    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    most - values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::draw::backend::Backend;
+    use splatgraph_api::FrameResult;
     use splatgraph_assets::synth;
-    use splatgraph_null::{Call, Config, open};
+    use splatgraph_null::{Call, Config, Journal, open};
+
+    fn unsorted() -> (Session, Camera, Journal) {
+        let (device, journal) = open(&Config::default());
+        let scene = synth::generate("demo", 50, 0).expect("a small scene");
+        let camera = Camera::framing(&scene, 32, 24);
+        let device = Backend::Null(device.expect("no fault is set"));
+        let mut session = Session::new(device, scene, "unsorted", &[]);
+        session.prepare((32, 24), &mut |_| {}).expect("it is prepared");
+        (session, camera, journal)
+    }
 
     #[test]
     fn without_a_baseline_the_spread_is_that_of_the_rounds_times() {
-        let round = |ms| Round {
-            own_ms: Some(ms),
-            exact_ms: Some(ms),
-            turns: Some(vec![1.0; 4]),
-            busy: Some(1.0),
-            phases: Vec::new(),
-        };
-        let rounds = [3.0, 9.0, 4.0].map(round);
-        let found = alone(time(&rounds, None).expect("timestamps"), &rounds);
+        let result = |ms| FrameResult { total_ms: Some(ms), ..FrameResult::default() };
+        let round = |ms| vec![Timed { result: result(ms), submit_ms: 0.0, wall_ms: ms }];
+        let (session, ..) = unsorted();
+        let plan = session.plan().expect("it is prepared");
+        let found = alone(plan, &[3.0, 9.0, 4.0].map(round).into()).expect("timestamps");
         assert_eq!((found.gpu_ms, found.spread_ms), (4.0, 6.0));
         assert_eq!(found.share, Share { median: 1.0, range: None });
     }
 
     #[test]
     fn milliseconds_are_shares_of_one_time_of_the_exact_settings_on_a_warm_device() {
-        let (device, journal) = open(&Config::default());
-        let scene = synth::generate("demo", 50, 0).expect("a small scene");
-        let camera = Camera::framing(&scene, 32, 24);
-        let device = Backend::Null(device.expect("no fault is set"));
-        let mut session = Session::new(device, scene, "unsorted", &[]);
+        let (mut session, camera, journal) = unsorted();
         let mut exact = session.beside("splat", &[]).expect("a context");
+        exact.prepare((32, 24), &mut |_| {}).expect("it is prepared");
         for session in [&mut session, &mut exact] {
-            session.prepare((32, 24), &mut |_| {}).expect("it is prepared");
             interleaved::frame(session, &camera).expect("the prologue's frame");
         }
         let mut timed = |ms, effort| {
