@@ -49,7 +49,8 @@ impl Workspace {
         graph.ports.into_iter().map(|(name, port)| (name, described(port).to_owned())).collect()
     }
 
-    pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
+    pub fn completion(&mut self, path: &Path, offset: usize) -> Vec<CompletionItem> {
+        let Some(text) = &self.open_graph(path) else { return Vec::new() };
         let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
         self.ensure_built(path);
         let mut offered: BTreeMap<String, (CompletionItemKind, String)> = BTreeMap::new();
@@ -171,7 +172,8 @@ impl Workspace {
 
     /// Describes the parameter, value or resource at a byte offset, and the value of the whole expression. `None` if
     /// nothing is known.
-    pub fn hover(&mut self, path: &Path, text: &str, offset: usize) -> Option<Hover> {
+    pub fn hover(&mut self, path: &Path, offset: usize) -> Option<Hover> {
+        let text = &self.open_graph(path)?;
         let cursor = cursor::at(text, offset)?;
         self.ensure_built(path);
         let word = &text[around(text, &cursor.inside, offset, is_in_name)];

@@ -7,6 +7,7 @@ use super::cursor::{Group, Scan, Text};
 use super::files::{Search, canonical, is_graph};
 use super::names::{self, Kind, Mention, Role, Word, mentions, words};
 use crate::draw::planner::Planner;
+use indexmap::IndexSet;
 use splatgraph_framework::ir::FileId;
 use splatgraph_framework::source;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -36,9 +37,15 @@ pub enum Form {
 struct Found {
     end: usize,
     form: Form,
-    declarations: Vec<usize>,
+    declarations: IndexSet<usize>,
     /// Whole files, or declarations in shaders, that the name refers to.
     places: Vec<Place>,
+}
+
+impl Found {
+    fn new(end: usize, form: Form, declarations: Vec<usize>, places: Vec<Place>) -> Found {
+        Found { end, form, declarations: declarations.into_iter().collect(), places }
+    }
 }
 
 struct Declaration {
@@ -190,48 +197,31 @@ impl Index {
     }
 
     fn resolve(&mut self) {
-        let mut included = Vec::new();
+        let mut all = Vec::new();
         for (shader, read) in &self.shaders {
             for (range, file) in &read.includes {
-                included.push((*shader, range.clone(), Form::Plain, Vec::new(), vec![self.start_of(*file)]));
+                let found = Found::new(range.end, Form::Plain, Vec::new(), vec![self.start_of(*file)]);
+                all.push(((*shader, range.start), found));
             }
         }
-        for (shader, range, form, declarations, places) in included {
-            self.note(shader, range, form, declarations, places);
-        }
-        let files: Vec<FileId> = self.graphs.keys().copied().collect();
-        for file in files {
-            let mut found = Vec::new();
-            for mention in &self.graphs[&file].mentions {
-                let (declarations, places) = self.meant(file, mention);
-                found.push((file, mention.range.clone(), Form::Plain, declarations, places));
+        for (file, graph) in &self.graphs {
+            for mention in &graph.mentions {
+                let (declarations, places) = self.meant(*file, mention);
+                let found = Found::new(mention.range.end, Form::Plain, declarations, places);
+                all.push(((*file, mention.range.start), found));
             }
-            self.in_shaders(file, &mut found);
-            for (file, range, form, declarations, places) in found {
-                self.note(file, range, form, declarations, places);
-            }
+            self.in_shaders(*file, &mut all);
         }
-    }
-
-    fn note(
-        &mut self,
-        file: FileId,
-        range: Range<usize>,
-        form: Form,
-        declarations: Vec<usize>,
-        places: Vec<Place>,
-    ) {
-        let new = Found { end: range.end, form, declarations: Vec::new(), places: Vec::new() };
-        let found = self.found.entry((file, range.start)).or_insert(new);
-        found.places.extend(places);
-        for declaration in declarations {
-            if !found.declarations.contains(&declaration) {
-                found.declarations.push(declaration);
+        for (at, new) in all {
+            let empty = Found::new(new.end, new.form, Vec::new(), Vec::new());
+            let found = self.found.entry(at).or_insert(empty);
+            found.places.extend(new.places);
+            found.declarations.extend(new.declarations);
+            let declarations: Vec<usize> = found.declarations.iter().copied().collect();
+            for pair in declarations.windows(2) {
+                let (a, b) = (self.representative(pair[0]), self.representative(pair[1]));
+                self.class[a] = b;
             }
-        }
-        for pair in found.declarations.clone().windows(2) {
-            let (a, b) = (self.representative(pair[0]), self.representative(pair[1]));
-            self.class[a] = b;
         }
     }
 
@@ -413,12 +403,7 @@ impl Index {
     }
 
     /// Finds the occurrences of a graph's constants and live parameters in its shaders.
-    #[allow(clippy::type_complexity)]
-    fn in_shaders(
-        &self,
-        file: FileId,
-        found: &mut Vec<(FileId, Range<usize>, Form, Vec<usize>, Vec<Place>)>,
-    ) {
+    fn in_shaders(&self, file: FileId, found: &mut Vec<((FileId, usize), Found)>) {
         // Words of the shaders, each with the length of the parameter's name in it: `MODE` in `MODE_FAST`.
         let mut known: HashMap<String, (usize, Form, Vec<usize>)> = HashMap::new();
         let lets = self.declared(file, |d| d.kind == Kind::Let);
@@ -443,8 +428,8 @@ impl Index {
             for word in &read.words {
                 let Word::Name(range) = word else { continue };
                 if let Some((length, form, declarations)) = known.get(&self.paths[&shader].1[range.clone()]) {
-                    let name = range.start..range.start + length;
-                    found.push((shader, name, *form, declarations.clone(), Vec::new()));
+                    let name = Found::new(range.start + length, *form, declarations.clone(), Vec::new());
+                    found.push(((shader, range.start), name));
                 }
             }
         }

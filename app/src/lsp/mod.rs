@@ -261,28 +261,28 @@ impl Server {
         let params = text::with_strict_uris(request.params);
         let result = match request.method.as_str() {
             Completion::METHOD => answered(params, |params: CompletionParams| {
-                Ok(self.completion(&params.text_document_position))
+                let place = self.place(&params.text_document_position);
+                let items = place.map(|(path, offset)| self.workspace.completion(&path, offset));
+                Ok(CompletionResponse::Array(items.unwrap_or_default()))
             }),
             HoverRequest::METHOD => answered(params, |params: HoverParams| {
-                let Some((path, text, offset)) = self.place(&params.text_document_position_params) else {
-                    return Ok(None);
-                };
-                Ok(self.workspace.hover(&path, &text, offset))
+                let place = self.place(&params.text_document_position_params);
+                Ok(place.and_then(|(path, offset)| self.workspace.hover(&path, offset)))
             }),
             GotoDefinition::METHOD => answered(params, |params: GotoDefinitionParams| {
-                let Some((path, offset)) = self.any_place(&params.text_document_position_params) else {
+                let Some((path, offset)) = self.place(&params.text_document_position_params) else {
                     return Ok(Vec::new());
                 };
                 Ok(self.workspace.definitions(&path, offset))
             }),
             References::METHOD => answered(params, |params: ReferenceParams| {
-                let Some((path, offset)) = self.any_place(&params.text_document_position) else {
+                let Some((path, offset)) = self.place(&params.text_document_position) else {
                     return Ok(Vec::new());
                 };
                 Ok(self.workspace.references(&path, offset, params.context.include_declaration))
             }),
             PrepareRenameRequest::METHOD => answered(params, |params: TextDocumentPositionParams| {
-                let place = self.any_place(&params);
+                let place = self.place(&params);
                 let name = place.and_then(|(path, offset)| self.workspace.renamed_name(&path, offset));
                 Ok(name.map(|(range, placeholder)| PrepareRenameResponse::RangeWithPlaceholder {
                     range,
@@ -290,7 +290,7 @@ impl Server {
                 }))
             }),
             Rename::METHOD => answered(params, |params: RenameParams| {
-                let Some((path, offset)) = self.any_place(&params.text_document_position) else {
+                let Some((path, offset)) = self.place(&params.text_document_position) else {
                     return Err("expected a file open in the editor, found another".to_owned());
                 };
                 let files = self.workspace.rename(&path, offset, &params.new_name)?;
@@ -307,34 +307,14 @@ impl Server {
     }
 
     fn hints(&mut self, params: &InlayHintParams) -> Vec<InlayHint> {
-        let path = text::path_of(&params.text_document.uri).filter(|path| files::is_graph(path));
-        let Some((path, text)) =
-            path.and_then(|path| Some((path.clone(), self.workspace.open.get(&path)?.clone())))
-        else {
-            return Vec::new();
-        };
-        hints::within(self.workspace.hints(&path, &text), params.range.start.line, params.range.end.line)
-    }
-
-    fn completion(&mut self, at: &TextDocumentPositionParams) -> CompletionResponse {
-        let items =
-            self.place(at).map(|(path, text, offset)| self.workspace.completion(&path, &text, offset));
-        CompletionResponse::Array(items.unwrap_or_default())
+        let Some(path) = text::path_of(&params.text_document.uri) else { return Vec::new() };
+        hints::within(self.workspace.hints(&path), params.range.start.line, params.range.end.line)
     }
 
     /// Resolves a position in an open file to the file's path and the byte offset; `None` if the file is not open.
-    fn any_place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
+    fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let offset = text::offset_of(self.workspace.open.get(&path)?, at.position);
         Some((path, offset))
-    }
-
-    /// Resolves a position in an open graph to the file's path, its text and the byte offset; `None` if the file is not
-    /// open or no graph.
-    fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, String, usize)> {
-        let path = text::path_of(&at.text_document.uri)?;
-        let text = self.workspace.open.get(&path).filter(|_| files::is_graph(&path))?.clone();
-        let offset = text::offset_of(&text, at.position);
-        Some((path, text, offset))
     }
 }
