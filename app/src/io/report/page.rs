@@ -90,14 +90,15 @@ impl Page {
         self.body += "</table></div>\n";
     }
 
-    /// Adds a table that a reader can filter, and sort by each column. A column has a name and a tooltip.
+    /// Adds a table that a reader can filter, and sort by each column. A column has a name and a tooltip, without the
+    /// backticks of its code.
     ///
     /// The name of a row with pictures links to the first; a click shows all of them below the row.
     pub fn sortable(&mut self, columns: &[(&str, &str)], rows: &[Row]) {
         self.has_script = true;
         self.body += "<div class=\"wide sortable\"><input type=\"search\" placeholder=\"filter\" aria-label=\"filter\"><table>\n<thead><tr>";
         for (name, about) in columns {
-            let about = escaped(about);
+            let about = escaped(&about.replace('`', ""));
             self.body += &format!("<th title=\"{about}\"><button>{}</button></th>", inline(name));
         }
         self.body += "</tr></thead>\n<tbody>\n";

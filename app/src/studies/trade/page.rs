@@ -55,34 +55,6 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     })
 }
 
-fn about(column: &str) -> &'static str {
-    match column {
-        "setting" => {
-            "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the graph's. \
-             `*` marks the Pareto front: every setting that is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front"
-        }
-        "GPU ms" => {
-            "milliseconds of a frame on the GPU: `of exact` times the exact settings' time on a warm device"
-        }
-        "spread" => "maximum minus minimum of the rounds, in milliseconds; the largest of the views",
-        "of exact" => {
-            "share of the exact settings' time, frame by frame: median of the frames, mean of the views, ± half of its range with 99 % \
-             confidence. For `exact`, the distance from 100 % is the noise, which every other range contains"
-        }
-        "PSNR dB" => {
-            "decibels of the mean squared error of all views, over all pixels; `inf` for equal pictures"
-        }
-        "covered" => "PSNR over the pixels that a splat covers",
-        "SSIM" => "structural similarity, the lowest of the views; 1 is equal",
-        "FLIP" => "NVIDIA's FLIP, mean; 0 is equal",
-        "worst" => "largest difference of a channel (range 0 to 1)",
-        "off" => "pixels that differ by more than 1/255",
-        "inversions" => "pairs of visible splats in the wrong order",
-        "MiB" => "memory on the device",
-        _ => "why a setting is not judged, or only likely",
-    }
-}
-
 /// Makes the page of a ledger as HTML. `failed` lists settings with their errors.
 ///
 /// # Errors
@@ -99,7 +71,7 @@ pub fn page(
         "`{}`, {} splats, {}, on {}. The truth is {}.",
         origin.scene,
         origin.splats,
-        match origin.views() {
+        match origin.cameras.len() {
             1 => "one view".to_owned(),
             views => format!("{views} views"),
         },
@@ -118,10 +90,7 @@ pub fn page(
         cells[0] = format!("{} {}", cells[0], sign(line.mark)).trim_end().to_owned();
         Row { cells, pictures: album.of(ledger, &line.setting) }
     };
-    let plain = |column: &str| about(column).replace('`', "");
-    let columns = COLUMNS.map(|column| (column, plain(column)));
-    let columns = columns.each_ref().map(|(column, about)| (*column, about.as_str()));
-    page.sortable(&columns, &lines.iter().map(row).collect::<Vec<_>>());
+    page.sortable(&COLUMNS, &lines.iter().map(row).collect::<Vec<_>>());
     page.text(
         "Click a setting to see its picture in the view farthest from the truth, and a column to sort by it. Frames of a setting are drawn \
          interleaved with frames of `exact`, so that a change of the device's clock affects both. Settings whose plans are equal are measured once.",
@@ -146,7 +115,7 @@ pub fn page(
         page.block(why);
     }
     page.heading("The columns");
-    COLUMNS.iter().for_each(|column| page.text(&format!("`{column}`: {}.", about(column))));
+    COLUMNS.iter().for_each(|(column, about)| page.text(&format!("`{column}`: {about}.")));
     Ok(page.html())
 }
 

@@ -6,21 +6,32 @@ use crate::io::report::text;
 use crate::studies::measurement::noise::{MIN_SAVING, MIN_TURNS, Mark};
 use crate::studies::measurement::settings::EXACT;
 
-/// Titles of the table's columns.
-pub(super) const COLUMNS: [&str; 13] = [
-    "setting",
-    "GPU ms",
-    "spread",
-    "of exact",
-    "PSNR dB",
-    "covered",
-    "SSIM",
-    "FLIP",
-    "worst",
-    "off",
-    "inversions",
-    "MiB",
-    "note",
+/// Titles of the table's columns, each with its meaning.
+pub(super) const COLUMNS: [(&str, &str); 13] = [
+    (
+        "setting",
+        "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the graph's. \
+         `*` marks the Pareto front: every setting that is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front",
+    ),
+    (
+        "GPU ms",
+        "milliseconds of a frame on the GPU: `of exact` times the exact settings' time on a warm device",
+    ),
+    ("spread", "maximum minus minimum of the rounds, in milliseconds; the largest of the views"),
+    (
+        "of exact",
+        "share of the exact settings' time, frame by frame: median of the frames, mean of the views, ± half of its range with 99 % \
+         confidence. For `exact`, the distance from 100 % is the noise, which every other range contains",
+    ),
+    ("PSNR dB", "decibels of the mean squared error of all views, over all pixels; `inf` for equal pictures"),
+    ("covered", "PSNR over the pixels that a splat covers"),
+    ("SSIM", "structural similarity, the lowest of the views; 1 is equal"),
+    ("FLIP", "NVIDIA's FLIP, mean; 0 is equal"),
+    ("worst", "largest difference of a channel (range 0 to 1)"),
+    ("off", "pixels that differ by more than 1/255"),
+    ("inversions", "pairs of visible splats in the wrong order"),
+    ("MiB", "memory on the device"),
+    ("note", "why a setting is not judged, or only likely"),
 ];
 
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
@@ -119,7 +130,7 @@ pub fn table(lines: &[Line]) -> String {
         row[0].insert_str(0, mark);
         row
     };
-    let header = marked("  ", COLUMNS.map(String::from).to_vec());
+    let header = marked("  ", COLUMNS.map(|(column, _)| column.to_owned()).to_vec());
     let row = |line: &Line| marked(&format!("{} ", sign(line.mark)), cells(line).to_vec());
     text::table(header, lines.iter().map(row))
 }

@@ -88,11 +88,6 @@ impl Origin {
         ];
         differs.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect()
     }
-
-    /// Returns the number of views, one per camera.
-    pub fn views(&self) -> usize {
-        self.cameras.len()
-    }
 }
 
 /// The rows of a run, with their origin.
@@ -212,17 +207,13 @@ impl Book {
 
     /// Returns true if the setting has been measured in this view.
     pub fn has(&self, setting: &str, camera: &str) -> bool {
-        self.row(setting, camera).is_some()
+        self.ledger.rows.iter().any(|row| row.setting == setting && row.camera == camera)
     }
 
     /// Returns the exact settings' milliseconds in a view; `None` before its first row, or without timestamps.
     pub fn exact_ms(&self, camera: &str) -> Option<f64> {
         let first = self.ledger.rows.iter().find(|row| row.camera == camera && row.found.is_ok())?;
         Some(first.found.as_ref().ok()?.time.as_ref()?.exact_ms)
-    }
-
-    fn row(&self, setting: &str, camera: &str) -> Option<&Row> {
-        self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
     /// Adds a row, in place of one of the same setting and camera. [`Book::save`] writes it to the file.
