@@ -54,12 +54,17 @@ fn shards_draw_the_pictures_of_one_process_and_none_twice() {
     place.write("out/three.png", &picture[..picture.len() - 1]);
     let told = run(&place, line, &["out", "--shard", "0/1"], 0);
     assert!(told.contains("3 of 3 views: 2 done, 1 already there"), "{told}");
+    // As if the disk had been lost: the length is right.
+    let mut picture = place.bytes("out/two.png");
+    let middle = picture.len() / 2;
+    picture[middle..middle + 16].fill(0);
+    place.write("out/two.png", &picture);
     // An output besides the picture is missing.
     fs::remove_file(place.at("out/d-one.npy")).expect("it is there");
     let told = run(&place, "merge out", &[], 1);
-    assert!(told.contains("2 of 3 views are present\nmissing: one\n"), "{told}");
+    assert!(told.contains("1 of 3 views are present\nmissing: one\nmissing: two\n"), "{told}");
     let told = run(&place, line, &["out", "--shard", "0/1"], 0);
-    assert!(told.contains("3 of 3 views: 1 done, 2 already there"), "{told}");
+    assert!(told.contains("3 of 3 views: 2 done, 1 already there"), "{told}");
     let mut many = files(&place, "out");
     assert!(many.remove("job.json").is_some() && many == one);
     assert_eq!(run(&place, "merge out", &[], 0), "3 of 3 views are present\n");

@@ -17,6 +17,7 @@ use crate::io::output::{self, Claim, one_line, say};
 use crate::io::report::text;
 use crate::io::{own_file, program};
 use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
@@ -260,14 +261,13 @@ impl Job {
     pub fn run(&mut self, views: &[usize]) -> Result<Ran> {
         let mut ran = Ran::default();
         self.open()?;
-        let mut missing = views.to_vec();
-        missing.retain(|view| match self.has(*view) {
-            true => {
-                ran.kept.push(*view);
-                false
-            }
-            false => true,
-        });
+        let Outputs { folder, files, .. } = &self.outputs;
+        // Unpacking a picture can take as long as writing it, so all threads share the check.
+        let present: Vec<bool> = views.par_iter().map(|view| is_present(folder, &files[*view])).collect();
+        let mut missing = Vec::new();
+        for (&view, present) in views.iter().zip(present) {
+            if present && self.work.is_current(view) { &mut ran.kept } else { &mut missing }.push(view);
+        }
         while !missing.is_empty() {
             // Several frames are in flight, so an error does not identify its view. After an error, views are drawn one
             // at a time.
@@ -361,13 +361,13 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
-/// Returns true if all files of a view exist and do not look truncated. `folder` is the job's folder.
+/// Returns true if all files of a view exist and no damage is found. `folder` is the job's folder.
 pub fn is_present(folder: &Path, files: &[PathBuf]) -> bool {
     files.iter().all(|file| is_whole(&folder.join(file)).unwrap_or(false))
 }
 
-/// Detects truncated files. Files are written atomically, but an interrupted copy or a full disk can truncate them
-/// later.
+/// Detects damaged files; see [`Image::is_whole`]. Files are written atomically, but an interrupted copy, a full disk or
+/// a lost connection to a shared disk can damage them later.
 fn is_whole(path: &Path) -> Result<bool> {
     Ok(match path.extension().and_then(OsStr::to_str) {
         Some("json") => serde_json::from_slice::<IgnoredAny>(&own_file::read(path)?).is_ok(),

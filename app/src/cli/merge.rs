@@ -6,6 +6,7 @@ use super::{evaluate, render, sweep, trade};
 use crate::io::output::{one_line, say};
 use crate::io::own_file;
 use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 
@@ -13,7 +14,7 @@ use std::path::PathBuf;
 ///
 /// For `trade` and `sweep`, the folder gets the files of the command; for `evaluate`, scores.json, as --json prints it.
 /// They equal the files of a single process, except for times, which each process measured. For `render`, the views
-/// with all their files are counted.
+/// with all their files are counted. Files that are found to be damaged count as missing.
 ///
 /// Processes that do not share a disk have a folder each: name all of them. If views are missing, the files contain the
 /// others, scores.json lists the missing ones and has no means, and the exit code is 1.
@@ -52,14 +53,17 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<Manifest>> {
 pub fn run(args: &Args) -> Result<Outcome> {
     let manifests = prepare(args)?;
     let first = &manifests[0];
-    let (mut found, mut missing) = (Vec::new(), Vec::new());
-    for (view, name) in first.views.iter().enumerate() {
+    let result = |view: usize| {
         // The paths of files outside of a folder are in the folder's own description.
-        let result = |(folder, own): (&PathBuf, &Manifest)| {
+        args.folders.iter().zip(&manifests).find_map(|(folder, own)| {
             let files = own.files.get(view).filter(|files| is_present(folder, files))?;
             Some(folder.join(files.first()?))
-        };
-        match args.folders.iter().zip(&manifests).find_map(result) {
+        })
+    };
+    let results: Vec<_> = (0..first.views.len()).into_par_iter().map(result).collect();
+    let (mut found, mut missing) = (Vec::new(), Vec::new());
+    for (view, (result, name)) in results.into_iter().zip(&first.views).enumerate() {
+        match result {
             Some(result) => found.push(result),
             None => missing.push((view, name)),
         }

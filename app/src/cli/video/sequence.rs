@@ -6,6 +6,7 @@
 use crate::io::image::{Format, Image, ImageError};
 use crate::io::output::{self, Claim};
 use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -44,7 +45,7 @@ impl Sequence {
             Image::header(&path).is_ok_and(|found| found.size == size)
                 && Image::is_whole(&path).unwrap_or(false)
         };
-        Ok((0..frames).filter(|frame| !is_whole(frame)).collect())
+        Ok((0..frames).into_par_iter().filter(|frame| !is_whole(frame)).collect())
     }
 
     /// Writes the record into the folder, or checks that the folder has an equal one.

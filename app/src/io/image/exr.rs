@@ -82,8 +82,8 @@ struct Found {
     grey: Option<x::Text>,
 }
 
-/// Finds the layer of the picture, and checks the sizes of all layers.
-fn find(path: &Path) -> Result<Found, ImageError> {
+/// Reads the headers of all layers, and checks the layers' sizes.
+fn headers(path: &Path) -> Result<(exr::meta::MetaData, Vec<(usize, usize)>), ImageError> {
     let file = open(path)?;
     let meta = quietly(|| exr::meta::MetaData::read_from_buffered(file, false))
         .ok_or_else(|| {
@@ -95,6 +95,12 @@ fn find(path: &Path) -> Result<Found, ImageError> {
         let size = header.layer_size;
         sizes.push(check_size(path, size.width() as u64, size.height() as u64)?);
     }
+    Ok((meta, sizes))
+}
+
+/// Finds the layer of the picture.
+fn find(path: &Path) -> Result<Found, ImageError> {
+    let (meta, sizes) = headers(path)?;
     let has = |at: usize, name: &x::Text| {
         meta.headers[at].channels.list.iter().any(|channel| channel.name == *name)
     };
@@ -119,14 +125,17 @@ pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
     find(path).map(|found| found.header)
 }
 
-/// Returns true if the file has all the blocks of its header. Reads them without unpacking the pixels.
+/// Returns true if the file has all the blocks of its header, and each can be unpacked.
+///
+/// The format has no checksums, so damage that unpacks to other pixels is not detected.
 pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
+    headers(path)?;
     let file = open(path)?;
-    let are_there = || -> exr::error::Result<bool> {
-        let mut blocks = exr::block::read(file, false)?.all_chunks(false)?;
-        Ok(blocks.all(|block| block.is_ok()))
+    let unpacked = || {
+        let reader = x::read().no_deep_data().largest_resolution_level().all_channels().all_layers();
+        reader.all_attributes().non_parallel().from_buffered(file)
     };
-    quietly(are_there).unwrap_or(Ok(false)).map_err(|error| ImageError::new(path, error))
+    Ok(quietly(unpacked).is_some_and(|read| read.is_ok()))
 }
 
 /// Loads the data window of the picture's layer.

@@ -88,7 +88,8 @@ pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
     header_of(path, &begin(open(path)?).map_err(|e| ImageError::new(path, e))?)
 }
 
-/// Returns true if the file is as long as the array in its header.
+/// Returns true if the file is as long as the array in its header. The format has no checksums, so other damage is not
+/// detected.
 pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
     let fail = |error| ImageError::new(path, error);
     let mut file = open(path)?;

@@ -3,7 +3,7 @@
 use super::pixels::{Header, Image, ImageError, check_size, open, room};
 use crate::io::output::file::Cause;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
 /// Writes a picture. The file declares sRGB only if its values are `colors`.
@@ -32,13 +32,26 @@ pub(super) fn write_bytes(
     Ok(writer.finish()?)
 }
 
-/// Returns true if the file ends with the last chunk of a PNG file.
+/// Returns true if the file has all its chunks, with the right checksums (PNG specification, 5.3). The pixels are not
+/// decoded.
 pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
-    /// Type and checksum of the last chunk, which has no data.
-    const END: &[u8] = b"IEND\xae\x42\x60\x82";
-    let (mut file, mut end) = (open(path)?, [0; END.len()]);
-    let read = file.seek(SeekFrom::End(-(end.len() as i64))).and_then(|_| file.read_exact(&mut end));
-    read.map(|()| end == END).map_err(|error| ImageError::new(path, error))
+    let mut bytes = Vec::new();
+    open(path)?.read_to_end(&mut bytes).map_err(|error| ImageError::new(path, error))?;
+    let mut rest = bytes.get(8..).unwrap_or_default();
+    // A chunk is its length, its type, that many bytes of data, and the checksum of type and data.
+    while let Some((length, after)) = rest.split_first_chunk() {
+        let length = (u32::from_be_bytes(*length) as usize).saturating_add(4);
+        let Some((chunk, after)) = after.split_at_checked(length) else { break };
+        let Some((sum, after)) = after.split_first_chunk() else { break };
+        if crc32fast::hash(chunk) != u32::from_be_bytes(*sum) {
+            break;
+        }
+        if chunk == b"IEND" {
+            return Ok(after.is_empty());
+        }
+        rest = after;
+    }
+    Ok(false)
 }
 
 /// A decoder whose header has been read.
