@@ -261,7 +261,7 @@ impl Pending {
         let pixels = pixels.ok_or_else(|| DeviceError::new_err("the device returned no picture"))?;
         let image = py.detach(|| image_of(&pixels)).map_err(|error| Error::new_err(error.to_string()))?;
         let by_name = PyDict::new(py);
-        for Output { name, shape, words } in outputs {
+        for Output { name, shape, words, .. } in outputs {
             let shape: Vec<usize> = shape.into_iter().map(|length| length as usize).collect();
             let values = match &words {
                 Words::Float(values) => give(py, values, &shape)?,

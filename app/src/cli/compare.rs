@@ -2,7 +2,7 @@
 
 use super::options;
 use super::outcome::{Outcome, Usage};
-use crate::io::image::{Depth, Format, Image, npz_names, split_member};
+use crate::io::image::{Depth, ENCODING, Format, Image, npz_names, split_member};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
 use crate::io::report::text;
@@ -26,7 +26,8 @@ use std::path::{Path, PathBuf};
 /// `trade`. The worst pixel has the largest difference of a channel, unclamped. If one picture has only 8 or 16 bits,
 /// values are clamped to 0..1.
 ///
-/// Alpha is not compared; `evaluate` blends it. If both pictures have one channel and values outside of 0..1, as depths
+/// Alpha is not compared; `evaluate` blends it. Values are compared as they are in the files: a line tells if EXR files
+/// declare different encodings, or different places in the frame. If both pictures have one channel and values outside of 0..1, as depths
 /// have, the range of the values of both (with 0 and 1) becomes 0..1. Only the worst pixel keeps its unit.
 ///
 /// All measures are computed in f64, also for float64 arrays.
@@ -316,17 +317,30 @@ fn cannot(pair: &Pair) -> String {
 /// Loads two pictures. The last value is true if both have one channel.
 fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>, bool)> {
     let headers = [Image::header(&pair.a)?, Image::header(&pair.b)?];
-    let [(a_width, a_height), (b_width, b_height)] = headers.map(|header| header.size);
+    let [(a_width, a_height), (b_width, b_height)] = headers.each_ref().map(|header| header.size);
     if (a_width, a_height) != (b_width, b_height) {
         // Reject pictures of two sizes before either is decoded.
         let error = MetricError::Sizes { a_width, a_height, b_width, b_height };
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    for (path, header) in [(&pair.a, headers[0]), (&pair.b, headers[1])] {
+    for (path, header) in [&pair.a, &pair.b].into_iter().zip(&headers) {
         if header.has_alpha {
             say(format!("{}: its alpha is not compared", path.display()));
         }
+    }
+    let (a_name, b_name) = (pair.a.display(), pair.b.display());
+    let [a_encoding, b_encoding] = headers.each_ref().map(|h| h.encoding.as_deref().unwrap_or(ENCODING));
+    if a_encoding != b_encoding {
+        say(format!(
+            "{a_name} and {b_name} are compared without conversion, though their encodings are {a_encoding} and {b_encoding}"
+        ));
+    }
+    let [a_corner, b_corner] = headers.each_ref().map(|header| header.corner);
+    if a_corner != b_corner {
+        say(format!(
+            "{a_name} and {b_name} are compared from their first pixels, which are at {a_corner:?} and {b_corner:?} of the frame"
+        ));
     }
     // Each integer level becomes the nearest float of the other picture's precision.
     let (a, b) = match (a_depth, b_depth) {

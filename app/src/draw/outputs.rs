@@ -22,11 +22,11 @@
 
 use crate::draw::inspect::{Finding, Words};
 use crate::draw::session::{FrameOptions, PixelsError, Session, SessionError, image_of};
-use crate::io::image::{Format, Image, ImageError, save_rgba_png, save_values, save_words};
+use crate::io::image::{Format, Image, ImageError, Samples, save_rgba_png, save_values, save_words};
 use crate::io::output::OutputError;
 use splatgraph_api::Inspect;
 use splatgraph_assets::Camera;
-use splatgraph_framework::ir::{PassId, Work};
+use splatgraph_framework::ir::{PassId, Value, Work};
 use splatgraph_framework::plan::Plan;
 use std::borrow::Cow;
 use std::path::Path;
@@ -61,6 +61,8 @@ pub struct Output {
     pub shape: Vec<u64>,
     /// Values in row-major order: the last dimension varies fastest.
     pub words: Words,
+    /// True if depths are distances from the camera, because splats are sorted by distance.
+    pub by_distance: bool,
 }
 
 /// A drawn frame, with its outputs.
@@ -93,6 +95,12 @@ pub fn draw(session: &mut Session, camera: &Camera, background: [f32; 3]) -> Res
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }
 
+/// Returns true if the plan sorts splats by their distance from the camera.
+pub fn sorts_by_distance(plan: &Plan) -> bool {
+    let by_distance = Value::Text("distance".into());
+    plan.params.iter().any(|param| param.name == "key_of" && param.value == by_distance)
+}
+
 /// Says that depth outputs contain distances from the camera, because splats are sorted by distance. `None` if `outputs`
 /// names no depth. `change` is the option that sorts by view depth.
 pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &str) -> Option<String> {
@@ -117,6 +125,7 @@ pub fn inspections(plan: &Plan) -> Vec<Inspect> {
 /// Converts the bytes of a frame's [`inspections`] to outputs.
 pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
+    let by_distance = sorts_by_distance(plan);
     let output = |((output, target), bytes): ((&splatgraph_framework::ir::Output, Inspect), &Vec<u8>)| {
         let Finding { mut shape, mut words, .. } = Finding::new(plan, &target, bytes, &[]);
         // Images have one or four channels; a fourth is unused.
@@ -124,7 +133,7 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
             *channels = 3;
             *values = values.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();
         }
-        Output { name: output.name.clone(), shape, words }
+        Output { name: output.name.clone(), shape, words, by_distance }
     };
     outputs.map(output).collect()
 }
@@ -163,7 +172,7 @@ fn rgba(picture: &Image, alpha: &Output, background: [f32; 3]) -> Option<Output>
     };
     let values = picture.rgb.iter().zip(alpha).flat_map(pixel).collect();
     let shape = vec![picture.height as u64, picture.width as u64, 4];
-    Some(Output { name: RGBA.0.into(), shape, words: Words::Float(values) })
+    Some(Output { name: RGBA.0.into(), shape, words: Words::Float(values), by_distance: false })
 }
 
 /// Checks that the output named `name` can be written in a format, as [`Output::save`] does.
@@ -172,8 +181,8 @@ fn rgba(picture: &Image, alpha: &Output, background: [f32; 3]) -> Option<Output>
 /// The format is not possible. The error lists the possible formats.
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
-        ("contributors" | "index", Format::Png | Format::Exr) => {
-            "expected the extension .npy: other formats cannot store 32-bit integers"
+        ("contributors" | "index", Format::Png) => {
+            "expected the extension .npy or .exr: PNG cannot store 32-bit integers"
         }
         ("depth" | "expected_depth" | "median_depth", Format::Png) => {
             "expected the extension .npy or .exr: PNG values end at 1, and depths exceed it"
@@ -196,24 +205,30 @@ impl Output {
             let refused = |why: String| OutputError { path: path.to_owned(), cause: why.into() };
             check_format(&self.name, format).map_err(refused)?;
         }
-        let (format, values) = match (Format::of(path), &self.words) {
-            (Some(format @ (Format::Png | Format::Exr)), Words::Float(values)) => (format, values),
-            (_, Words::Float(values)) => return save_words(path, &self.shape, values),
-            (_, Words::Uint(words)) => return save_words(path, &self.shape, words),
-        };
         let (width, channels) = (self.shape[1] as usize, self.shape.get(2).map_or(1, |n| *n as usize));
         let size = (width, self.shape[0] as usize);
-        if format == Format::Exr {
+        if Format::of(path) == Some(Format::Exr) {
+            let samples = match &self.words {
+                Words::Float(values) => Samples::Float(values),
+                Words::Uint(words) => Samples::Uint(words),
+            };
             let names: &[&str] = match (channels, self.name.as_str()) {
                 (1, "alpha") => &["A"],
                 (1, "depth" | "expected_depth" | "median_depth") => &["Z"],
+                (1, "index" | "contributors") => &[&self.name],
                 (1, _) => &["Y"],
                 (_, "normal") => &["N.X", "N.Y", "N.Z"],
                 (4, _) => &["R", "G", "B", "A"],
                 _ => &["R", "G", "B"],
             };
-            return save_values(path, names, size, values);
+            let about = (channels != 4).then(|| self.about());
+            return save_values(path, names, size, samples, about.as_deref());
         }
+        let values = match (Format::of(path), &self.words) {
+            (Some(Format::Png), Words::Float(values)) => values,
+            (_, Words::Float(values)) => return save_words(path, &self.shape, values),
+            (_, Words::Uint(words)) => return save_words(path, &self.shape, words),
+        };
         if channels == 4 {
             return save_rgba_png(path, size, values);
         }
@@ -226,6 +241,17 @@ impl Output {
         // Other outputs of three channels may be colours.
         let is_data = channels == 1 || self.name == "normal";
         if is_data { image.save_png_of_data(path) } else { image.save(path) }
+    }
+}
+
+impl Output {
+    /// Describes the values, for people who open the file.
+    fn about(&self) -> String {
+        let what = NAMES.into_iter().find(|(name, _)| *name == self.name).map(|(_, what)| what);
+        let what = what.map(|what| format!(": {what}")).unwrap_or_default();
+        let is_distance = self.by_distance && self.name.ends_with("depth");
+        let distances = if is_distance { ". Distances from the camera, not view depths" } else { "" };
+        format!("{}{what}{distances}", self.name)
     }
 }
 
@@ -243,7 +269,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let save = |name: &str, words: Words, shape: &[u64], file: &str| {
             let path = folder.path().join(file);
-            let output = Output { name: name.into(), shape: shape.to_vec(), words };
+            let output = Output { name: name.into(), shape: shape.to_vec(), words, by_distance: true };
             output.save(&path).map(|()| path)
         };
         let alpha = Words::Float(vec![0.0, 0.25, 0.5, 1.0]);
@@ -253,7 +279,12 @@ mod tests {
         let error = save("depth", alpha, &[2, 2], "d.png").unwrap_err().to_string();
         assert!(error.contains("expected the extension .npy or .exr"), "{error}");
         let picture = Image { width: 2, height: 1, rgb: vec![[0.3, 0.4, 0.5], [0.2, 0.4, 0.6]] };
-        let half = Output { name: "alpha".into(), shape: vec![1, 2], words: Words::Float(vec![0.5, 0.0]) };
+        let half = Output {
+            name: "alpha".into(),
+            shape: vec![1, 2],
+            words: Words::Float(vec![0.5, 0.0]),
+            by_distance: false,
+        };
         let rgba = rgba(&picture, &half, [0.2, 0.4, 0.6]).expect("an alpha for each pixel");
         let path = folder.path().join("rgba.png");
         rgba.save(&path).unwrap();
@@ -268,12 +299,16 @@ mod tests {
         let normals = Words::Float(vec![0.0, 0.0, -0.5, 0.0, 0.0, 0.0]);
         let colours = Image::load(&save("normal", normals, &[1, 2, 3], "n.png").unwrap()).unwrap();
         assert_eq!((colours.at(0, 0)[2], colours.at(1, 0)), (0.0, [0.0; 3]));
-        assert!(save("index", Words::Uint(vec![7]), &[1, 1], "i.exr").is_err());
+        save("index", Words::Uint(vec![7]), &[1, 1], "i.exr").unwrap();
+        let bytes = std::fs::read(folder.path().join("d.exr")).unwrap();
+        let says = |text: &str| bytes.windows(text.len()).any(|part| part == text.as_bytes());
+        assert!(says("depth: the sum of the splats' view depths") && says("(gsplat's D). Distances from"));
         for (name, format, fits) in [
             ("alpha", Format::Png, true),
             ("depth", Format::Png, false),
             ("depth", Format::Exr, true),
-            ("index", Format::Exr, false),
+            ("index", Format::Exr, true),
+            ("index", Format::Png, false),
             ("index", Format::Npy, true),
         ] {
             assert_eq!(check_format(name, format).is_ok(), fits, "{name} {format}");

@@ -8,7 +8,7 @@ use crate::io::image::Image;
 use crate::io::progress::Progress;
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::{Picture, PictureMemoryError, RULES, RuleError, Rules, check_memory, render};
+use splatgraph_reference::{KeyOf, Picture, PictureMemoryError, RULES, RuleError, Rules, check_memory, render};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Mutex;
@@ -125,7 +125,8 @@ impl Truth {
             "index" => Words::Uint(picture.index.clone()),
             _ => return None,
         };
-        Some(Output { name: name.to_owned(), shape, words })
+        let by_distance = self.stats.rules.key_of == KeyOf::Distance;
+        Some(Output { name: name.to_owned(), shape, words, by_distance })
     }
 }
 

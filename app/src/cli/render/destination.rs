@@ -177,7 +177,7 @@ mod tests {
             assert_eq!(output(path.into()), picture(path));
         }
         for (text, why) in
-            [("depth=d.png", "end at 1"), ("index=i.exr", ".npy"), ("alpha=a", "found `alpha=a`")]
+            [("depth=d.png", "end at 1"), ("index=i.png", ".npy"), ("alpha=a", "found `alpha=a`")]
         {
             assert!(output(text.into()).unwrap_err().contains(why), "{text}");
         }

@@ -19,7 +19,6 @@ use anyhow::{Context, Result};
 use serde_json::Value as Json;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection, Scene};
-use splatgraph_framework::ir::Value;
 use splatgraph_reference::{KeyOf, Rules};
 use std::panic::resume_unwind;
 use std::path::PathBuf;
@@ -240,11 +239,7 @@ fn draw(
         let _span = info_span!("check files and settings").entered();
         progress.suspend(|| session.settings_without_effect().iter().for_each(say));
         let plan = session.plan().context("no plan after `prepare`")?;
-        let sorts_by_distance = plan
-            .params
-            .iter()
-            .any(|param| param.name == "key_of" && param.value == Value::Text("distance".into()));
-        if sorts_by_distance && !camera.projection.sees_behind() {
+        if outputs::sorts_by_distance(plan) && !camera.projection.sees_behind() {
             let note =
                 outputs::distance_note(plan.outputs.iter().map(|o| o.name.as_str()), "--set key_of=depth");
             progress.suspend(|| note.iter().for_each(say));

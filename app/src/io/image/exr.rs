@@ -1,11 +1,13 @@
-//! Reads and writes OpenEXR files: float32, channels R, G, B. A file with a single channel is read as grey.
+//! Reads and writes OpenEXR files. Pictures have the float32 channels R, G and B. Normals (N.X, N.Y and N.Z) are read as
+//! colours, and a single channel as grey.
 //!
 //! By default, programs interpret the values of an EXR as linear light, but ours are display-encoded. Two attributes
 //! declare this: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
 //! Forum, and `comments` for people.
 
-use super::pixels::{Header, Image, ImageError, check_size, open};
+use super::pixels::{Depth, Header, Image, ImageError, check_size, open};
 use crate::io::output::{self, file::Cause};
+use exr::block::samples::FromNativeSample;
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel, WritableImage};
 use std::cell::Cell;
@@ -14,25 +16,28 @@ use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
 use std::sync::Once;
 
-const ENCODING: &str = "srgb_rec709_display";
-const COMMENT: &str = "Display-encoded (sRGB) values as blended, not linear light; not clamped to 0..1.";
+/// Name of the attribute for a file's encoding.
+const INTEROP: &str = "colorInteropID";
+/// The encoding of our files, and by assumption of files that declare none.
+pub const ENCODING: &str = "srgb_rec709_display";
+const COMMENT: &str = "Display-encoded (sRGB) values, not linear light; not clamped to 0..1.";
 
 /// Compression and order of the blocks. Threads finish blocks in any order; the order of the rows makes the files of
 /// equal pictures equal bytes.
 const BLOCKS: x::Encoding =
     x::Encoding { line_order: x::LineOrder::Increasing, ..x::Encoding::SMALL_FAST_LOSSLESS };
 
-/// Returns the attributes of a layer. Colours are declared to be display-encoded.
-fn attributes(are_colours: bool) -> x::LayerAttributes {
+/// Returns the attributes of a layer. `about` describes values that are not colours. Colours are declared to be
+/// display-encoded.
+fn attributes(about: Option<&str>) -> x::LayerAttributes {
     let mut attributes = x::LayerAttributes {
         software_name: Some(x::Text::from(concat!("splatgraph ", env!("CARGO_PKG_VERSION")))),
+        comments: x::Text::new_or_none(about.unwrap_or(COMMENT)),
         ..Default::default()
     };
-    if are_colours {
-        attributes.comments = Some(x::Text::from(COMMENT));
-        attributes
-            .other
-            .insert(x::Text::from("colorInteropID"), x::AttributeValue::Text(x::Text::from(ENCODING)));
+    if about.is_none() {
+        let encoding = x::AttributeValue::Text(x::Text::from(ENCODING));
+        attributes.other.insert(x::Text::from(INTEROP), encoding);
     }
     attributes
 }
@@ -43,14 +48,24 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
         (r, g, b)
     });
     let size = (image.width, image.height);
-    let layer = x::Layer::new(size, attributes(true), BLOCKS, channels);
+    let layer = x::Layer::new(size, attributes(None), BLOCKS, channels);
     // The library seeks in its output, which a pipe does not support.
     let mut bytes = Vec::new();
     x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
     Ok(out.write_all(&bytes)?)
 }
 
-/// Writes one channel per name. `values` are interleaved, in the order of `names`. Four channels are colours with alpha.
+/// Values of an output besides the picture.
+#[derive(Clone, Copy)]
+pub enum Samples<'a> {
+    /// 32-bit floats.
+    Float(&'a [f32]),
+    /// 32-bit integers.
+    Uint(&'a [u32]),
+}
+
+/// Writes one channel per name. `values` are interleaved, in the order of `names`. Without a description in `about`, the
+/// channels are colours.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -58,15 +73,21 @@ pub fn save_values(
     path: &Path,
     names: &[&str],
     (width, height): (usize, usize),
-    values: &[f32],
+    values: Samples,
+    about: Option<&str>,
 ) -> Result<(), ImageError> {
+    fn every<T: Copy>(values: &[T], at: usize, of: usize) -> Vec<T> {
+        values.iter().skip(at).step_by(of).copied().collect()
+    }
     let channel = |(at, name): (usize, &&str)| {
-        let samples = values.iter().skip(at).step_by(names.len()).copied().collect();
-        x::AnyChannel::new(*name, x::FlatSamples::F32(samples))
+        let samples = match values {
+            Samples::Float(values) => x::FlatSamples::F32(every(values, at, names.len())),
+            Samples::Uint(values) => x::FlatSamples::U32(every(values, at, names.len())),
+        };
+        x::AnyChannel::new(*name, samples)
     };
     let channels = x::AnyChannels::sort(names.iter().enumerate().map(channel).collect());
-    let attributes = attributes(names.len() == 4);
-    let layer = x::Layer::new((width, height), attributes, BLOCKS, channels);
+    let layer = x::Layer::new((width, height), attributes(about), BLOCKS, channels);
     Ok(output::write(path, |out| {
         let mut bytes = Vec::new();
         x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
@@ -74,12 +95,13 @@ pub fn save_values(
     })?)
 }
 
-/// The layer that is read as the picture: the first one with R, G and B. If there is none, the first single-channel
-/// layer decides: the first layer with a channel of that name is read.
+/// The layer that is read as the picture: the first one with R, G and B, else the first one with a normal. If there is
+/// none, the first single-channel layer decides: the first layer with a channel of that name is read.
 struct Found {
     header: Header,
-    /// Name of the only channel; `None` for R, G and B.
-    grey: Option<x::Text>,
+    /// Names of the channels that become R, G and B; a single name for grey.
+    channels: Vec<x::Text>,
+    depth: Depth,
 }
 
 /// Reads the headers of all layers, and checks the layers' sizes.
@@ -104,21 +126,33 @@ fn find(path: &Path) -> Result<Found, ImageError> {
     let has = |at: usize, name: &x::Text| {
         meta.headers[at].channels.list.iter().any(|channel| channel.name == *name)
     };
-    let first = |names: &[&x::Text]| (0..sizes.len()).find(|&at| names.iter().all(|name| has(at, name)));
-    let [r, g, b, a] = ["R", "G", "B", "A"].map(x::Text::from);
-    if let Some(at) = first(&[&r, &g, &b]) {
-        let header = Header { size: sizes[at], has_alpha: has(at, &a), is_grey: false };
-        return Ok(Found { header, grey: None });
-    }
+    let first = |names: &[x::Text]| (0..sizes.len()).find(|&at| names.iter().all(|name| has(at, name)));
     let only = meta.headers.iter().find(|header| header.channels.list.len() == 1);
-    let grey = only.map(|header| header.channels.list[0].name.clone());
-    match grey.as_ref().and_then(|name| first(&[name])) {
-        Some(at) => Ok(Found { header: Header { size: sizes[at], has_alpha: false, is_grey: true }, grey }),
-        None => Err(ImageError::new(
+    let grey = only.map(|header| vec![header.channels.list[0].name.clone()]);
+    let colours = [["R", "G", "B"], ["N.X", "N.Y", "N.Z"]].map(|names| names.map(x::Text::from).to_vec());
+    let found = colours.into_iter().chain(grey).find_map(|names| Some((first(&names)?, names)));
+    let Some((at, channels)) = found else {
+        return Err(ImageError::new(
             path,
-            "expected a layer with the channels R, G and B, or with a single channel, found none",
-        )),
-    }
+            "expected a layer with the channels R, G and B, N.X, N.Y and N.Z, or a single channel, found none",
+        ));
+    };
+    let layer = &meta.headers[at];
+    let encoding = match layer.own_attributes.other.get(&x::Text::from(INTEROP)) {
+        Some(x::AttributeValue::Text(encoding)) => Some(encoding.to_string()),
+        _ => None,
+    };
+    let header = Header {
+        size: sizes[at],
+        has_alpha: channels.len() > 1 && has(at, &x::Text::from("A")),
+        is_grey: channels.len() == 1,
+        encoding,
+        corner: [layer.own_attributes.layer_position.x(), layer.own_attributes.layer_position.y()],
+    };
+    let read = |channel: &&x::ChannelDescription| channels.contains(&channel.name);
+    let are_integers = layer.channels.list.iter().filter(read).any(|c| c.sample_type == x::SampleType::U32);
+    let depth = if are_integers { Depth::Double } else { Depth::Single };
+    Ok(Found { header, channels, depth })
 }
 
 pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
@@ -138,15 +172,30 @@ pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
     Ok(quietly(unpacked).is_some_and(|read| read.is_ok()))
 }
 
-/// Loads the data window of the picture's layer.
-pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
-    let Found { grey, .. } = find(path)?;
+/// Loads the data window of the picture's layer, with its precision.
+pub(super) fn load(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
+    let Found { channels, depth, .. } = find(path)?;
     let damaged = || ImageError::new(path, "expected compressed pixels, found bytes that cannot be unpacked");
-    quietly(|| match grey {
-        None => read(path),
-        Some(channel) => read_grey(path, channel),
-    })
-    .unwrap_or_else(|| Err(damaged()))
+    let image = quietly(|| read(path, &channels)).unwrap_or_else(|| Err(damaged()))?;
+    Ok((image, depth))
+}
+
+/// A sample in the precision that holds every type of the format.
+#[derive(Clone, Copy, Default)]
+struct Sample(f64);
+
+impl FromNativeSample for Sample {
+    fn from_f16(value: x::f16) -> Sample {
+        Sample(value.to_f64())
+    }
+
+    fn from_f32(value: f32) -> Sample {
+        Sample(value.into())
+    }
+
+    fn from_u32(value: u32) -> Sample {
+        Sample(value.into())
+    }
 }
 
 thread_local! {
@@ -172,47 +221,32 @@ fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
     result.ok()
 }
 
-fn black(size: x::Vec2<usize>) -> Image {
-    let (width, height) = (size.width(), size.height());
-    Image { width, height, rgb: vec![[0.0; 3]; width * height] }
-}
-
-fn read_grey(path: &Path, channel: x::Text) -> Result<Image, ImageError> {
-    let fail = |e: exr::error::Error| ImageError::new(path, e);
+/// Reads three channels as red, green and blue, or one as all of them.
+fn read(path: &Path, channels: &[x::Text]) -> Result<Image<f64>, ImageError> {
+    let name = |at: usize| channels[at.min(channels.len() - 1)].clone();
+    let black = |size: x::Vec2<usize>| {
+        let (width, height) = (size.width(), size.height());
+        Image { width, height, rgb: vec![[0.0; 3]; width * height] }
+    };
     let file = x::read()
         .no_deep_data()
         .largest_resolution_level()
         .specific_channels()
-        .required::<f32>(channel)
+        .required::<Sample>(name(0))
+        .required::<Sample>(name(1))
+        .required::<Sample>(name(2))
         .collect_pixels(
             |size, _| black(size),
-            |image: &mut Image, at: x::Vec2<usize>, (value,): (f32,)| {
-                image.rgb[at.y() * image.width + at.x()] = [value; 3];
+            |image: &mut Image<f64>, at: x::Vec2<usize>, (r, g, b): (Sample, Sample, Sample)| {
+                image.rgb[at.y() * image.width + at.x()] = [r.0, g.0, b.0];
             },
-        )
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(open(path)?)
-        .map_err(fail)?;
-    Ok(file.layer_data.channel_data.pixels)
-}
-
-fn read(path: &Path) -> Result<Image, ImageError> {
-    let fail = |e: exr::error::Error| ImageError::new(path, e);
-    let file = x::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .rgb_channels(
-            |size, _| black(size),
-            |image, at, (r, g, b): (f32, f32, f32)| image.rgb[at.y() * image.width + at.x()] = [r, g, b],
         )
         .first_valid_layer()
         .all_attributes()
         // A panic on a thread of a pool would end the program.
         .non_parallel()
         .from_buffered(open(path)?)
-        .map_err(fail)?;
+        .map_err(|error| ImageError::new(path, error))?;
     Ok(file.layer_data.channel_data.pixels)
 }
 
@@ -221,7 +255,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_single_channel_is_grey_and_two_are_no_picture() {
+    fn a_single_channel_is_grey_a_normal_is_a_colour_and_two_channels_are_no_picture() {
+        let save_values = |path: &Path, names: &[&str], size, values: &[f32]| {
+            super::save_values(path, names, size, Samples::Float(values), Some("a test"))
+        };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         save_values(&path, &["Z"], (3, 2), &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
@@ -230,7 +267,13 @@ mod tests {
         assert!(!Image::header(&path).unwrap().has_alpha);
         save_values(&path, &["A", "Z"], (3, 1), &[0.0; 6]).unwrap();
         let message = Image::load(&path).unwrap_err().to_string();
-        assert!(message.ends_with("R, G and B, or with a single channel, found none"), "{message}");
+        assert!(message.ends_with("N.X, N.Y and N.Z, or a single channel, found none"), "{message}");
+        save_values(&path, &["N.X", "N.Y", "N.Z"], (1, 1), &[1.0, 2.0, 3.0]).unwrap();
+        assert_eq!(Image::load(&path).unwrap().rgb, [[1.0, 2.0, 3.0]]);
+        let ids = [7, u32::MAX];
+        super::save_values(&path, &["index"], (2, 1), Samples::Uint(&ids), Some("index")).unwrap();
+        let (image, depth) = load(&path).unwrap();
+        assert_eq!((image.rgb, depth), (ids.map(|id| [f64::from(id); 3]).to_vec(), Depth::Double));
         save_values(&path, &["A", "B", "G", "R"], (1, 1), &[0.0, 3.0, 2.0, 1.0]).unwrap();
         assert_eq!(Image::load(&path).unwrap().rgb, [[1.0, 2.0, 3.0]]);
         assert!(Image::header(&path).unwrap().has_alpha);
@@ -262,13 +305,14 @@ mod tests {
             let attributes = &meta.headers[0].own_attributes;
             assert_eq!(attributes.comments.as_ref().unwrap().to_string(), COMMENT);
             assert_eq!(
-                attributes.other.get(&x::Text::from("colorInteropID")),
+                attributes.other.get(&x::Text::from(INTEROP)),
                 Some(&x::AttributeValue::Text(x::Text::from(ENCODING)))
             );
         };
         Image { width: 1, height: 1, rgb: vec![[0.5; 3]] }.save(&path).unwrap();
         check();
-        save_values(&path, &["R", "G", "B", "A"], (1, 1), &[0.5; 4]).unwrap();
+        save_values(&path, &["R", "G", "B", "A"], (1, 1), Samples::Float(&[0.5; 4]), None).unwrap();
         check();
+        assert_eq!(Image::header(&path).unwrap().encoding.as_deref(), Some(ENCODING));
     }
 }

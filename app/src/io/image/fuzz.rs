@@ -228,7 +228,8 @@ fn damaged_exr_files_are_pictures_or_errors() {
     };
     let folder = tempfile::tempdir().expect("a folder");
     let grey = folder.path().join("grey.exr");
-    super::save_values(&grey, &["Z"], (9, 5), &[0.5; 45]).expect("it is saved");
+    super::save_values(&grey, &["Z"], (9, 5), super::Samples::Float(&[0.5; 45]), Some("Z"))
+        .expect("it is saved");
     let mut seeds = vec![saved("a.exr"), fs::read(grey).expect("it is there")];
     for compression in
         [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::PIZ, Compression::B44]

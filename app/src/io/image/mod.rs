@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use tracing::info_span;
 
-pub use exr::save_values;
+pub use exr::{ENCODING, Samples, save_values};
 pub use npy::{npz_names, save_words};
 pub use pixels::{Depth, Header, Image, ImageError};
 
@@ -86,7 +86,7 @@ impl Image {
         }
         match Format::of(path) {
             Some(Format::Png) => png::load(path).map(|(image, _)| image),
-            Some(Format::Exr) => exr::load(path),
+            Some(Format::Exr) => exr::load(path).map(|(image, _)| image.narrow()),
             Some(Format::Npy) => npy::load(path).map(|(image, _)| image.narrow()),
             None => Err(no_picture(path)),
         }
@@ -106,7 +106,8 @@ impl Image {
                 let (image, greatest) = png::load(path)?;
                 Ok((image.wide(), Depth::Levels(greatest)))
             }
-            _ => Ok((Image::load(path)?.wide(), Depth::Single)),
+            Some(Format::Exr) => exr::load(path),
+            None => Err(no_picture(path)),
         }
     }
 

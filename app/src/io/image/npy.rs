@@ -149,7 +149,12 @@ fn open_npz(archive: &Path) -> Result<ZipArchive<BufReader<File>>, ImageError> {
 }
 
 fn header_of<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<Header, ImageError> {
-    shape(path, npy).map(|(size, channels)| Header { size, has_alpha: channels == 4, is_grey: channels == 1 })
+    shape(path, npy).map(|(size, channels)| Header {
+        size,
+        has_alpha: channels == 4,
+        is_grey: channels == 1,
+        ..Header::default()
+    })
 }
 
 /// Checks the shape of an array, and returns the picture's size and its number of channels.

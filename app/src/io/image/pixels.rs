@@ -119,7 +119,7 @@ impl Image {
 }
 
 /// Properties of a picture that its file's header gives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Header {
     /// Width and height, in pixels.
     pub size: (usize, usize),
@@ -127,6 +127,10 @@ pub struct Header {
     pub has_alpha: bool,
     /// True if there is a single channel besides alpha, as in depths.
     pub is_grey: bool,
+    /// Encoding of the colours that an EXR file declares.
+    pub encoding: Option<String>,
+    /// Position of the first pixel in the frame, right and down; not (0, 0) only for some EXR files.
+    pub corner: [i32; 2],
 }
 
 /// An error while reading or writing a picture.

@@ -72,7 +72,12 @@ pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
     let (decoder, size) = decoder(path)?;
     let colour = decoder.read_info().ok().map(|info| info.output_color_type().0);
     let has_alpha = matches!(colour, Some(GrayscaleAlpha | Rgba));
-    Ok(Header { size, has_alpha, is_grey: matches!(colour, Some(Grayscale | GrayscaleAlpha)) })
+    Ok(Header {
+        size,
+        has_alpha,
+        is_grey: matches!(colour, Some(Grayscale | GrayscaleAlpha)),
+        ..Header::default()
+    })
 }
 
 /// Loads a file without its alpha. Also returns the level of white: 255 or 65535.
