@@ -136,6 +136,13 @@ fn a_cutout_over_a_background_is_the_picture_with_this_background() {
     place.done("synth ring -o ring.glb");
     let error = place.fails("render scene.ply ring.glb --output rgba=cut.png", 2);
     assert!(error.contains("expected a scene without a mesh for the output `rgba`"), "{error}");
+    let draw = "render scene.ply ring.glb -c cameras.json#0 --size 32x24 -o picture.png --output";
+    let note = "`depth`: of the splats in front of the mesh, without the mesh itself";
+    for (more, is_told) in [("", true), (" --set mesh=false", false), (" --backend reference", true)] {
+        let told = place.said(&format!("{draw} depth=d.npy{more}")).1;
+        assert_eq!(told.contains(note), is_told, "{more}: {told}");
+    }
+    place.done(&format!("{draw} rgba=cut.png --set mesh=false"));
 }
 
 #[test]

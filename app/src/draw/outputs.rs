@@ -114,6 +114,13 @@ pub fn distance_note<'a>(outputs: impl IntoIterator<Item = &'a str>, change: &st
     })
 }
 
+/// Says that outputs do not contain the mesh of the picture. `None` without outputs.
+pub fn mesh_note<'a>(outputs: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    let names: Vec<String> = outputs.into_iter().map(|name| format!("`{name}`")).collect();
+    let what = "of the splats in front of the mesh, without the mesh itself";
+    (!names.is_empty()).then(|| format!("{}: {what}", names.join(", ")))
+}
+
 /// Lists the plan's outputs as inspections after the export of the picture, in plan order.
 pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     let mut ids = (0..plan.passes.len() as u32).map(PassId);

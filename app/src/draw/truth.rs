@@ -8,7 +8,9 @@ use crate::io::image::Image;
 use crate::io::progress::Progress;
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::{KeyOf, Picture, PictureMemoryError, RULES, RuleError, Rules, check_memory, render};
+use splatgraph_reference::{
+    KeyOf, Picture, PictureMemoryError, RULES, RuleError, Rules, check_memory, render,
+};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Mutex;

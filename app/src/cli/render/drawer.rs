@@ -10,7 +10,7 @@ use crate::draw::backend::Backend;
 use crate::draw::facts::DEFAULT_SIZE;
 use crate::draw::outputs::{self, RGBA};
 use crate::draw::projection;
-use crate::draw::session::Session;
+use crate::draw::session::{Session, draws_mesh};
 use crate::draw::storage::Choice;
 use crate::draw::truth::{self, Truth, TruthStats};
 use crate::io::output::{OutputGuard, one_line, say};
@@ -47,11 +47,6 @@ impl Loaded {
             let camera = if is_free { camera } else { projection::convert(&camera, graph, &scene)? };
             Ok(args.look.scaled(camera)?)
         };
-        if scene.mesh().is_some() && args.named().any(|(name, _)| name == RGBA.0) {
-            let why =
-                "expected a scene without a mesh for the output `rgba`: `alpha` does not contain the mesh";
-            return Err(Usage(why.into()).into());
-        }
         let cameras = looking.unwrap_or(cameras).into_iter().map(projected).collect::<Result<_>>()?;
         Ok(Loaded { scene: scene.into(), cameras })
     }
@@ -94,6 +89,9 @@ impl Drawer {
                 say(format!(
                     "the scene's mesh is not drawn: expected a pinhole camera, found a {projection} one"
                 ));
+            }
+            if loaded.scene.mesh().is_some() && loaded.cameras.iter().any(|c| c.projection.is_pinhole()) {
+                outputs_with_mesh(args)?.iter().for_each(say);
             }
             let sorts_by_distance = |camera: &Camera| {
                 let rules = truth::rules(Rules::of_view(&loaded.scene, camera), &args.rule);
@@ -244,6 +242,10 @@ fn draw(
                 outputs::distance_note(plan.outputs.iter().map(|o| o.name.as_str()), "--set key_of=depth");
             progress.suspend(|| note.iter().for_each(say));
         }
+        if draws_mesh(plan) {
+            let note = outputs_with_mesh(args)?;
+            progress.suspend(|| note.iter().for_each(say));
+        }
         claim_graph_files(guard, &session.files())?;
     }
     if args.repeat == 1 && args.inspect.is_empty() {
@@ -262,6 +264,20 @@ fn draw(
         }
     }
     Ok(())
+}
+
+/// Returns a note for the outputs of a picture with a mesh.
+///
+/// # Errors
+/// `rgba` is among them.
+fn outputs_with_mesh(args: &Args) -> Result<Option<String>, Usage> {
+    let names = || args.named().map(|(name, _)| name);
+    if names().any(|name| name == RGBA.0) {
+        let why = "expected a scene without a mesh for the output `rgba`: `alpha` does not contain the mesh; --set mesh=false \
+                   draws the splats alone";
+        return Err(Usage(why.into()));
+    }
+    Ok(outputs::mesh_note(names()))
 }
 
 fn draw_exactly(

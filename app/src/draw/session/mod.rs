@@ -446,8 +446,7 @@ impl Session {
     pub fn settings_without_effect(&mut self) -> Vec<String> {
         let Some((plan, _)) = &self.loaded else { return Vec::new() };
         let found = planner::without_effect(plan, &self.set).into_iter();
-        let is_mesh = |source: &Source| matches!(source, Source::Scene { attribute, .. } if attribute.starts_with("mesh."));
-        let drawn = plan.resources.iter().any(|resource| is_mesh(&resource.source));
+        let drawn = draws_mesh(plan);
         let asked = self.set.iter().any(|(name, _)| name == "mesh");
         let mesh = (self.scene.mesh().is_some() && !drawn && !asked).then(|| {
             ("the scene's mesh".to_owned(), "the graph draws no mesh, and the scene has one".to_owned())
@@ -455,6 +454,13 @@ impl Session {
         let new = found.chain(mesh).filter(|(name, _)| self.told_settings.insert(name.clone()));
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
+}
+
+/// Returns true if a plan draws the scene's mesh.
+pub fn draws_mesh(plan: &Plan) -> bool {
+    let is_mesh =
+        |source: &Source| matches!(source, Source::Scene { attribute, .. } if attribute.starts_with("mesh."));
+    plan.resources.iter().any(|resource| is_mesh(&resource.source))
 }
 
 /// Supplies a scene's attributes to a [`Device`] for upload. `None` is for a graph that draws without a scene.

@@ -221,33 +221,35 @@ fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
     result.ok()
 }
 
+fn black(size: x::Vec2<usize>) -> Image<f64> {
+    let (width, height) = (size.width(), size.height());
+    Image { width, height, rgb: vec![[0.0; 3]; width * height] }
+}
+
+fn set(image: &mut Image<f64>, at: x::Vec2<usize>, pixel: [f64; 3]) {
+    image.rgb[at.y() * image.width + at.x()] = pixel;
+}
+
 /// Reads three channels as red, green and blue, or one as all of them.
 fn read(path: &Path, channels: &[x::Text]) -> Result<Image<f64>, ImageError> {
-    let name = |at: usize| channels[at.min(channels.len() - 1)].clone();
-    let black = |size: x::Vec2<usize>| {
-        let (width, height) = (size.width(), size.height());
-        Image { width, height, rgb: vec![[0.0; 3]; width * height] }
-    };
-    let file = x::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .specific_channels()
-        .required::<Sample>(name(0))
-        .required::<Sample>(name(1))
-        .required::<Sample>(name(2))
-        .collect_pixels(
+    let fail = |error: exr::error::Error| ImageError::new(path, error);
+    let file = open(path)?;
+    let reader = x::read().no_deep_data().largest_resolution_level().specific_channels();
+    // Without threads: a panic on a thread of a pool would end the program.
+    if let [r, g, b] = channels {
+        let channels = reader.required::<Sample>(r.clone()).required(g.clone()).required(b.clone());
+        let pixels = channels.collect_pixels(
             |size, _| black(size),
-            |image: &mut Image<f64>, at: x::Vec2<usize>, (r, g, b): (Sample, Sample, Sample)| {
-                image.rgb[at.y() * image.width + at.x()] = [r.0, g.0, b.0];
-            },
-        )
-        .first_valid_layer()
-        .all_attributes()
-        // A panic on a thread of a pool would end the program.
-        .non_parallel()
-        .from_buffered(open(path)?)
-        .map_err(|error| ImageError::new(path, error))?;
-    Ok(file.layer_data.channel_data.pixels)
+            |image, at, (r, g, b): (Sample, Sample, Sample)| set(image, at, [r.0, g.0, b.0]),
+        );
+        let reader = pixels.first_valid_layer().all_attributes().non_parallel();
+        return Ok(reader.from_buffered(file).map_err(fail)?.layer_data.channel_data.pixels);
+    }
+    let pixels = reader
+        .required::<Sample>(channels[0].clone())
+        .collect_pixels(|size, _| black(size), |image, at, (value,): (Sample,)| set(image, at, [value.0; 3]));
+    let reader = pixels.first_valid_layer().all_attributes().non_parallel();
+    Ok(reader.from_buffered(file).map_err(fail)?.layer_data.channel_data.pixels)
 }
 
 #[cfg(test)]
