@@ -111,6 +111,9 @@ pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraE
     }
     let dataset = Dataset::select(spec, CameraOptions { ignore_distortion, ..CameraOptions::default() })?;
     tell_alignment(&dataset);
+    if dataset.has_animation {
+        say("the animation of the cameras is not read: each is drawn where its node is without it");
+    }
     Ok(dataset.into_cameras())
 }
 

@@ -10,8 +10,8 @@ use super::alignment::{self, Applied, Matrix};
 use super::colmap::{IDEAL, UNDISTORT};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
-use super::view::{CameraOptions, Dataset, View, stem};
-use crate::camera::Camera;
+use super::view::{CameraOptions, Dataset, View};
+use crate::camera::{Camera, Entry};
 use crate::composition::BYTE_ORDER_MARK;
 use crate::projection::Projection;
 use serde::Deserialize;
@@ -39,7 +39,11 @@ pub(super) fn parse(
     } else if !start.is_empty() && !start.starts_with('[') {
         return Err(CameraError::UnknownFormat { path: path.to_owned() });
     } else {
-        let view = |camera: Camera| {
+        let view = |entry: Entry| {
+            if let Some((name, value)) = entry.distortion().filter(|_| !options.ignore_distortion) {
+                return Err(distorted(name, value));
+            }
+            let camera = Camera::from(entry);
             let (img_name, photograph) =
                 (photograph::stem(&camera.img_name).to_owned(), camera.img_name.clone());
             Ok(View { camera: Camera { img_name, ..camera }, photograph, test: None })
@@ -204,6 +208,10 @@ fn plain(path: &Path) -> &Path {
     path.strip_prefix(".").unwrap_or(path)
 }
 
+fn distorted(name: &str, value: f64) -> String {
+    format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}")
+}
+
 /// Converts a frame to a view. `size` returns the size of a photograph.
 fn view(
     frame: &Fields,
@@ -230,9 +238,7 @@ fn view(
         }
     };
     if let Some((name, value)) = frame.distortion(file).filter(|_| !ignore_distortion) {
-        return Err(format!(
-            "`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}{IDEAL}"
-        ));
+        return Err(distorted(name, value));
     }
     let sides = [("w", either!(w of frame, file)), ("h", either!(h of frame, file))];
     let (width, height) = match sides.map(|(_, side)| side) {
@@ -262,7 +268,7 @@ fn view(
     let center = [either!(cx of frame, file), either!(cy of frame, file)];
     let camera = Camera {
         id: 0,
-        img_name: stem(photograph),
+        img_name: photograph::stem(photograph).to_owned(),
         width,
         height,
         position: [0, 1, 2].map(|row| matrix[row][3]),

@@ -131,14 +131,14 @@ impl Dataset {
             return Ok(None);
         }
         let file = OpenFile::open(path).map_err(CameraError::io(path))?;
-        let cameras = gltf::cameras(&Source::File(&file))
+        let (cameras, has_animation) = gltf::cameras(&Source::File(&file))
             .map_err(|problem| CameraError::invalid(path, String::new(), problem.to_string()))?;
         if cameras.is_empty() {
             return Err(CameraError::Empty { path: path.to_owned() });
         }
         let view = |camera: Camera| View { photograph: camera.img_name.clone(), camera, test: None };
         let views = cameras.into_iter().map(view).collect();
-        Ok(Some(Self { views, files: vec![path.to_owned()], ..Self::default() }))
+        Ok(Some(Self { views, files: vec![path.to_owned()], has_animation, ..Self::default() }))
     }
 
     fn load_colmap(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {
@@ -152,8 +152,8 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Reads the dataset of `path`, or of `path#2` (index from 0) or `path#name` (a camera's `img_name`, or its
-    /// photograph's name), which has one view.
+    /// Reads the dataset of `path`, or of `path#name` (a camera's `img_name`, or its photograph's name) or
+    /// `path#2` (index from 0, unless a camera has that name), which has one view.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`], the dataset is empty, or there is no such camera.
@@ -168,11 +168,10 @@ impl Dataset {
             return Err(CameraError::Empty { path: path.to_owned() });
         }
         let Some(wanted) = wanted else { return Ok(dataset) };
-        let mut names = dataset.views.iter().map(|view| view.camera.img_name.as_str());
-        let index = match wanted.parse::<usize>() {
-            Ok(index) => Some(index).filter(|index| *index < dataset.views.len()),
-            Err(_) => names.position(|name| name == photograph::stem(wanted)),
-        };
+        // Names of frames are often numbers, so they come before indices.
+        let named = |name: &str| dataset.views.iter().position(|view| view.camera.img_name == name);
+        let numbered = || wanted.parse().ok().filter(|index: &usize| *index < dataset.views.len());
+        let index = named(wanted).or_else(|| named(photograph::stem(wanted))).or_else(numbered);
         let Some(index) = index else {
             let names = dataset.views.iter().map(|view| view.camera.img_name.clone());
             return Err(CameraError::NotFound {

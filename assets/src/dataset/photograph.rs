@@ -9,10 +9,19 @@ use zune_jpeg::JpegDecoder;
 /// Extensions of photographs. They are tried for a photograph's name: first appended to it, then in place of its own.
 pub const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
-/// Returns a photograph's name without one of the [`EXTENSIONS`].
-pub(super) fn stem(name: &str) -> &str {
+/// Extensions that are cut off a photograph's name, in lower case. Other endings belong to the name, such as the frame's
+/// number in `shot.1001`.
+const PICTURES: [&str; 20] = [
+    "png", "jpg", "jpeg", "exr", "tif", "tiff", "webp", "bmp", "tga", "gif", "hdr", "dpx", "heic", "avif",
+    "jxl", "dng", "cr2", "arw", "nef", "npy",
+];
+
+/// Returns the path of a photograph without its extension and a leading `./`: a camera's `img_name`.
+pub(super) fn stem(photograph: &str) -> &str {
+    let name = photograph.strip_prefix("./").unwrap_or(photograph);
+    let is_picture = |after: &str| PICTURES.iter().any(|known| after.eq_ignore_ascii_case(known));
     match name.rsplit_once('.') {
-        Some((stem, extension)) if !stem.is_empty() && EXTENSIONS.contains(&extension) => stem,
+        Some((stem, after)) if !stem.is_empty() && is_picture(after) => stem,
         _ => name,
     }
 }
@@ -34,7 +43,7 @@ pub(super) fn find(folder: &Path, name: &str) -> Result<PathBuf> {
         return Err(Error::new(ErrorKind::InvalidInput, text));
     }
     let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
-    let replaced = EXTENSIONS.iter().map(|extension| named.with_extension(extension));
+    let replaced = EXTENSIONS.iter().map(|extension| folder.join(format!("{}.{extension}", stem(name))));
     let found = [named.clone()].into_iter().chain(added).chain(replaced).find(|path| path.is_file());
     found.ok_or_else(|| {
         let text = format!("expected the photograph {}, found none", named.display());

@@ -57,7 +57,7 @@ fn errors_say_line_column_and_which_camera() {
 }
 
 #[test]
-fn a_camera_is_selected_by_number_or_name() {
+fn a_camera_is_selected_by_name_or_number() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("c.json");
     let mut cameras = vec![Camera::looking_at([0.0; 3], [1.0, 0.5, 2.0], 60.0, (64, 32)); 3];
@@ -85,6 +85,13 @@ fn a_camera_is_selected_by_number_or_name() {
     );
     assert_eq!(select("#view-1.JPG").unwrap()[0].id, 1);
     says(select("#3").unwrap_err(), "no camera `3`: it has 3, numbered from 0 and named view-0, view-1");
+    for (camera, name) in cameras.iter_mut().zip(["0001", "0", "shot.1001.exr"]) {
+        camera.img_name = name.into();
+    }
+    Camera::save(&cameras, &path).unwrap();
+    for (wanted, id) in [("0001", 0), ("0", 1), ("1", 1), ("2", 2), ("shot.1001", 2), ("shot.1001.exr", 2)] {
+        assert_eq!(select(&format!("#{wanted}")).unwrap()[0].id, id, "{wanted}");
+    }
     Camera::save(&[], &path).unwrap();
     assert!(matches!(select(""), Err(CameraError::Empty { .. })));
 }
@@ -407,6 +414,10 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
     shows_the_known_point(&dataset.views[0].camera);
     assert_eq!(dataset.photographs, Some("folder".into()));
     assert_eq!(dataset.views[0].camera.img_name, "images/f");
+    for (file, name) in [("shot.1001", "shot.1001"), ("./a/shot.0002.EXR", "a/shot.0002"), ("a.L", "a.L")] {
+        let dataset = parse(&nerfstudio("", "").replace("images/f.jpg", file)).unwrap();
+        assert_eq!(dataset.views[0].camera.img_name, name);
+    }
     let own = parse(&nerfstudio("", "\"fl_x\": 55,")).unwrap();
     assert_eq!((own.views[0].camera.fx, own.views[0].camera.fy), (55.0, 80.0));
     let own = parse(&nerfstudio("\"is_fisheye\": true,", "\"is_fisheye\": false,")).unwrap();
@@ -730,8 +741,12 @@ fn a_folder_without_cameras_says_what_was_looked_for() {
     );
 }
 
-/// Writes a glTF file with two cameras, and reads it.
+/// Writes a glTF file with two cameras, and reads them.
 fn gltf(change: impl Fn(String) -> String) -> Result<Vec<Camera>, String> {
+    gltf_dataset(change).map(Dataset::into_cameras)
+}
+
+fn gltf_dataset(change: impl Fn(String) -> String) -> Result<Dataset, String> {
     let text = r#"{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_unknown"], "scene": 0, "scenes": [{"nodes": [2, 0]}],
         "nodes": [{"children": [1], "translation": [0, 0, 2]},
                   {"name": "front", "camera": 1, "translation": [0, 0, 3], "scale": [2, 3, 4]},
@@ -742,7 +757,7 @@ fn gltf(change: impl Fn(String) -> String) -> Result<Vec<Camera>, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cameras.gltf");
     std::fs::write(&path, change(text.into())).unwrap();
-    Camera::load(&path).map_err(|error| error.to_string().replace(&path.display().to_string(), "FILE"))
+    Dataset::load(&path).map_err(|error| error.to_string().replace(&path.display().to_string(), "FILE"))
 }
 
 #[test]
@@ -766,6 +781,16 @@ fn cameras_of_gltf_are_pinholes_or_orthographic() {
 }
 
 #[test]
+fn an_animation_of_a_camera_or_of_a_node_above_it_is_found() {
+    for (node, is_found) in [(0, true), (2, true), (3, false)] {
+        let channel =
+            format!(r#""animations": [{{"channels": [{{"target": {{"node": {node}}}}}]}}], "scene""#);
+        let dataset = gltf_dataset(|text| text.replacen("\"scene\"", &channel, 1)).unwrap();
+        assert_eq!(dataset.has_animation, is_found, "{node}");
+    }
+}
+
+#[test]
 fn a_camera_of_gltf_that_cannot_be_drawn_is_told_by_its_node() {
     let said = |from: &str, to: &str| gltf(|text| text.replace(from, to)).unwrap_err();
     says(said("\"ymag\": 3", "\"ymag\": 0"), "FILE: `nodes[1].camera`: expected a positive ymag, found 0");
@@ -776,4 +801,22 @@ fn a_camera_of_gltf_that_cannot_be_drawn_is_told_by_its_node() {
     assert_eq!(found, "FILE has no cameras");
     says(said("[2, 3, 4]", "[-2, 3, 4]"), "`nodes[1].camera`: the rotation mirrors");
     says(said("{\"asset\"", "["), "the JSON of glTF");
+}
+
+#[test]
+fn a_lens_with_distortion_in_a_cameras_json_is_refused() {
+    let camera = Camera::looking_at([0.0; 3], [1.0, 0.5, 2.0], 60.0, (64, 32));
+    let text = serde_json::to_string(&camera).unwrap();
+    let parse = |more: &str| {
+        let text = text.replacen('{', &format!("{{{more},"), 1);
+        Camera::parse(&format!("[{text}]"), Path::new("cameras.json")).map_err(|error| error.to_string())
+    };
+    let unused = r#""k1": 0, "k2": null, "distortion": [0, 0.0], "camera_model": "OPENCV", "exposure": 2"#;
+    assert_eq!(parse(unused), Ok(vec![camera]));
+    for (more, what) in [
+        (r#""k1": 0.3"#, "`k1`: expected 0, a lens without distortion, found 0.3"),
+        (r#""distortion": [0, 0, -0.1]"#, "`distortion`: expected 0, a lens without distortion, found -0.1"),
+    ] {
+        says(parse(more).unwrap_err(), what);
+    }
 }

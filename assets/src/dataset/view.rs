@@ -38,15 +38,6 @@ pub struct Dataset {
     pub unmatched: Vec<String>,
     /// True if the dataset has masks (`mask_path`), which are not read.
     pub has_masks: bool,
-}
-
-/// Returns the path of a photograph without its extension and a leading `./`: a camera's `img_name`.
-pub(super) fn stem(photograph: &str) -> String {
-    let name = photograph.strip_prefix("./").unwrap_or(photograph);
-    let is_extension =
-        |after: &str| (1..=4).contains(&after.len()) && after.bytes().all(|b| b.is_ascii_alphanumeric());
-    match name.rsplit_once('.') {
-        Some((stem, after)) if !stem.is_empty() && is_extension(after) => stem.to_owned(),
-        _ => name.to_owned(),
-    }
+    /// True if the file moves cameras over time, which is not read. glTF files can.
+    pub has_animation: bool,
 }

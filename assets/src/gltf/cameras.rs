@@ -18,15 +18,18 @@ const ASPECT: f64 = 16.0 / 9.0;
 /// Maximum width of the pictures, in pixels. A wider view keeps its aspect ratio, so its pixels are not square.
 const WIDEST: f64 = 16384.0;
 
-/// Lists the cameras of the scene ([`Document::placed`]), in the order of the file's nodes.
-pub(crate) fn cameras(source: &Source) -> Result<Vec<Camera>, SceneError> {
+/// Lists the cameras of the scene ([`Document::placed`]), in the order of the file's nodes. Also returns true if
+/// animations move one of them, which is not read.
+pub(crate) fn cameras(source: &Source) -> Result<(Vec<Camera>, bool), SceneError> {
     let document = Document::read(&container::json(source)?)?;
     let mut placed = document.placed()?;
     placed.sort_unstable_by_key(|(node, _)| *node);
-    let mut found = Vec::new();
+    let animated = document.animated();
+    let (mut found, mut has_animation) = (Vec::new(), false);
     for (index, place) in placed {
         let node = &document.nodes[index];
         let Some(camera) = node.camera else { continue };
+        has_animation |= animated.contains(&index);
         let camera = item(&document.cameras, camera, "nodes.camera")?;
         let name = if node.name.is_empty() { &camera.name } else { &node.name };
         let fault = |message: String| wrong(format!("nodes[{index}].camera"), message);
@@ -59,7 +62,7 @@ pub(crate) fn cameras(source: &Source) -> Result<Vec<Camera>, SceneError> {
         }
         found.push(camera);
     }
-    Ok(found)
+    Ok((found, has_animation))
 }
 
 /// Returns the projection, the aspect ratio, and half the view's height (for a pinhole, at distance 1).

@@ -5,7 +5,7 @@ use crate::similarity::Similarity;
 use glam::{DMat4, DQuat};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// Name of the extension. The names of its attributes and of extensions to it begin with it.
 pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
@@ -25,6 +25,7 @@ pub(super) struct Document {
     pub nodes: Vec<Node>,
     meshes: Vec<Mesh>,
     pub cameras: Vec<Lens>,
+    animations: Vec<Animation>,
     pub accessors: Vec<Accessor>,
     pub buffer_views: Vec<BufferView>,
     pub buffers: Vec<Buffer>,
@@ -34,6 +35,24 @@ pub(super) struct Document {
 #[serde(default)]
 struct Roots {
     nodes: Vec<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Animation {
+    channels: Vec<Channel>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Channel {
+    target: Target,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Target {
+    node: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -204,6 +223,19 @@ impl Document {
             found.push((index, place));
         }
         Ok(found)
+    }
+
+    /// Lists the nodes that animations move: their targets, and all nodes below those.
+    pub(super) fn animated(&self) -> HashSet<usize> {
+        let channels = self.animations.iter().flat_map(|animation| &animation.channels);
+        let mut open: Vec<usize> = channels.filter_map(|channel| channel.target.node).collect();
+        let mut found = HashSet::new();
+        while let Some(index) = open.pop() {
+            if found.insert(index) {
+                open.extend(self.nodes.get(index).into_iter().flat_map(|node| &node.children));
+            }
+        }
+        found
     }
 
     /// Lists the primitives of splats in the scene, once per node that places them. Also counts the other primitives,

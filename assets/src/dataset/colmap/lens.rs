@@ -2,7 +2,8 @@
 
 use crate::camera::Camera;
 use crate::dataset::error::{CameraError, MAX_CAMERAS};
-use crate::dataset::view::{Dataset, View, stem};
+use crate::dataset::photograph;
+use crate::dataset::view::{Dataset, View};
 use crate::file;
 use crate::projection::Projection;
 use glam::{DMat3, DQuat, DVec3};
@@ -167,7 +168,7 @@ pub(super) fn push(
     let to_world = DMat3::from_quat(turn.normalize()).transpose();
     let camera = Camera {
         id: id.into(),
-        img_name: stem(&name),
+        img_name: photograph::stem(&name).to_owned(),
         width: lens.width,
         height: lens.height,
         position: (to_world * -DVec3::from(translation)).into(),
