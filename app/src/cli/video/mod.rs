@@ -56,7 +56,7 @@ pub struct Args {
     /// Duration [default: 10]
     #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "orbit")]
     seconds: Option<f64>,
-    /// Frames per second: a whole number, or a fraction such as 30000/1001
+    /// Frames per second: a whole number, a fraction such as 30000/1001, or 23.976, 29.97 or 59.94
     #[arg(long, value_name = "RATE", default_value = "30")]
     fps: Rate,
     /// Motion blur: each frame is the mean of N pictures, taken while the shutter is open, in linear light

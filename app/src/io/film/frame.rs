@@ -59,6 +59,13 @@ impl FromStr for Rate {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Rate, String> {
+        // The usual short names of NTSC's rates.
+        let text = match text {
+            "23.976" | "23.98" => "24000/1001",
+            "29.97" => "30000/1001",
+            "59.94" => "60000/1001",
+            other => other,
+        };
         let (frames, seconds) = text.split_once('/').unwrap_or((text, "1"));
         let parsed = frames.trim().parse().ok().zip(seconds.trim().parse().ok());
         let rate = parsed.map(|(frames, seconds)| Rate { frames, seconds });

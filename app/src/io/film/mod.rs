@@ -229,7 +229,10 @@ mod tests {
             assert!((parsed.per_second() - rate).abs() < 1e-3);
             assert_eq!(parsed.to_string(), text);
         }
-        for text in ["", "0", "30/0", "-1", "29.97", "1001", "x", "1/100"] {
+        for (text, exact) in [("23.976", "24000/1001"), ("29.97", "30000/1001"), ("59.94", "60000/1001")] {
+            assert_eq!(text.parse(), exact.parse::<Rate>());
+        }
+        for text in ["", "0", "30/0", "-1", "12.5", "1001", "x", "1/100"] {
             assert!(text.parse::<Rate>().is_err(), "{text}");
         }
     }
