@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
+use std::fmt;
 
 /// An axis-aligned box; [`Bounds::EMPTY`] contains no point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -10,6 +11,23 @@ pub struct Bounds {
     pub min: [f32; 3],
     /// Maximum of each coordinate.
     pub max: [f32; 3],
+}
+
+/// An axis-aligned box in the world's coordinates.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct WorldBounds {
+    /// Minimum of each coordinate.
+    pub min: [f64; 3],
+    /// Maximum of each coordinate.
+    pub max: [f64; 3],
+}
+
+/// Formats the box as `(x, y, z) to (x, y, z)`.
+impl fmt::Display for WorldBounds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([x, y, z], [far_x, far_y, far_z]) = (self.min, self.max);
+        write!(f, "({x:.3}, {y:.3}, {z:.3}) to ({far_x:.3}, {far_y:.3}, {far_z:.3})")
+    }
 }
 
 impl Bounds {
@@ -28,6 +46,12 @@ impl Bounds {
     pub fn join(&mut self, other: &Self) {
         self.min = std::array::from_fn(|a| self.min[a].min(other.min[a]));
         self.max = std::array::from_fn(|a| self.max[a].max(other.max[a]));
+    }
+
+    /// Converts the box of a scene with this [`Scene::offset`](crate::Scene::offset) to the world's coordinates.
+    pub fn in_world(&self, offset: [f64; 3]) -> WorldBounds {
+        let world = |corner: [f32; 3]| std::array::from_fn(|a| f64::from(corner[a]) + offset[a]);
+        WorldBounds { min: world(self.min), max: world(self.max) }
     }
 
     /// Returns the centre; NaN for [`Bounds::EMPTY`].

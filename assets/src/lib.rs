@@ -62,7 +62,7 @@ mod words;
 
 pub use activation::SH_C0;
 pub use attributes::ATTRIBUTES;
-pub use bounds::Bounds;
+pub use bounds::{Bounds, WorldBounds};
 pub use camera::Camera;
 pub use dataset::{CameraError, CameraOptions, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph};
 pub use error::{LoadError, SceneError};
@@ -73,8 +73,8 @@ pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
 pub use projection::Projection;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{
-    ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, MixedTags, QuaternionNorms, Scene, ScenePart,
-    SortKey, Splat, sh_floats,
+    ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, Filter, MixedTags, QuaternionNorms, Scene,
+    ScenePart, SortKey, Splat, sh_floats,
 };
 pub use scene_files::scene_files;
 pub use scene_format::SceneFormat;

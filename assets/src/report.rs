@@ -3,9 +3,9 @@
 //! Flaws are, for example, floaters far from most splats, which waste the bits of a depth key, and splats as large as
 //! the scene. The report counts them, and the splats that were dropped on load; it does not change the scene.
 
-use crate::bounds::{Bounds, quantile};
+use crate::bounds::{WorldBounds, quantile};
 use crate::camera::Camera;
-use crate::scene::{ALPHA_FLOOR, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
+use crate::scene::{ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
 use crate::size_breakdown::grouped;
 use crate::words::CHUNK;
 use rayon::prelude::*;
@@ -69,19 +69,21 @@ pub struct SizeReport {
     pub robust_extent: f64,
 }
 
-/// Positions of the splats.
+/// Positions of the splats, in the world's coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PlaceReport {
-    /// World coordinates of the scene's origin; all other positions here are relative to it.
+    /// The scene's origin, which is subtracted from positions and cameras before they are rounded to f32.
     pub offset: [f64; 3],
     /// Box around every centre.
-    pub bounds: Bounds,
+    pub bounds: WorldBounds,
     /// Box from the 1st to the 99th percentile of each coordinate.
-    pub robust_bounds: Bounds,
+    pub robust_bounds: WorldBounds,
     /// Centre of the robust box.
     pub center: [f64; 3],
     /// Number of centres outside the robust box scaled by ten.
     pub outliers: u64,
+    /// Rounding of the centres that is large relative to the splats; `None` if there is none.
+    pub coarse: Option<CoarsePositions>,
 }
 
 /// View depths of the splats beyond a camera's near plane ([`NEAR`]), whether inside the image or not.
@@ -115,7 +117,7 @@ pub struct DepthRange {
 impl Report {
     /// Examines a scene. Without `cameras`, depths are for the camera of [`Camera::framing`].
     pub fn new(scene: &Scene, cameras: &[Camera]) -> Self {
-        let robust_bounds = scene.robust_bounds();
+        let (robust_bounds, offset) = (scene.robust_bounds(), scene.offset());
         let robust_extent = robust_bounds.extent();
         let mut largest: Vec<f32> =
             scene.scales().par_iter().with_min_len(CHUNK).map(|s| s[0].max(s[1]).max(s[2])).collect();
@@ -151,11 +153,12 @@ impl Report {
                 robust_extent,
             },
             place: PlaceReport {
-                offset: scene.offset(),
-                bounds: scene.bounds(),
-                robust_bounds,
-                center: robust_bounds.center(),
+                offset,
+                bounds: scene.bounds().in_world(offset),
+                robust_bounds: robust_bounds.in_world(offset),
+                center: std::array::from_fn(|axis| robust_bounds.center()[axis] + offset[axis]),
                 outliers,
+                coarse: scene.coarse_positions(),
             },
             depth: cameras.iter().map(|camera| DepthReport::new(scene, camera)).collect(),
         }
@@ -188,16 +191,6 @@ impl DepthReport {
         });
         let name = if camera.img_name.is_empty() { camera.id.to_string() } else { camera.img_name.clone() };
         Self { camera: name, in_front: depths.len() as u64, range }
-    }
-}
-
-/// A box, formatted as `(x, y, z) to (x, y, z)`.
-struct Shown<'a>(&'a Bounds);
-
-impl fmt::Display for Shown<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (a, b) = (self.0.min, self.0.max);
-        write!(f, "({:.3}, {:.3}, {:.3}) to ({:.3}, {:.3}, {:.3})", a[0], a[1], a[2], b[0], b[1], b[2])
     }
 }
 
@@ -268,10 +261,13 @@ impl fmt::Display for Report {
             let [x, y, z] = p.offset;
             line(f, "origin", format!("({x}, {y}, {z}), subtracted from positions and cameras"))?;
         }
-        line(f, "box", Shown(&p.bounds).to_string())?;
-        line(f, "box, 1 to 99 %", Shown(&p.robust_bounds).to_string())?;
+        line(f, "box", p.bounds.to_string())?;
+        line(f, "box, 1 to 99 %", p.robust_bounds.to_string())?;
         line(f, "centre", format!("({:.3}, {:.3}, {:.3})", p.center[0], p.center[1], p.center[2]))?;
         line(f, "outliers", format!("{} beyond ten times that box", grouped(p.outliers)))?;
+        if let Some(coarse) = &p.coarse {
+            line(f, "positions", coarse.to_string())?;
+        }
         for depth in &self.depth {
             let text = match &depth.range {
                 None => "no splat in front of the camera".into(),
@@ -319,7 +315,7 @@ mod tests {
         assert_eq!((report.opacity.below_floor, report.opacity.above_cap), (3, 4));
         assert_eq!((report.size.oversized, report.size.largest), (3, 50.0));
         assert_eq!((report.place.outliers, report.place.bounds.max[0]), (2, 1e6));
-        assert!(report.place.robust_bounds.extent() < 2.1);
+        assert!(report.size.robust_extent < 2.1);
         let range = report.depth[0].range.unwrap();
         assert_eq!((report.depth[0].in_front, range.far), (999, 4096.0));
         assert!((10.0..12.0).contains(&range.linear_bits_lost), "{range:?}");
@@ -338,6 +334,18 @@ mod tests {
         let json = serde_json::to_value(&report).unwrap();
         assert_eq!(json["dropped"]["zero_rotation"], 0);
         assert!(json["depth"][0]["range"]["near"].is_f64());
+    }
+
+    #[test]
+    fn places_are_the_worlds() {
+        let near = Scene::generate(100, 0, splat);
+        let (local, offset) = (near.bounds(), [499_712.0, 4_999_168.0, 0.0]);
+        let report = Report::new(&near.with_offset(offset), &[]);
+        assert_eq!(report.place.bounds.max[1], 4_999_168.0 + f64::from(local.max[1]));
+        let text = report.to_string();
+        for line in ["box                   (499711.0", "centre                (49971"] {
+            assert!(text.contains(line), "{line} in\n{text}");
+        }
     }
 
     #[test]

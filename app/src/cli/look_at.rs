@@ -125,7 +125,8 @@ impl LookAtArgs {
             self.eye.map_or_else(|| DVec3::from(Camera::framing(scene, size.0, size.1).position), local);
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
             return Err(Usage(format!(
-                "expected different points for --eye and --target, found the same: {eye}"
+                "expected different points for --eye and --target, found the same: {}",
+                eye + DVec3::from(scene.offset())
             )));
         }
         let up = DVec3::from(self.up.unwrap_or(scene.up()));
@@ -261,13 +262,13 @@ mod tests {
 
     #[test]
     fn mistakes_are_told() {
-        let scene = synth::generate("uniform", 50, 0).unwrap();
+        let scene = synth::generate("uniform", 50, 0).unwrap().with_offset([1000.0, 0.0, 0.0]);
         let said = |words: &str| {
             parse(words).unwrap().cameras(&scene, None, Projection::Pinhole).unwrap_err().to_string()
         };
         assert!(
             said("--eye 1,2,3 --target 1,2,3")
-                .contains("expected different points for --eye and --target, found the same")
+                .contains("expected different points for --eye and --target, found the same: [1, 2, 3]")
         );
         assert!(said("--up 0,0,0 --eye 1,2,3").contains("expected a direction for --up"));
         assert!(said("--eye 1e30,0,0").contains("expected a position within 1e18"));

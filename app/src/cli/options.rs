@@ -153,6 +153,9 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
         if let Some(mesh) = scene.notes().mesh_left_out() {
             say(format!("{}: left out: {mesh}", path.display()));
         }
+        if let Some(coarse) = scene.coarse_positions() {
+            say(format!("{}: positions are {coarse}", path.display()));
+        }
         tell_mixed_tags(&path.display().to_string(), scene);
     }
     Ok(content)

@@ -149,9 +149,8 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     if step <= finest {
         return None;
     }
-    let (offset, most) = (scene.offset(), scene.robust_bounds());
-    let world = |point: [f64; 3]| -> [f64; 3] { std::array::from_fn(|axis| point[axis] + offset[axis]) };
-    let farthest = most.corners().map(world).as_flattened().iter().fold(0.0, |far: f64, v| v.abs().max(far));
+    let most = scene.robust_bounds().in_world(scene.offset());
+    let farthest = [most.min, most.max].as_flattened().iter().fold(0.0, |far: f64, v| v.abs().max(far));
     let finer = |largest: f64| SpzVersion::position_step(largest).filter(|finer| *finer < step);
     let advice = if let Some(finer) = finer(farthest) {
         // The step is a power of two. So is the largest coordinate that it allows, except for one step.
@@ -166,13 +165,19 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
             fraction(finer)
         )
     } else if finer(0.5 * scene.bounds().extent()).is_some_and(|finer| finer <= step / 4.0) {
-        let [x, y, z] = world(most.center()).map(|v| -v.round() + 0.0);
-        format!(": the scene is far from the origin; `--transform move:{x},{y},{z}` moves it there")
+        move_advice(scene)
     } else {
         String::new()
     };
     let (step, finest) = (fraction(step), fraction(finest));
     Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest:.0}{advice}"))
+}
+
+/// Advises to move the scene to the origin.
+fn move_advice(scene: &Scene) -> String {
+    let (center, offset) = (scene.robust_bounds().center(), scene.offset());
+    let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| 0.0 - (center[axis] + offset[axis]).round());
+    format!(": the scene is far from the origin; `--transform move:{x},{y},{z}` moves it there")
 }
 
 /// Formats a number of splats: `1 splat`, `2,000 splats`.
@@ -232,7 +237,11 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
     }
     let rounding = scene.position_rounding(format);
     if rounding > 0.0 {
-        losses.push(format!("positions: rounded to 32 bits, by {rounding:.1e} at most"));
+        // In `.glb`, positions are relative to the scene's origin.
+        let at_origin = f64::from(f32::EPSILON) * scene.robust_bounds().extent();
+        let is_far = format != SceneFormat::Gltf && rounding > 4.0 * at_origin;
+        let advice = if is_far { move_advice(scene) } else { String::new() };
+        losses.push(format!("positions: rounded to 32 bits, by {rounding:.1e} at most{advice}"));
     }
     losses.extend(coarse_positions(scene, format));
     losses.extend(clipped(scene, format));
@@ -341,6 +350,11 @@ mod tests {
             ["positions: steps of 1/2, not 1/4096, because a coordinate is 4100001: \
               the scene is far from the origin; `--transform move:-500005,-4100001,-10` moves it there"]
         );
+        let rounded = missing(&far, SceneFormat::Splat);
+        let advice =
+            ": the scene is far from the origin; `--transform move:-500005,-4100001,-10` moves it there";
+        assert!(rounded[0].starts_with("positions: rounded to 32 bits, by 2.5e-1 at most"), "{rounded:?}");
+        assert!(rounded[0].ends_with(advice), "{rounded:?}");
         let large = Scene::generate(1000, 0, |index| splat(spread(index).map(|v| 500.0 * v)));
         assert_eq!(
             positions(&large),

@@ -18,6 +18,7 @@ pub use gathered::{Dropped, QuaternionNorms};
 pub use notes::{FileNotes, Filter, MixedTags, SortKey};
 pub use parts::ScenePart;
 pub use splat::{Splat, sh_floats};
+pub use world::CoarsePositions;
 
 use crate::activation;
 use crate::bounds::Bounds;

@@ -1,11 +1,14 @@
 //! Generates scenes from positions of more precision than f32, such as those of surveyed scenes.
 
 use super::{Scene, Splat, normalised};
+use crate::bounds::quantile;
 use crate::memory::SceneMemoryError;
 use crate::ply::origin::Sample;
 use crate::words::CHUNK;
 use glam::DVec3;
 use rayon::prelude::*;
+use serde::Serialize;
+use std::fmt;
 
 /// Chooses the origin as for a PLY file of doubles.
 fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
@@ -17,7 +20,48 @@ fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
     sample.origin()
 }
 
+/// Positions that f32 rounded to steps that are large relative to the splats.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CoarsePositions {
+    /// Median step of a splat's largest coordinate, in world units.
+    pub step: f64,
+    /// Median of the splats' largest standard deviations, in world units.
+    pub size: f64,
+}
+
+impl fmt::Display for CoarsePositions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { step, size } = self;
+        write!(
+            f,
+            "in steps of {step:.1e}, but the median standard deviation is {size:.1e}: `float` is too coarse so far \
+             from the origin; export the scene with `double`, or near the origin"
+        )
+    }
+}
+
 impl Scene {
+    /// Detects positions that were rounded to f32 far from the origin, which cannot be undone.
+    ///
+    /// Of up to 1,000 splats, the steps are more than 1/8 of the largest standard deviation of most.
+    pub fn coarse_positions(&self) -> Option<CoarsePositions> {
+        const SAMPLES: usize = 1000;
+        const VISIBLE: f32 = 1.0 / 8.0;
+        let every = (self.count() as usize).div_ceil(SAMPLES).max(1);
+        let largest = |v: &[f32; 3]| v.iter().fold(0.0, |most: f32, v| most.max(v.abs()));
+        let step = |v: f32| v.next_up() - v;
+        let (mut steps, mut sizes): (Vec<f32>, Vec<f32>) = (self.positions().iter().zip(self.scales()))
+            .step_by(every)
+            .map(|(position, scale)| (step(largest(position)), largest(scale)))
+            .unzip();
+        let coarse = steps.iter().zip(&sizes).filter(|(step, size)| **step > VISIBLE * **size).count();
+        let is_coarse = !self.is_wide() && 2 * coarse > steps.len();
+        is_coarse.then(|| CoarsePositions {
+            step: quantile(&mut steps, 0.5).into(),
+            size: quantile(&mut sizes, 0.5).into(),
+        })
+    }
+
     /// Generates a scene like [`Scene::try_generate`], from positions in the world; [`Splat::position`] is ignored.
     ///
     /// As for a PLY file of doubles, [`Scene::offset`] is an origin near the splats, to which positions are relative.
@@ -87,5 +131,27 @@ mod tests {
         let scene = Scene::try_generate_in_world(100, 0, place, splat).unwrap();
         assert_eq!((scene.offset(), scene.is_wide()), ([0.0; 3], false));
         assert_eq!(scene.positions()[7], place(8).map(|v| v as f32));
+    }
+
+    #[test]
+    fn floats_far_from_the_origin_are_coarse_and_doubles_are_not() {
+        let place = |index: usize| [5e5, 5e6 + 0.1 * index as f64, 300.0];
+        let doubles = Scene::try_generate_in_world(2000, 0, place, splat).unwrap();
+        assert_eq!(doubles.coarse_positions(), None);
+        let floats = |shift: f64| {
+            Scene::generate(2000, 0, |index| Splat {
+                position: place(index).map(|v| (v - shift) as f32),
+                ..splat(index)
+            })
+        };
+        assert_eq!(floats(0.0).coarse_positions(), Some(CoarsePositions { step: 0.5, size: 0.01f32.into() }));
+        let text = crate::report::Report::new(&floats(0.0), &[]).to_string();
+        assert!(text.contains("in steps of 5.0e-1, but the median standard deviation is 1.0e-2"), "{text}");
+        assert!(floats(5e5).coarse_positions().is_some());
+        let near = Scene::generate(2000, 0, |index| Splat {
+            position: [1000.0, 0.1 * index as f32, 0.0],
+            ..splat(index)
+        });
+        assert_eq!(near.coarse_positions(), None);
     }
 }

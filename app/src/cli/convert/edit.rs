@@ -228,8 +228,9 @@ impl EditArgs {
             let kept: Vec<u32> = kept?.into_iter().flatten().collect();
             if kept.is_empty() {
                 return Err(Usage(format!(
-                    "expected --crop and --where to keep a splat, found none kept of {}",
-                    scene.count()
+                    "expected --crop and --where to keep a splat, found none kept of {}, which are in the box {}",
+                    scene.count(),
+                    scene.bounds().in_world(scene.offset())
                 ))
                 .into());
             }
