@@ -10,9 +10,8 @@ use crate::projection::Projection;
 use crate::scene::{FileNotes, Scene};
 use crate::similarity::Similarity;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 
-/// A camera. Unknown fields of the file are ignored, but [`Dataset`](crate::Dataset) refuses a lens with distortion.
+/// A camera. Unknown fields of the file are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Entry", into = "Entry")]
 pub struct Camera {
@@ -42,7 +41,7 @@ pub struct Camera {
 /// A camera as it is in a file, with the principal point relative to the image's top left corner.
 #[derive(Serialize, Deserialize)]
 #[serde(rename = "Camera")]
-pub(crate) struct Entry {
+struct Entry {
     #[serde(default)]
     id: i64,
     #[serde(default)]
@@ -60,42 +59,11 @@ pub(crate) struct Entry {
     cy: Option<f64>,
     #[serde(default, skip_serializing_if = "Projection::is_pinhole")]
     projection: Projection,
-    /// The other fields of the file.
-    #[serde(flatten, skip_serializing)]
-    others: Map<String, Value>,
-}
-
-impl Entry {
-    /// Returns the first non-zero number of the lens's distortion, with the name of its field.
-    pub(crate) fn distortion(&self) -> Option<(&'static str, f64)> {
-        const NAMES: [&str; 11] = [
-            "k1",
-            "k2",
-            "k3",
-            "k4",
-            "k5",
-            "k6",
-            "p1",
-            "p2",
-            "distortion",
-            "distortion_params",
-            "distortion_coefficients",
-        ];
-        fn nonzero(value: &Value) -> Option<f64> {
-            match value {
-                Value::Number(number) => number.as_f64().filter(|number| *number != 0.0),
-                Value::Array(list) => list.iter().find_map(nonzero),
-                Value::Object(fields) => fields.values().find_map(nonzero),
-                _ => None,
-            }
-        }
-        NAMES.into_iter().find_map(|name| Some((name, nonzero(self.others.get(name)?)?)))
-    }
 }
 
 impl From<Entry> for Camera {
     fn from(entry: Entry) -> Self {
-        let Entry { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection, .. } = entry;
+        let Entry { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection } = entry;
         let principal_offset = Self::offset_of([cx, cy], [width, height]);
         Self { id, img_name, width, height, position, rotation, fx, fy, principal_offset, projection }
     }
@@ -117,20 +85,7 @@ impl From<Camera> for Entry {
             principal_offset: _,
             projection,
         } = camera;
-        Self {
-            id,
-            img_name,
-            width,
-            height,
-            position,
-            rotation,
-            fx,
-            fy,
-            cx,
-            cy,
-            projection,
-            others: Map::new(),
-        }
+        Self { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection }
     }
 }
 
@@ -254,6 +209,29 @@ impl Camera {
         depths
             .into_iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), z| (near.min(z), far.max(z)))
+    }
+
+    /// Returns the distance to the centre of a box that is farther than `far` and outside the image.
+    ///
+    /// `None` for other boxes, and for fisheyes and panoramas, which see much of what is around them.
+    pub fn distance_elsewhere(&self, bounds: &Bounds, far: f64) -> Option<f64> {
+        let center = bounds.center();
+        let distance = glam::DVec3::from(center).distance(self.position.into());
+        let [x, y, z] = self.to_view(center);
+        let scale = match self.projection {
+            Projection::Pinhole => 1.0 / z,
+            Projection::Orthographic => 1.0,
+            Projection::Fisheye | Projection::Equirectangular => return None,
+        };
+        let radius = glam::DVec3::from(bounds.size()).length();
+        let [cx, cy] = self.principal_point();
+        let is_inside = |at: f64, focal: f64, middle: f64, side: u32| {
+            let (pixel, margin) = (middle + at * scale * focal, radius * scale * focal);
+            (-margin..=f64::from(side) + margin).contains(&pixel)
+        };
+        let is_seen =
+            z > -radius && is_inside(x, self.fx, cx, self.width) && is_inside(y, self.fy, cy, self.height);
+        (distance > far && !is_seen).then_some(distance)
     }
 
     /// Returns the camera with another image size and the same vertical field of view.
@@ -486,6 +464,21 @@ mod tests {
         let half = camera.stretched(101, 37);
         assert!((half.fx / 101.0 - camera.fx / 200.0).abs() < 1e-12);
         assert!((half.fy / 37.0 - camera.fy / 100.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_far_camera_that_looks_elsewhere_is_told_from_one_that_sees_the_box() {
+        let bounds = Bounds { min: [-1.0; 3], max: [1.0; 3] };
+        let at = |eye: [f64; 3], target: [f64; 3]| Camera::looking_at(eye, target, 60.0, (64, 48));
+        let elsewhere = |camera: Camera| camera.distance_elsewhere(&bounds, 20.0);
+        let far = at([5000.0, 0.0, 0.0], [5000.0, 0.0, 1.0]);
+        assert_eq!(elsewhere(far.with_projection(Projection::Fisheye, [0.0; 3])), None);
+        assert_eq!(elsewhere(far), Some(5000.0));
+        assert_eq!(elsewhere(at([0.0, 0.0, 30.0], [0.0, 0.0, 31.0])), Some(30.0));
+        assert_eq!(elsewhere(at([0.0, 0.0, 19.0], [0.0, 0.0, 31.0])), None);
+        let seen = at([0.0, 0.0, -1e6], [0.0; 3]);
+        assert_eq!(elsewhere(seen.with_projection(Projection::Orthographic, [0.0; 3])), None);
+        assert_eq!(elsewhere(seen), None);
     }
 
     #[test]

@@ -300,8 +300,26 @@ pub fn at_most(camera: &Camera, width: u32) -> Camera {
     camera.resized(width, (height as u32).max(1))
 }
 
+/// Converts cameras to the scene's coordinates. Reports cameras that are far from the scene and do not see it.
 pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
-    cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect()
+    let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect();
+    stray_cameras(&cameras, scene).iter().for_each(say);
+    cameras
+}
+
+/// Describes the cameras that are more than ten extents from the scene and look elsewhere, as cameras of other
+/// coordinates do. `None` if there are none.
+fn stray_cameras(cameras: &[Camera], scene: &Scene) -> Option<String> {
+    let bounds = scene.robust_bounds();
+    let distance = |camera: &Camera| camera.distance_elsewhere(&bounds, 10.0 * bounds.extent());
+    let distances: Vec<f64> = cameras.iter().filter_map(distance).collect();
+    let nearest = distances.iter().copied().reduce(f64::min)?;
+    let (of, bounds) = (cameras.len(), bounds.in_world(scene.offset()));
+    Some(format!(
+        "{} of {of} cameras see nothing of the scene: the nearest is {nearest:.0} units away, and most splats are in \
+         the box {bounds}; are the coordinates those of another scene?",
+        distances.len()
+    ))
 }
 
 pub fn framing(scene: &Scene) -> Camera {
