@@ -28,9 +28,12 @@ pub fn output(text: OsString) -> Result<Output, String> {
         }
         return Ok(Output::Picture(text.into()));
     };
-    let Some(format) = Format::of(Path::new(file)) else {
+    let path = Path::new(file);
+    // In a folder, outputs are .npy, which all of them can be.
+    let folder = Some(Format::Npy).filter(|_| names::ends_in_separator(path));
+    let Some(format) = folder.or_else(|| Format::of(path)) else {
         return Err(format!(
-            "expected NAME=FILE with the extension .npy, .exr or .png, found `{name}={file}`"
+            "expected NAME=FILE with the extension .npy, .exr or .png, or NAME=FOLDER/, found `{name}={file}`"
         ));
     };
     check_format(name, format)?;
@@ -49,7 +52,8 @@ A name without one of these extensions is a folder for one picture per camera, n
 Characters that a file name cannot have become `_`, and cameras with equal names get their index appended.
 `-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
 
-NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) The built-in
+NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture with that name.) With several
+cameras, the file's name gets the camera's: depth-CAMERA.npy. NAME=FOLDER/ writes FOLDER/CAMERA.npy. The built-in
 graphs have these outputs, defined in docs/splatting.md; quads (`splat`) have only the first three, and `rgba`:";
 
 /// Name of the picture among the files of a camera's statistics.
@@ -117,8 +121,11 @@ pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
     file.file_stem().unwrap_or_default().to_string_lossy()
 }
 
-/// Inserts the camera's name into a file name if there are several cameras: `keys-NAME.npy`.
+/// Names the file of a camera's output: `NAME.npy` in a folder, or `keys-NAME.npy` if there are several cameras.
 pub fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
+    if names::ends_in_separator(file) {
+        return file.join(format!("{camera}.npy"));
+    }
     if cameras == 1 {
         return file.to_owned();
     }
@@ -172,6 +179,7 @@ mod tests {
         let named = |name: &str, file: &str| Ok(Output::Named(name.into(), file.into()));
         let picture = |path: &str| Ok(Output::Picture(path.into()));
         assert_eq!(output("depth=a/d.exr".into()), named("depth", "a/d.exr"));
+        assert_eq!(output("index=a/".into()), named("index", "a/"));
         assert!(output("".into()).unwrap_err().contains("found an empty name"));
         for path in ["out.png", "-", "./a=b.png", "a/b=c"] {
             assert_eq!(output(path.into()), picture(path));
@@ -189,5 +197,8 @@ mod tests {
         assert_eq!(folder.path("day 1_0007.jpg"), Path::new("out/day 1_0007.jpg.exr"));
         assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 2), Path::new("a/keys-b.jpg.npy"));
         assert_eq!(per_camera(Path::new("a/keys.npy"), "b.jpg", 1), Path::new("a/keys.npy"));
+        for cameras in [1, 2] {
+            assert_eq!(per_camera(Path::new("a/"), "b.jpg", cameras), Path::new("a/b.jpg.npy"));
+        }
     }
 }
