@@ -129,8 +129,20 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     let compared = place.done("compare all views/images --min-psnr 55");
     assert!(compared.contains("view-0008"), "{compared}");
     let look = "orbit --orbit 3 --eye 0,-1,-6 --fov 45 --size 40x30";
-    place.done(&format!("{render} {look}"));
+    place.done(&format!("{render} {look} --write-cameras orbit.json --output alpha=alpha/"));
     assert_eq!(std::fs::read_dir(place.at("orbit")).expect("pictures").count(), 3);
+    place.done(&format!("{render} again -c orbit.json --output alpha=again/alpha/"));
+    for name in ["orbit-0000", "orbit-0002"] {
+        for (first, second) in [("orbit", "again"), ("alpha", "again/alpha")] {
+            let extension = if first == "alpha" { "npy" } else { "png" };
+            let [first, second] = [first, second].map(|folder| format!("{folder}/{name}.{extension}"));
+            assert!(place.bytes(&first) == place.bytes(&second), "{first} {second}");
+        }
+    }
+    place.refuses(
+        "",
+        &[("render scene.ply -o a.png --write-cameras scene.ply", 2, "would overwrite the scene")],
+    );
 
     std::fs::create_dir(place.at("shared")).expect("made");
     place.write("shared/job.json", "{}");

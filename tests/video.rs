@@ -187,7 +187,10 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
 #[test]
 fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     let place = Place::demo(5000);
-    place.done("video scene.ply --orbit=5 --eye=0,-1,-4 --size=32x18 -o turn");
+    place.done("video scene.ply --orbit=5 --eye=0,-1,-4 --size=32x18 -o turn --write-cameras turn.json");
+    place.done("render scene.ply -c turn.json#3 -o still.png");
+    let far = difference(&place.image("turn/00003.png"), &place.image("still.png"));
+    assert!(far < 2.5, "{far}");
     let pictures = fs::read_dir(place.at("turn")).expect("a folder").count();
     assert_eq!(pictures, 6, "five pictures and film.json");
     place.done("video scene.ply --orbit=1 --size=32x18 -o turn.v2/");

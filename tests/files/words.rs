@@ -117,7 +117,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
 fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
     let own = match command {
         "render" => {
-            "-o -o --format --json --json --repeat --inspect --cameras --size --background --set \
+            "-o -o --format --json --json --repeat --inspect --cameras --size --background --write-cameras --set \
             --pipeline --validate --device --shard"
         }
         "view" => {
@@ -126,7 +126,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         }
         "video" => {
             "-o -o --format --cameras --closed --orbit --seconds --fps --samples --shutter --size \
-            --set --device"
+            --write-cameras --set --device"
         }
         "new" => "--from --force --force",
         "params" => "--set --json --size --device --scene",

@@ -2,7 +2,7 @@
 
 use super::outcome::{self, Outcome, Usage, refuse_without};
 use super::stdout::Stdout;
-use super::{look_at, options};
+use super::{cameras, look_at, options};
 use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::load::LoadOptions;
@@ -213,7 +213,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(output) = args.output.as_ref().filter(|_| is_mesh(args)) {
         return write_mesh(output);
     }
-    let (scene, cameras) = match (&args.name, &args.enlarge, args.count) {
+    let (scene, views) = match (&args.name, &args.enlarge, args.count) {
         (None, Some(path), Some(count)) => {
             (synth::enlarge(&options::load_scene(path, &args.load)?, count)?, None)
         }
@@ -232,15 +232,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     output::write(output, |mut out| Ok(scene.write_ply_to(&mut out)?))?;
     let (splats, bytes) = (scene_file::splats(scene.count().into()), scene.size_breakdown().file_bytes);
     stdout.line(&format!("{}: {splats}, {} bytes", output.display(), grouped(bytes)))?;
-    if args.cameras.is_none() && cameras.is_some() && !is_standard_output(output) {
+    if args.cameras.is_none() && views.is_some() && !is_standard_output(output) {
         let path = output.with_extension("cameras.json");
         note(format!("its cameras, which other commands find beside it: add --cameras {}", path.display()));
     }
-    if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
-        // The scene file is in world coordinates, so its cameras must be, too.
-        let world = cameras.iter().map(|camera| camera.in_world(scene.offset()));
-        options::write_json(path, &serde_json::to_value(world.collect::<Vec<_>>())?)?;
-        stdout.line(&format!("{}: {} cameras", path.display(), cameras.len()))?;
+    if let (Some(path), Some(views)) = (&args.cameras, views) {
+        cameras::write(path, &views, &scene)?;
+        stdout.line(&format!("{}: {} cameras", path.display(), views.len()))?;
     }
     Ok(Outcome::Done)
 }

@@ -50,7 +50,7 @@ impl Film {
     }
 
     /// Computes the camera at a time, counted in frames; `None` for a path without keys.
-    fn camera(&self, at: f64) -> Option<Camera> {
+    pub fn camera(&self, at: f64) -> Option<Camera> {
         match &self.motion {
             Motion::Path(path) => path.at_frame(at, self.frames),
             Motion::Orbit(orbit) => Some(orbit.at(at / f64::from(self.frames))),

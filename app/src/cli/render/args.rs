@@ -79,6 +79,9 @@ pub struct Args {
     /// docs/output-files.md lists the fields. If a camera fails, the others have entries, and the exit code is 1.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     pub(super) json: Option<PathBuf>,
+    /// Write the cameras of the pictures as a cameras.json: those of --orbit, of --size, and the default one, too
+    #[arg(long, value_name = "FILE")]
+    pub(super) write_cameras: Option<PathBuf>,
     /// Record where the time goes: a trace for https://ui.perfetto.dev, and a summary on standard error
     ///
     /// The trace has a track for each thread, one for the passes on the GPU by their timestamps, and one for each frame
@@ -202,7 +205,12 @@ pub fn prepare(args: &Args) -> Result<Work> {
         args.scenes.claim(&mut guard)?;
         cameras::claim(&mut guard, args.drawing.cameras.as_deref(), args.scenes.scene.as_deref())?;
         guard.input("the graph", Path::new(&args.drawing.pipeline))?;
-        for (option, path) in [("--json", &args.json), ("--timeline", &args.timeline)] {
+        let written = [
+            ("--json", &args.json),
+            ("--timeline", &args.timeline),
+            ("--write-cameras", &args.write_cameras),
+        ];
+        for (option, path) in written {
             path.iter().try_for_each(|path| guard.output(option, path))?;
         }
         for stem in &stems {
@@ -298,7 +306,7 @@ fn refuse_for_reference(given: &[(&str, bool)]) -> Result<(), Usage> {
 impl Args {
     pub(super) fn stdout(&self) -> Stdout {
         let timeline = self.timeline.as_deref().filter(|path| is_standard_output(path));
-        let others = self.files().map(|(_, file)| file).chain(timeline);
+        let others = self.files().map(|(_, file)| file).chain(timeline).chain(self.write_cameras.as_deref());
         let picture = self.picture().ok().flatten();
         Stdout::of(picture.into_iter().chain(self.json.as_deref()).chain(others))
     }

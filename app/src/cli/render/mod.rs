@@ -1,8 +1,8 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
 use super::job::Manifest;
-use super::options;
 use super::outcome::Outcome;
+use super::{cameras, options};
 use anyhow::Result;
 use tracing::info_span;
 
@@ -28,6 +28,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Manifest::refuse(folder)?;
     }
     let mut drawer = Drawer::open(args, &work, None)?;
+    if let Some(path) = &args.write_cameras {
+        cameras::write(path, &drawer.loaded().cameras, &drawer.loaded().scene)?;
+    }
     let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
     let closed = drawer.close();
     // If a camera fails, the statistics of the others are still written.

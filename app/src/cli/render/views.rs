@@ -28,6 +28,7 @@ impl Views {
             ("--json", args.json.is_some()),
             ("--timeline", args.timeline.is_some()),
             ("--inspect", inspects),
+            ("--write-cameras", args.write_cameras.is_some()),
             ("--repeat", args.repeat > 1),
         ])?;
         let work = prepare(&args)?;

@@ -76,6 +76,9 @@ pub struct Args {
     /// writes .y4m to standard output. Files and pictures are never partial.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    /// Write the cameras of the frames as a cameras.json, with which `render` draws depth and other outputs of them
+    #[arg(long, value_name = "FILE")]
+    write_cameras: Option<PathBuf>,
     /// Format of the pictures in a folder [default: png]
     #[arg(long, value_name = "png|exr|npy")]
     format: Option<image::Format>,
@@ -143,6 +146,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             cameras::claim(&mut guard, args.drawing.cameras.as_deref(), None)?;
         }
         guard.input("the graph", Path::new(&args.drawing.pipeline))?;
+        args.write_cameras.iter().try_for_each(|path| guard.output("--write-cameras", path))?;
         match &destination {
             Destination::File(path, _) => guard.output("--output", path)?,
             Destination::Folder(sequence) => {
@@ -260,6 +264,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (device, (scene, own)) = options::open_and_load(open, |cancel| args.scenes.load(cancel))?;
     let motion = motion(args, keys.as_deref(), &scene, own, args.projection())?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
+    if let Some(path) = &args.write_cameras {
+        let named = |frame: u32| {
+            let camera = film.camera(f64::from(frame))?;
+            Some(Camera { id: frame.into(), img_name: format!("{frame:05}"), ..camera })
+        };
+        cameras::write(path, &(0..frames).filter_map(named).collect::<Vec<_>>(), &scene)?;
+    }
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     let cameras: Vec<Camera> =
         (0..frames).filter_map(|frame| film.cameras(frame).into_iter().next()).collect();
@@ -282,7 +293,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     if let Some((drawn, ms)) = told {
         let line = job.summary(drawn, began.elapsed().as_secs_f64(), ms);
-        Stdout::of([args.output.as_path()]).line(&line)?;
+        Stdout::of([Some(args.output.as_path()), args.write_cameras.as_deref()].into_iter().flatten())
+            .line(&line)?;
     }
     Ok(outcome::validated(args.device.validate, &session.into_device().close()))
 }
