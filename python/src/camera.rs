@@ -6,7 +6,8 @@ use crate::scene::Scene;
 use crate::wait;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use splatgraph_assets::{self as assets, Projection};
+use splatgraph::draw::camera_path::{self, CameraPath};
+use splatgraph_assets::{self as assets, CameraOptions, Dataset, Projection};
 use std::path::PathBuf;
 
 /// A camera with x to the right, y down and z forward.
@@ -120,13 +121,49 @@ impl Camera {
         Camera(camera.in_world(scene.offset()))
     }
 
-    /// Loads cameras: a `cameras.json`, a `transforms.json`, a glTF file, or a folder with one of the first two or with
-    /// COLMAP's files.
+    /// Loads cameras: a `cameras.json`, a `transforms.json`, a `camera_path.json`, a glTF file, or a folder with one
+    /// of the first two or with COLMAP's files.
+    ///
+    /// Lenses with distortion are refused. With `ignore_distortion`, they become ideal lenses, whose pictures do not
+    /// match the photographs.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
-        let cameras = wait::run(py, move || assets::Camera::load(path))?;
-        let cameras = cameras.map_err(|error| SceneError::new_err(error.to_string()))?;
+    #[pyo3(signature = (path, ignore_distortion = false))]
+    fn load(py: Python<'_>, path: PathBuf, ignore_distortion: bool) -> PyResult<Vec<Camera>> {
+        let options = CameraOptions { ignore_distortion, ..CameraOptions::default() };
+        let dataset = wait::run(py, move || Dataset::load_with(&path, options))?;
+        let cameras = dataset.map_err(|error| SceneError::new_err(error.to_string()))?.into_cameras();
         Ok(cameras.into_iter().map(Camera).collect())
+    }
+
+    /// Writes cameras to a `cameras.json`.
+    #[staticmethod]
+    fn save(cameras: Vec<PyRef<'_, Camera>>, path: PathBuf) -> PyResult<()> {
+        let cameras: Vec<_> = cameras.iter().map(|camera| camera.0.clone()).collect();
+        assets::Camera::save(&cameras, path).map_err(|error| SceneError::new_err(error.to_string()))
+    }
+
+    /// Makes `count` cameras along the smooth path through the cameras `keys`, as `splatgraph video` does.
+    ///
+    /// The speed is constant: the distance that takes as long as a rotation by one radian is half the extent of the
+    /// scene. An open path begins at the first key and ends at the last.
+    #[staticmethod]
+    #[pyo3(signature = (scene, keys, count, closed = false))]
+    fn path(
+        scene: &Bound<'_, Scene>,
+        keys: Vec<PyRef<'_, Camera>>,
+        count: u32,
+        closed: bool,
+    ) -> PyResult<Vec<Camera>> {
+        let scene = &scene.get().0;
+        let mut path = CameraPath::new(camera_path::length_of_radian(scene));
+        let keys = keys.iter().map(|key| key.0.relative_to(scene.offset())).collect();
+        path.set_keys(keys).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        path.set_closed(closed);
+        let frames = (0..count).filter_map(|frame| {
+            let camera = path.at_frame(f64::from(frame), count)?;
+            Some((format!("{frame:05}"), camera.in_world(scene.offset())))
+        });
+        Ok(frames.map(|(img_name, camera)| Camera(assets::Camera { img_name, ..camera })).collect())
     }
 
     /// Returns the camera with another picture size, in pixels, and the same vertical field of view.

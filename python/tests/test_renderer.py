@@ -451,3 +451,24 @@ def test_equal_pictures_are_identical_and_others_measured():
     assert other.worst_pixel == (5, 3) and abs(other.worst - 0.5) < 1e-6 and not other.identical
     with pytest.raises(ValueError, match="expected pictures of the same size"):
         splatgraph.compare(a, a[:8])
+
+
+def test_a_path_passes_its_keys_and_is_saved_with_its_poses(tmp_path, scene):
+    keys = [Camera.look_at((x, 0, -4), (x, 0, 0), size=(32, 18), name="key") for x in (0.0, 8.0)]
+    path = Camera.path(scene, keys, 9)
+    np.testing.assert_allclose([camera.position for camera in path], [[x, 0, -4] for x in range(9)], atol=1e-9)
+    assert [camera.name for camera in path[:2]] == ["00000", "00001"]
+    assert len(Camera.path(scene, keys, 9, closed=True)) == 9 and Camera.path(scene, [], 9) == []
+    Camera.save(path, tmp_path / "path.json")
+    for camera, read in zip(path, Camera.load(tmp_path / "path.json"), strict=True):
+        np.testing.assert_array_equal(camera.viewmat, read.viewmat)
+        np.testing.assert_array_equal(camera.K, read.K)
+
+
+def test_a_lens_with_distortion_is_read_on_demand(tmp_path):
+    frame = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}
+    text = json.dumps({"w": 8, "h": 6, "fl_x": 9, "k1": 0.1, "frames": [frame]})
+    (tmp_path / "transforms.json").write_text(text)
+    with pytest.raises(splatgraph.SceneError, match="ignore_distortion=True"):
+        Camera.load(tmp_path)
+    assert Camera.load(tmp_path, ignore_distortion=True)[0].K[0, 0] == 9
