@@ -10,8 +10,9 @@ use crate::projection::Projection;
 use crate::scene::{FileNotes, Scene};
 use crate::similarity::Similarity;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
-/// A camera. Unknown fields of the file are ignored.
+/// A camera. Unknown fields of the file are ignored, but [`Dataset`](crate::Dataset) refuses a lens with distortion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Entry", into = "Entry")]
 pub struct Camera {
@@ -41,7 +42,7 @@ pub struct Camera {
 /// A camera as it is in a file, with the principal point relative to the image's top left corner.
 #[derive(Serialize, Deserialize)]
 #[serde(rename = "Camera")]
-struct Entry {
+pub(crate) struct Entry {
     #[serde(default)]
     id: i64,
     #[serde(default)]
@@ -59,11 +60,42 @@ struct Entry {
     cy: Option<f64>,
     #[serde(default, skip_serializing_if = "Projection::is_pinhole")]
     projection: Projection,
+    /// The other fields of the file.
+    #[serde(flatten, skip_serializing)]
+    others: Map<String, Value>,
+}
+
+impl Entry {
+    /// Returns the first non-zero number of the lens's distortion, with the name of its field.
+    pub(crate) fn distortion(&self) -> Option<(&'static str, f64)> {
+        const NAMES: [&str; 11] = [
+            "k1",
+            "k2",
+            "k3",
+            "k4",
+            "k5",
+            "k6",
+            "p1",
+            "p2",
+            "distortion",
+            "distortion_params",
+            "distortion_coefficients",
+        ];
+        fn nonzero(value: &Value) -> Option<f64> {
+            match value {
+                Value::Number(number) => number.as_f64().filter(|number| *number != 0.0),
+                Value::Array(list) => list.iter().find_map(nonzero),
+                Value::Object(fields) => fields.values().find_map(nonzero),
+                _ => None,
+            }
+        }
+        NAMES.into_iter().find_map(|name| Some((name, nonzero(self.others.get(name)?)?)))
+    }
 }
 
 impl From<Entry> for Camera {
     fn from(entry: Entry) -> Self {
-        let Entry { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection } = entry;
+        let Entry { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection, .. } = entry;
         let principal_offset = Self::offset_of([cx, cy], [width, height]);
         Self { id, img_name, width, height, position, rotation, fx, fy, principal_offset, projection }
     }
@@ -85,7 +117,20 @@ impl From<Camera> for Entry {
             principal_offset: _,
             projection,
         } = camera;
-        Self { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection }
+        Self {
+            id,
+            img_name,
+            width,
+            height,
+            position,
+            rotation,
+            fx,
+            fy,
+            cx,
+            cy,
+            projection,
+            others: Map::new(),
+        }
     }
 }
 
