@@ -39,7 +39,7 @@ pub fn of_8_bits(a: ImageRef, b: ImageRef) -> f64 {
 }
 
 /// Number of rows per band in [`of_8_bits`].
-const BAND: usize = 64;
+const BAND: usize = 128;
 
 /// Computes FLIP in 8 bits by bands of rows in parallel, because NVIDIA's implementation has a single thread.
 ///
