@@ -2,7 +2,7 @@
 
 use super::controls::Controls;
 use super::theme::{self, Palette};
-use super::widgets::{self, fact, heading};
+use super::widgets::{self, fact, heading, hint};
 use crate::draw::pick;
 use crate::view::viewer::Viewer;
 use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
@@ -15,6 +15,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     if viewer.is_picking() {
         ui.spinner();
     }
+    let distance = viewer.picked_distance();
     let Some(picked) = &mut viewer.picked else {
         ui.weak("Click the picture to pick a splat.");
         return;
@@ -46,11 +47,27 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     fact(ui, "Transmittance before", format!("{:.4}", splat.transmittance));
     fact(ui, "Depth", format!("{:.4}", splat.depth));
     fact(ui, "Opacity", format!("{:.4}", splat.opacity));
-    fact(ui, "Position", three(splat.position));
+    let soft = Palette::of(ui).soft;
+    widgets::row(
+        ui,
+        |ui| ui.label(RichText::new("Position").color(soft)),
+        |ui| {
+            let copy = controls.seen("splat:copy", ui.small_button("Copy"));
+            if hint(copy, "In world coordinates, as --eye and --target take them").clicked() {
+                ui.copy_text(splat.position.map(|v| v.to_string()).join(","));
+            }
+        },
+    );
+    for (name, value) in ["    x", "    y", "    z"].into_iter().zip(splat.position) {
+        fact(ui, name, format!("{value:.4}"));
+    }
+    if let Some(distance) = distance {
+        fact(ui, "Distance to the last pick", format!("{distance:.4}"));
+    }
     fact(ui, "Scale", three(splat.scale));
     fact(ui, "Rotation w x y z", splat.rotation.map(|v| format!("{v:.3}")).join("  "));
     ui.horizontal(|ui| {
-        ui.label(RichText::new("Colour from here").color(Palette::of(ui).soft));
+        ui.label(RichText::new("Colour from here").color(soft));
         let [r, g, b] = splat.color.map(|v| (255.0 * v).round().clamp(0.0, 255.0) as u8);
         let (rect, _) = ui.allocate_exact_size(vec2(24.0, 14.0), egui::Sense::hover());
         ui.painter().rect_filled(rect, 2.0, Color32::from_rgb(r, g, b));

@@ -64,11 +64,25 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
                 viewer.pick(RendererId::A, outside);
                 assert!(viewer.picked.is_none() && !viewer.is_picking(), "{outside:?}");
             }
+            // The distance from the last pick is that of the selected splats, and outlives a pick of the background.
+            let picked = |script: &mut Script, at: [f32; 2]| {
+                script.viewer().pick(RendererId::A, at);
+                script.until("the splats", |script| !script.viewer().busy());
+                script.viewer().picked.as_ref().and_then(|picked| picked.splat()).map(|splat| splat.position)
+            };
+            let first = picked(script, [160.7, 90.2]).expect("a splat");
+            assert_eq!(script.viewer().picked_distance(), None);
+            assert_eq!(picked(script, [0.0, 0.0]), None);
+            let other = picked(script, [140.0, 100.0]).expect("a splat");
+            let expected = (0..3).map(|i| (first[i] - other[i]).powi(2)).sum::<f64>().sqrt();
+            let found = script.viewer().picked_distance().expect("two splats");
+            assert!((found - expected).abs() < 1e-12 && found > 0.0, "{found}");
+            let viewer = script.viewer();
             viewer.pick(RendererId::A, [160.7, 90.2]);
             let second = script.path("second.ply");
             script.viewer().open(&second);
             script.until("the scene", |script| script.viewer().scene().count() == 200);
-            assert!(script.viewer().picked.is_none());
+            assert!(script.viewer().picked.is_none() && script.viewer().picked_distance().is_none());
         },
     );
 }

@@ -18,6 +18,7 @@ use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::{Picked, pick};
 use crate::draw::splat_set::Masked;
+use glam::DVec3;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, names_scenes};
 use std::path::{Path, PathBuf};
@@ -97,6 +98,8 @@ pub struct Viewer {
     /// Viewport of `picked`, and of the search in progress.
     picked_in: RendererId,
     picker: Latest<Picked>,
+    /// Position of the splat that was selected before the last pick, in world coordinates.
+    picked_before: Option<[f64; 3]>,
     /// Marks to apply to the scenes that are being loaded for A and B.
     restored: [Option<Marks>; 2],
     /// Lists of scenes whose splats got other indices; see [`Viewer::take_reindexed`].
@@ -161,6 +164,7 @@ impl Viewer {
             picked: None,
             picked_in: RendererId::A,
             picker: Latest::new("pick", wake.clone()),
+            picked_before: None,
             restored: [const { None }; 2],
             reindexed: Vec::new(),
             exporter: Exporter::new(wake.clone()),
@@ -391,7 +395,14 @@ impl Viewer {
     /// Drops the picked splats, and cancels the current search.
     pub fn forget_picked(&mut self) {
         self.picker.cancel();
-        self.picked = None;
+        (self.picked, self.picked_before) = (None, None);
+    }
+
+    /// Returns the world distance from the selected splat to the one selected before the last pick; `None` if either is
+    /// missing.
+    pub fn picked_distance(&self) -> Option<f64> {
+        let [here, before] = [self.picked.as_ref()?.splat()?.position, self.picked_before?].map(DVec3::from);
+        Some(here.distance(before))
     }
 
     /// Takes finished results, and draws the pictures that are due. `size` is the view's, in window pixels.
@@ -406,7 +417,11 @@ impl Viewer {
         self.take_comparison();
         match self.picker.take() {
             None => {}
-            Some(Ok(picked)) => self.picked = Some(picked),
+            Some(Ok(picked)) => {
+                let before = self.picked.replace(picked);
+                let before = before.as_ref().and_then(Picked::splat).map(|splat| splat.position);
+                self.picked_before = before.or(self.picked_before);
+            }
             Some(Err(text)) => self.events.push(Event::Problem { text }),
         }
         self.take_splats();
