@@ -7,7 +7,7 @@
 //! |---|---|
 //! | drag (left or middle button), arrow keys | orbit about the pivot, as on a turntable: the horizon keeps its tilt |
 //! | Shift + drag | pan: points at the pivot's depth follow the pointer |
-//! | scroll, Ctrl + drag up and down | zoom: move towards the pivot or away from it, never through it |
+//! | scroll, Ctrl + drag up and down | zoom: move towards the pivot or away from it, never through it; an orthographic view changes its scale in place |
 //! | hold the right button | fly: look around; W A S D, E up, Q down; Shift faster, Ctrl slower, scroll for the speed |
 //! | double click, F | frame the scene, seen from the same direction |
 //! | Home | return to the first camera |
@@ -39,7 +39,7 @@ const STEEPEST: f64 = 89.9 * std::f64::consts::PI / 180.0;
 pub const ZOOM_PER_NOTCH: f64 = 0.15;
 /// Zoom per point of a drag, as an exponent of `e`.
 const ZOOM_PER_POINT: f64 = 0.01;
-/// Minimum and maximum distance to the pivot, as multiples of the scene's size.
+/// Minimum and maximum distance to the pivot, or height of an orthographic view, as multiples of the scene's size.
 const DISTANCES: (f64, f64) = (1e-6, 1e4);
 /// Maximum distance to the scene's centre, as a multiple of the scene's size.
 const FARTHEST: f64 = 1e6;
@@ -99,6 +99,8 @@ struct Pose {
     principal_offset: DVec2,
     /// Distance to the pivot, in world units.
     distance: f64,
+    /// Factor on the scale of the picture; 1 unless an orthographic view is moved or zoomed.
+    magnification: f64,
     /// Projection of the camera. The other fields are those of the pinhole camera with the same view.
     projection: Projection,
 }
@@ -166,6 +168,7 @@ impl Pose {
             stretch: geometric(self.stretch, to.stretch),
             principal_offset: self.principal_offset.lerp(to.principal_offset, t),
             distance,
+            magnification: geometric(self.magnification, to.magnification),
             projection: to.projection,
         }
     }
@@ -203,6 +206,8 @@ pub struct Navigation {
     /// Factor on [`FLY_SPEED`], set by the wheel.
     speed: f64,
     animated: bool,
+    /// True while the graph draws an orthographic view.
+    orthographic: bool,
 }
 
 impl Navigation {
@@ -218,6 +223,7 @@ impl Navigation {
             stretch: 1.0,
             principal_offset: DVec2::ZERO,
             distance: 1.0,
+            magnification: 1.0,
             projection: Projection::Pinhole,
         };
         let finite = bounds.min.iter().chain(&bounds.max).all(|v| v.is_finite());
@@ -238,6 +244,7 @@ impl Navigation {
             scale,
             speed: 1.0,
             animated: false,
+            orthographic: false,
         };
         navigation.set_camera(start);
         navigation.animated = true;
@@ -247,6 +254,49 @@ impl Navigation {
     /// Returns the up direction, of length 1.
     pub fn up(&self) -> DVec3 {
         self.up
+    }
+
+    /// Sets whether the graph draws an orthographic view. Its near plane would cut into the scene if the camera moved
+    /// closer, so zooming changes only the scale, and moving the camera keeps it.
+    ///
+    /// For another projection, the camera then moves to where the picture has the same scale at the pivot.
+    pub fn set_orthographic(&mut self, orthographic: bool) {
+        self.orthographic = orthographic;
+        if !orthographic && self.pose.magnification != 1.0 {
+            let exponent = -self.pose.magnification.ln();
+            self.pose = Pose { magnification: 1.0, ..self.pose }.zoomed(exponent, self.scale);
+        }
+    }
+
+    /// Returns true while the graph draws an orthographic view.
+    pub fn is_orthographic(&self) -> bool {
+        self.orthographic
+    }
+
+    /// Returns the height of the orthographic view, in world units.
+    pub fn height(&self) -> f64 {
+        self.height_of(&self.pose)
+    }
+
+    /// Sets the height of the orthographic view, in world units, within [`DISTANCES`] times the scene's size; NaN is
+    /// ignored.
+    pub fn set_height(&mut self, height: f64) {
+        if !height.is_nan() {
+            (self.flight, self.unmoved) = (None, None);
+            self.pose = self.scaled(self.pose, height);
+        }
+    }
+
+    fn height_of(&self, pose: &Pose) -> f64 {
+        let camera = self.camera_at(pose, 1, 1);
+        1.0 / camera.with_projection(Projection::Orthographic, self.bounds.center()).fy
+    }
+
+    fn scaled(&self, pose: Pose, height: f64) -> Pose {
+        let (least, most) = (DISTANCES.0 * self.scale, DISTANCES.1 * self.scale);
+        let now = self.height();
+        let height = height.clamp(least.min(now), most.max(now));
+        Pose { magnification: pose.magnification * self.height_of(&pose) / height, ..pose }
     }
 
     /// Sets whether flights to another camera are animated (the default) or instant.
@@ -304,8 +354,11 @@ impl Navigation {
         if let Some(camera) = &self.unmoved {
             return camera.resized(width, height);
         }
-        let pose = &self.pose;
-        let fy = 0.5 * f64::from(height) / pose.tan_y;
+        self.camera_at(&self.pose, width, height)
+    }
+
+    fn camera_at(&self, pose: &Pose, width: u32, height: u32) -> Camera {
+        let fy = 0.5 * f64::from(height) / pose.tan_y * pose.magnification;
         let pinhole = Camera {
             id: 0,
             img_name: String::new(),
@@ -386,7 +439,9 @@ impl Navigation {
         if pose != self.pose {
             self.flight = None;
             self.unmoved = None;
-            self.pose = self.confined(pose);
+            let height = self.height() * self.pose.magnification / pose.magnification;
+            let pose = self.confined(pose);
+            self.pose = if self.orthographic { self.scaled(pose, height) } else { pose };
         } else {
             self.fly_on(input.seconds);
         }
@@ -396,6 +451,7 @@ impl Navigation {
     fn steered(&mut self, input: &Input) -> Pose {
         let (mut pose, up, scale) = (self.pose, self.up, self.scale);
         let [x, y] = input.moved;
+        let mut zoom = 0.0;
         if input.flies {
             self.speed = (self.speed * SPEED_PER_NOTCH.powf(input.scroll)).clamp(SPEEDS.0, SPEEDS.1);
             if input.moved != [0.0; 2] {
@@ -410,16 +466,21 @@ impl Navigation {
             if drag && input.shift {
                 // World units per point at the pivot's depth. A view without a height does not move the camera.
                 let height = finite(input.size[1]);
-                let length = if height > 0.0 { 2.0 * pose.tan_y * pose.distance / height } else { 0.0 };
+                let shown = if self.orthographic { self.height() } else { 2.0 * pose.tan_y * pose.distance };
+                let length = if height > 0.0 { shown / height } else { 0.0 };
                 pose.position -= length * (x / pose.stretch * pose.right() + y * pose.down());
             } else if drag && input.ctrl {
-                pose = pose.zoomed(ZOOM_PER_POINT * y, scale);
+                zoom += ZOOM_PER_POINT * y;
             } else if drag {
                 pose = pose.turned(up, -TURN_PER_POINT * x, -TURN_PER_POINT * y, true);
             }
-            if input.scroll != 0.0 {
-                pose = pose.zoomed(-ZOOM_PER_NOTCH * input.scroll, scale);
-            }
+            zoom -= ZOOM_PER_NOTCH * input.scroll;
+        }
+        if self.orthographic {
+            // Bounded, so that the view's height stays finite.
+            pose.magnification *= (-zoom).clamp(-99.0, 99.0).exp();
+        } else if zoom != 0.0 {
+            pose = pose.zoomed(zoom, scale);
         }
         let [yaw, pitch] = input.orbit.map(|direction| direction * TURN_PER_SECOND * input.seconds);
         if yaw != 0.0 || pitch != 0.0 {
@@ -467,6 +528,7 @@ impl Navigation {
             stretch: if usable(stretch) { stretch } else { 1.0 },
             principal_offset: if near { principal_offset } else { DVec2::ZERO },
             distance: self.scale,
+            magnification: 1.0,
             projection: camera.projection,
         };
         let ahead = (DVec3::from(self.bounds.center()) - position).dot(pose.forward());
@@ -479,7 +541,7 @@ impl Navigation {
     fn framing(&self, size: [f64; 2]) -> Pose {
         // During a flight, use the direction of its destination.
         let mut pose = self.flight.as_ref().map_or(self.pose, |flight| flight.to.pose);
-        pose.principal_offset = DVec2::ZERO;
+        (pose.principal_offset, pose.magnification) = (DVec2::ZERO, 1.0);
         let [width, height] = size.map(|side| finite(side).clamp(1.0, 1e6));
         let tan_y = FILL * pose.tan_y;
         let tan_x = tan_y * width / height / pose.stretch;

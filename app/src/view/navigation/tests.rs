@@ -114,6 +114,58 @@ fn zooming_enlarges_an_orthographic_view_as_it_does_a_pinholes() {
 }
 
 #[test]
+fn an_orthographic_graph_zooms_in_place_and_keeps_its_scale_when_the_camera_moves() {
+    let mut navigation = navigation();
+    navigation.set_orthographic(true);
+    let center = bounds().center();
+    let shown = |n: &Navigation| now(n).with_projection(Projection::Orthographic, center);
+    let first = shown(&navigation);
+    assert!((navigation.height() * first.fy / f64::from(PIXELS.1) - 1.0).abs() < 1e-12);
+    assert!(navigation.update(&Input { scroll: 30.0, ..wait(0.01) }));
+    let near = shown(&navigation);
+    assert!(
+        (near.fy / first.fy / (30.0 * ZOOM_PER_NOTCH).exp() - 1.0).abs() < 1e-9,
+        "{}",
+        near.fy / first.fy
+    );
+    assert_eq!(near.position, first.position, "the near plane cuts nothing off");
+    // A point stays under the pointer while the view is panned, at any depth.
+    navigation.update(&with("shift", drag('m', 40.0, -30.0)));
+    let panned = shown(&navigation);
+    let moved = DVec3::from(panned.to_view(first.position)) * panned.fy;
+    assert!((moved - DVec3::new(40.0 * panned.fy / panned.fx, -30.0, 0.0)).length() < 1e-6, "{moved}");
+    for input in [
+        drag('l', 300.0, 50.0),
+        Input { fly: [0.0, 0.0, 1.0], ..drag('r', 9.0, 4.0) },
+        with("shift", drag('m', 999.0, 0.0)),
+    ] {
+        assert!(navigation.update(&input));
+        assert!((shown(&navigation).fy / near.fy - 1.0).abs() < 1e-9, "{input:?}");
+    }
+    navigation.set_height(1.5);
+    assert!((navigation.height() - 1.5).abs() < 1e-12 && !navigation.shows(&start()));
+    // Another graph draws the pivot at the same scale, with the same field of view.
+    navigation.home();
+    navigation.update(&Input { scroll: 5.0, ..wait(0.01) });
+    navigation.set_orthographic(false);
+    let camera = now(&navigation);
+    let ratio = camera.fy / camera.to_view(navigation.pivot().into())[2] / first.fy;
+    assert!((ratio / (5.0 * ZOOM_PER_NOTCH).exp() - 1.0).abs() < 0.02, "{ratio}");
+    assert!(
+        (navigation.field_of_view() - Navigation::new(&bounds(), &start(), DEFAULT_UP).field_of_view()).abs()
+            < 1e-9
+    );
+    // Framing and a camera from a file bring their own scale.
+    navigation.set_orthographic(true);
+    navigation.update(&Input { scroll: 50.0, ..wait(0.01) });
+    navigation.frame(SIZE);
+    assert!(bounds().corners().iter().all(|corner| shown(&navigation).to_view(*corner)[2] > NEAR));
+    assert!(navigation.height() > bounds().extent() * 0.5);
+    navigation.set_camera(&start());
+    assert_eq!(now(&navigation), start());
+}
+
+#[test]
 fn a_flight_has_the_projection_of_its_destination() {
     let (mut navigation, camera) = projected(Projection::Orthographic);
     navigation.set_animated(true);
@@ -622,6 +674,10 @@ proptest! {
             }
             if i % 11 == 5 {
                 navigation.set_field_of_view(view);
+            }
+            if i % 4 == 2 {
+                navigation.set_orthographic(i % 8 == 2);
+                navigation.set_height(view);
             }
             navigation.update(input);
             assert_sound(&navigation);

@@ -23,7 +23,10 @@ enum Act {
 
 /// Draws the tool. The copied command line is that of the viewport `selected`.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId, controls: &mut Controls) {
-    field_of_view(ui, viewer, controls);
+    match viewer.navigation.is_orthographic() {
+        true => scale(ui, viewer, controls),
+        false => field_of_view(ui, viewer, controls),
+    }
     ui.horizontal_wrapped(|ui| {
         if hint(
             controls.seen("copy_camera", ui.button("Copy as JSON")),
@@ -60,6 +63,25 @@ fn field_of_view(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
             viewer.navigation.set_field_of_view(degrees);
         }
     });
+}
+
+/// Draws the scale of an orthographic view: its height, and the size of a pixel.
+fn scale(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
+    let rows = f64::from(viewer.picture_camera().height.max(1));
+    for (name, label, rows) in
+        [("view_height", "Height of the view", 1.0), ("pixel_size", "Units per pixel", rows)]
+    {
+        ui.horizontal(|ui| {
+            ui.set_min_height(ROW);
+            ui.label(label);
+            let mut value = viewer.navigation.height() / rows;
+            let speed = 0.002 * value;
+            let drag = DragValue::new(&mut value).speed(speed).update_while_editing(false);
+            if controls.seen(name, ui.add(drag)).changed() && value > 0.0 {
+                viewer.navigation.set_height(value * rows);
+            }
+        });
+    }
 }
 
 fn views(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {

@@ -87,11 +87,21 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
     );
 }
 
-fn orthographic(folder: &Path) {
-    let path = folder.join("graph.ron");
-    let text = std::fs::read_to_string(&path).expect("the graph is read");
-    let parameter = "params: {\n    \"projection\": Const(Choice(default: \"orthographic\", of: [\"pinhole\", \"orthographic\"])),";
-    std::fs::write(&path, text.replace("params: {", parameter)).expect("the graph is written");
+#[test]
+fn the_wheel_enlarges_the_view_of_an_orthographic_graph_without_moving_the_eye() {
+    visit(orthographic, |script| {
+        script.frame(false);
+        let viewer = script.viewer();
+        let before = viewer.picture_camera();
+        viewer.navigate(&Input { scroll: 20.0, ..wait(0.01) });
+        let after = viewer.picture_camera();
+        assert_eq!(after.position, before.position);
+        assert!(after.fy > 10.0 * before.fy);
+        assert!((viewer.navigation.height() * after.fy / f64::from(after.height) - 1.0).abs() < 1e-12);
+        // The camera as saved or as copied draws the same picture.
+        let camera = viewer.world_camera().projected(Projection::Orthographic, viewer.scene());
+        assert_eq!(camera, after);
+    });
 }
 
 #[test]

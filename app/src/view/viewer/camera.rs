@@ -28,10 +28,15 @@ impl Viewer {
     /// Returns the current camera at the size of the last frame's pictures, in the coordinates of a viewport's scene,
     /// with the projection of its graph.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
+        let graph = self.graph_projection(id).unwrap_or_default();
+        projection::shown(&self.camera_of(id, self.asked), graph, self.loaded(id))
+    }
+
+    /// Returns the projection of a viewport's graph; `None` before its first plan.
+    fn graph_projection(&self, id: RendererId) -> Option<Projection> {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());
-        let graph = plan.map_or(Projection::Pinhole, |plan| projection::of_params(&plan.params));
-        projection::shown(&self.camera_of(id, self.asked), graph, self.loaded(id))
+        plan.map(|plan| projection::of_params(&plan.params))
     }
 
     /// Returns the camera for a viewport's pictures of this size. It is converted to world coordinates and back, which
@@ -56,6 +61,9 @@ impl Viewer {
         let played = self.play.advance(input.seconds, &self.path);
         if let Some(camera) = &played {
             self.navigation.jump_to(&camera.relative_to(self.scene().offset()));
+        }
+        if let Some(graph) = self.graph_projection(RendererId::A) {
+            self.navigation.set_orthographic(graph == Projection::Orthographic);
         }
         let moved = self.navigation.update(input);
         if moved && played.is_some() {
