@@ -177,12 +177,17 @@ impl Camera {
         }
     }
 
-    /// Creates a camera that frames most of a scene.
-    ///
-    /// It looks along +z and 12 degrees down (+y), rotated so that [`Scene::up`] is up, from a distance at which the
-    /// box [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. The field of view is 60 degrees
-    /// across the longer side.
+    /// Creates a camera that frames most of a scene; see [`Camera::framing_upright`].
     pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
+        Self::framing_upright(scene, scene.up(), (width, height))
+    }
+
+    /// Creates a camera that frames most of a scene, upright with respect to the vector `up`, of any length.
+    ///
+    /// It looks along +z and 12 degrees down (+y), rotated so that `up` is up, from a distance at which the box
+    /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. The field of view is 60 degrees across
+    /// the longer side.
+    pub fn framing_upright(scene: &Scene, up: [f64; 3], (width, height): (u32, u32)) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
         /// Share of the image that the box may fill.
@@ -193,10 +198,11 @@ impl Camera {
         let focal = 0.5 * f64::from(width.max(height)) / 30f64.to_radians().tan();
         let horizontal = 2.0 * (0.5 * f64::from(width) / focal).atan().to_degrees();
         let forward = glam::DVec3::new(0.0, PITCH.to_radians().sin(), PITCH.to_radians().cos());
-        let up = scene.up();
-        let forward = match up == FileNotes::UP {
-            true => forward,
-            false => glam::DQuat::from_rotation_arc(glam::DVec3::NEG_Y, up.into()) * forward,
+        let forward = match glam::DVec3::from(up).try_normalize() {
+            Some(up) if up != FileNotes::UP.into() => {
+                glam::DQuat::from_rotation_arc(glam::DVec3::NEG_Y, up) * forward
+            }
+            _ => forward,
         };
         let mut camera = Self::looking_at_upright([0.0; 3], forward.into(), up, horizontal, (width, height));
         let [tan_x, tan_y] = [width, height].map(|side| FILL * 0.5 * f64::from(side) / focal);
@@ -545,6 +551,12 @@ mod tests {
             assert!((0.9..0.93).contains(&widest), "{widest}");
             let forward = camera.axes()[2];
             assert!(forward[2] > 0.9 && forward[1] > 0.1, "{forward:?}");
+        }
+        for up in [[0.0, 0.0, 3.0], [0.0, 0.5, 0.0], [-1.0, 0.0, 0.0]] {
+            let camera = Camera::framing_upright(&scene, up, (960, 540));
+            let [_, down, forward] = camera.axes().map(glam::DVec3::from);
+            let up = glam::DVec3::from(up).normalize();
+            assert!(down.dot(up) < -0.9 && forward.dot(up) < -0.1, "{up}: {down} {forward}");
         }
     }
 }

@@ -16,7 +16,7 @@ pub struct LookAtArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     target: Option<[f64; 3]>,
     /// World direction that points up in the picture [default: the scene's, or 0,-1,0]
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = direction, conflicts_with = "cameras")]
     up: Option<[f64; 3]>,
     /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60 across the longer side]
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
@@ -35,6 +35,12 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
         text.split(',').map(|v| v.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     let values = values.and_then(|values| <[f64; 3]>::try_from(values).ok());
     values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
+}
+
+pub fn direction(text: &str) -> Result<[f64; 3], String> {
+    let has_length = |v: &[f64; 3]| DVec3::from(*v).try_normalize().is_some();
+    let found = point(text).ok().filter(has_length);
+    found.ok_or_else(|| "expected three numbers that are not all 0, for instance 0,0,1".into())
 }
 
 /// Parses a field of view, in degrees. [`LookAtArgs::circle`] checks the limit of each projection.
@@ -107,11 +113,10 @@ impl LookAtArgs {
 
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
-    /// Without `--eye`, the first camera has the position of [`framing`](super::options::framing).
+    /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`].
     ///
     /// # Errors
-    /// The eye and the target coincide, or are too far away to draw. `--up` is zero, or `--fov` is invalid for the
-    /// projection.
+    /// The eye and the target coincide, or are too far away to draw. `--fov` is invalid for the projection.
     pub fn circle(
         &self,
         scene: &Scene,
@@ -121,23 +126,20 @@ impl LookAtArgs {
         let size = size.unwrap_or(facts::DEFAULT_SIZE);
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
-        let eye =
-            self.eye.map_or_else(|| DVec3::from(Camera::framing(scene, size.0, size.1).position), local);
+        let up = self.up.unwrap_or(scene.up());
+        let framing = || DVec3::from(Camera::framing_upright(scene, up, size).position);
+        let eye = self.eye.map_or_else(framing, local);
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
             return Err(Usage(format!(
                 "expected different points for --eye and --target, found the same: {}",
                 eye + DVec3::from(scene.offset())
             )));
         }
-        let up = DVec3::from(self.up.unwrap_or(scene.up()));
-        if up.try_normalize().is_none() {
-            return Err(Usage("expected a direction for --up, found 0,0,0".into()));
-        }
-        let start = self.start([eye, target, up], size, scene, projection)?;
+        let start = self.start([eye, target, up.into()], size, scene, projection)?;
         if let Some(fault) = start.fault() {
             return Err(Usage(format!("--eye, --target and --fov give no valid camera: {fault}")));
         }
-        Ok(Orbit { start, around: target.into(), axis: up.into() })
+        Ok(Orbit { start, around: target.into(), axis: up })
     }
 
     fn start(
@@ -237,6 +239,15 @@ mod tests {
                 "{size:?}"
             );
         }
+        for up in [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]] {
+            let look = parse(&format!("--orbit 4 --up {},{},{}", up[0], up[1], up[2])).unwrap();
+            let cameras = look.cameras(&scene, None, Projection::Pinhole).unwrap().unwrap();
+            let center = DVec3::from(scene.robust_bounds().center());
+            for camera in cameras {
+                let above = (DVec3::from(camera.position) - center).dot(up.into());
+                assert!(above > 0.5, "{up:?}: seen from above, found {above}");
+            }
+        }
     }
 
     #[test]
@@ -270,7 +281,10 @@ mod tests {
             said("--eye 1,2,3 --target 1,2,3")
                 .contains("expected different points for --eye and --target, found the same: [1, 2, 3]")
         );
-        assert!(said("--up 0,0,0 --eye 1,2,3").contains("expected a direction for --up"));
+        for none in ["0,0,0", "1e-320,0,0", "1,2"] {
+            let said = parse(&format!("--up {none}")).unwrap_err();
+            assert!(said.contains("expected three numbers that are not all 0"), "{said}");
+        }
         assert!(said("--eye 1e30,0,0").contains("expected a position within 1e18"));
         assert!(parse("--eye 1,2").unwrap_err().contains("expected three numbers"));
         assert!(parse("--eye 1,2,nan").unwrap_err().contains("expected three numbers"));

@@ -53,6 +53,9 @@ pub struct Args {
     /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
+    /// World direction that points up [default: the cameras', else the scene's, or 0,-1,0]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = super::look_at::direction)]
+    up: Option<[f64; 3]>,
     /// Compare with another graph
     #[arg(long, value_name = "NAME")]
     compare: Option<String>,
@@ -331,6 +334,9 @@ fn set_up(args: &Args, shell: &mut Shell, (width, _): (u32, u32)) -> Result<()> 
         });
     }
     let viewer = &mut shell.viewer;
+    if let Some(up) = args.up {
+        viewer.set_up(up);
+    }
     viewer.set_load_options(args.load);
     viewer.background = args.background;
     (viewer.split, viewer.gain, viewer.scale) = (args.split, args.gain, args.scale);

@@ -256,6 +256,11 @@ impl Navigation {
         self.up
     }
 
+    /// Sets the up direction; a vector without a direction is ignored. The camera stays in place.
+    pub fn set_up(&mut self, up: DVec3) {
+        self.up = up.try_normalize().unwrap_or(self.up);
+    }
+
     /// Sets whether the graph draws an orthographic view. Its near plane would cut into the scene if the camera moved
     /// closer, so zooming changes only the scale, and moving the camera keeps it.
     ///

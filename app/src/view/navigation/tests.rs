@@ -603,7 +603,12 @@ fn another_up_is_turned_about_and_one_without_a_direction_is_ignored() {
     assert!((height(&navigation) - before).abs() < 1e-12);
     for none in [DVec3::ZERO, DVec3::splat(f64::NAN)] {
         assert_eq!(with_up(none).up(), DEFAULT_UP);
+        let before = (now(&navigation), navigation.up());
+        navigation.set_up(none);
+        assert_eq!((now(&navigation), navigation.up()), before);
     }
+    navigation.set_up(DVec3::new(-3.0, 0.0, 0.0));
+    assert_eq!(navigation.up(), DVec3::NEG_X);
 }
 
 #[test]

@@ -19,6 +19,10 @@ use std::path::{Path, PathBuf};
 
 const LIST: f32 = 400.0;
 
+/// Up directions to choose from: y points down in most captures, and z up in maps.
+const UPS: [(&str, [f64; 3]); 4] =
+    [("-y", [0.0, -1.0, 0.0]), ("+y", [0.0, 1.0, 0.0]), ("-z", [0.0, 0.0, -1.0]), ("+z", [0.0, 0.0, 1.0])];
+
 /// Width of buttons with file titles, in points.
 const TITLE: f32 = 132.0;
 
@@ -217,6 +221,16 @@ impl Panels {
                 }
                 if self.controls.seen("home", ui.button("First view (Home)")).clicked() {
                     viewer.navigation.home();
+                }
+            });
+            ui.horizontal(|ui| {
+                ui.label("Up");
+                for (name, up) in UPS {
+                    let is_up = viewer.navigation.up().abs_diff_eq(up.into(), 1e-3);
+                    let button = ui.selectable_label(is_up, name);
+                    if self.controls.seen(&format!("up:{name}"), button).clicked() {
+                        viewer.show_upright(up);
+                    }
                 }
             });
             if self.controls.seen("select", ui.button("Select splats (R, B)")).clicked() {

@@ -105,6 +105,33 @@ fn the_wheel_enlarges_the_view_of_an_orthographic_graph_without_moving_the_eye()
 }
 
 #[test]
+fn another_up_turns_the_scene_upright_unless_it_has_cameras() {
+    visit(
+        |_| {},
+        |script| {
+            let viewer = script.viewer();
+            let eye = |viewer: &Viewer| viewer.picture_camera().axes()[1];
+            viewer.set_up([0.0, 0.0, 1.0]);
+            assert!(eye(viewer)[2] < -0.9, "{:?}", eye(viewer));
+            viewer.navigate(&Input { home: true, ..drag(50.0, 0.0) });
+            assert!(eye(viewer)[2] < -0.9, "the first view is upright, too");
+            let camera = Camera::framing(viewer.scene(), 320, 180);
+            viewer.set_cameras(vec![camera.clone()]);
+            viewer.set_up([0.0, 0.0, 1.0]);
+            assert_eq!(viewer.navigation.camera(320, 180), camera);
+            assert_eq!(viewer.navigation.up().to_array(), [0.0, 0.0, 1.0]);
+        },
+    );
+}
+
+fn orthographic(folder: &Path) {
+    let path = folder.join("graph.ron");
+    let text = std::fs::read_to_string(&path).expect("the graph is read");
+    let parameter = "params: {\n    \"projection\": Const(Choice(default: \"orthographic\", of: [\"pinhole\", \"orthographic\"])),";
+    std::fs::write(&path, text.replace("params: {", parameter)).expect("the graph is written");
+}
+
+#[test]
 fn keys_recorded_before_and_after_a_move_have_the_projection_of_the_camera() {
     for projection in [Projection::Fisheye, Projection::Orthographic] {
         visit(orthographic, |script| {

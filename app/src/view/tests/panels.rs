@@ -61,6 +61,21 @@ fn a_second_click_on_a_button_that_adds_a_view_adds_another() {
 }
 
 #[test]
+fn the_view_menu_turns_the_scene_upright() {
+    let mut script = window(&[]);
+    script.viewer().set_cameras(synth::demo_cameras());
+    click(&mut script, "menu");
+    script.frame(false);
+    click(&mut script, "up:+z");
+    script.until("the flight", |script| !script.viewer().is_moving());
+    let viewer = script.viewer();
+    assert_eq!(viewer.navigation.up().to_array(), [0.0, 0.0, 1.0]);
+    let [_, down, forward] = viewer.picture_camera().axes();
+    assert!(down[2] < -0.9 && forward[2] < -0.1, "upright, from above: {down:?} {forward:?}");
+    script.close(&[]);
+}
+
+#[test]
 fn a_path_plays_on_while_the_split_line_is_dragged() {
     let mut script = window(&[]);
     script.viewer().choose_compare(Mode::Split);

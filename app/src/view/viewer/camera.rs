@@ -3,6 +3,7 @@
 
 use super::Viewer;
 use crate::draw::camera_path::KeyError;
+use crate::draw::facts;
 use crate::draw::projection;
 use crate::draw::render_command::RenderCommand;
 use crate::view::events::{Event, RendererId};
@@ -37,6 +38,21 @@ impl Viewer {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());
         plan.map(|plan| projection::of_params(&plan.params))
+    }
+
+    /// Sets the up direction. Without cameras, the view is that of [`Camera::framing_upright`]; with cameras, it stays.
+    pub fn set_up(&mut self, up: [f64; 3]) {
+        match self.cameras.is_empty() {
+            true => self.navigation = self.subject.navigation(up),
+            false => self.navigation.set_up(up.into()),
+        }
+    }
+
+    /// Sets the up direction, and flies to the view of the whole scene that is upright with respect to it.
+    pub fn show_upright(&mut self, up: [f64; 3]) {
+        self.navigation.set_up(up.into());
+        let camera = Camera::framing_upright(self.scene(), up, facts::DEFAULT_SIZE);
+        self.navigation.set_camera(&camera);
     }
 
     /// Returns the camera for a viewport's pictures of this size. It is converted to world coordinates and back, which

@@ -143,7 +143,7 @@ impl Viewer {
         placed.follow(RendererId::A, &path, &wake)?;
         let subject = Subject::new(scene, path, wake.clone());
         Ok(Viewer {
-            navigation: subject.navigation(),
+            navigation: subject.navigation(subject.scene.up()),
             subject,
             other: None,
             cameras: Vec::new(),

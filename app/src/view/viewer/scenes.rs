@@ -264,7 +264,7 @@ impl Viewer {
             return;
         }
         let former = self.scene().offset();
-        self.navigation = subject.navigation();
+        self.navigation = subject.navigation(subject.scene.up());
         self.path.set_radian(camera_path::length_of_radian(&subject.scene));
         self.subject = subject;
         if self.cameras_number > number {

@@ -164,11 +164,11 @@ impl Subject {
         (copy, Ok(()))
     }
 
-    /// Creates the navigation for the scene as drawn, without cameras: the whole scene is in view.
-    pub fn navigation(&self) -> Navigation {
-        let (width, height) = facts::DEFAULT_SIZE;
-        let camera = Camera::framing(&self.scene, width, height);
-        Navigation::new(&self.scene.robust_bounds(), &camera, self.scene.up().into())
+    /// Creates the navigation for the scene as drawn, without cameras: the whole scene is in view, upright with respect
+    /// to `up`.
+    pub fn navigation(&self, up: [f64; 3]) -> Navigation {
+        let camera = Camera::framing_upright(&self.scene, up, facts::DEFAULT_SIZE);
+        Navigation::new(&self.scene.robust_bounds(), &camera, up.into())
     }
 
     pub fn marks(&self) -> &Marks {
