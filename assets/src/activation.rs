@@ -31,11 +31,11 @@ pub(crate) fn logarithm(scale: f32) -> f32 {
     f64::from(scale).ln().max(-104.0) as f32
 }
 
-/// Computes the sigmoid of a finite logit; any other logit gives NaN.
+/// Computes the sigmoid of a logit. Infinite logits, which SPZ decoders write for opacities of 0 and 1, give 0 and 1.
 #[inline]
 pub(crate) fn sigmoid(logit: f32) -> f32 {
-    // 1 / (1 + e^-x) overflows only internally, to 1 / inf = 0, which is the limit.
-    if logit.is_finite() { (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32 } else { f32::NAN }
+    // e^-x overflows only internally, to 1 / inf = 0, which is the limit.
+    (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32
 }
 
 /// Computes the inverse of the sigmoid, clamped to -104 and 18, whose sigmoids round to 0 and 1 in f32. Opacities are
@@ -103,11 +103,14 @@ mod tests {
     }
 
     #[test]
-    fn values_that_are_not_finite_stay_visible_as_such() {
+    fn values_that_are_not_finite_stay_visible_as_such_except_infinite_logits() {
         for bad in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
-            assert!(exponential(bad).is_nan() && sigmoid(bad).is_nan());
+            assert!(exponential(bad).is_nan());
         }
-        assert_eq!((sigmoid(1e30), sigmoid(-1e30)), (1.0, 0.0));
+        assert!(sigmoid(f32::NAN).is_nan());
+        for large in [1e30, f32::INFINITY] {
+            assert_eq!((sigmoid(large), sigmoid(-large)), (1.0, 0.0));
+        }
         assert_eq!((logit(1.5), logit(-0.5)), (logit(1.0), logit(0.0)));
         assert!(logit(f32::NAN).is_nan());
         assert_eq!(unit([0.0; 4]), ([0.0; 4], 0.0));

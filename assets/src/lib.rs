@@ -79,6 +79,6 @@ pub use scene::{
 pub use scene_files::scene_files;
 pub use scene_format::SceneFormat;
 pub use similarity::Similarity;
-pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};
+pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped, rounded};
 pub use spz::SpzVersion;
 pub use words::AttributeInfo;

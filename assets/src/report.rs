@@ -6,7 +6,7 @@
 use crate::bounds::{WorldBounds, quantile};
 use crate::camera::Camera;
 use crate::scene::{ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
-use crate::size_breakdown::grouped;
+use crate::size_breakdown::{grouped, rounded};
 use crate::words::CHUNK;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -230,7 +230,12 @@ impl fmt::Display for Report {
         line(
             f,
             "quaternions",
-            format!("length {:.3} to {:.3}, {} far from unit", q.min, q.max, grouped(q.far_from_unit)),
+            format!(
+                "length {} to {}, {} far from unit",
+                rounded(q.min),
+                rounded(q.max),
+                grouped(q.far_from_unit)
+            ),
         )?;
         let o = &self.opacity;
         line(

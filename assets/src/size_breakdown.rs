@@ -105,6 +105,15 @@ pub fn grouped(value: u64) -> String {
     out
 }
 
+/// Formats a number for text: with three decimals, or with an exponent if it is below 0.001 or from 10 million on.
+pub fn rounded(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e7).contains(&value.abs()) {
+        format!("{value:.3}")
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
 /// Groups consecutive fields that differ only in the number at the end of their names.
 fn runs(fields: &[FieldSize]) -> Vec<&[FieldSize]> {
     let stem = |f: &FieldSize| f.name.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();

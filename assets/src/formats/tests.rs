@@ -345,7 +345,10 @@ fn splats_that_parts_of_a_list_lose_are_counted_in_the_whole() {
         Scene::load(at("all.ron"), crate::QUIET)
     };
     let scene = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply", scale: 1e9)])"#).unwrap();
-    assert_eq!(scene.dropped().to_string(), "2 position not finite in f32, 1 scale not finite in f32");
+    assert_eq!(
+        scene.dropped().to_string(),
+        "2 with a position not finite in f32, 1 with a scale not finite in f32"
+    );
     assert_eq!((scene.count(), scene.parts()[1].splats.clone()), (4, 1..4));
     // The sizes are those of the files; one that is placed twice is counted once.
     let scene = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply"), Scene(file: "nan.ply")])"#);
@@ -358,7 +361,7 @@ fn splats_that_parts_of_a_list_lose_are_counted_in_the_whole() {
     let said = load(r#"Scenes([Scene(file: "nan.ply"), Scene(file: "huge.ply", scale: 1e9)])"#);
     let said = said.unwrap_err().to_string();
     assert!(
-        said.ends_with("huge.ply: none of the 2 splats can be drawn: 2 scale not finite in f32"),
+        said.ends_with("huge.ply: none of the 2 splats can be drawn: 2 with a scale not finite in f32"),
         "{said}"
     );
 }

@@ -185,13 +185,17 @@ fn values_that_are_not_numbers_drop_their_splat_under_the_right_reason() {
         let scene = parse(&bytes).unwrap();
         (scene.count(), scene.dropped().to_string())
     };
-    assert_eq!(with(&[("y", f32::NAN)]), (19, "1 position not finite in f32".into()));
-    assert_eq!(with(&[("scale_2", f32::NEG_INFINITY)]), (19, "1 scale not finite in f32".into()));
-    assert_eq!(with(&[("scale_2", 1e4)]), (19, "1 scale not finite in f32".into()));
-    assert_eq!(with(&[("rot_0", f32::INFINITY)]), (19, "1 quaternion not finite in f32".into()));
-    assert_eq!(with(&[("rot_2", 0.0)]), (19, "1 zero quaternion".into()));
-    assert_eq!(with(&[("opacity", f32::INFINITY)]), (19, "1 opacity not finite in f32".into()));
-    assert_eq!(with(&[("f_rest_8", f32::NAN)]), (19, "1 colour not finite in f32".into()));
+    assert_eq!(with(&[("y", f32::NAN)]), (19, "1 with a position not finite in f32".into()));
+    assert_eq!(with(&[("scale_2", f32::NEG_INFINITY)]), (19, "1 with a scale not finite in f32".into()));
+    assert_eq!(with(&[("scale_2", 1e4)]), (19, "1 with a scale not finite in f32".into()));
+    assert_eq!(with(&[("rot_0", f32::INFINITY)]), (19, "1 with a quaternion not finite in f32".into()));
+    assert_eq!(with(&[("rot_2", 0.0)]), (19, "1 with a zero quaternion".into()));
+    assert_eq!(with(&[("opacity", f32::NAN)]), (19, "1 with an opacity not finite in f32".into()));
+    // SPZ decoders write infinite logits for opacities of 0 and 1.
+    for infinite in [f32::INFINITY, f32::NEG_INFINITY] {
+        assert_eq!(with(&[("opacity", infinite)]), (20, "none".into()));
+    }
+    assert_eq!(with(&[("f_rest_8", f32::NAN)]), (19, "1 with a colour not finite in f32".into()));
     // Normals are not used.
     assert_eq!(with(&[("nx", f32::NAN)]), (20, "none".into()));
 }
@@ -203,7 +207,10 @@ fn doubles_beyond_f32_drop_their_splat_and_are_counted() {
     let at = bytes.len() - PLAIN.count * property_names(0).len() * 8;
     bytes[at..at + 8].copy_from_slice(&1e40f64.to_le_bytes());
     let scene = parse(&bytes).unwrap();
-    assert_eq!((scene.count(), scene.dropped().to_string()), (19, "1 position not finite in f32".into()));
+    assert_eq!(
+        (scene.count(), scene.dropped().to_string()),
+        (19, "1 with a position not finite in f32".into())
+    );
     let text = String::from_utf8(Made { format: "ascii", ..made }.bytes()).unwrap();
     let scene =
         parse(text.replacen("end_header\n", "end_header\n-2e39 ", 1).replacen(" 122.5 ", " ", 1).as_bytes());
@@ -371,7 +378,7 @@ fn a_file_of_nothing_but_bad_splats_is_an_error_that_counts_them() {
     let rows: String = rows.lines().map(|r| format!("nan{}\n", &r[r.find(' ').unwrap()..])).collect();
     says(
         error(format!("{header}end_header\n{rows}").as_bytes()),
-        "none of the 3 splats can be drawn: 3 position not finite in f32",
+        "none of the 3 splats can be drawn: 3 with a position not finite in f32",
     );
 }
 

@@ -15,7 +15,7 @@ pub struct Dropped {
     pub rotation: u64,
     /// Splats with a zero quaternion, which cannot be normalised.
     pub zero_rotation: u64,
-    /// Splats with an opacity, or its logit, that is NaN or infinite.
+    /// Splats with an opacity that is NaN or infinite, or with a logit that is NaN.
     pub opacity: u64,
     /// Splats with a spherical-harmonics coefficient that is NaN or infinite.
     pub color: u64,
@@ -27,15 +27,15 @@ impl Dropped {
         self.by_reason().iter().map(|(_, count)| count).sum()
     }
 
-    /// Lists every reason in words, with its count, which may be zero.
+    /// Lists every reason in words that follow a count, with its count, which may be zero.
     pub(crate) fn by_reason(&self) -> [(&'static str, u64); 6] {
         [
-            ("position not finite in f32", self.position),
-            ("scale not finite in f32", self.scale),
-            ("quaternion not finite in f32", self.rotation),
-            ("zero quaternion", self.zero_rotation),
-            ("opacity not finite in f32", self.opacity),
-            ("colour not finite in f32", self.color),
+            ("with a position not finite in f32", self.position),
+            ("with a scale not finite in f32", self.scale),
+            ("with a quaternion not finite in f32", self.rotation),
+            ("with a zero quaternion", self.zero_rotation),
+            ("with an opacity not finite in f32", self.opacity),
+            ("with a colour not finite in f32", self.color),
         ]
     }
 

@@ -6,6 +6,7 @@ use super::layout::{
 };
 use crate::activation::{logarithm, omit_largest, quantised};
 use crate::scene::{Scene, Splat, sh_floats};
+use crate::size_breakdown::rounded;
 use crate::words::write_rows;
 use flate2::{Compression, write::GzEncoder};
 use std::f64::consts::SQRT_2;
@@ -18,7 +19,8 @@ const LEVEL: i32 = 12;
 pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
     let largest = scene.largest_coordinate();
     let bits = fractional_bits(largest).ok_or_else(|| {
-        let text = format!("expected coordinates up to {MAX_FIXED}, the largest of SPZ, found {largest}");
+        let text =
+            format!("expected coordinates up to {MAX_FIXED}, the largest of SPZ, found {}", rounded(largest));
         Error::new(ErrorKind::InvalidInput, text)
     })?;
     let flags = if scene.notes().is_antialiased() { ANTIALIASED } else { 0 };
