@@ -186,12 +186,16 @@ impl Camera {
     ///
     /// It looks along +z and 12 degrees down (+y), rotated so that `up` is up, from a distance at which the box
     /// [`Scene::robust_bounds`] fits with a margin of 8 %, but at least 1 unit. The field of view is 60 degrees across
-    /// the longer side.
+    /// the longer side, or less for a scene that would be small at a distance of 1 unit.
     pub fn framing_upright(scene: &Scene, up: [f64; 3], (width, height): (u32, u32)) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
         /// Share of the image that the box may fill.
         const FILL: f64 = 0.92;
+        /// Minimum distance: the scene is then beyond the near plane, with room to move the camera.
+        const CLOSEST: f64 = 1.0;
+        /// Maximum enlargement of a scene at the minimum distance. Above it, positions are too coarse in f32.
+        const MAX_ZOOM: f64 = 1e5;
         let (width, height) = (width.max(1), height.max(1));
         let bounds = scene.robust_bounds();
         let center = glam::DVec3::from(bounds.center());
@@ -211,7 +215,18 @@ impl Camera {
             let v = camera.to_view((glam::DVec3::from(corner) - center).into());
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
         });
-        camera.position = (center - forward * distance.max(1.0)).into();
+        if distance < CLOSEST {
+            // Few splats can be larger than the box of their centres, so the box gets a margin of 3 standard deviations.
+            let margin = 3.0 * f64::from(scene.median_size());
+            let share = bounds.corners().into_iter().fold(0.0, |share: f64, corner| {
+                let [x, y, z] = camera.to_view((glam::DVec3::from(corner) - center).into());
+                share.max(((x.abs() + margin) / tan_x).max((y.abs() + margin) / tan_y) / (CLOSEST + z))
+            });
+            // A scene without any extent keeps the usual field of view.
+            let zoom = if share > 0.0 { (1.0 / share).clamp(1.0, MAX_ZOOM) } else { 1.0 };
+            (camera.fx, camera.fy) = (zoom * camera.fx, zoom * camera.fy);
+        }
+        camera.position = (center - forward * distance.max(CLOSEST)).into();
         camera
     }
 
@@ -437,6 +452,7 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Splat;
     use crate::testing::splat;
 
     #[test]
@@ -530,6 +546,35 @@ mod tests {
         let seen = at([0.0, 0.0, -1e6], [0.0; 3]);
         assert_eq!(elsewhere(seen.with_projection(Projection::Orthographic, [0.0; 3])), None);
         assert_eq!(elsewhere(seen), None);
+    }
+
+    #[test]
+    fn a_small_scene_fills_the_framing_camera_from_beyond_the_near_plane() {
+        let small = |size: f32, sigma: f32| {
+            Scene::generate(500, 0, |i| Splat {
+                position: splat(i).position.map(|v| size * v),
+                scale: [sigma; 3],
+                ..splat(i)
+            })
+        };
+        let share = |scene: &Scene| {
+            let camera = Camera::framing(scene, 96, 54);
+            assert_eq!((camera.fault(), camera.fx), (None, camera.fy));
+            scene.robust_bounds().corners().into_iter().fold(0.0, |share: f64, corner| {
+                let [x, y, z] = camera.to_view(corner);
+                assert!(z > 0.2);
+                share.max((x / z * camera.fx / 48.0).abs()).max((y / z * camera.fy / 27.0).abs())
+            })
+        };
+        for size in [10.0, 1.0, 0.1, 1e-3, 1e-4] {
+            let found = share(&small(size, 0.0));
+            assert!((0.91..0.93).contains(&found), "{size}: {found}");
+        }
+        let large_splats = small(0.001, 0.01);
+        assert!(share(&large_splats) < 0.1, "the splats fit into the picture, not only their centres");
+        let unit = 48.0 / 30f64.to_radians().tan();
+        let huge_splats = Camera::framing(&small(0.001, 10.0), 96, 54);
+        assert!((huge_splats.fx / unit - 1.0).abs() < 1e-12, "the view is never wider than 60 degrees");
     }
 
     #[test]

@@ -113,7 +113,8 @@ impl LookAtArgs {
 
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
-    /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`].
+    /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`], and also its enlargement of a
+    /// small scene unless `--fov` is given.
     ///
     /// # Errors
     /// The eye and the target coincide, or are too far away to draw. `--fov` is invalid for the projection.
@@ -127,15 +128,17 @@ impl LookAtArgs {
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
         let up = self.up.unwrap_or(scene.up());
-        let framing = || DVec3::from(Camera::framing_upright(scene, up, size).position);
-        let eye = self.eye.map_or_else(framing, local);
+        let framing = self.eye.is_none().then(|| Camera::framing_upright(scene, up, size));
+        let eye = framing.as_ref().map_or(DVec3::ZERO, |camera| camera.position.into());
+        let eye = self.eye.map_or(eye, local);
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
             return Err(Usage(format!(
                 "expected different points for --eye and --target, found the same: {}",
                 eye + DVec3::from(scene.offset())
             )));
         }
-        let start = self.start([eye, target, up.into()], size, scene, projection)?;
+        let zoom = framing.filter(|_| self.fov.is_none()).map_or(1.0, |camera| enlargement(&camera));
+        let start = self.start([eye, target, up.into()], size, zoom, scene, projection)?;
         if let Some(fault) = start.fault() {
             return Err(Usage(format!("--eye, --target and --fov give no valid camera: {fault}")));
         }
@@ -146,6 +149,7 @@ impl LookAtArgs {
         &self,
         [eye, target, up]: [DVec3; 3],
         size: (u32, u32),
+        zoom: f64,
         scene: &Scene,
         projection: Projection,
     ) -> Result<Camera, Usage> {
@@ -162,7 +166,11 @@ impl LookAtArgs {
                 let text = format!("--fov: expected 0.1 to 179 degrees for a {projection} view, found {fov}");
                 Err(Usage(format!("{text}; --pipeline fisheye allows up to 360")))
             }
-            (_, fov) => Ok(at(fov.unwrap_or_else(|| default_fov(size))).projected(projection, scene)),
+            (_, fov) => {
+                let camera = at(fov.unwrap_or_else(|| default_fov(size)));
+                let camera = Camera { fx: zoom * camera.fx, fy: zoom * camera.fy, ..camera };
+                Ok(camera.projected(projection, scene))
+            }
         }
     }
 }
@@ -177,6 +185,15 @@ fn default_fov((width, height): (u32, u32)) -> f64 {
     2.0 * half.atan().to_degrees()
 }
 
+/// Computes by how much a camera of [`Camera::framing`] enlarges a scene that would otherwise be small; 1 for others.
+pub fn enlargement(framing: &Camera) -> f64 {
+    let size = (framing.width, framing.height);
+    let usual = 0.5 * f64::from(size.0) / (0.5 * default_fov(size).to_radians()).tan();
+    let zoom = framing.fx / usual;
+    // Rounding errors must not change the pictures of other scenes.
+    if zoom > 1.0 + 1e-9 { zoom } else { 1.0 }
+}
+
 /// Makes `count` cameras at equal steps along a circle, the first at its start.
 pub fn on_circle(circle: &Orbit, count: usize) -> Vec<Camera> {
     (0..count).map(|index| Camera { id: index as i64, ..circle.at(index as f64 / count as f64) }).collect()
@@ -186,7 +203,7 @@ pub fn on_circle(circle: &Orbit, count: usize) -> Vec<Camera> {
 mod tests {
     use super::*;
     use clap::Parser;
-    use splatgraph_assets::synth;
+    use splatgraph_assets::{Similarity, synth};
 
     #[derive(Debug, Parser)]
     struct Line {
@@ -239,6 +256,18 @@ mod tests {
                 "{size:?}"
             );
         }
+        let small = scene.transformed(&Similarity { scale: 1e-3, ..Similarity::IDENTITY }).unwrap();
+        for size in [(300, 600), (600, 300)] {
+            let made = |words: &str| parse(words).unwrap().circle(&small, Some(size), Projection::Pinhole);
+            let (start, framing) =
+                (made("--orbit 1").unwrap().start, Camera::framing(&small, size.0, size.1));
+            assert!((start.fx / framing.fx - 1.0).abs() < 1e-9 && enlargement(&framing) > 100.0, "{size:?}");
+            for own in ["--eye 0,0,-1", "--fov 60"] {
+                let start = made(own).unwrap().start;
+                assert!(start.fx < 2.0 * f64::from(size.1), "{own}: no enlargement");
+            }
+        }
+        assert_eq!(enlargement(&Camera::framing(&scene, 960, 540)), 1.0);
         for up in [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]] {
             let look = parse(&format!("--orbit 4 --up {},{},{}", up[0], up[1], up[2])).unwrap();
             let cameras = look.cameras(&scene, None, Projection::Pinhole).unwrap().unwrap();

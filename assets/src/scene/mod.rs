@@ -21,7 +21,7 @@ pub use splat::{Splat, sh_floats};
 pub use world::CoarsePositions;
 
 use crate::activation;
-use crate::bounds::Bounds;
+use crate::bounds::{Bounds, quantile};
 use crate::harmonics;
 use crate::memory::{self, SceneMemoryError};
 use crate::mesh::Mesh;
@@ -379,6 +379,12 @@ impl Scene {
             let _span = info_span!("find the robust bounds").entered();
             Bounds::percentiles(&self.columns.position, 0.01, 0.99)
         })
+    }
+
+    /// Computes the median of each splat's largest standard deviation; 0 without splats.
+    pub fn median_size(&self) -> f32 {
+        let mut largest: Vec<f32> = self.scales().iter().map(|s| s[0].max(s[1]).max(s[2])).collect();
+        if largest.is_empty() { 0.0 } else { quantile(&mut largest, 0.5) }
     }
 
     /// Returns the range of the spherical harmonics and of the resulting colours. Computed once.
