@@ -3,6 +3,7 @@
 use crate::common;
 use crate::place::Place;
 use serde_json::Value;
+use splatgraph_assets::{QUIET, Scene, SceneFormat, SpzVersion, grouped};
 
 /// Returns the minimum PSNR over the cameras, in dB, between two scenes' pictures by the exact renderer.
 fn least_psnr(place: &Place, [a, b]: [&str; 2], cameras: &str) -> f64 {
@@ -102,6 +103,67 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
             ("scene.ply out.ply --size 9x9", 2, "expected --price with --size, found none"),
         ],
     );
+}
+
+#[test]
+fn a_price_counts_what_is_left_out_and_frames_the_scene_at_the_size_of_the_pictures() {
+    let place = Place::demo(300);
+    std::fs::rename(place.at("scene.ply"), place.at("alone.ply")).expect("it is renamed");
+    let line = "convert alone.ply --price --size 12x40 --transform scale:2 --json";
+    let lowest = |told: &serde_json::Value| told["prices"][0]["least_psnr_db"].as_f64();
+    let whole = place.told(line);
+    assert!(lowest(&whole).is_none_or(|db| db > 90.0), "{whole}");
+    assert_eq!((&whole["splats"], &whole["original_splats"]), (&300.into(), &300.into()));
+    for cut in ["--degree 0", "--where opacity>0.5", "--crop box:-9,-9,-9,0,9,9"] {
+        let told = place.told(&format!("{line} {cut}"));
+        assert!(lowest(&told).is_some_and(|db| db < 60.0), "{cut}: {told}");
+        assert_eq!(
+            (&told["original_splats"], &told["cameras"]),
+            (&whole["splats"], &whole["cameras"]),
+            "{cut}"
+        );
+    }
+    place.done("convert alone.ply twice.ply --transform scale:2");
+    place.done("render twice.ply --size 12x40 --backend reference -o a.png --write-cameras framing.json");
+    let framing = std::fs::read_to_string(place.at("framing.json")).expect("it is there");
+    let framing: serde_json::Value = serde_json::from_str(&framing).expect("JSON");
+    assert_eq!(whole["cameras"], framing);
+}
+
+#[test]
+fn the_page_has_the_sizes_of_the_captures_in_every_format() {
+    let Some(data) = common::data("the_page_has_the_sizes_of_the_captures_in_every_format") else { return };
+    let page = include_str!("../docs/formats.md");
+    let rows = page.lines().skip_while(|line| !line.starts_with("| scene | format | bytes |")).skip(2);
+    let (mut scene, mut formats) = (None, 0);
+    for row in rows.take_while(|line| !line.is_empty()) {
+        let cells: Vec<&str> = row.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        let [_, name, format, size, per_splat, ..] = cells[..] else { panic!("{row}") };
+        if !name.is_empty() {
+            let bytes = std::fs::read(data.join(format!("scenes/{name}.ply"))).expect("the capture");
+            scene = Some(Scene::parse(&bytes, QUIET).expect("a scene"));
+        }
+        let scene = scene.as_ref().expect("the first row names a scene");
+        let mut bytes = Vec::new();
+        let version = match format {
+            ".spz`, version 3" => Some(SpzVersion::V3),
+            ".spz`, version 4" => Some(SpzVersion::V4),
+            _ => None,
+        };
+        let written = match version {
+            Some(version) => scene.write_spz(version, &mut bytes),
+            None => scene.write(SceneFormat::of_name(format.as_ref()).expect(row), QUIET, &mut bytes),
+        };
+        written.expect(row);
+        let each = bytes.len() as f64 / f64::from(scene.count());
+        assert_eq!(
+            (grouped(bytes.len() as u64), format!("{each:.1}")),
+            (size.into(), per_splat.into()),
+            "{row}"
+        );
+        formats += 1;
+    }
+    assert_eq!(formats, 2 * (SceneFormat::WRITTEN.len() + 1));
 }
 
 #[test]

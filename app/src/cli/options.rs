@@ -326,7 +326,8 @@ pub fn framing(scene: &Scene) -> Camera {
     framing_at(scene, None)
 }
 
-fn framing_at(scene: &Scene, size: Option<(u32, u32)>) -> Camera {
+/// Returns the camera that frames a scene in pictures of this size, or of the default size.
+pub fn framing_at(scene: &Scene, size: Option<(u32, u32)>) -> Camera {
     let (width, height) = size.unwrap_or(facts::DEFAULT_SIZE);
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }

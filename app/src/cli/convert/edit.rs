@@ -172,19 +172,51 @@ impl EditArgs {
         self.keep.iter().chain(&self.remove)
     }
 
-    /// Applies the changes in order.
+    /// Returns true if an option can leave splats out.
+    fn removes(&self) -> bool {
+        self.lists().next().is_some() || self.crop.is_some() || self.condition.is_some()
+    }
+
+    /// Appends the scenes of `--merge`.
     ///
     /// # Errors
-    /// A scene or a selection cannot be loaded, a scene does not fit in memory, the condition cannot be evaluated, or
-    /// no splat is left.
-    pub fn apply(&self, mut scene: Scene, load: &LoadOptions) -> Result<Scene> {
-        if !self.merge.is_empty() {
-            let mut all = vec![scene];
-            for path in &self.merge {
-                all.push(options::load_scene(path, load)?);
-            }
-            scene = Scene::joined(&all)?;
+    /// A scene cannot be loaded, or does not fit in memory.
+    pub fn merged(&self, scene: Scene, load: &LoadOptions) -> Result<Scene> {
+        if self.merge.is_empty() {
+            return Ok(scene);
         }
+        let mut all = vec![scene];
+        for path in &self.merge {
+            all.push(options::load_scene(path, load)?);
+        }
+        Ok(Scene::joined(&all)?)
+    }
+
+    /// Copies the merged scene, where `--transform` puts it, with the splats that [`EditArgs::changed`] leaves out;
+    /// `None` if no option leaves any out.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory.
+    pub fn uncut(&self, merged: &Scene) -> Result<Option<Scene>> {
+        if !self.removes() {
+            return Ok(None);
+        }
+        Ok(Some(match self.transform.is_empty() {
+            true => merged.picked(&(0..merged.count()).collect::<Vec<_>>())?,
+            false => merged.transformed(&self.similarity())?,
+        }))
+    }
+
+    fn similarity(&self) -> Similarity {
+        self.transform.iter().fold(Similarity::IDENTITY, |all, next| all.then(*next))
+    }
+
+    /// Applies the changes after `--merge`, in order.
+    ///
+    /// # Errors
+    /// A selection cannot be loaded, the scene does not fit in memory, the condition cannot be evaluated, or no splat is
+    /// left.
+    pub fn changed(&self, mut scene: Scene) -> Result<Scene> {
         if self.lists().next().is_some() {
             let count = scene.count();
             let read = |path: &PathBuf| SplatSet::read(path, count).map_err(Usage);
@@ -200,8 +232,7 @@ impl EditArgs {
             scene = scene.picked(&left.indices())?;
         }
         if !self.transform.is_empty() {
-            let by = self.transform.iter().fold(Similarity::IDENTITY, |all, next| all.then(*next));
-            let moved = scene.transformed(&by)?;
+            let moved = scene.transformed(&self.similarity())?;
             let lost = moved.dropped().since(scene.dropped());
             if moved.count() == 0 {
                 return Err(Usage(format!(
@@ -254,7 +285,8 @@ mod tests {
     fn edit(words: &[&str]) -> Result<Scene, String> {
         let edit: EditArgs = parsed([&["convert"], words].concat()).map_err(|error| error.to_string())?;
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
-        edit.apply(scene, &LoadOptions::default()).map_err(|error| error.to_string())
+        let merged = edit.merged(scene, &LoadOptions::default());
+        merged.and_then(|merged| edit.changed(merged)).map_err(|error| error.to_string())
     }
 
     #[test]

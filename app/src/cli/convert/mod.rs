@@ -101,11 +101,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
     let loaded = options::load_scene(&args.input, &args.load)?;
     let before = Original::of(&loaded);
-    let edited = args.edit.apply(loaded, &args.load)?;
-    let cut = args.degree.filter(|degree| *degree < edited.stored_degree());
-    let cut = cut.map(|degree| edited.cut_to_degree(degree)).transpose()?;
-    let scene = cut.unwrap_or(edited);
-    let Some((output, format)) = output else { return args.price.run(scene, &args.input) };
+    let merged = args.edit.merged(loaded, &args.load)?;
+    // The error of --price includes that of the splats and bands that are left out.
+    let mut truth = if output.is_none() { args.edit.uncut(&merged)? } else { None };
+    let mut scene = args.edit.changed(merged)?;
+    if let Some(degree) = args.degree.filter(|degree| *degree < scene.stored_degree()) {
+        let cut = scene.cut_to_degree(degree)?;
+        let whole = std::mem::replace(&mut scene, cut);
+        truth = truth.or_else(|| output.is_none().then_some(whole));
+    }
+    let Some((output, format)) = output else { return args.price.run(scene, truth, &args.input) };
     let progress = Mutex::new(Progress::new(format!("writing {}", output.display())));
     let tell = |done, of| {
         if let Ok(mut progress) = progress.lock() {

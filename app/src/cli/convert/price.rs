@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct PriceArgs {
     /// Print the price of each format instead of writing OUT: bytes, loading time, and PSNR, SSIM and FLIP of exact
-    /// pictures
+    /// pictures against those of IN, after --merge and --transform, with all its splats and bands
     #[arg(long, conflicts_with_all = ["output", "format", "spz_version"])]
     price: bool,
     /// Cameras of the pictures of --price [default: the first camera beside the scene, or one that frames the scene]
@@ -43,22 +43,25 @@ impl PriceArgs {
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
     }
 
-    /// Measures the prices of `scene`, which was loaded from `path`, and prints them.
-    pub(super) fn run(&self, scene: Scene, path: &Path) -> Result<Outcome> {
+    /// Measures the prices of `scene`, which was loaded from `path`, and prints them. `truth` is the scene before splats
+    /// or bands were left out; `None` if it is the same.
+    pub(super) fn run(&self, scene: Scene, truth: Option<Scene>, path: &Path) -> Result<Outcome> {
+        let original = truth.as_ref().unwrap_or(&scene);
         let given = cameras::load_sized(self.cameras.as_deref(), Some(path), self.size, false)?;
         // Use world coordinates: a format may or may not keep the scene's origin.
-        let cameras = given.unwrap_or_else(|| vec![options::framing(&scene).in_world(scene.offset())]);
+        let framing = || options::framing_at(original, self.size).in_world(original.offset());
+        let cameras = given.unwrap_or_else(|| vec![framing()]);
         let sized = |camera: splatgraph_assets::Camera| match self.size {
             Some((width, height)) => camera.resized(width, height),
             None => camera,
         };
         let cameras: Vec<_> = cameras.into_iter().map(sized).collect();
-        let splats = scene.count();
-        let prices = price::measure(scene, &cameras)?;
+        let (splats, of) = (scene.count(), original.count());
+        let prices = price::measure(scene, truth, &cameras)?;
         match &self.json {
             Some(file) => {
                 let all = json!({
-                    "command": options::command_line(), "scene": options::text_of(path), "splats": splats,
+                    "command": options::command_line(), "scene": options::text_of(path), "splats": splats, "original_splats": of,
                     "cameras": cameras, "backend": "reference", "prices": prices,
                 });
                 options::write_json(file, &all)?;
