@@ -3,7 +3,7 @@
 use super::output::{self, OutputError};
 use splatgraph_assets::{
     Dropped, FileNotes, Progress, QuaternionNorms, SH_C0, Scene, SceneFormat, SizeBreakdown, SortKey,
-    SpzVersion, grouped, sh_floats,
+    SpzVersion, grouped, rounded, sh_floats,
 };
 use std::io::{self, Write};
 use std::path::Path;
@@ -147,7 +147,7 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     let step = SpzVersion::position_step(largest)?;
     let finest = SpzVersion::position_step(0.0)?;
     if step <= finest {
-        return None;
+        return small_splats(scene, step, largest);
     }
     let most = scene.robust_bounds().in_world(scene.offset());
     let farthest = [most.min, most.max].as_flattened().iter().fold(0.0, |far: f64, v| v.abs().max(far));
@@ -178,6 +178,27 @@ fn move_advice(scene: &Scene) -> String {
     let (center, offset) = (scene.robust_bounds().center(), scene.offset());
     let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| 0.0 - (center[axis] + offset[axis]).round());
     format!(": the scene is far from the origin; `--transform move:{x},{y},{z}` moves it there")
+}
+
+/// Describes the finest step of positions in SPZ if it is larger than most splats, and what to do.
+fn small_splats(scene: &Scene, step: f64, largest: f64) -> Option<String> {
+    // Splats of this many steps are typical of captures, and are above the smallest scale of SPZ.
+    const STEPS: f64 = 32.0;
+    let median = f64::from(scene.median_size());
+    if median >= step || scene.count() == 0 {
+        return None;
+    }
+    let wanted = STEPS * step / median.max(1e-9);
+    // Beyond 2048 units, the steps grow with the scene.
+    let factor = 10f64.powf(wanted.log10().ceil().min((2048.0 / largest).log10().floor()));
+    let advice = match factor >= 10.0 {
+        true => format!("; `--transform scale:{factor}` enlarges the scene"),
+        false => String::new(),
+    };
+    let (step, median) = (fraction(step), rounded(median));
+    Some(format!(
+        "positions: steps of {step}, but half of the splats have a deviation of at most {median}{advice}"
+    ))
 }
 
 /// Formats a number of splats: `1 splat`, `2,000 splats`.
@@ -211,10 +232,10 @@ fn clipped(scene: &Scene, format: SceneFormat) -> Vec<String> {
     let colors = splats().flat_map(|sh| &sh[..3]).filter(|value| beyond(value, band_0)).count();
     let harmonics = splats().flat_map(|sh| &sh[3..]).filter(|value| beyond(value, above)).count();
     let counted = [
-        ("scales", scales(&|scale| scale > high), format!("above e^{most} are clipped")),
-        ("scales", scales(&|scale| scale < low), format!("below e^{least} are enlarged to it")),
-        ("colours", colors, "channels too dark or too bright for the format are clipped".into()),
-        ("harmonics", harmonics, format!("coefficients beyond {above} are clipped")),
+        ("scales", scales(&|scale| scale > high), format!("clipped to e^{most}")),
+        ("scales", scales(&|scale| scale < low), format!("enlarged to e^{least}")),
+        ("colour channels", colors, "clipped, too dark or too bright for the format".into()),
+        ("coefficients of harmonics", harmonics, format!("clipped to {above} or -{above}")),
     ];
     let counted = counted.into_iter().filter(|(_, count, _)| *count > 0);
     counted.map(|(values, count, text)| format!("{values}: {} {text}", grouped(count as u64))).collect()
@@ -301,7 +322,11 @@ impl Original {
         let QuaternionNorms { min, max, far_from_unit } = self.norms;
         if far_from_unit > 0 {
             let count = grouped(far_from_unit);
-            losses.push(format!("the lengths of quaternions: {count} were not 1, but {min:.3} to {max:.3}"));
+            losses.push(format!(
+                "the lengths of quaternions: {count} other than 1, in a range of {} to {}",
+                rounded(min),
+                rounded(max)
+            ));
         }
         let nearly = written.opacities().iter().filter(|opacity| **opacity > NEARLY_OPAQUE).count() as u64;
         if nearly > 0 && self.format.starts_with("ply,") {
@@ -355,6 +380,26 @@ mod tests {
             ": the scene is far from the origin; `--transform move:-500005,-4100001,-10` moves it there";
         assert!(rounded[0].starts_with("positions: rounded to 32 bits, by 2.5e-1 at most"), "{rounded:?}");
         assert!(rounded[0].ends_with(advice), "{rounded:?}");
+        let small = |size: f32| {
+            let scaled = |index| {
+                let splat = splat(spread(index));
+                Splat {
+                    position: splat.position.map(|v| size * v),
+                    scale: splat.scale.map(|v| size * v),
+                    ..splat
+                }
+            };
+            positions(&Scene::generate(1000, 0, scaled))
+        };
+        assert_eq!(
+            small(1e-3),
+            ["positions: steps of 1/4096, but half of the splats have a deviation of at most 1.000e-4; \
+              `--transform scale:100` enlarges the scene"]
+        );
+        assert!(
+            small(0.01)[0].ends_with("in a scene beyond 2048 units"),
+            "the steps are smaller than the splats"
+        );
         let large = Scene::generate(1000, 0, |index| splat(spread(index).map(|v| 500.0 * v)));
         assert_eq!(
             positions(&large),
@@ -374,21 +419,21 @@ mod tests {
             }
             splat
         });
-        let colors = "channels too dark or too bright for the format are clipped";
+        let colors = "clipped, too dark or too bright for the format";
         assert_eq!(
             missing(&scene, SceneFormat::Spz),
             [
-                "scales: 1 above e^5.9375 are clipped",
-                "scales: 1 below e^-10 are enlarged to it",
-                &format!("colours: 1 {colors}"),
-                "harmonics: 2 coefficients beyond 1 are clipped",
+                "scales: 1 clipped to e^5.9375",
+                "scales: 1 enlarged to e^-10",
+                &format!("colour channels: 1 {colors}"),
+                "coefficients of harmonics: 2 clipped to 1 or -1",
             ]
         );
         assert_eq!(
             missing(&scene, SceneFormat::CompressedPly),
-            ["scales: 1 above e^20 are clipped", "harmonics: 1 coefficients beyond 4 are clipped"]
+            ["scales: 1 clipped to e^20", "coefficients of harmonics: 1 clipped to 4 or -4"]
         );
-        assert_eq!(missing(&scene, SceneFormat::Splat), [format!("colours: 2 {colors}")]);
+        assert_eq!(missing(&scene, SceneFormat::Splat), [format!("colour channels: 2 {colors}")]);
         assert!(missing(&scene, SceneFormat::Ply).is_empty());
     }
 }
