@@ -148,8 +148,12 @@ pub fn show(ui: &Ui, viewer: &Viewer, interval: Option<f64>, view: Rect, control
     if let Some(ms) = interval {
         text += &format!("   {}", rate(ms));
     }
+    let dropped = match viewer.scene().dropped().total() {
+        0 => String::new(),
+        count => format!(" ({} dropped)", grouped(count)),
+    };
     let second = format!(
-        "{} splats   {}",
+        "{} splats{dropped}   {}",
         grouped(viewer.scene().count().into()),
         splatgraph_framework::dump::bytes(memory)
     );
