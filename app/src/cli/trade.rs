@@ -34,8 +34,9 @@ use std::path::{Path, PathBuf};
 /// earlier one is not measured either.
 ///
 /// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; that share in
-/// milliseconds on the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR over
-/// all pixels and over the pixels that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal
+/// milliseconds on the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR of
+/// the mean squared error over all pixels of all views, where `evaluate` and `convert --price` print the mean of the views'
+/// PSNR, and over the pixels that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal
 /// pictures); the largest difference of a channel; the share of pixels that are off by more than 1/255; pairs of
 /// visible splats in the wrong order; and memory on the device. A `*` marks the Pareto front: every setting that is at
 /// least as accurate takes at least 2 % longer, beyond the noise. The noise is at least the difference of the exact
