@@ -378,7 +378,7 @@ mod tests {
         let rounded = missing(&far, SceneFormat::Splat);
         let advice =
             ": the scene is far from the origin; `--transform move:-500005,-4100001,-10` moves it there";
-        assert!(rounded[0].starts_with("positions: rounded to 32 bits, by 2.5e-1 at most"), "{rounded:?}");
+        assert!(rounded[0].starts_with("positions: rounded to 32 bits, by 1.5e-2 at most"), "{rounded:?}");
         assert!(rounded[0].ends_with(advice), "{rounded:?}");
         let small = |size: f32| {
             let scaled = |index| {
