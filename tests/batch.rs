@@ -136,6 +136,9 @@ fn a_cutout_over_a_background_is_the_picture_with_this_background() {
     place.done("synth ring -o ring.glb");
     let error = place.fails("render scene.ply ring.glb --output rgba=cut.png", 2);
     assert!(error.contains("expected a scene without a mesh for the output `rgba`"), "{error}");
+    // A shard builds its first plan before it draws.
+    let error = place.fails("render scene.ply ring.glb -o out/ --output rgba=cut.png --shard 0/1", 2);
+    assert!(error.contains("expected a scene without a mesh for the output `rgba`"), "{error}");
     let draw = "render scene.ply ring.glb -c cameras.json#0 --size 32x24 -o picture.png --output";
     let note = "`depth`: of the splats in front of the mesh, without the mesh itself";
     for (more, is_told) in [("", true), (" --set mesh=false", false), (" --backend reference", true)] {

@@ -160,10 +160,10 @@ impl Camera {
         path.set_keys(keys).map_err(|error| PyValueError::new_err(error.to_string()))?;
         path.set_closed(closed);
         let frames = (0..count).filter_map(|frame| {
-            let camera = path.at_frame(f64::from(frame), count)?;
-            Some((format!("{frame:05}"), camera.in_world(scene.offset())))
+            let camera = path.at_frame(f64::from(frame), count)?.in_world(scene.offset());
+            Some(Camera(assets::Camera { id: frame.into(), img_name: format!("{frame:05}"), ..camera }))
         });
-        Ok(frames.map(|(img_name, camera)| Camera(assets::Camera { img_name, ..camera })).collect())
+        Ok(frames.collect())
     }
 
     /// Returns the camera with another picture size, in pixels, and the same vertical field of view.

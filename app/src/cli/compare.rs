@@ -27,8 +27,9 @@ use std::path::{Path, PathBuf};
 /// values are clamped to 0..1.
 ///
 /// Alpha is not compared; `evaluate` blends it. Values are compared as they are in the files: a line tells if EXR files
-/// declare different encodings, or different places in the frame. If both pictures have one channel and values outside of 0..1, as depths
-/// have, the range of the values of both (with 0 and 1) becomes 0..1. Only the worst pixel keeps its unit.
+/// declare different encodings, or different places in the frame. If both pictures have one channel and values outside
+/// of 0..1, as depths have, the range of the values of both (with 0 and 1) becomes 0..1. Only the worst pixel keeps its
+/// unit.
 ///
 /// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]

@@ -16,7 +16,7 @@ use crate::io::progress::Progress;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
 use splatgraph_assets::Camera;
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -37,6 +37,8 @@ pub struct Batch {
     done: Vec<CameraStats>,
     /// Cameras that are not drawn, by error.
     skipped: Vec<(SessionError, Vec<String>)>,
+    /// Sizes for which no plan can be loaded, each with the index of its error in `skipped`.
+    refused: HashMap<(u32, u32), usize>,
 }
 
 struct Flying {
@@ -71,6 +73,7 @@ impl Batch {
             pixels: channel(),
             done: Vec::new(),
             skipped: Vec::new(),
+            refused: HashMap::new(),
         }
     }
 
@@ -101,20 +104,40 @@ impl Batch {
         Ok(())
     }
 
-    /// Records that a camera is not drawn.
+    /// Records that no plan can be loaded for a camera, and thus for any other of its size.
     ///
     /// # Errors
     /// The error concerns the device, and thus all cameras.
-    pub fn skip(&mut self, camera: String, error: SessionError) -> Result<()> {
+    pub fn refuse(&mut self, camera: &Camera, error: SessionError) -> Result<()> {
+        let index = self.skip(camera.img_name.clone(), error)?;
+        self.refused.insert((camera.width, camera.height), index);
+        Ok(())
+    }
+
+    /// Skips a camera whose size was refused; returns false for others. Another attempt could compile all pipelines and
+    /// upload the scene again.
+    pub fn skip_refused(&mut self, camera: &Camera) -> bool {
+        let Some(index) = self.refused.get(&(camera.width, camera.height)) else { return false };
+        self.skipped[*index].1.push(camera.img_name.clone());
+        true
+    }
+
+    /// Records that a camera is not drawn, and returns the index of the error in `skipped`.
+    ///
+    /// # Errors
+    /// The error concerns the device, and thus all cameras.
+    fn skip(&mut self, camera: String, error: SessionError) -> Result<usize> {
         if !error.spares_device() {
             return Err(error.into());
         }
         let text = error.to_string();
-        match self.skipped.iter_mut().find(|(other, _)| other.to_string() == text) {
+        let same = self.skipped.iter().position(|(other, _)| other.to_string() == text);
+        let index = same.unwrap_or(self.skipped.len());
+        match self.skipped.get_mut(index) {
             Some((_, cameras)) => cameras.push(camera),
             None => self.skipped.push((error, vec![camera])),
         }
-        Ok(())
+        Ok(index)
     }
 
     /// Reports the skipped cameras out of `all`.
@@ -122,6 +145,7 @@ impl Batch {
     /// # Errors
     /// A camera was skipped. If all were, for the same reason, this is the error.
     pub fn report_skipped(&mut self, all: usize) -> Result<()> {
+        self.refused.clear();
         let mut skipped = std::mem::take(&mut self.skipped);
         let count: usize = skipped.iter().map(|(_, cameras)| cameras.len()).sum();
         match skipped.pop() {
@@ -154,7 +178,10 @@ impl Batch {
         let Some(Flying { frame, name, stem, size }) = self.flying.pop_front() else { return Ok(()) };
         let result = match session.wait(frame) {
             Ok(result) => result,
-            Err(error) => return self.skip(name, error),
+            Err(error) => {
+                self.skip(name, error)?;
+                return Ok(());
+            }
         };
         let memory = session.device().memory();
         let (info, count) = (session.device().info().clone(), session.scene().count().into());

@@ -142,11 +142,12 @@ impl Drawer {
         &self.loaded
     }
 
-    /// Builds the plan for the first view, and returns the session; `None` for the exact renderer.
-    pub fn prepared(&mut self) -> Result<Option<&Session>> {
-        let With::Device { session, .. } = &mut self.with else { return Ok(None) };
+    /// Builds and checks the plan for the first view, and returns the session; `None` for the exact renderer.
+    pub fn prepared(&mut self, args: &Args) -> Result<Option<&Session>> {
+        let With::Device { session, guard, .. } = &mut self.with else { return Ok(None) };
         if let Some(camera) = self.loaded.cameras.first() {
             frames::prepare_plan(session, camera)?;
+            check_plan(args, session, guard, camera)?;
         }
         Ok(Some(session))
     }
@@ -226,27 +227,18 @@ fn draw(
     (camera, stem, cameras): (&Camera, &str, usize),
     progress: &Progress,
 ) -> Result<()> {
+    if batch.skip_refused(camera) {
+        return Ok(());
+    }
     if !session.is_prepared((camera.width, camera.height)) {
         batch.land_all(session, progress)?;
     }
     let loaded = match frames::prepare_plan(session, camera) {
         Ok(loaded) => loaded,
-        Err(error) => return batch.skip(camera.img_name.clone(), error),
+        Err(error) => return batch.refuse(camera, error),
     };
     if loaded {
-        let _span = info_span!("check files and settings").entered();
-        progress.suspend(|| session.settings_without_effect().iter().for_each(say));
-        let plan = session.plan().context("no plan after `prepare`")?;
-        if outputs::sorts_by_distance(plan) && !camera.projection.sees_behind() {
-            let note =
-                outputs::distance_note(plan.outputs.iter().map(|o| o.name.as_str()), "--set key_of=depth");
-            progress.suspend(|| note.iter().for_each(say));
-        }
-        if draws_mesh(plan) {
-            let note = outputs_with_mesh(args)?;
-            progress.suspend(|| note.iter().for_each(say));
-        }
-        claim_graph_files(guard, &session.files())?;
+        progress.suspend(|| check_plan(args, session, guard, camera))?;
     }
     if args.repeat == 1 && args.inspect.is_empty() {
         return batch.submit(session, (camera, stem), progress);
@@ -263,6 +255,25 @@ fn draw(
             finding.save(&per_camera(file, stem, cameras))?;
         }
     }
+    Ok(())
+}
+
+/// Prints notes about a new plan's settings and outputs, and registers the graph's files as inputs.
+///
+/// # Errors
+/// `rgba` is among the outputs of a picture with a mesh, or an output would overwrite a file of the graph.
+fn check_plan(args: &Args, session: &mut Session, guard: &mut OutputGuard, camera: &Camera) -> Result<()> {
+    let _span = info_span!("check files and settings").entered();
+    session.settings_without_effect().iter().for_each(say);
+    let plan = session.plan().context("no plan after `prepare`")?;
+    if outputs::sorts_by_distance(plan) && !camera.projection.sees_behind() {
+        let names = plan.outputs.iter().map(|output| output.name.as_str());
+        outputs::distance_note(names, "--set key_of=depth").iter().for_each(say);
+    }
+    if draws_mesh(plan) {
+        outputs_with_mesh(args)?.iter().for_each(say);
+    }
+    claim_graph_files(guard, &session.files())?;
     Ok(())
 }
 

@@ -62,7 +62,7 @@ impl job::Work for Views {
         let loaded = drawer.loaded().clone();
         let cameras = serde_json::to_value(&loaded.cameras)?;
         let Args { rule, background, backend, .. } = &self.args;
-        let mut origin = match drawer.prepared()? {
+        let mut origin = match drawer.prepared(&self.args)? {
             // Includes the chosen storage: a device with less memory chooses a smaller one, and draws other pictures.
             Some(session) => job::origin_of(session, &cameras, session.graph())?,
             None => job::origin(&loaded.scene, &cameras)?,

@@ -247,6 +247,10 @@ mod tests {
             lost[bytes.len() / 2..].fill(0);
             std::fs::write(&path, lost).unwrap();
             assert_eq!(Image::is_whole(&path).unwrap(), name == "a.npy", "{name}");
+            let mut lost = bytes;
+            lost[..4].fill(0);
+            std::fs::write(&path, lost).unwrap();
+            assert!(!Image::is_whole(&path).unwrap_or(false), "{name}: no signature");
         }
     }
 

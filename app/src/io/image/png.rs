@@ -32,12 +32,12 @@ pub(super) fn write_bytes(
     Ok(writer.finish()?)
 }
 
-/// Returns true if the file has all its chunks, with the right checksums (PNG specification, 5.3). The pixels are not
-/// decoded.
+/// Returns true if the file has the signature and all chunks, with the right checksums (PNG specification, 5.2 and
+/// 5.3). The pixels are not decoded.
 pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
     let mut bytes = Vec::new();
     open(path)?.read_to_end(&mut bytes).map_err(|error| ImageError::new(path, error))?;
-    let mut rest = bytes.get(8..).unwrap_or_default();
+    let Some(mut rest) = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n") else { return Ok(false) };
     // A chunk is its length, its type, that many bytes of data, and the checksum of type and data.
     while let Some((length, after)) = rest.split_first_chunk() {
         let length = (u32::from_be_bytes(*length) as usize).saturating_add(4);
