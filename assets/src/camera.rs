@@ -216,7 +216,7 @@ impl Camera {
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
         });
         if distance < CLOSEST {
-            // Few splats can be larger than the box of their centres, so the box gets a margin of 3 standard deviations.
+            // Splats can extend far beyond the box of their centres, so the box gets a margin of 3 standard deviations.
             let margin = 3.0 * f64::from(scene.median_size());
             let share = bounds.corners().into_iter().fold(0.0, |share: f64, corner| {
                 let [x, y, z] = camera.to_view((glam::DVec3::from(corner) - center).into());

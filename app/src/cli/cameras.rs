@@ -101,16 +101,17 @@ fn is_json(spec: &str) -> bool {
 /// # Errors
 /// The file or the text is invalid, or has no cameras.
 pub fn parse(spec: &str, ignore_distortion: bool) -> Result<Vec<Camera>, CameraError> {
+    let options = CameraOptions { ignore_distortion, ..CameraOptions::default() };
     if is_json(spec) {
         let name = Path::new("--cameras");
-        let cameras = Camera::parse(spec, name)?;
+        let cameras = Dataset::parse_with(spec, name, options)?.into_cameras();
         return if cameras.is_empty() { Err(CameraError::Empty { path: name.into() }) } else { Ok(cameras) };
     }
     if spec.is_empty() {
         let source = io::Error::new(io::ErrorKind::InvalidInput, "expected a file, found an empty name");
         return Err(CameraError::Io { path: "--cameras".into(), source });
     }
-    let dataset = Dataset::select(spec, CameraOptions { ignore_distortion, ..CameraOptions::default() })?;
+    let dataset = Dataset::select(spec, options)?;
     tell_alignment(&dataset);
     if dataset.has_animation {
         say("the animation of the cameras is not read: each is drawn where its node is without it");
@@ -235,6 +236,9 @@ mod tests {
         assert_eq!(said(""), "--cameras: expected a file, found an empty name");
         let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
         assert_eq!(parse(&format!("[{whole}]"), false).unwrap()[0].fy, 6.0);
+        let distorted = format!("[{}]", whole.replace("\"fx\"", "\"k1\": 0.1, \"fx\""));
+        assert!(said(&distorted).contains("`k1`: expected 0"));
+        assert_eq!(parse(&distorted, true).unwrap()[0].fy, 6.0);
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("[1].json");
         assert!(!is_json(&file.to_string_lossy()));

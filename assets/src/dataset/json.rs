@@ -6,7 +6,7 @@
 //! Blender scenes of NeRF (`camera_angle_x`), <https://docs.nerf.studio/quickstart/data_conventions.html>, and
 //! `get_path_from_json` of nerfstudio.
 
-use super::alignment::{self, Applied, Matrix};
+use super::alignment::{Applied, Matrix};
 use super::colmap::{IDEAL, UNDISTORT};
 use super::error::{CameraError, MAX_CAMERAS};
 use super::photograph;
@@ -24,13 +24,14 @@ use std::path::{Path, PathBuf};
 /// Parses a camera file: an object is a `transforms.json` or a `camera_path.json`, a list a `cameras.json`.
 ///
 /// Sizes that the file lacks are those of the photographs, by default in the file's folder. `fallback` is the size if no
-/// photograph can be read. The cameras of a `transforms.json` are moved by the `dataparser_transforms.json` beside it.
+/// photograph can be read. Also returns the motion that the poses of a `transforms.json` contain; `None` for the other
+/// formats, whose cameras are in the space of the scene.
 pub(super) fn parse(
     text: &str,
     path: &Path,
     options: CameraOptions,
     fallback: Option<(u32, u32)>,
-) -> Result<Dataset, CameraError> {
+) -> Result<(Dataset, Option<Applied>), CameraError> {
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let reached = Cell::new(None);
     let start = text.trim_start();
@@ -51,7 +52,7 @@ pub(super) fn parse(
         let views = whole(text, List { reached: &reached, view, entry: PhantomData });
         views.map(|views| (Dataset { views, ..Dataset::default() }, None))
     };
-    let (mut dataset, applied) = parsed.map_err(|error| {
+    parsed.map_err(|error| {
         // serde_json appends the line and column to its message.
         let message = error.to_string();
         let place = format!(" at line {} column {}", error.line(), error.column());
@@ -59,12 +60,7 @@ pub(super) fn parse(
         let camera = reached.get().map(|index| format!("camera {index}: ")).unwrap_or_default();
         let place = format!(":{}:{}", error.line(), error.column());
         CameraError::invalid(path, place, format!("{camera}{message}"))
-    })?;
-    let alignment = path.parent().and_then(alignment::beside);
-    if let Some((file, applied)) = alignment.zip(applied) {
-        alignment::apply(&mut dataset, file, &applied)?;
-    }
-    Ok(dataset)
+    })
 }
 
 /// Deserialises a text, and returns an error if anything follows the value.
@@ -293,7 +289,8 @@ fn size_of(folder: &Path, photograph: &str) -> Result<(u32, u32), String> {
     photograph::size(&path).map_err(|error| format!("`file_path`: {}: {error}", path.display()))
 }
 
-/// Reads a `transforms.json`, with the motion that its poses contain, or a `camera_path.json`: first the file's own values, which may follow its frames, then the frames.
+/// Reads a `transforms.json`, with the motion that its poses contain, or a `camera_path.json`: first the file's own
+/// values, which may follow its frames, then the frames.
 fn transforms(
     text: &str,
     path: &Path,

@@ -9,7 +9,8 @@
 //! | glTF, the cameras of the default scene | `glTF` in the first four bytes, or the extension `.gltf` |
 //!
 //! Cameras are pinholes, or have another [`Projection`](crate::Projection) if the dataset names one. A lens with
-//! distortion is refused, unless [`CameraOptions`] ignores its distortion. Principal points are those of the dataset; the reference moves them to the images' centres.
+//! distortion is refused, unless [`CameraOptions`] ignores its distortion. Principal points are those of the dataset; the
+//! reference moves them to the images' centres.
 
 mod alignment;
 mod colmap;
@@ -75,8 +76,11 @@ impl Dataset {
             ErrorKind::InvalidData => CameraError::UnknownFormat { path: path.to_owned() },
             _ => CameraError::io(path)(error),
         })?;
-        let mut dataset = json::parse(&text, path, options, fallback)?;
-        dataset.files.insert(0, path.to_owned());
+        let (mut dataset, applied) = json::parse(&text, path, options, fallback)?;
+        dataset.files.push(path.to_owned());
+        if let Some((file, applied)) = path.parent().and_then(alignment::beside).zip(applied) {
+            alignment::apply(&mut dataset, file, &applied)?;
+        }
         // Blender's scenes have a file for each split.
         let test = match name {
             Some("transforms_test") => Some(true),
@@ -87,12 +91,21 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Parses the text of a `cameras.json`, a `transforms.json` or a `camera_path.json`. Errors name `path`; photographs are in its folder.
+    /// Parses the text of a `cameras.json`, a `transforms.json` or a `camera_path.json`. Errors name `path`; photographs
+    /// are in its folder. A `dataparser_transforms.json` there is not read.
     ///
     /// # Errors
     /// The errors of [`Dataset::load`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, CameraError> {
-        json::parse(text, path, CameraOptions::default(), None)
+        Self::parse_with(text, path, CameraOptions::default())
+    }
+
+    /// Parses a text as [`Dataset::parse`] does, with options.
+    ///
+    /// # Errors
+    /// The errors of [`Dataset::load`].
+    pub fn parse_with(text: &str, path: &Path, options: CameraOptions) -> Result<Self, CameraError> {
+        json::parse(text, path, options, None).map(|(dataset, _)| dataset)
     }
 
     fn load_folder(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {

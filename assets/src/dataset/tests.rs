@@ -486,6 +486,8 @@ fn the_cameras_of_a_capture_are_moved_to_the_scene_of_nerfstudio() {
     let beside = folder.path().join("dataparser_transforms.json");
     let moves = r#"{"transform": [[0, 1, 0, 1], [0, 0, 1, 2], [1, 0, 0, 3]], "scale": 0.5}"#;
     std::fs::write(&beside, moves).unwrap();
+    let parsed = Dataset::parse(&nerfstudio(applied, ""), &path).unwrap();
+    assert_eq!((&parsed.views[0].camera, &parsed.alignment), (&of_file, &None), "only files are moved");
     let dataset = Dataset::load(&path).unwrap();
     assert_eq!(
         (&dataset.alignment, &dataset.files),

@@ -352,8 +352,8 @@ impl Navigation {
     /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
     ///
     /// Until input moves it, a camera from a file is only [resized](Camera::resized): at its own size, it is
-    /// bit-identical. A moved camera keeps the projection of the file. If it is orthographic, its scale follows its
-    /// distance from the scene, just as an orthographic graph scales the view of a pinhole camera.
+    /// bit-identical. A moved camera keeps the projection of the file. If it is orthographic, its scale is that of
+    /// [`Navigation::height`].
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let (width, height) = (width.max(1), height.max(1));
         if let Some(camera) = &self.unmoved {
