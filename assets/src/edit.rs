@@ -246,7 +246,7 @@ mod tests {
 
     #[test]
     fn a_narrow_scene_stays_narrow_unless_it_is_moved_far() {
-        let small = |index| Splat { scale: [1e-3; 3], ..splat(index) };
+        let small = |index| Splat { scale: [1e-6; 3], ..splat(index) };
         let scene = Scene::generate(300, 0, small);
         let is_wide = |scene: &Scene, by: Similarity| scene.transformed(&by).unwrap().is_wide();
         let rotation = DQuat::from_axis_angle(DVec3::new(0.6, -0.48, 0.64), 50f64.to_radians());

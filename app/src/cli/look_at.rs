@@ -114,7 +114,7 @@ impl LookAtArgs {
     /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
     /// Without `--eye`, the first camera has the position of [`Camera::framing_upright`], and also its enlargement of a
-    /// small scene unless `--fov` is given.
+    /// small scene unless `--fov` or `--target` is given.
     ///
     /// # Errors
     /// The eye and the target coincide, or are too far away to draw. `--fov` is invalid for the projection.
@@ -137,7 +137,9 @@ impl LookAtArgs {
                 eye + DVec3::from(scene.offset())
             )));
         }
-        let zoom = framing.filter(|_| self.fov.is_none()).map_or(1.0, |camera| enlargement(&camera));
+        let zoom = framing
+            .filter(|_| self.fov.is_none() && self.target.is_none())
+            .map_or(1.0, |camera| enlargement(&camera));
         let start = self.start([eye, target, up.into()], size, zoom, scene, projection)?;
         if let Some(fault) = start.fault() {
             return Err(Usage(format!("--eye, --target and --fov give no valid camera: {fault}")));

@@ -157,7 +157,7 @@ impl Dataset {
     fn load_colmap(folder: &Path, options: CameraOptions) -> Result<Self, CameraError> {
         let mut dataset = colmap::load(folder, options.ignore_distortion)?;
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-        let around = || folder.ancestors().take(3);
+        let around = || folder.ancestors().take(4);
         dataset.photographs = around().map(|around| around.join("images")).find(|images| images.is_dir());
         if let Some(file) = around().find_map(alignment::beside) {
             alignment::apply(&mut dataset, file, &Applied::default())?;

@@ -20,6 +20,9 @@ fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
     sample.origin()
 }
 
+/// Maximum number of splats that stand for all.
+const SAMPLES: usize = 1000;
+
 /// Positions that f32 rounded to steps that are large relative to the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CoarsePositions {
@@ -43,9 +46,9 @@ impl fmt::Display for CoarsePositions {
 impl Scene {
     /// Detects positions that were rounded to f32 far from the origin, which cannot be undone.
     ///
-    /// Of up to 1,000 splats, the steps are more than 1/8 of the largest standard deviation of most.
+    /// Of up to 1,000 splats, the steps are more than 1/8 of the largest standard deviation of most. Steps within 8
+    /// times the scene's size from the origin are never coarse, however small the splats are.
     pub fn coarse_positions(&self) -> Option<CoarsePositions> {
-        const SAMPLES: usize = 1000;
         const VISIBLE: f32 = 1.0 / 8.0;
         let every = (self.count() as usize).div_ceil(SAMPLES).max(1);
         let largest = |v: &[f32; 3]| v.iter().fold(0.0, |most: f32, v| most.max(v.abs()));
@@ -55,11 +58,16 @@ impl Scene {
             .map(|(position, scale)| (step(largest(position)), largest(scale)))
             .unzip();
         let coarse = steps.iter().zip(&sizes).filter(|(step, size)| **step > VISIBLE * **size).count();
-        let is_coarse = !self.is_wide() && 2 * coarse > steps.len();
-        is_coarse.then(|| CoarsePositions {
+        if self.is_wide() || 2 * coarse <= steps.len() {
+            return None;
+        }
+        let found = CoarsePositions {
             step: quantile(&mut steps, 0.5).into(),
             size: quantile(&mut sizes, 0.5).into(),
-        })
+        };
+        let bounds = self.robust_bounds();
+        let extent = (0..3).map(|axis| bounds.max[axis] - bounds.min[axis]).fold(0.0, f32::max);
+        (found.step > f64::from(8.0 * f32::EPSILON * extent)).then_some(found)
     }
 
     /// Generates a scene like [`Scene::try_generate`], from positions in the world; [`Splat::position`] is ignored.
@@ -86,7 +94,8 @@ impl Scene {
     /// Finds an origin near the splats, if f32 would be too coarse for positions relative to `offset`.
     ///
     /// It is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size, which is the
-    /// largest standard deviation. The positions are the world's.
+    /// largest standard deviation, and if the splats are farther from `offset` than about 8 times the scene's size. The
+    /// positions are the world's.
     pub(crate) fn finer_origin(
         count: u32,
         offset: DVec3,
@@ -94,13 +103,25 @@ impl Scene {
         size: impl Fn(usize) -> f64 + Sync,
     ) -> Option<DVec3> {
         const VISIBLE: f64 = 1.0 / 256.0;
-        let is_shifted = |index: &usize| {
-            let exact = position(*index) - offset;
-            (exact - exact.as_vec3().as_dvec3()).abs().max_element() > VISIBLE * size(*index)
+        /// Mean shift per mean distance from the centre, for splats at 8 times that distance from `offset`.
+        const FAR: f64 = 1.0 / 4_194_304.0;
+        let shift = |index: usize| {
+            let exact = position(index) - offset;
+            (exact - exact.as_vec3().as_dvec3()).abs().max_element()
         };
-        let splats = (0..count as usize).into_par_iter().with_min_len(CHUNK);
-        let shifted = splats.filter(is_shifted).count();
-        (shifted > count as usize / 10).then(|| origin(count, &|index| position(index).into()).into())
+        let splats = 0..count as usize;
+        let is_shifted = |index: &usize| shift(*index) > VISIBLE * size(*index);
+        let shifted = splats.clone().into_par_iter().with_min_len(CHUNK).filter(is_shifted).count();
+        if shifted <= splats.len() / 10 {
+            return None;
+        }
+        // Tiny splats are shifted near the origin, too, where no other origin helps.
+        let sample = splats.clone().step_by(splats.len().div_ceil(SAMPLES).max(1));
+        let mean = |of: &dyn Fn(usize) -> DVec3| sample.clone().map(of).sum::<DVec3>() / sample.len() as f64;
+        let centre = mean(&|index| position(index));
+        let spread = mean(&|index| (position(index) - centre).abs()).max_element();
+        let shift = mean(&|index| DVec3::splat(shift(index))).x;
+        (shift > FAR * spread).then(|| origin(count, &|index| position(index).into()).into())
     }
 }
 

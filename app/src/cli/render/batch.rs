@@ -126,7 +126,7 @@ impl Batch {
     ///
     /// # Errors
     /// The error concerns the device, and thus all cameras.
-    fn skip(&mut self, camera: String, error: SessionError) -> Result<usize> {
+    pub fn skip(&mut self, camera: String, error: SessionError) -> Result<usize> {
         if !error.spares_device() {
             return Err(error.into());
         }

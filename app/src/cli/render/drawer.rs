@@ -244,8 +244,12 @@ fn draw(
         return batch.submit(session, (camera, stem), progress);
     }
     let read_output = batch.reads_picture();
-    let Drawn { stats, output, outputs, requests } =
-        frames::draw(args, read_output, session, camera, loaded)?;
+    let drawn = frames::draw(args, read_output, session, camera, loaded);
+    let Drawn { stats, output, outputs, requests } = match drawn.map_err(anyhow::Error::downcast) {
+        Ok(drawn) => drawn,
+        Err(Ok(error)) => return batch.skip(camera.img_name.clone(), error).map(drop),
+        Err(Err(error)) => return Err(error),
+    };
     let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
     batch.save(stats, output, outputs, stem.to_owned(), progress)?;
     batch.finish(progress)?;

@@ -28,10 +28,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Manifest::refuse(folder)?;
     }
     let mut drawer = Drawer::open(args, &work, None)?;
-    if let Some(path) = &args.write_cameras {
-        cameras::write(path, &drawer.loaded().cameras, &drawer.loaded().scene)?;
-    }
     let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
+    let loaded = drawer.loaded();
+    let cameras = match (&args.write_cameras, &drawn) {
+        (Some(path), Ok(())) => cameras::write(path, &loaded.cameras, &loaded.scene),
+        _ => Ok(()),
+    };
     let closed = drawer.close();
     // If a camera fails, the statistics of the others are still written.
     if let (Some(path), Ok((stats, _))) = (&args.json, &closed)
@@ -39,7 +41,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     {
         options::write_json(path, stats)?;
     }
-    drawn?;
+    drawn.and(cameras)?;
     let (_, messages) = closed?;
     Ok(super::outcome::validated(args.device.validate, &messages))
 }
