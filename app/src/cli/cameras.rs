@@ -1,11 +1,10 @@
 //! Finds the cameras of a command: from `--cameras`, or the first camera of the file beside the scene.
 
-use super::options;
 use super::outcome::Usage;
 use crate::draw::camera;
 use crate::io::output::{OutputGuard, one_line, say};
 use anyhow::{Result, bail};
-use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, Scene, View};
+use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, View};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -124,12 +123,6 @@ pub fn tell_alignment(dataset: &Dataset) {
     if let Some(file) = &dataset.alignment {
         say(format!("the cameras are moved to the space of nerfstudio's scene, by {}", file.display()));
     }
-}
-
-/// Writes cameras as a cameras.json in world coordinates. The cameras are in the scene's coordinates.
-pub fn write(path: &Path, cameras: &[Camera], scene: &Scene) -> Result<()> {
-    let world: Vec<Camera> = cameras.iter().map(|camera| camera.in_world(scene.offset())).collect();
-    options::write_json(path, &serde_json::to_value(world)?)
 }
 
 /// Warns the user if principal points are farther from the middle of the pictures than scores tolerate.

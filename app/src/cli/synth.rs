@@ -2,7 +2,7 @@
 
 use super::outcome::{self, Outcome, Usage, refuse_without};
 use super::stdout::Stdout;
-use super::{cameras, look_at, options};
+use super::{look_at, options};
 use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::load::LoadOptions;
@@ -239,7 +239,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         note(format!("its cameras, which other commands find beside it: add --cameras {}", path.display()));
     }
     if let (Some(path), Some(views)) = (&args.cameras, views) {
-        cameras::write(path, &views, &scene)?;
+        options::write_cameras(path, &views, &scene)?;
         stdout.line(&format!("{}: {} cameras", path.display(), views.len()))?;
     }
     Ok(Outcome::Done)

@@ -3,6 +3,7 @@
 use super::splat::Splat;
 use crate::bounds::Bounds;
 use serde::Serialize;
+use std::fmt;
 
 /// Counts of the splats dropped on load or by a transformation. A splat counts for its first reason only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -155,5 +156,25 @@ impl Gathered {
         self.effective_degree = self.effective_degree.max(other.effective_degree);
         self.bounds.join(&other.bounds);
         self.rounding = self.rounding.max(other.rounding);
+    }
+}
+
+/// Positions that f32 rounded to steps that are large relative to the splats.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CoarsePositions {
+    /// Median step of a splat's largest coordinate, in world units.
+    pub step: f64,
+    /// Median of the splats' largest standard deviations, in world units.
+    pub size: f64,
+}
+
+impl fmt::Display for CoarsePositions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { step, size } = self;
+        write!(
+            f,
+            "in steps of {step:.1e}, but the median standard deviation is {size:.1e}: `float` is too coarse so far \
+             from the origin; export the scene with `double`, or near the origin"
+        )
     }
 }

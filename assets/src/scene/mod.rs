@@ -14,11 +14,10 @@ mod world;
 
 pub(crate) use columns::{Columns, Rows};
 pub(crate) use gathered::Gathered;
-pub use gathered::{Dropped, QuaternionNorms};
+pub use gathered::{CoarsePositions, Dropped, QuaternionNorms};
 pub use notes::{FileNotes, Filter, MixedTags, SortKey};
 pub use parts::ScenePart;
 pub use splat::{Splat, sh_floats};
-pub use world::CoarsePositions;
 
 use crate::activation;
 use crate::bounds::{Bounds, quantile};

@@ -1,5 +1,6 @@
 //! Generates scenes from positions of more precision than f32, such as those of surveyed scenes.
 
+use super::gathered::CoarsePositions;
 use super::{Scene, Splat, normalised};
 use crate::bounds::quantile;
 use crate::memory::SceneMemoryError;
@@ -7,8 +8,6 @@ use crate::ply::origin::Sample;
 use crate::words::CHUNK;
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::Serialize;
-use std::fmt;
 
 /// Chooses the origin as for a PLY file of doubles.
 fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
@@ -22,26 +21,6 @@ fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
 
 /// Maximum number of splats that stand for all.
 const SAMPLES: usize = 1000;
-
-/// Positions that f32 rounded to steps that are large relative to the splats.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct CoarsePositions {
-    /// Median step of a splat's largest coordinate, in world units.
-    pub step: f64,
-    /// Median of the splats' largest standard deviations, in world units.
-    pub size: f64,
-}
-
-impl fmt::Display for CoarsePositions {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { step, size } = self;
-        write!(
-            f,
-            "in steps of {step:.1e}, but the median standard deviation is {size:.1e}: `float` is too coarse so far \
-             from the origin; export the scene with `double`, or near the origin"
-        )
-    }
-}
 
 impl Scene {
     /// Detects positions that were rounded to f32 far from the origin, which cannot be undone.

@@ -1,8 +1,8 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
 use super::job::Manifest;
+use super::options;
 use super::outcome::Outcome;
-use super::{cameras, options};
 use anyhow::Result;
 use tracing::info_span;
 
@@ -31,7 +31,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let drawn = drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>());
     let loaded = drawer.loaded();
     let cameras = match (&args.write_cameras, &drawn) {
-        (Some(path), Ok(())) => cameras::write(path, &loaded.cameras, &loaded.scene),
+        (Some(path), Ok(())) => options::write_cameras(path, &loaded.cameras, &loaded.scene),
         _ => Ok(()),
     };
     let closed = drawer.close();

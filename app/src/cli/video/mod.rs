@@ -269,7 +269,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             let camera = film.camera(f64::from(frame))?;
             Some(Camera { id: frame.into(), img_name: format!("{frame:05}"), ..camera })
         };
-        cameras::write(path, &(0..frames).filter_map(named).collect::<Vec<_>>(), &scene)?;
+        options::write_cameras(path, &(0..frames).filter_map(named).collect::<Vec<_>>(), &scene)?;
     }
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     let cameras: Vec<Camera> =
