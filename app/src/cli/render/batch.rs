@@ -148,18 +148,17 @@ impl Batch {
         self.refused.clear();
         let mut skipped = std::mem::take(&mut self.skipped);
         let count: usize = skipped.iter().map(|(_, cameras)| cameras.len()).sum();
-        match skipped.pop() {
-            None => Ok(()),
-            Some((error, cameras)) if cameras.len() == all => Err(error.into()),
-            Some(last) => {
-                skipped.push(last);
-                let line = |(error, cameras): &(SessionError, Vec<String>)| {
-                    format!("\n{}: {}", one_line(&cameras.join(", ")), error.to_string().trim_end())
-                };
-                let lines: String = skipped.iter().map(line).collect();
-                bail!("{count} of {all} cameras are not drawn:{lines}")
-            }
+        if count == 0 {
+            return Ok(());
         }
+        if count == all && skipped.len() == 1 {
+            return Err(skipped.remove(0).0.into());
+        }
+        let line = |(error, cameras): &(SessionError, Vec<String>)| {
+            format!("\n{}: {}", one_line(&cameras.join(", ")), error.to_string().trim_end())
+        };
+        let lines: String = skipped.iter().map(line).collect();
+        bail!("{count} of {all} cameras are not drawn:{lines}")
     }
 
     /// Waits for all frames in flight, before another plan is prepared.
