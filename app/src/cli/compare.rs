@@ -10,7 +10,8 @@ use crate::studies::evaluation::{Mean, mean};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_json::{Value, json};
-use splatgraph_reference::metrics::{self, Comparison, MetricError, flip};
+use splatgraph_reference::metrics::flip::Seen;
+use splatgraph_reference::metrics::{self, Comparison, ImageRef, MetricError};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -200,8 +201,8 @@ fn compare(args: &Args) -> Result<(String, Option<String>)> {
         if let Some(out) = diffs.get(index) {
             Image::difference(&a, &b, args.gain).save(out)?;
         }
-        let (flip, flip_8_bits) =
-            (flip::of_floats((&b).into(), (&a).into()), flip::of_8_bits((&b).into(), (&a).into()));
+        let flip = |seen: fn(ImageRef) -> Seen| seen((&b).into()).flip(&seen((&a).into()));
+        let (flip, flip_8_bits) = (flip(Seen::of_floats), flip(Seen::of_8_bits));
         found.push(Found { all, peak, flip, flip_8_bits });
     }
 

@@ -4,7 +4,8 @@ use crate::io::image::Image;
 use crate::io::output::one_line;
 use crate::io::report::text;
 use serde::{Deserialize, Serialize};
-use splatgraph_reference::metrics::{self, MetricError, decibels, flip};
+use splatgraph_reference::metrics::flip::Seen;
+use splatgraph_reference::metrics::{self, MetricError, decibels};
 
 /// The scores of a view's picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,7 +61,7 @@ pub fn score(view: &str, picture: &Image, photograph: &Image) -> Result<Score, M
         height: picture.height,
         psnr_db: found.psnr_db,
         ssim: found.ssim,
-        flip: flip::of_8_bits(photograph.into(), picture.into()),
+        flip: Seen::of_8_bits(photograph.into()).flip(&Seen::of_8_bits(picture.into())),
     })
 }
 

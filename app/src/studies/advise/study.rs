@@ -10,7 +10,7 @@ use crate::studies::measurement::settings::{self, EXACT};
 use crate::studies::measurement::time::FRAMES_DIVISOR;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
-use crate::studies::trade::measure::{MAX_PENDING, Row, Sessions};
+use crate::studies::trade::measure::{MAX_PENDING, Pending, Row, Sessions};
 use serde::Serialize;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
@@ -92,19 +92,19 @@ pub fn study(
     let Planned { settings: singles, pipelines: _pipelines } =
         to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
     let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
-    let views: Vec<View> =
-        cameras.iter().map(|camera| View::exact(&subject.scene, camera)).collect::<Result<_, _>>()?;
+    let view = |camera| Ok(View::exact(&subject.scene, camera)?.with_seen());
+    let views: Vec<View> = cameras.iter().map(view).collect::<Result<_, StudyError>>()?;
 
     let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);
     let mut tried = Vec::new();
     let mut exact_ms = vec![None; views.len()];
     let mut floor = None;
-    let mut measured = |setting: &Setting| {
-        steps.next(&setting.name)?;
-        measured(&mut session, &mut exact, &mut exact_ms, setting, &views, effort)
+    let mut measured = |settings: &[&Setting]| {
+        measured(&mut session, &mut exact, &mut exact_ms, settings, (&views, effort), &mut steps)
     };
-    for (setting, _) in &singles {
-        let Some(rows) = measured(setting)? else { continue };
+    let settings: Vec<&Setting> = singles.iter().map(|(setting, _)| setting).collect();
+    for (setting, rows) in settings.iter().zip(measured(&settings)?) {
+        let Some(rows) = rows else { continue };
         if setting.name == EXACT {
             // Measured against themselves, the exact settings give the noise floor.
             floor = own_share(&rows).and_then(|share| share.floor());
@@ -117,7 +117,8 @@ pub fn study(
     for setting in new.take(DRAWN.0) {
         // Default values are left out, so that the advised command is short.
         let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
-        let found = measured(&setting)?.and_then(|rows| Tried::new(&setting, &rows, floor));
+        let rows = measured(&[&setting])?.pop().flatten();
+        let found = rows.and_then(|rows| Tried::new(&setting, &rows, floor));
         within += usize::from(found.as_ref().is_some_and(|found| wanted.budget.allows(found) == Some(true)));
         tried.extend(found);
         if within == DRAWN.1 {
@@ -156,32 +157,44 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
     set.iter().filter(|pair| !is_default(pair)).cloned().collect()
 }
 
-/// Measures a setting in every view. `exact_ms` caches the exact settings' milliseconds of each view.
+/// Measures settings in every view. `exact_ms` caches the exact settings' milliseconds of each view.
 ///
-/// `None` if the setting draws from the previous frame: still views hide its error.
+/// `None` for a setting that draws from the previous frame: still views hide its error.
 fn measured(
     session: &mut Session,
     exact: &mut Session,
     exact_ms: &mut [Option<f64>],
-    setting: &Setting,
-    views: &[View],
-    effort: Effort,
-) -> Result<Option<Vec<Row>>, StudyError> {
-    let mut sessions = Sessions::new(exact, session, setting, None);
+    settings: &[&Setting],
+    (views, effort): (&[View], Effort),
+    steps: &mut Steps,
+) -> Result<Vec<Option<Vec<Row>>>, StudyError> {
     thread::scope(|scope| {
-        let (mut rows, mut pending) = (Vec::new(), VecDeque::new());
-        for (view, exact_ms) in views.iter().zip(exact_ms) {
-            let row = sessions.measure(scope, view, effort, *exact_ms)?;
-            if sessions.plan().is_some_and(plans::uses_last_frame) {
-                return Ok(None);
-            }
-            *exact_ms = exact_ms.or(row.exact_ms());
-            pending.push_back(row);
-            if pending.len() == MAX_PENDING {
-                rows.extend(pending.pop_front().map(|row| row.finish().0));
+        let mut all: Vec<Option<Vec<Row>>> = Vec::new();
+        // Rows are compared while the next ones are drawn.
+        let mut pending = VecDeque::new();
+        let finish = |all: &mut [Option<Vec<Row>>], (of, row): (usize, Pending)| {
+            all[of].as_mut().map(|rows| rows.push(row.finish().0))
+        };
+        for (of, setting) in settings.iter().enumerate() {
+            steps.next(&setting.name)?;
+            all.push(Some(Vec::new()));
+            let mut sessions = Sessions::new(exact, session, setting, None, views.len());
+            for (view, exact_ms) in views.iter().zip(&mut *exact_ms) {
+                let row = sessions.measure(scope, view, effort, *exact_ms)?;
+                if sessions.plan().is_some_and(plans::uses_last_frame) {
+                    all[of] = None;
+                    break;
+                }
+                *exact_ms = exact_ms.or(row.exact_ms());
+                pending.push_back((of, row));
+                if pending.len() == MAX_PENDING {
+                    pending.pop_front().and_then(|row| finish(&mut all, row));
+                }
             }
         }
-        rows.extend(pending.into_iter().map(|row| row.finish().0));
-        Ok(Some(rows))
+        for row in pending {
+            finish(&mut all, row);
+        }
+        Ok(all)
     })
 }

@@ -2,7 +2,8 @@
 
 use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
-use splatgraph_reference::metrics::{self, MetricError, decibels, flip, squared_error};
+use splatgraph_reference::metrics::flip::Seen;
+use splatgraph_reference::metrics::{self, MetricError, decibels, squared_error};
 
 const STEP: f32 = 1.0 / 255.0;
 
@@ -29,11 +30,17 @@ pub struct Error {
     pub covered_off: f64,
 }
 
-/// Compares a picture with the truth. `covered` is true for each pixel that a splat contributes to.
+/// Compares a picture with the truth. `covered` is true for each pixel that a splat contributes to. `seen` is the truth
+/// in 8 bits after the filters of FLIP; `None` filters it.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
-pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error, MetricError> {
+pub fn measure(
+    picture: &Image,
+    truth: &Image,
+    covered: &[bool],
+    seen: Option<&Seen>,
+) -> Result<Error, MetricError> {
     metrics::comparable(picture.into(), truth.into())?;
     let of_pixels = |wanted: &(dyn Fn(usize) -> bool + Sync)| {
         (metrics::psnr_over(picture.into(), truth.into(), &wanted), off(picture, truth, wanted))
@@ -41,7 +48,10 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
     let (((psnr_db, off), (covered_psnr_db, covered_off)), (flip, (ssim, worst))) = rayon::join(
         || rayon::join(|| of_pixels(&|_| true), || of_pixels(&|pixel| covered[pixel])),
         || {
-            let flip = || flip::of_8_bits(truth.into(), picture.into());
+            let flip = || {
+                let own = Seen::of_8_bits(picture.into());
+                seen.map_or_else(|| Seen::of_8_bits(truth.into()).flip(&own), |seen| seen.flip(&own))
+            };
             rayon::join(flip, || {
                 (
                     metrics::ssim(picture.into(), truth.into()),
@@ -96,12 +106,14 @@ mod tests {
         picture.rgb[3] = [0.5, 0.75, 0.5];
         picture.rgb[4] = [0.502, 0.5, 0.5];
         let covered: Vec<bool> = (0..256).map(|i| i < 4).collect();
-        let error = measure(&picture, &truth, &covered).unwrap();
+        let seen = Seen::of_8_bits((&truth).into());
+        let error = measure(&picture, &truth, &covered, Some(&seen)).unwrap();
         // The MSE over the four covered pixels is 0.0625 / (3 * 4).
         assert!((error.covered_psnr_db.unwrap() - 10.0 * 192f64.log10()).abs() < 1e-9, "{error:?}");
         assert_eq!((error.off, error.covered, error.covered_off), (1.0 / 256.0, 4, 0.25));
         assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");
-        let same = measure(&truth, &truth, &covered).unwrap();
+        assert_eq!(measure(&picture, &truth, &covered, None).unwrap(), error);
+        let same = measure(&truth, &truth, &covered, None).unwrap();
         assert_eq!((same.psnr_db, same.flip, same.off, same.ssim), (None, 0.0, 0.0, Some(1.0)));
         // JSON distinguishes an infinite PSNR from one that was not measured.
         let json = serde_json::to_value(&same).unwrap();

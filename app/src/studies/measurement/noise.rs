@@ -7,6 +7,10 @@
 //! the actual confidence is a little lower. (Shares of medians of several frames would need more frames for an equally
 //! narrow range.)
 //!
+//! The share over several views is the mean of the views' shares. They are measured one after the other, so their errors
+//! are independent, and the half of the mean's range is the root of the sum of the views' squared halves, divided by
+//! their number. For a narrow mean, each view's range may therefore be wider by the root of the number of views.
+//!
 //! Measured against themselves, the exact settings would have a share of 1 without noise. The distance of their share
 //! from 1 is the **noise floor**. Every range is widened to at least `median * (1 ± floor)`.
 
@@ -25,7 +29,7 @@ pub const MIN_SAVING: f64 = 0.02;
 /// PSNRs that differ by less than this, in decibels, count as equal: half of the last digit in tables.
 const EQUAL_DB: f64 = 0.05;
 
-/// Turns end when half of the range's width is at most `NARROW.0 + NARROW.1 * |share - 1|`.
+/// Turns end when half of the width of the mean's range is at most `NARROW.0 + NARROW.1 * |share - 1|`.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
 /// A frame time as a share of the exact settings' time.
@@ -50,14 +54,18 @@ impl Share {
         Some(Share { median: median(sorted)?, range })
     }
 
-    /// Averages the shares over views; `None` without views. The range is `None` if a view has none.
+    /// Averages the shares over views, whose errors are independent; `None` without views. The range is `None` if a
+    /// view has none.
     pub fn mean(views: &[Share]) -> Option<Share> {
-        let mean = |of: &dyn Fn(&Share) -> Option<f64>| {
-            let sum = views.iter().map(of).sum::<Option<f64>>();
-            sum.filter(|_| !views.is_empty()).map(|sum| sum / views.len() as f64)
+        let count = Some(views.len() as f64).filter(|count| *count > 0.0)?;
+        let median = views.iter().map(|view| view.median).sum::<f64>() / count;
+        let half = |of: &dyn Fn(f64, (f64, f64)) -> f64| -> Option<f64> {
+            let squares = views.iter().map(|view| Some(of(view.median, view.range?).powi(2)));
+            Some(squares.sum::<Option<f64>>()?.sqrt() / count)
         };
-        let range = mean(&|view| Some(view.range?.0)).zip(mean(&|view| Some(view.range?.1)));
-        Some(Share { median: mean(&|view| Some(view.median))?, range })
+        let (below, above) =
+            (half(&|median, (low, _)| median - low), half(&|median, (_, high)| high - median));
+        Some(Share { median, range: below.zip(above).map(|(below, above)| (median - below, median + above)) })
     }
 
     /// Returns the noise floor: the median's distance from 1. `None` without a range.
@@ -105,12 +113,12 @@ fn outside(turns: usize) -> Option<usize> {
     found
 }
 
-/// Returns true if the range of the turns' median is narrow enough to end the measurement.
-pub fn enough(turns: &[f64]) -> bool {
+/// Returns true if the range of the turns' median is narrow enough to end the measurement of one of `views`.
+pub fn enough(turns: &[f64], views: usize) -> bool {
     let found = Share::of(turns);
     let narrow = |share: &Share| {
         let wanted = NARROW.0 + NARROW.1 * (share.median - 1.0).abs();
-        share.range.is_some_and(|(low, high)| 0.5 * (high - low) <= wanted)
+        share.range.is_some_and(|(low, high)| 0.5 * (high - low) <= wanted * (views as f64).sqrt())
     };
     found.as_ref().is_some_and(narrow)
 }
@@ -226,7 +234,8 @@ mod tests {
     fn turns_are_enough_when_the_range_is_narrow_and_farther_from_1_less_narrow() {
         let near: Vec<f64> = (0..8).map(|i| 0.96 + 0.005 * f64::from(i)).collect();
         let far: Vec<f64> = near.iter().map(|v| v + 2.0).collect();
-        assert!(!enough(&near) && enough(&far) && enough(&[1.0; 8]) && !enough(&[1.0; 7]));
+        assert!(!enough(&near, 1) && enough(&far, 1) && enough(&[1.0; 8], 1) && !enough(&[1.0; 7], 100));
+        assert!(!enough(&near, 2) && enough(&near, 3), "half of the range is 0.0175, and 0.0111 is wanted");
     }
 
     #[test]
@@ -280,13 +289,17 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_over_views_has_a_range_if_all_have_one() {
+    fn the_mean_over_views_is_narrower_than_their_ranges_and_has_one_if_all_have() {
         let views = [share(0.5, 0.1), share(0.7, 0.2)].map(Option::unwrap);
         let found = Share::mean(&views).expect("views");
         let (low, high) = found.range.expect("a range");
-        assert!(
-            (found.median - 0.6).abs() < 1e-12 && (low - 0.45).abs() < 1e-12 && (high - 0.75).abs() < 1e-12
-        );
+        let half = (0.1f64.powi(2) + 0.2f64.powi(2)).sqrt() / 2.0;
+        assert!((found.median - 0.6).abs() < 1e-12, "{found:?}");
+        assert!((low - (0.6 - half)).abs() < 1e-12 && (high - (0.6 + half)).abs() < 1e-12, "{found:?}");
+        // Only what lies below the median lowers the mean's range.
+        let skewed = Share { median: 0.5, range: Some((0.5, 0.6)) };
+        let (low, high) = Share::mean(&[skewed; 4]).and_then(|mean| mean.range).expect("a range");
+        assert!((low - 0.5).abs() < 1e-12 && (high - 0.55).abs() < 1e-12, "{low} {high}");
         assert_eq!(Share::mean(&[views[0], Share { range: None, ..views[1] }]).expect("views").range, None);
         assert_eq!(Share::mean(&[]), None);
     }

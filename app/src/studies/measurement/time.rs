@@ -45,14 +45,27 @@ pub struct Baseline<'a> {
 /// Divisor of [`interleaved::Frames::choose`]: a round of shares needs fewer frames than a round of milliseconds.
 pub const FRAMES_DIVISOR: u32 = 10;
 
-/// Maximum duration of a setting's rounds, because on a busy machine the range may never become narrow.
-pub const MAX_DURATION: Duration = Duration::from_secs(8);
+/// When rounds end before the maximum of an [`Effort`].
+#[derive(Clone, Copy, Debug)]
+pub struct Until {
+    /// Number of views over whose mean the range shall be narrow: the more, the wider the range of each may be.
+    pub views: usize,
+    /// Maximum duration of the rounds, because on a busy machine the range may never become narrow.
+    pub longest: Duration,
+}
+
+impl Until {
+    /// Ends when the range of the mean over `views` is narrow, or after eight seconds in a view.
+    pub fn narrow(views: usize) -> Until {
+        Until { views, longest: Duration::from_secs(8) }
+    }
+}
 
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
 /// Both sessions must be prepared at the camera's size. They warm up first if `effort` is enough for a range; see
 /// [`has_range`]. Rounds end when the range of all turns is narrow enough ([`noise::enough`]), after `effort.rounds`,
-/// or after `longest` if there is a range.
+/// or after `until.longest` if there is a range.
 ///
 /// # Errors
 /// See [`interleaved::rounds`].
@@ -61,7 +74,7 @@ pub fn time_in_turns(
     exact: Baseline,
     camera: &Camera,
     effort: Effort,
-    longest: Duration,
+    until: Until,
 ) -> Result<Option<Time>, SessionError> {
     // Without a range, the precision of a warm device is not needed.
     if has_range(effort) {
@@ -81,8 +94,10 @@ pub fn time_in_turns(
             rounds.extend(round);
         }
         let shares = turns(&own, &of_exact);
-        let late = begun.elapsed() >= longest;
-        let is_done = |shares: Vec<f64>| noise::enough(&shares) || late && shares.len() >= noise::MIN_TURNS;
+        let late = begun.elapsed() >= until.longest;
+        let is_done = |shares: Vec<f64>| {
+            noise::enough(&shares, until.views) || late && shares.len() >= noise::MIN_TURNS
+        };
         // One round has no spread.
         if own.len() > 1 && shares.is_some_and(is_done) {
             break;
@@ -204,7 +219,7 @@ mod tests {
         let mut timed = |ms, effort| {
             journal.take();
             let baseline = Baseline { session: &mut exact, ms };
-            let time = time_in_turns(&mut session, baseline, &camera, effort, MAX_DURATION)
+            let time = time_in_turns(&mut session, baseline, &camera, effort, Until::narrow(1))
                 .expect("frames")
                 .expect("timestamps");
             let submits =

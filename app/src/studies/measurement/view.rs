@@ -2,7 +2,7 @@
 
 use super::error::{self, Error};
 use super::plans;
-use super::time::{Baseline, Time, time_in_turns};
+use super::time::{Baseline, Time, Until, time_in_turns};
 use crate::draw::capture::{self, Capture};
 use crate::draw::interleaved::{self, Effort};
 use crate::draw::session::{Session, SessionError};
@@ -11,10 +11,10 @@ use crate::io::image::Image;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::metrics::flip::Seen;
 use splatgraph_reference::{PictureMemoryError, Rules, depth_order};
 use std::panic::resume_unwind;
 use std::thread::{Scope, ScopedJoinHandle};
-use std::time::Duration;
 
 /// A camera with the true picture and the true order of the splats.
 pub struct View {
@@ -24,6 +24,8 @@ pub struct View {
     pub picture: Image,
     /// True for each pixel that a splat contributes to.
     pub covered: Vec<bool>,
+    /// The true picture in 8 bits, after the filters of FLIP; `None` filters it for each comparison.
+    pub seen: Option<Seen>,
     /// Indices of the splats beyond the near plane, near to far; empty if orders are not compared.
     pub order: Vec<u32>,
 }
@@ -39,8 +41,14 @@ impl View {
             camera: camera.clone(),
             picture: truth.image(),
             covered: truth.picture.transmittance.iter().map(|share| *share < 1.0).collect(),
+            seen: None,
             order: Vec::new(),
         })
+    }
+
+    /// Filters the true picture for all comparisons. The view must then keep its picture.
+    pub fn with_seen(self) -> View {
+        View { seen: Some(Seen::of_8_bits((&self.picture).into())), ..self }
     }
 
     /// Adds the true order of the splats.
@@ -107,7 +115,7 @@ pub fn measure<'scope>(
     baseline: Baseline,
     view: &'scope View,
     effort: Effort,
-    longest: Duration,
+    until: Until,
 ) -> Result<Measuring<'scope>, SessionError> {
     let comparison = match capture(session, view)? {
         // The frames run on the same cores, which a comparison would slow down.
@@ -117,7 +125,7 @@ pub fn measure<'scope>(
     };
     let time = match comparison {
         Comparison::Done(Err(_)) => None,
-        _ => time_in_turns(session, baseline, &view.camera, effort, longest)?,
+        _ => time_in_turns(session, baseline, &view.camera, effort, until)?,
     };
     Ok(Measuring {
         time,
@@ -155,7 +163,10 @@ fn compare(capture: Capture, view: &View) -> Result<Drawn, String> {
     // wrong.
     let order = order.filter(|order| order.is_empty() || !view.order.is_empty());
     let (error, inversions) = rayon::join(
-        || error::measure(&image, &view.picture, &view.covered).map_err(|error| error.to_string()),
+        || {
+            error::measure(&image, &view.picture, &view.covered, view.seen.as_ref())
+                .map_err(|error| error.to_string())
+        },
         || order.and_then(|order| capture::wrong_pairs(&view.order, &order)),
     );
     Ok(Drawn { error: error?, picture: image, inversions, counts })

@@ -6,7 +6,7 @@ use super::measure::{Step, counts};
 use super::page::{Shown, SweepResult};
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
-use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR, MAX_DURATION};
+use crate::studies::measurement::time::{Baseline, FRAMES_DIVISOR, Until};
 use crate::studies::measurement::view::{self, Measuring, View};
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
 use splatgraph_assets::synth::SynthError;
@@ -99,7 +99,7 @@ impl Study {
     ) -> Result<(Vec<Step>, Vec<Shown>), StudyError> {
         let camera = &subject.cameras[at];
         // Without the true order: indices in a part of the scene are not those in the whole scene.
-        let view = View::exact(self.whole.scene(), camera)?;
+        let view = View::exact(self.whole.scene(), camera)?.with_seen();
         self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
         let effort = wanted.frames.choose(&mut self.whole, camera, FRAMES_DIVISOR)?;
         let mut progress = self.progress(subject, at, listener);
@@ -108,6 +108,7 @@ impl Study {
         let all = [self.whole.scene().count()];
         // Frame time with all splats, by which the view's shares are multiplied.
         let mut whole_ms = None;
+        let until = Until::narrow(subject.cameras.len());
         for choice in iter::once(None).chain(Choice::ALL.map(Some)) {
             let ranking = choice.and_then(|choice| ranking(self.whole.scene(), camera, choice));
             let counts = if choice.is_some() { &self.counts[1..] } else { &all[..] };
@@ -117,8 +118,7 @@ impl Study {
                 session.prepare((camera.width, camera.height), &mut |_| {})?;
                 let whole = Baseline { session: &mut self.whole, ms: whole_ms };
                 let measured = thread::scope(|scope| {
-                    view::measure(scope, &mut session, whole, &view, effort, MAX_DURATION)
-                        .map(Measuring::finish)
+                    view::measure(scope, &mut session, whole, &view, effort, until).map(Measuring::finish)
                 });
                 let (found, drawn) = measured?.map_err(refused)?;
                 if choice.is_none() {

@@ -5,7 +5,7 @@ use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
 use crate::io::report::text::hex;
 use crate::studies::measurement::settings::EXACT;
-use crate::studies::measurement::time::{Baseline, MAX_DURATION, has_range};
+use crate::studies::measurement::time::{Baseline, Until, has_range};
 use crate::studies::measurement::view::{self, Drawn, Measured, Measuring, View};
 use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
@@ -25,7 +25,8 @@ pub struct Row {
     pub found: Result<Measured, String>,
 }
 
-/// Factor on the rounds when the exact settings are measured against themselves: all rows depend on their noise.
+/// Factor on the rounds when the exact settings are measured against themselves, until the range of each view is
+/// narrow: all rows depend on their noise.
 const ROUNDS_OF_EXACT: u32 = 4;
 
 /// A row whose comparison may still run.
@@ -62,19 +63,23 @@ pub struct Sessions<'a> {
     session: &'a mut Session,
     setting: &'a Setting,
     plan: Option<u64>,
+    /// Number of views over which times are averaged.
+    views: usize,
     /// Value of [`Session::growths`] when the setting was loaded; `None` before the first view.
     loaded: Option<u32>,
 }
 
 impl<'a> Sessions<'a> {
-    /// Stores the sessions; the setting is loaded with the first view. `plan` is the hash of its plans.
+    /// Stores the sessions; the setting is loaded with the first view. `plan` is the hash of its plans, and `views` the
+    /// number of views over which times are averaged.
     pub fn new(
         exact: &'a mut Session,
         session: &'a mut Session,
         setting: &'a Setting,
         plan: Option<u64>,
+        views: usize,
     ) -> Sessions<'a> {
-        Sessions { exact, session, setting, plan, loaded: None }
+        Sessions { exact, session, setting, plan, views, loaded: None }
     }
 
     /// Measures the setting in a view, interleaved with the exact settings. `exact_ms` is [`Baseline::ms`].
@@ -89,7 +94,7 @@ impl<'a> Sessions<'a> {
         effort: Effort,
         exact_ms: Option<f64>,
     ) -> Result<Pending<'scope>, SessionError> {
-        let Sessions { exact, session, setting, plan, loaded } = self;
+        let Sessions { exact, session, setting, plan, views, loaded } = self;
         exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
         // Reload after a list grew for the previous view, so that its memory does not count in this view.
         if *loaded != Some(session.growths()) {
@@ -97,7 +102,7 @@ impl<'a> Sessions<'a> {
         }
         *loaded = Some(session.growths());
         let baseline = Baseline { session: exact, ms: exact_ms };
-        let found = match measured(scope, session, baseline, setting, view, effort) {
+        let found = match measured(scope, session, baseline, setting, view, (effort, *views)) {
             Ok(found) => Ok(found),
             Err(SessionError::Graph(errors)) => Err(errors.text(false).trim().to_owned()),
             Err(error @ (SessionError::Full { .. } | SessionError::NoRoom { .. })) => Err(error.to_string()),
@@ -119,10 +124,14 @@ fn measured<'scope>(
     exact: Baseline,
     setting: &Setting,
     view: &'scope View,
-    effort: Effort,
+    (effort, views): (Effort, usize),
 ) -> Result<Measuring<'scope>, SessionError> {
     session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-    let more = if setting.name == EXACT && has_range(effort) { ROUNDS_OF_EXACT } else { 1 };
-    let effort = Effort { rounds: more * effort.rounds, ..effort };
-    view::measure(scope, session, exact, view, effort, more * MAX_DURATION)
+    let until = Until::narrow(views);
+    if setting.name != EXACT || !has_range(effort) {
+        return view::measure(scope, session, exact, view, effort, until);
+    }
+    let effort = Effort { rounds: ROUNDS_OF_EXACT * effort.rounds, ..effort };
+    let until = Until { views: 1, longest: ROUNDS_OF_EXACT * until.longest };
+    view::measure(scope, session, exact, view, effort, until)
 }

@@ -164,7 +164,7 @@ impl Study {
                     (exact, session),
                     settings,
                     &together,
-                    (ms, &have),
+                    (ms, &have, subject.cameras.len()),
                     ends,
                     &mut steps,
                 );
@@ -199,9 +199,10 @@ fn keep(
                 None => Ok(()),
             };
             book.insert(row);
-            match measured.try_recv() {
-                Ok(another) if left > 0 && stored.is_ok() => next = another,
-                _ => {
+            let another = (left > 0 && stored.is_ok()).then(|| measured.try_recv().ok()).flatten();
+            match another {
+                Some(another) => next = another,
+                None => {
                     book.save()?;
                     stored?;
                     let _ = kept.send(());
@@ -216,19 +217,19 @@ fn keep(
 /// Measures every setting in the views whose rows are missing, and sends the rows to [`keep`].
 ///
 /// `ms` are the exact settings' milliseconds per view, if known. `have` has the setting and camera of existing rows.
-/// With `kept`, waits after each row until it is written.
+/// Times are averaged over `all` views. With `kept`, waits after each row until it is written.
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
     (exact, session): (&mut Session, &mut Session),
     settings: &[(Setting, Option<u64>)],
     views: &'scope [(View, Effort)],
-    (mut ms, have): (Vec<Option<f64>>, &HashSet<(String, String)>),
+    (mut ms, have, all): (Vec<Option<f64>>, &HashSet<(String, String)>, usize),
     (rows, kept): (SyncSender<Measured<'scope>>, Option<Receiver<()>>),
     steps: &mut Steps,
 ) -> Result<(), StudyError> {
     // All views of a setting are measured together, so that its plan and its shaders are built only once.
     for (setting, plan) in settings {
-        let mut sessions = Sessions::new(exact, session, setting, *plan);
+        let mut sessions = Sessions::new(exact, session, setting, *plan, all);
         for ((view, effort), ms) in views.iter().zip(&mut ms) {
             let name = &view.camera.img_name;
             if have.contains(&(setting.name.clone(), name.clone())) {
@@ -326,7 +327,7 @@ fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> Result<View,
     if let Some(picture) = picture {
         view.picture = picture.clone();
     }
-    Ok(view)
+    Ok(view.with_seen())
 }
 
 #[cfg(test)]

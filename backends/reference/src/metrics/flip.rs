@@ -5,79 +5,62 @@
 //! equations. Both pictures are filtered by the contrast sensitivity of the eye at the display's distance. Their
 //! colours are compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
 //!
-//! [`of_floats`] compares the pictures as they are. [`of_8_bits`] first rounds them to 8 bits, as a file or a display
-//! does, and calls NVIDIA's own implementation. Where pictures differ by less than a step, rounding hides the
+//! [`Seen::of_floats`] filters a picture as it is. [`Seen::of_8_bits`] first rounds it to 8 bits, as a file or a display
+//! does; the result is then that of NVIDIA's program. Where pictures differ by less than a step, rounding hides the
 //! difference or amplifies it to a whole step.
 
-use super::ImageRef;
+use super::{ImageRef, LANES, weighted};
 use crate::srgb;
 use rayon::prelude::*;
 use std::f64::consts::PI;
-use std::ops::Range;
 
-/// Pixels per degree that FLIP assumes: those of a 4K display, 0.7 m wide, at a distance of 0.7 m.
-const PIXELS_PER_DEGREE: f64 = nv_flip::DEFAULT_PIXELS_PER_DEGREE as f64;
+/// Pixels per degree: those of a 4K display, as far away as it is wide.
+const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
 
-/// Computes the mean FLIP over the pixels: 0 for equal pictures, at most 1. Values are clamped to 0..1.
-///
-/// Panics if the sizes differ.
-pub fn of_floats(a: ImageRef, b: ImageRef) -> f64 {
-    assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
-    let (a, b) = (Seen::of(a), Seen::of(b));
-    // No two colours are farther apart than green and blue.
-    let most = distance(hunt(to_lab([0.0, 1.0, 0.0])), hunt(to_lab([0.0, 0.0, 1.0])));
-    let of = |at: usize| difference(a.colour[at], b.colour[at], most).powf(1.0 - a.feature(&b, at));
-    let sum: f64 = (0..a.colour.len()).map(of).sum();
-    sum / a.colour.len().max(1) as f64
-}
-
-/// Computes the mean FLIP of the pictures in 8 bits, with NVIDIA's implementation.
-///
-/// Panics if the sizes differ.
-pub fn of_8_bits(a: ImageRef, b: ImageRef) -> f64 {
-    in_bands(a, b, BAND)
-}
-
-/// Number of rows per band in [`of_8_bits`].
-const BAND: usize = 128;
-
-/// Computes FLIP in 8 bits by bands of rows in parallel, because NVIDIA's implementation has a single thread.
-///
-/// A band is extended by the radius of the filters, so that its pixels have the same values as in the whole picture.
-fn in_bands(a: ImageRef, b: ImageRef, band: usize) -> f64 {
-    assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
-    let (width, height) = (a.width, a.height);
-    let bytes = |image: ImageRef, rows: &Range<usize>| {
-        let level = |value: f64| (super::shown(value) * 255.0).round() as u8;
-        let pixels = image.rgb.range(rows.start * width..rows.end * width);
-        let bytes: Vec<u8> = pixels.flatten().map(level).collect();
-        nv_flip::FlipImageRgb8::with_data(width as u32, rows.len() as u32, &bytes)
-    };
-    let of_band = |top: usize| {
-        let rows = top.saturating_sub(reach())..(top + band + reach()).min(height);
-        let values =
-            nv_flip::flip(bytes(a, &rows), bytes(b, &rows), nv_flip::DEFAULT_PIXELS_PER_DEGREE).to_vec();
-        values[(top - rows.start) * width..((top + band).min(height) - rows.start) * width].to_vec()
-    };
-    let tops: Vec<usize> = (0..height).step_by(band).collect();
-    let values: Vec<Vec<f32>> = tops.into_par_iter().map(of_band).collect();
-    values.iter().flatten().map(|v| f64::from(*v)).sum::<f64>() / a.rgb.len().max(1) as f64
-}
-
-/// A picture after the filters of FLIP.
-struct Seen {
+/// A picture after the filters of FLIP, 20 bytes a pixel. A picture that is compared several times is filtered once.
+pub struct Seen {
+    width: usize,
     /// In L*a*b* with the Hunt effect.
-    colour: Vec<[f64; 3]>,
+    colour: Vec<[f32; 3]>,
     /// Strength of the edge and of the point at each pixel.
-    features: Vec<[f64; 2]>,
+    features: Vec<[f32; 2]>,
 }
 
 impl Seen {
-    fn of(image: ImageRef) -> Seen {
-        let opponent: Vec<[f64; 3]> = (0..image.rgb.len())
-            .into_par_iter()
-            .map(|at| to_opponent(image.rgb.at(at).map(|value| srgb::decode(super::shown(value)))))
-            .collect();
+    /// Filters a picture. Values are clamped to 0..1.
+    pub fn of_floats(image: ImageRef) -> Seen {
+        Seen::of(image, |value| srgb::decode(super::shown(value)))
+    }
+
+    /// Filters a picture in 8 bits. Values are clamped to 0..1, and rounded to multiples of 1/255.
+    pub fn of_8_bits(image: ImageRef) -> Seen {
+        let levels: [f64; 256] = std::array::from_fn(|level| srgb::decode(level as f64 / 255.0));
+        Seen::of(image, |value| levels[(super::shown(value) * 255.0).round() as usize])
+    }
+
+    /// Computes the mean FLIP over the pixels: 0 for equal pictures, at most 1.
+    ///
+    /// Panics if the sizes differ.
+    pub fn flip(&self, other: &Seen) -> f64 {
+        let size = |seen: &Seen| (seen.width, seen.colour.len());
+        assert_eq!(size(self), size(other), "pictures of one size");
+        // No two colours are farther apart than green and blue.
+        let most = distance(hunt(to_lab([0.0, 1.0, 0.0])), hunt(to_lab([0.0, 0.0, 1.0])));
+        let of = |at: usize| {
+            let (a, b) = (self.colour[at].map(f64::from), other.colour[at].map(f64::from));
+            if a == b { 0.0 } else { difference(a, b, most).powf(1.0 - self.feature(other, at)) }
+        };
+        // Sums of rows are added in order, so that the result is deterministic.
+        let rows = self.colour.len() / self.width.max(1);
+        let row = |y: usize| (y * self.width..(y + 1) * self.width).map(of).sum();
+        let sums: Vec<f64> = (0..rows).into_par_iter().map(row).collect();
+        sums.iter().sum::<f64>() / self.colour.len().max(1) as f64
+    }
+
+    /// Filters a picture; `linear` decodes a value.
+    fn of(image: ImageRef, linear: impl Fn(f64) -> f64 + Sync) -> Seen {
+        let pixels = (0..image.rgb.len()).into_par_iter();
+        let opponent: Vec<[f64; 3]> = pixels.map(|at| to_opponent(image.rgb.at(at).map(&linear))).collect();
         let plane = |channel: usize| Plane {
             width: image.width,
             height: image.height,
@@ -87,18 +70,18 @@ impl Seen {
         let inverse = glam::DMat3::from_cols_array_2d(&TO_XYZ).transpose().inverse();
         let colour = (0..opponent.len()).into_par_iter().map(|at| {
             let rgb = from_opponent([0, 1, 2].map(|channel| filtered[channel].values[at]), &inverse);
-            hunt(to_lab(rgb.map(|value| value.clamp(0.0, 1.0))))
+            hunt(to_lab(rgb.map(|value| value.clamp(0.0, 1.0)))).map(|value| value as f32)
         });
         // Features are detected in the lightness, scaled to 0..1.
         let mut lightness = plane(0);
         lightness.values.iter_mut().for_each(|value| *value = (*value + 16.0) / 116.0);
-        Seen { colour: colour.collect(), features: features(&lightness) }
+        Seen { width: image.width, colour: colour.collect(), features: features(&lightness) }
     }
 
     /// Computes the difference of the features at a pixel, 0 to 1 [16].
     fn feature(&self, other: &Seen, at: usize) -> f64 {
-        let [edge, point] = [0, 1].map(|kind| (self.features[at][kind] - other.features[at][kind]).abs());
-        (edge.max(point) / 2f64.sqrt()).sqrt().min(1.0)
+        let of = |kind: usize| f64::from((self.features[at][kind] - other.features[at][kind]).abs());
+        (of(0).max(of(1)) / 2f64.sqrt()).sqrt().min(1.0)
     }
 }
 
@@ -147,7 +130,7 @@ fn hunt([lightness, a, b]: [f64; 3]) -> [f64; 3] {
 
 /// Computes the HyAB distance between two colours, raised to the power 0.7 [7].
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
+    ((a[0] - b[0]).abs() + ((a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sqrt()).powf(0.7)
 }
 
 /// Maps the distance between two colours to a difference from 0 to 1 [8].
@@ -168,27 +151,41 @@ struct Plane {
 }
 
 impl Plane {
-    /// Filters rows by `across` and columns by `down`, of odd lengths. Pixels beyond an edge equal the nearest pixel.
-    fn filtered(&self, across: &[f64], down: &[f64]) -> Plane {
+    /// Filters rows by `taps`, of odd length. Pixels beyond an edge equal the nearest pixel.
+    fn across(&self, taps: &[f64]) -> Plane {
+        let width = self.width;
+        let mut values = vec![0.0; self.values.len()];
+        let rows = values.par_chunks_mut(width).zip(self.values.par_chunks(width));
+        rows.for_each_init(Vec::new, |padded, (out, row)| {
+            padded.clear();
+            padded.extend(std::iter::repeat_n(row[0], taps.len() / 2));
+            padded.extend_from_slice(row);
+            padded.resize(width + taps.len() + LANES, row[width - 1]);
+            for (at, out) in out.chunks_mut(LANES).enumerate() {
+                let at = at * LANES;
+                let sums = weighted(taps, |tap| &padded[at + tap..at + tap + LANES]);
+                out.copy_from_slice(&sums[..out.len()]);
+            }
+        });
+        Plane { values, ..*self }
+    }
+
+    /// Filters columns by `taps`, of odd length. Pixels beyond an edge equal the nearest pixel.
+    fn down(&self, taps: &[f64]) -> Plane {
         let (width, height) = (self.width, self.height);
-        let mut rows = vec![0.0; self.values.len()];
-        rows.par_chunks_mut(width).zip(self.values.par_chunks(width)).for_each(|(out, row)| {
-            let edge = |value: f64| std::iter::repeat_n(value, across.len() / 2);
-            let padded: Vec<f64> =
-                edge(row[0]).chain(row.iter().copied()).chain(edge(row[width - 1])).collect();
-            for (out, window) in out.iter_mut().zip(padded.windows(across.len())) {
-                *out = across.iter().zip(window).map(|(weight, value)| weight * value).sum();
-            }
-        });
-        let mut values = vec![0.0; rows.len()];
+        let mut values = vec![0.0; self.values.len()];
         values.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
-            for (tap, weight) in down.iter().enumerate() {
-                let from = (y + tap).saturating_sub(down.len() / 2).min(height - 1);
-                let row = &rows[from * width..(from + 1) * width];
-                out.iter_mut().zip(row).for_each(|(out, value)| *out += weight * value);
+            let row = |tap: usize| (y + tap).saturating_sub(taps.len() / 2).min(height - 1) * width;
+            let (whole, rest) = out.as_chunks_mut::<LANES>();
+            for (at, out) in whole.iter_mut().enumerate() {
+                *out = weighted(taps, |tap| &self.values[row(tap) + at * LANES..][..LANES]);
+            }
+            for (at, out) in rest.iter_mut().enumerate() {
+                let at = width - width % LANES + at;
+                *out = taps.iter().enumerate().map(|(tap, weight)| weight * self.values[row(tap) + at]).sum();
             }
         });
-        Plane { width, height, values }
+        Plane { values, ..*self }
     }
 }
 
@@ -222,7 +219,7 @@ fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
     let all: f64 = kernels.iter().map(|(_, weight)| weight).sum();
     let mut found = Plane { values: vec![0.0; plane.values.len()], ..*plane };
     for (taps, weight) in &kernels {
-        let part = plane.filtered(taps, taps);
+        let part = plane.across(taps).down(taps);
         found.values.iter_mut().zip(part.values).for_each(|(sum, value)| *sum += weight / all * value);
     }
     found
@@ -232,7 +229,7 @@ fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
 const FEATURE: f64 = 0.082;
 
 /// Computes the strength of the edge and of the point at each pixel, by derivatives of a Gaussian [11 to 14].
-fn features(lightness: &Plane) -> Vec<[f64; 2]> {
+fn features(lightness: &Plane) -> Vec<[f32; 2]> {
     let deviation = 0.5 * FEATURE * PIXELS_PER_DEGREE;
     let radius = (3.0 * deviation).ceil() as usize;
     let bell = |x: f64| (-x * x / (2.0 * deviation * deviation)).exp();
@@ -247,12 +244,13 @@ fn features(lightness: &Plane) -> Vec<[f64; 2]> {
     };
     let edge = balanced(taps(radius, |x| -x * bell(x)));
     let point = balanced(taps(radius, |x| (x * x / (deviation * deviation) - 1.0) * bell(x)));
+    let smoothed = lightness.across(&smooth);
     let strength = |kernel: &[f64]| -> Vec<f64> {
-        let (across, down) = (lightness.filtered(kernel, &smooth), lightness.filtered(&smooth, kernel));
-        across.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect()
+        let (across, down) = (lightness.across(kernel).down(&smooth), smoothed.down(kernel));
+        across.values.iter().zip(&down.values).map(|(x, y)| (x * x + y * y).sqrt()).collect()
     };
     let (edges, points) = (strength(&edge), strength(&point));
-    edges.into_iter().zip(points).map(|(edge, point)| [edge, point]).collect()
+    edges.into_iter().zip(points).map(|(edge, point)| [edge as f32, point as f32]).collect()
 }
 
 #[cfg(test)]
@@ -270,45 +268,49 @@ mod tests {
         })
     }
 
+    fn of_floats(a: &Image, b: &Image) -> f64 {
+        Seen::of_floats(a.into()).flip(&Seen::of_floats(b.into()))
+    }
+
+    fn of_8_bits(a: &Image, b: &Image) -> f64 {
+        Seen::of_8_bits(a.into()).flip(&Seen::of_8_bits(b.into()))
+    }
+
+    /// Computes FLIP with NVIDIA's program.
+    fn by_nvidia(a: &Image, b: &Image) -> f64 {
+        let [a, b] = [a, b].map(|image| {
+            let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(|v| (v * 255.0).round() as u8).collect();
+            nv_flip::FlipImageRgb8::with_data(image.width as u32, image.height as u32, &bytes)
+        });
+        let values = nv_flip::flip(a, b, PIXELS_PER_DEGREE as f32).to_vec();
+        values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len() as f64
+    }
+
     #[test]
     fn in_8_bits_it_is_what_nvidias_program_computes() {
-        for (width, height) in [(48, 36), (70, 20), (3, 2), (1, 1)] {
+        for (width, height) in [(48, 36), (70, 20), (33, 7), (3, 2), (1, 1)] {
             let (a, b) = (pattern(width, height, 0), pattern(width, height, 3));
-            let (own, nvidia) = (of_floats((&a).into(), (&b).into()), of_8_bits((&a).into(), (&b).into()));
+            let (own, nvidia) = (of_8_bits(&a, &b), by_nvidia(&a, &b));
             assert!(
                 own > 0.05 && (own - nvidia).abs() < 1e-4 * nvidia,
                 "{width} x {height}: {own} and {nvidia}"
             );
+            assert!((of_floats(&a, &b) - own).abs() < 1e-6 * own, "the pictures are multiples of 1/255");
         }
         let a = pattern(48, 36, 0);
         let dark = Image::from_fn(48, 36, |x, y| a.at(x, y).map(|v| (v * 250.0).round() / 255.0));
-        let (own, nvidia) = (of_floats((&a).into(), (&dark).into()), of_8_bits((&a).into(), (&dark).into()));
+        let (own, nvidia) = (of_8_bits(&a, &dark), by_nvidia(&a, &dark));
         assert!(own > 0.001 && (own - nvidia).abs() < 1e-3 * nvidia, "{own} and {nvidia}");
     }
 
     #[test]
-    fn bands_of_rows_have_the_values_of_the_whole_picture() {
-        let (a, b) = (pattern(40, 70, 0), pattern(40, 70, 3));
-        let whole = in_bands((&a).into(), (&b).into(), 70);
-        assert!(whole > 0.05);
-        for band in [1, 9, 32, 64, 100] {
-            assert_eq!(
-                in_bands((&a).into(), (&b).into(), band).to_bits(),
-                whole.to_bits(),
-                "bands of {band} rows"
-            );
-        }
-    }
-
-    #[test]
     fn a_difference_below_a_step_of_8_bits_is_seen_in_floats_alone() {
-        let a = Image::from_fn(20, 20, |_, _| [100.0 / 255.0; 3]);
-        let b = Image::from_fn(20, 20, |_, _| [100.3 / 255.0; 3]);
-        assert_eq!((of_floats((&a).into(), (&a).into()), of_8_bits((&a).into(), (&b).into())), (0.0, 0.0));
-        assert!(of_floats((&a).into(), (&b).into()) > 1e-4);
-        // Values above white are clamped.
         let grey = |value: f32| Image::from_fn(20, 20, |_, _| [value; 3]);
-        assert_eq!(of_floats((&grey(1.0)).into(), (&grey(1.5)).into()), 0.0);
-        assert!(of_floats((&grey(0.0)).into(), (&grey(1.0)).into()) > 0.9);
+        let (a, b) = (grey(100.0 / 255.0), grey(100.3 / 255.0));
+        assert_eq!((of_floats(&a, &a), of_8_bits(&a, &b)), (0.0, 0.0));
+        assert!(of_floats(&a, &b) > 1e-4);
+        // Values above white are clamped.
+        assert_eq!(of_floats(&grey(1.0), &grey(1.5)), 0.0);
+        assert!(of_floats(&grey(0.0), &grey(1.0)) > 0.9);
     }
 }

@@ -174,6 +174,19 @@ pub fn squared_error(psnr_db: Option<f64>) -> f64 {
     psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
 }
 
+/// Number of neighbouring pixels that are filtered at once, in vector registers.
+const LANES: usize = 8;
+
+/// Sums the pixels under a filter with weights `taps`, for [`LANES`] neighbouring pixels. `of` returns the pixels under
+/// a tap.
+fn weighted<'a>(taps: &[f64], of: impl Fn(usize) -> &'a [f64]) -> [f64; LANES] {
+    let mut sums = [0.0; LANES];
+    for (tap, weight) in taps.iter().enumerate() {
+        sums.iter_mut().zip(of(tap)).for_each(|(sum, value)| *sum += weight * value);
+    }
+    sums
+}
+
 fn shown(value: f64) -> f64 {
     value.clamp(0.0, 1.0)
 }
@@ -220,13 +233,22 @@ pub fn worst_pixel(a: ImageRef, b: ImageRef) -> WorstPixel {
 /// Returns `None` for pictures with fewer than 11 columns or rows. Panics if the sizes differ.
 pub fn ssim(a: ImageRef, b: ImageRef) -> Option<f64> {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
-    let (columns, rows) = (a.width.checked_sub(2 * RADIUS)?, a.height.checked_sub(2 * RADIUS)?);
+    let width = a.width;
+    let (columns, rows) = (width.checked_sub(2 * RADIUS)?, a.height.checked_sub(2 * RADIUS)?);
     if columns == 0 || rows == 0 {
         return None;
     }
     let window = gaussian_window();
+    let channels = |image: ImageRef| -> [Vec<f64>; 3] {
+        [0, 1, 2].map(|c| image.pixels().map(|pixel| shown(pixel[c])).collect())
+    };
+    let (a_channels, b_channels) = rayon::join(|| channels(a), || channels(b));
+    let row = |moments: &mut [Vec<f64>; 5], y: usize| -> f64 {
+        let of = |(a, b): (&Vec<f64>, &Vec<f64>)| ssim_row([a, b], (y, width), &window, moments);
+        a_channels.iter().zip(&b_channels).map(of).sum()
+    };
     // Sums are added in order, so that the result is deterministic.
-    let sums: Vec<f64> = (0..rows).into_par_iter().map(|y| ssim_row(a, b, y, &window)).collect();
+    let sums: Vec<f64> = (0..rows).into_par_iter().map_init(Default::default, row).collect();
     Some(sums.iter().sum::<f64>() / (3 * columns * rows) as f64)
 }
 
@@ -238,34 +260,40 @@ fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
     window
 }
 
-/// Sums one row of the SSIM map over the channels; the windows begin at row `top`.
+/// Sums one row of a channel's SSIM map; the windows begin at row `top` of pictures with `width` columns.
 ///
-/// The window is separable: the five moments are summed by columns, then by rows.
-fn ssim_row(a: ImageRef, b: ImageRef, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {
+/// The window is separable: the five moments are summed by columns, into `moments`, then by rows.
+fn ssim_row(
+    [a, b]: [&[f64]; 2],
+    (top, width): (usize, usize),
+    window: &[f64; 2 * RADIUS + 1],
+    moments: &mut [Vec<f64>; 5],
+) -> f64 {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
-    let mut sum = 0.0;
-    for c in 0..3 {
-        // Weighted means of a, b, a a, b b, a b.
-        let mut vertical = vec![[0.0f64; 5]; a.width];
-        for (dy, weight) in window.iter().enumerate() {
-            let start = (top + dy) * a.width;
-            let row = start..start + a.width;
-            for ((m, a), b) in vertical.iter_mut().zip(a.rgb.range(row.clone())).zip(b.rgb.range(row)) {
-                let (a, b) = (shown(a[c]), shown(b[c]));
-                for (m, v) in m.iter_mut().zip([a, b, a * a, b * b, a * b]) {
-                    *m += weight * v;
-                }
-            }
+    // Weighted means of a, b, a a, b b, a b.
+    for moment in &mut *moments {
+        moment.clear();
+        moment.resize(width + LANES, 0.0);
+    }
+    let [ma, mb, maa, mbb, mab] = moments.each_mut().map(|moment| &mut moment[..width]);
+    for (dy, weight) in window.iter().enumerate() {
+        let row = (top + dy) * width..(top + dy + 1) * width;
+        let (a, b) = (&a[row.clone()], &b[row]);
+        for x in 0..width {
+            let (a, b) = (a[x], b[x]);
+            ma[x] += weight * a;
+            mb[x] += weight * b;
+            maa[x] += weight * (a * a);
+            mbb[x] += weight * (b * b);
+            mab[x] += weight * (a * b);
         }
-        for columns in vertical.windows(2 * RADIUS + 1) {
-            let mut m = [0.0f64; 5];
-            for (weight, column) in window.iter().zip(columns) {
-                for (m, v) in m.iter_mut().zip(column) {
-                    *m += weight * v;
-                }
-            }
-            let [a, b, aa, bb, ab] = m;
+    }
+    let (columns, mut sum) = (width - 2 * RADIUS, 0.0);
+    for at in (0..columns).step_by(LANES) {
+        let means = moments.each_ref().map(|moment| weighted(window, |tap| &moment[at + tap..][..LANES]));
+        for lane in 0..LANES.min(columns - at) {
+            let [a, b, aa, bb, ab] = means.map(|mean| mean[lane]);
             let (a_variance, b_variance, covariance) = (aa - a * a, bb - b * b, ab - a * b);
             sum += ((2.0 * a * b + C1) * (2.0 * covariance + C2))
                 / ((a * a + b * b + C1) * (a_variance + b_variance + C2));
