@@ -9,7 +9,7 @@
 //! does; the result is then that of NVIDIA's program. Where pictures differ by less than a step, rounding hides the
 //! difference or amplifies it to a whole step.
 
-use super::{ImageRef, LANES, weighted};
+use super::{BAND, ImageRef, LANES, weighted};
 use crate::srgb;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -59,23 +59,42 @@ impl Seen {
 
     /// Filters a picture; `linear` decodes a value.
     fn of(image: ImageRef, linear: impl Fn(f64) -> f64 + Sync) -> Seen {
-        let pixels = (0..image.rgb.len()).into_par_iter();
-        let opponent: Vec<[f64; 3]> = pixels.map(|at| to_opponent(image.rgb.at(at).map(&linear))).collect();
-        let plane = |channel: usize| Plane {
-            width: image.width,
-            height: image.height,
-            values: opponent.iter().map(|pixel| pixel[channel]).collect(),
-        };
-        let filtered = [0, 1, 2].map(|channel| contrast(&plane(channel), SENSITIVITY[channel]));
+        Seen::in_bands(image, BAND, linear)
+    }
+
+    /// Filters a picture in bands of `band` rows, in parallel. Each band fits in a core's cache.
+    fn in_bands(image: ImageRef, band: usize, linear: impl Fn(f64) -> f64 + Sync) -> Seen {
+        let (width, height) = (image.width, image.height);
         let inverse = glam::DMat3::from_cols_array_2d(&TO_XYZ).transpose().inverse();
-        let colour = (0..opponent.len()).into_par_iter().map(|at| {
-            let rgb = from_opponent([0, 1, 2].map(|channel| filtered[channel].values[at]), &inverse);
-            hunt(to_lab(rgb.map(|value| value.clamp(0.0, 1.0)))).map(|value| value as f32)
-        });
-        // Features are detected in the lightness, scaled to 0..1.
-        let mut lightness = plane(0);
-        lightness.values.iter_mut().for_each(|value| *value = (*value + 16.0) / 116.0);
-        Seen { width: image.width, colour: colour.collect(), features: features(&lightness) }
+        let of_band = |top: usize| {
+            // With the rows within the reach of the filters, pixels have the same values as in the whole picture.
+            let rows = top.saturating_sub(reach())..(top + band + reach()).min(height);
+            let pixels = image.rgb.range(rows.start * width..rows.end * width);
+            let opponent: Vec<[f64; 3]> = pixels.map(|pixel| to_opponent(pixel.map(&linear))).collect();
+            let plane = |channel: usize| Plane {
+                width,
+                height: rows.len(),
+                values: opponent.iter().map(|pixel| pixel[channel]).collect(),
+            };
+            let filtered = [0, 1, 2].map(|channel| contrast(&plane(channel), SENSITIVITY[channel]));
+            // Features are detected in the lightness, scaled to 0..1.
+            let mut lightness = plane(0);
+            lightness.values.iter_mut().for_each(|value| *value = (*value + 16.0) / 116.0);
+            let own = (top - rows.start) * width..((top + band).min(height) - rows.start) * width;
+            let colour = own.clone().map(|at| {
+                let rgb = from_opponent([0, 1, 2].map(|channel| filtered[channel].values[at]), &inverse);
+                hunt(to_lab(rgb.map(|value| value.clamp(0.0, 1.0)))).map(|value| value as f32)
+            });
+            (colour.collect::<Vec<_>>(), features(&lightness)[own].to_vec())
+        };
+        let tops: Vec<usize> = (0..height).step_by(band).collect();
+        let bands: Vec<_> = tops.into_par_iter().map(of_band).collect();
+        let (mut colour, mut features) = (Vec::new(), Vec::new());
+        for (of_colour, of_features) in bands {
+            colour.extend(of_colour);
+            features.extend(of_features);
+        }
+        Seen { width, colour, features }
     }
 
     /// Computes the difference of the features at a pixel, 0 to 1 [16].
@@ -155,8 +174,8 @@ impl Plane {
     fn across(&self, taps: &[f64]) -> Plane {
         let width = self.width;
         let mut values = vec![0.0; self.values.len()];
-        let rows = values.par_chunks_mut(width).zip(self.values.par_chunks(width));
-        rows.for_each_init(Vec::new, |padded, (out, row)| {
+        let mut padded = Vec::new();
+        for (out, row) in values.chunks_mut(width).zip(self.values.chunks(width)) {
             padded.clear();
             padded.extend(std::iter::repeat_n(row[0], taps.len() / 2));
             padded.extend_from_slice(row);
@@ -166,7 +185,7 @@ impl Plane {
                 let sums = weighted(taps, |tap| &padded[at + tap..at + tap + LANES]);
                 out.copy_from_slice(&sums[..out.len()]);
             }
-        });
+        }
         Plane { values, ..*self }
     }
 
@@ -174,7 +193,7 @@ impl Plane {
     fn down(&self, taps: &[f64]) -> Plane {
         let (width, height) = (self.width, self.height);
         let mut values = vec![0.0; self.values.len()];
-        values.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
+        for (y, out) in values.chunks_mut(width).enumerate() {
             let row = |tap: usize| (y + tap).saturating_sub(taps.len() / 2).min(height - 1) * width;
             let (whole, rest) = out.as_chunks_mut::<LANES>();
             for (at, out) in whole.iter_mut().enumerate() {
@@ -184,7 +203,7 @@ impl Plane {
                 let at = width - width % LANES + at;
                 *out = taps.iter().enumerate().map(|(tap, weight)| weight * self.values[row(tap) + at]).sum();
             }
-        });
+        }
         Plane { values, ..*self }
     }
 }
@@ -301,6 +320,19 @@ mod tests {
         let dark = Image::from_fn(48, 36, |x, y| a.at(x, y).map(|v| (v * 250.0).round() / 255.0));
         let (own, nvidia) = (of_8_bits(&a, &dark), by_nvidia(&a, &dark));
         assert!(own > 0.001 && (own - nvidia).abs() < 1e-3 * nvidia, "{own} and {nvidia}");
+    }
+
+    #[test]
+    fn bands_of_rows_have_the_values_of_the_whole_picture() {
+        let (a, b) = (pattern(41, 70, 0), pattern(41, 70, 3));
+        let of = |band: usize| {
+            let seen = |image: &Image| Seen::in_bands(image.into(), band, srgb::decode);
+            seen(&a).flip(&seen(&b))
+        };
+        assert!(of(70) > 0.05);
+        for band in [1, 9, 32, 64, 100] {
+            assert_eq!(of(band).to_bits(), of(70).to_bits(), "bands of {band} rows");
+        }
     }
 
     #[test]

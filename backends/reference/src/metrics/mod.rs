@@ -60,6 +60,8 @@ impl ImageRef<'_> {
     }
 }
 
+/// Number of rows of a band. Bands are measured in parallel, and each fits in a core's cache.
+const BAND: usize = 64;
 /// Radius of SSIM's window: 11 x 11.
 const RADIUS: usize = 5;
 /// Standard deviation of SSIM's window, in pixels.
@@ -239,16 +241,22 @@ pub fn ssim(a: ImageRef, b: ImageRef) -> Option<f64> {
         return None;
     }
     let window = gaussian_window();
-    let channels = |image: ImageRef| -> [Vec<f64>; 3] {
-        [0, 1, 2].map(|c| image.pixels().map(|pixel| shown(pixel[c])).collect())
+    let of_band = |top: usize| -> Vec<f64> {
+        let band = top..(top + BAND).min(rows);
+        let pixels = top * width..(band.end + 2 * RADIUS) * width;
+        let channels = |image: ImageRef| -> [Vec<f64>; 3] {
+            [0, 1, 2].map(|c| image.rgb.range(pixels.clone()).map(|pixel| shown(pixel[c])).collect())
+        };
+        let (a, b) = (channels(a), channels(b));
+        let mut moments = Default::default();
+        let of = |y: usize| {
+            a.iter().zip(&b).map(|(a, b)| ssim_row([a, b], (y, width), &window, &mut moments)).sum()
+        };
+        (0..band.len()).map(of).collect()
     };
-    let (a_channels, b_channels) = rayon::join(|| channels(a), || channels(b));
-    let row = |moments: &mut [Vec<f64>; 5], y: usize| -> f64 {
-        let of = |(a, b): (&Vec<f64>, &Vec<f64>)| ssim_row([a, b], (y, width), &window, moments);
-        a_channels.iter().zip(&b_channels).map(of).sum()
-    };
+    let tops: Vec<usize> = (0..rows).step_by(BAND).collect();
     // Sums are added in order, so that the result is deterministic.
-    let sums: Vec<f64> = (0..rows).into_par_iter().map_init(Default::default, row).collect();
+    let sums: Vec<f64> = tops.into_par_iter().flat_map_iter(of_band).collect();
     Some(sums.iter().sum::<f64>() / (3 * columns * rows) as f64)
 }
 
