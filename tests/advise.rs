@@ -163,5 +163,7 @@ fn the_advised_command_draws_the_promised_psnr() {
         assert!((found - promised).abs() < 1e-6, "{name}: {found}, promised {promised}");
     }
 
+    // Other projections are compared with exact pictures of the same projection.
+    place.done("advise scene.ply -p fisheye --psnr 45 --size 64x48 --rounds 1 --frames 1");
     place.refuses("", &[("advise scene.ply --psnr 0", 2, "expected a number above 0")]);
 }

@@ -166,6 +166,11 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
         "",
         &[
             ("evaluate scene.ply -c views", 1, "expected the photograph "),
+            (
+                "evaluate scene.ply -c views -p fisheye",
+                1,
+                "view-0000.png: expected a graph for pinhole cameras, found one for fisheye cameras",
+            ),
             ("evaluate scene.ply -c cameras.json", 2, "name it with --photographs"),
             ("evaluate scene.ply -c empty", 1, "expected cameras.json, transforms.json"),
             ("evaluate scene.ply -c views --backend reference --set cutoff=3", 2, "--set is for graphs"),

@@ -70,6 +70,9 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
             assert!(number("true_change") > 0.0, "the camera moves: {step}");
         }
     }
+    // The exact renderer draws the same projection.
+    let lens = popping(&place, "--frames 3 --step 2 --size 96x48 -p equirectangular");
+    assert!(of(&lens, "equirectangular", "pop") < 1e-5, "{lens:#}");
     let csv = place.text("out/popping.csv");
     assert_eq!(csv.lines().count(), 1 + 7 * 3, "{csv}");
     assert!(place.text("out/popping.svg").contains("key_bits=8"));
@@ -101,6 +104,11 @@ fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
         &[
             ("-c sizes.json", 1, "expected pictures of the same size along the path"),
             ("-p splatt", 1, "splatt"),
+            (
+                "-p splat -p fisheye",
+                2,
+                "expected graphs with one projection, found splat (pinhole) and fisheye (fisheye)",
+            ),
             ("--with key_bits", 2, "NAME=VALUE"),
             ("--with key_bitz=8", 1, "key_bitz"),
             ("--frames 1", 2, "--frames"),

@@ -4,7 +4,7 @@ use super::console::Console;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, Drawing, EffortArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
-use crate::draw::{fit, planner};
+use crate::draw::{fit, planner, projection};
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{OutputGuard, shell_word};
@@ -86,6 +86,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
+    let Drawing { pipeline, set, size, .. } = &args.drawing;
+    // The exact renderer draws each camera in its own projection.
+    cameras = projection::convert_all(&cameras, projection::of_graph(pipeline, set), &scene, *size)?;
     let found = describe(&scene, &cameras, args.errors);
     let name = options::scene_name(args.scene.as_deref());
     let tell = |text: &str| options::print_beside(args.json.as_deref(), text);
@@ -98,12 +101,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if budget != Budget::default() {
         let device = args.device.open()?;
         if let Some(path) = &args.scene {
-            fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+            fit::check_header(path, &args.load, device.info(), pipeline, set)?;
         }
         let subject = Subject { device, name, scene: scene.into(), cameras };
-        let setting = Setting::of_graph(&args.drawing.pipeline, &args.drawing.set);
+        let setting = Setting::of_graph(pipeline, set);
         claim_graph_files(&mut guard, &subject.check(&[setting])?)?;
-        let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
+        let (pipeline, set) = (pipeline.clone(), set.clone());
         let wanted = Wanted { pipeline, set, budget, frames: args.effort.frames() };
         let advice = study(&subject, keys, &wanted, &mut Console::default())?;
         let (Advice { tried, unsure, .. }, Best { found, hidden }) = (&advice, advice.best());

@@ -8,6 +8,7 @@ use super::render::{Renderer, refuse_graph_options, renderer};
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
 use crate::draw::outputs;
+use crate::draw::projection::{self, ProjectionError};
 use crate::draw::session::Session;
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
@@ -199,6 +200,14 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         );
         return Err(Usage(text).into());
     };
+    if let Renderer::Device(_) = args.backend {
+        // A photograph is no picture of another projection, so pinholes are not converted.
+        let graph = projection::of_graph(&args.pipeline, &args.set);
+        if let Some(view) = chosen.iter().find(|view| view.camera.projection != graph) {
+            let error = ProjectionError { graph, camera: view.camera.projection };
+            bail!("{}: {error}", one_line(&view.photograph));
+        }
+    }
     let view = |view: &splatgraph_assets::View| View {
         name: view.photograph.clone(),
         photograph: Dataset::photograph_in(folder, view),

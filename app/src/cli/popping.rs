@@ -5,6 +5,7 @@ use super::console::Console;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use super::subject;
+use crate::draw::projection;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::MAX_NAME_BYTES;
 use crate::io::output::{self, OutputGuard};
@@ -96,10 +97,14 @@ fn degrees(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> Result<Outcome> {
     let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref(), false)?;
     let mut guard = guard(args)?;
-    let variants = variants(args);
+    let own = given.as_deref().map_or(Ok(Projection::Pinhole), projection::shared).unwrap_or_default();
+    let variants = variants(args, own);
+    let graph = shared_projection(&variants)?;
     let scene = (args.scene.as_deref(), &args.load);
     let mut subject = subject::load(args.device.open()?, scene, &variants, given, MAX_NAME_BYTES, args.size)?;
-    subject.cameras = path(args, &subject.scene, subject.cameras)?;
+    let path = path(args, &subject.scene, subject.cameras)?;
+    // The exact renderer draws each camera in its own projection.
+    subject.cameras = projection::convert_all(&path, graph, &subject.scene, args.size)?;
     measure::check(&subject.cameras)?;
     // Report errors in the graphs before the exact pictures are drawn, which takes long.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
@@ -129,14 +134,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// Lists the variants without duplicates: the given graphs and parameters or, if none are given, the built-in graphs
-/// for pinhole cameras except `auto`.
+/// for the cameras' projection except `auto`.
 ///
 /// If only `--with` is given, `auto` without parameters comes first.
-fn variants(args: &Args) -> Vec<Setting> {
+fn variants(args: &Args, cameras: Projection) -> Vec<Setting> {
     let graph = |name: &str| Setting::of_graph(name, &[]);
     let mut all: Vec<Setting> = args.pipeline.iter().map(|name| graph(name)).collect();
     if all.is_empty() && args.with.is_empty() {
-        all = settings::measured_names(Projection::Pinhole).into_iter().map(graph).collect();
+        all = settings::measured_names(cameras).into_iter().map(graph).collect();
     } else if all.is_empty() {
         all.push(graph(DEFAULT_PIPELINE));
     }
@@ -148,6 +153,25 @@ fn variants(args: &Args) -> Vec<Setting> {
         }
     }
     kept
+}
+
+/// Returns the projection that all variants draw.
+///
+/// # Errors
+/// Two variants have different projections: their pictures cannot be compared.
+fn shared_projection(variants: &[Setting]) -> Result<Projection, Usage> {
+    let mut first: Option<(&str, Projection)> = None;
+    for variant in variants {
+        let found = projection::of_graph(&variant.pipeline, &variant.set);
+        let (name, wanted) = *first.get_or_insert((&variant.name, found));
+        if found != wanted {
+            return Err(Usage(format!(
+                "expected graphs with one projection, found {name} ({wanted}) and {} ({found})",
+                variant.name
+            )));
+        }
+    }
+    Ok(first.map_or(Projection::Pinhole, |(_, projection)| projection))
 }
 
 /// Returns the cameras of the path. A single camera becomes an orbit around the scene.

@@ -101,7 +101,8 @@ fn open(
     let stems = options::stems(args.scene.as_deref(), given.as_deref(), ROOM);
     let scene = (args.scene.as_deref(), &args.load);
     let mut subject = subject::load(args.device.open()?, scene, &settings, given, ROOM, *size)?;
-    subject.cameras = projection::convert_all(subject.cameras, pipeline, set, &subject.scene)?;
+    let graph = projection::of_graph(pipeline, set);
+    subject.cameras = projection::convert_all(&subject.cameras, graph, &subject.scene, *size)?;
     let truths = |folder: &PathBuf| -> Result<_> {
         tell_off_center(&subject.cameras);
         Ok((folder.display().to_string(), true_pictures(folder, &subject.cameras, &stems)?))

@@ -108,18 +108,43 @@ pub fn shown(camera: &Camera, graph: Projection, scene: &Scene) -> Camera {
     }
 }
 
-/// Converts a command's cameras to the projection of its graph. `set` are the graph's parameters.
+/// Converts a command's cameras to the projection of its graph. `size` is the requested size; see [`shaped`].
 ///
 /// # Errors
 /// A camera is not a pinhole camera, and its projection differs from the graph's.
 pub fn convert_all(
-    cameras: Vec<Camera>,
-    pipeline: &str,
-    set: &[(String, String)],
+    cameras: &[Camera],
+    graph: Projection,
     scene: &Scene,
+    size: Option<(u32, u32)>,
 ) -> Result<Vec<Camera>, ProjectionError> {
-    let graph = of_graph(pipeline, set);
-    cameras.iter().map(|camera| convert(camera, graph, scene)).collect()
+    let converted = |camera: &Camera| match size {
+        Some(_) => convert(camera, graph, scene),
+        None => convert(&shaped(camera, graph), graph, scene),
+    };
+    cameras.iter().map(converted).collect()
+}
+
+/// Gives a pinhole camera that is to become a panorama the shape 2:1, which players of panoramas expect.
+pub fn shaped(camera: &Camera, graph: Projection) -> Camera {
+    match (camera.projection, graph) {
+        (Projection::Pinhole, Projection::Equirectangular) => {
+            let (width, height) = default_size(graph, (camera.width, camera.height));
+            camera.resized(width, height)
+        }
+        _ => camera.clone(),
+    }
+}
+
+/// Returns the size of a picture for which none is requested, from that of a pinhole: 2:1 for a panorama.
+pub fn default_size(projection: Projection, (width, height): (u32, u32)) -> (u32, u32) {
+    match projection {
+        Projection::Equirectangular => {
+            let height = (width / 2).max(1);
+            (2 * height, height)
+        }
+        _ => (width, height),
+    }
 }
 
 #[cfg(test)]
@@ -155,6 +180,22 @@ mod tests {
             error,
             "expected a graph for fisheye cameras, found one for pinhole cameras: use --pipeline fisheye"
         );
+    }
+
+    #[test]
+    fn a_pinhole_becomes_a_panorama_of_2_to_1_unless_a_size_is_requested() {
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        let camera = Camera::framing(&scene, 979, 546);
+        let sizes = |graph, size| {
+            let found = convert_all(std::slice::from_ref(&camera), graph, &scene, size).unwrap();
+            (found[0].projection, found[0].width, found[0].height)
+        };
+        let panorama = Projection::Equirectangular;
+        assert_eq!(sizes(panorama, None), (panorama, 978, 489));
+        assert_eq!(sizes(panorama, Some((979, 546))), (panorama, 979, 546));
+        assert_eq!(sizes(Projection::Fisheye, None), (Projection::Fisheye, 979, 546));
+        let file = Camera { projection: panorama, ..camera.clone() };
+        assert_eq!(shaped(&file, panorama), file, "a panorama of a file keeps its size");
     }
 
     #[test]

@@ -65,8 +65,8 @@ pub const NOTES: &str = "\
 pop: for steps of this many degrees. With another step, the ranking may change: an error that drifts shrinks with the step, \
 one that jumps shrinks less.
 per °: pop per degree of camera rotation. Compare only equal steps.
-0 by definition: the published order, in which the exact renderer also draws. It sorts by depth, and pops where two splats \
-change places; these pops are not counted here.
+0 by definition: the published order, in which the exact renderer also draws. It sorts by depth (fisheyes and \
+panoramas: by distance), and pops where two splats change places; these pops are not counted here.
 ";
 
 /// Formats summaries as a table for a terminal.
