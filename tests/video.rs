@@ -2,6 +2,7 @@
 
 use crate::common;
 use crate::place::Place;
+use serde_json::json;
 use splatgraph::io::image::Image;
 use std::fs;
 use std::process::Stdio;
@@ -174,7 +175,23 @@ fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it
         );
         place.refuses(film, &[("film.gif", 1, &error)]);
     }
-    // Pinhole cameras are converted to the graph's projection.
+    // Pinhole cameras are converted to the graph's projection, also those that are written.
+    place.write("lens.json", with(["pinhole"; 2]));
+    for lens in ["fisheye", "orthographic", "equirectangular"] {
+        place.done(&format!("{film} converted-{lens} -p {lens} --write-cameras {lens}.json"));
+        place.done(&format!("render scene.ply -c {lens}.json#1 -p {lens} -o still.png"));
+        let far = difference(&frame(&place, &format!("converted-{lens}"), 1), &place.image("still.png"));
+        assert!(far < 2.5, "{lens}: {far}");
+        place.refuses(
+            "render scene.ply -o still.png",
+            &[(&format!("-c {lens}.json#1"), 1, &format!("expected a graph for {lens} cameras"))],
+        );
+    }
+    // Without a size, a panorama has the shape 2:1; without a target, it is level.
+    place.done("video scene.ply --orbit=2 -p equirectangular -o round --write-cameras round.json");
+    let camera = &place.json("round.json")[1];
+    assert_eq!((&camera["width"], &camera["height"]), (&json!(960), &json!(480)), "{camera}");
+    assert!(camera["rotation"][1][2].as_f64().is_some_and(|y| y.abs() < 1e-9), "{camera}");
     place.write("lens.json", with(["fisheye", "pinhole"]));
     place.done(&format!("{film} mixed -p fisheye"));
     place.done("render scene.ply -c lens.json#1 --size=48x27 -p fisheye -o pinhole.png");

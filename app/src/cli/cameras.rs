@@ -4,7 +4,7 @@ use super::outcome::Usage;
 use crate::draw::camera;
 use crate::io::output::{OutputGuard, one_line, say};
 use anyhow::{Result, bail};
-use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, View};
+use splatgraph_assets::{Camera, CameraError, CameraOptions, Dataset, Projection, View};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -134,6 +134,18 @@ pub fn tell_off_center<'a>(cameras: impl IntoIterator<Item = &'a Camera>) {
     if farthest > TOLERANCE {
         say(format!(
             "principal points are up to {farthest:.1} pixels off the middle of the pictures; the 3DGS reference implementation trains with the middle: score its scenes with their cameras.json"
+        ));
+    }
+}
+
+/// Warns the user if a panorama does not have the shape 2:1.
+pub fn tell_shape(cameras: &[Camera]) {
+    let is_stretched = |camera: &&Camera| {
+        camera.projection == Projection::Equirectangular && camera.width != 2 * camera.height
+    };
+    if let Some(Camera { width, height, .. }) = cameras.iter().find(is_stretched) {
+        say(format!(
+            "a panorama has 360 by 180 degrees: players and headsets expect 2:1, found {width} x {height} pixels"
         ));
     }
 }

@@ -2,7 +2,9 @@
 
 use super::outcome::Usage;
 use crate::draw::facts;
-use crate::draw::orbit::Orbit;
+use crate::draw::orbit::{self, Orbit};
+use crate::draw::projection;
+use crate::io::output::say;
 use glam::DVec3;
 use splatgraph_assets::{Camera, Projection, Scene};
 
@@ -12,7 +14,7 @@ pub struct LookAtArgs {
     /// Position of the camera, in world coordinates (y points down in most captures)
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     eye: Option<[f64; 3]>,
-    /// Point to look at [default: the middle of the scene]
+    /// Point to look at [default: the middle of the scene; for a panorama, that direction along the horizon]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     target: Option<[f64; 3]>,
     /// World direction that points up in the picture [default: the scene's, or 0,-1,0]
@@ -124,7 +126,7 @@ impl LookAtArgs {
         size: Option<(u32, u32)>,
         projection: Projection,
     ) -> Result<Orbit, Usage> {
-        let size = size.unwrap_or(facts::DEFAULT_SIZE);
+        let size = size.unwrap_or_else(|| projection::default_size(projection, facts::DEFAULT_SIZE));
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
         let up = self.up.unwrap_or(scene.up());
@@ -140,11 +142,29 @@ impl LookAtArgs {
         let zoom = framing
             .filter(|_| self.fov.is_none() && self.target.is_none())
             .map_or(1.0, |camera| enlargement(&camera));
-        let start = self.start([eye, target, up.into()], size, zoom, scene, projection)?;
+        let mut start = self.start([eye, target, up.into()], size, zoom, scene, projection)?;
+        if projection == Projection::Equirectangular {
+            start = self.panorama(start, up);
+        }
         if let Some(fault) = start.fault() {
             return Err(Usage(format!("--eye, --target and --fov give no valid camera: {fault}")));
         }
         Ok(Orbit { start, around: target.into(), axis: up })
+    }
+
+    /// Makes a panorama level unless a target is given, because a viewer's floor would lean. Reports the pitch.
+    fn panorama(&self, camera: Camera, up: [f64; 3]) -> Camera {
+        if self.target.is_none() {
+            return orbit::levelled(&camera, up);
+        }
+        let pitch = orbit::pitch(&camera, up);
+        if pitch.abs() >= 0.05 {
+            let (degrees, side) = (pitch.abs(), if pitch < 0.0 { "below" } else { "above" });
+            say(format!(
+                "the panorama is tilted: --target is {degrees:.1} degrees {side} the horizon; without --target, it is level"
+            ));
+        }
+        camera
     }
 
     fn start(
@@ -298,6 +318,16 @@ mod tests {
             said.contains("expected --ortho-height for an orthographic camera, found a pinhole one"),
             "{said}"
         );
+        let panorama = |words: &str| {
+            let camera = made(words, Projection::Equirectangular).unwrap();
+            (camera.axes()[1][1], camera.axes()[2])
+        };
+        // From above the middle, from the middle itself but for x, and without an eye.
+        for level in ["--eye 0.5,-40,-4", "--eye 0.1,-30,0", "--up 0,-1,0"] {
+            let (down, forward) = panorama(level);
+            assert!((down - 1.0).abs() < 1e-9 && forward[1].abs() < 1e-9, "{level}: {forward:?}");
+        }
+        assert!(panorama("--eye 0,-3,-4 --target 0,0,0").1[1] > 0.5, "a target is looked at");
         let said = made("--eye 0,0,-4 --fov 90", Projection::Equirectangular).unwrap_err();
         assert!(said.contains("expected no --fov for an equirectangular view"), "{said}");
     }

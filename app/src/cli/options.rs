@@ -450,7 +450,7 @@ pub struct Drawing {
     /// photographs [default: such lenses are refused]
     #[arg(long, requires = "cameras")]
     pub ignore_distortion: bool,
-    /// Size of the pictures [default: the cameras']
+    /// Size of the pictures [default: the cameras'; 2:1 for a panorama of pinhole cameras]
     ///
     /// The cameras keep their vertical field of view: a wider picture shows more at the sides. The camera that frames
     /// the scene frames it at this size.

@@ -21,6 +21,23 @@ fn moved_by(camera: &Camera, around: [f64; 3], turn: DQuat) -> Camera {
     with_axes(camera, position, camera.axes().map(|axis| turn * DVec3::from(axis)))
 }
 
+/// Turns a camera so that it looks along the horizon, upright with respect to `up`, and keeps its heading.
+///
+/// The heading of a view straight down is the picture's upward direction; that of a view straight up, the downward one.
+pub fn levelled(camera: &Camera, up: [f64; 3]) -> Camera {
+    let up = DVec3::from(up).normalize_or(DVec3::NEG_Y);
+    let [_, down, forward] = camera.axes().map(DVec3::from);
+    let heading = if forward.cross(up).length() > 1e-6 { forward } else { forward.dot(up) * down };
+    let ahead = (heading - heading.dot(up) * up).normalize();
+    with_axes(camera, camera.position.into(), [(-up).cross(ahead), -up, ahead])
+}
+
+/// Computes the angle of a camera's view above the horizon, in degrees; negative below it.
+pub fn pitch(camera: &Camera, up: [f64; 3]) -> f64 {
+    let up = DVec3::from(up).normalize_or(DVec3::NEG_Y);
+    90.0 - DVec3::from(camera.axes()[2]).angle_between(up).to_degrees()
+}
+
 /// A circular motion of a camera around an axis through a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Orbit {

@@ -4,10 +4,12 @@ use super::args::{Args, Renderer, Work};
 use super::batch::Batch;
 use super::destination::{Destination, PICTURE, per_camera};
 use super::frames::{self, Drawn};
+use crate::cli::cameras;
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::facts::DEFAULT_SIZE;
+use crate::draw::orbit;
 use crate::draw::outputs::{self, RGBA};
 use crate::draw::projection;
 use crate::draw::session::{Session, draws_mesh};
@@ -39,15 +41,19 @@ impl Loaded {
     fn load(args: &Args, work: &Work, graph: Projection, cancel: &AtomicBool) -> Result<Loaded> {
         let (scene, own) = args.scenes.load(cancel)?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
-        let cameras = options::cameras_of(&scene, given, &work.stems, args.drawing.size);
-        let looking = args.look.cameras(&scene, args.drawing.size, graph)?;
-        let projected = |camera: Camera| -> Result<Camera> {
-            // The exact renderer draws each camera in its own projection, unless the graph's name selects one.
-            let is_free = args.backend == Renderer::Reference && graph.is_pinhole();
-            let camera = if is_free { camera } else { projection::convert(&camera, graph, &scene)? };
-            Ok(args.look.scaled(camera)?)
-        };
-        let cameras = looking.unwrap_or(cameras).into_iter().map(projected).collect::<Result<_>>()?;
+        let size = args.drawing.size;
+        let mut found = options::cameras_of(&scene, given, &work.stems, size);
+        if work.given.is_none() && graph == Projection::Equirectangular {
+            found = found.iter().map(|camera| orbit::levelled(camera, scene.up())).collect();
+        }
+        found = args.look.cameras(&scene, size, graph)?.unwrap_or(found);
+        // The exact renderer draws each camera in its own projection, unless the graph's name selects one.
+        if args.backend != Renderer::Reference || !graph.is_pinhole() {
+            found = projection::convert_all(&found, graph, &scene, size)?;
+        }
+        let cameras: Vec<Camera> =
+            found.into_iter().map(|camera| args.look.scaled(camera)).collect::<Result<_, _>>()?;
+        cameras::tell_shape(&cameras);
         Ok(Loaded { scene: scene.into(), cameras })
     }
 }

@@ -11,7 +11,7 @@ use super::scenes::ScenesArgs;
 use super::stdout::Stdout;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
-use crate::draw::orbit::Orbit;
+use crate::draw::orbit::{self, Orbit};
 use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
@@ -228,11 +228,15 @@ fn motion(
 ) -> Result<Motion> {
     let sized = |camera: &Camera| match args.drawing.size {
         Some((width, height)) => camera.resized(width, height),
-        None => camera.clone(),
+        None => projection::shaped(camera, graph),
     };
     let Some(keys) = keys else {
         return Ok(Motion::Orbit(match own.filter(|_| !args.look.has_camera()) {
             Some(own) => {
+                let own = match graph {
+                    Projection::Equirectangular => orbit::levelled(&own, scene.up()),
+                    _ => own,
+                };
                 let own = args.look.scaled(sized(&own).projected(graph, scene))?;
                 Orbit::before(own, scene.robust_bounds().center())
             }
@@ -262,12 +266,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Ok(device)
     };
     let (device, (scene, own)) = options::open_and_load(open, |cancel| args.scenes.load(cancel))?;
-    let motion = motion(args, keys.as_deref(), &scene, own, args.projection())?;
+    let graph = args.projection();
+    let motion = motion(args, keys.as_deref(), &scene, own, graph)?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
     if let Some(path) = &args.write_cameras {
         let named = |frame: u32| {
             let camera = film.camera(f64::from(frame))?;
-            Some(Camera { id: frame.into(), img_name: format!("{frame:05}"), ..camera })
+            // The session converts pinholes in the same way.
+            Some(Camera {
+                id: frame.into(),
+                img_name: format!("{frame:05}"),
+                ..camera.projected(graph, &scene)
+            })
         };
         options::write_cameras(path, &(0..frames).filter_map(named).collect::<Vec<_>>(), &scene)?;
     }
@@ -276,6 +286,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         (0..frames).filter_map(|frame| film.cameras(frame).into_iter().next()).collect();
     let first = cameras.first().context("a film without a camera")?;
     let size = (first.width, first.height);
+    cameras::tell_shape(&[first.projected(graph, session.scene())]);
     prepare_plan(&mut session, first)?;
     session.settings_without_effect().iter().for_each(say);
     claim_graph_files(&mut guard, &session.files())?;
