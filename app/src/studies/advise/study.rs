@@ -15,6 +15,7 @@ use serde::Serialize;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
 use std::collections::VecDeque;
+use std::panic::resume_unwind;
 use std::thread;
 
 /// Properties of a scene that settings depend on.
@@ -89,11 +90,15 @@ pub fn study(
     singles.extend(advised.filter(|advised| singles.iter().all(|other| other.name != advised.name)));
     let mut exact = subject.session(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
-    let Planned { settings: singles, pipelines: _pipelines } =
-        to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
-    let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
     let view = |camera| Ok(View::exact(&subject.scene, camera)?.with_seen());
-    let views: Vec<View> = cameras.iter().map(view).collect::<Result<_, StudyError>>()?;
+    // The CPU draws the exact pictures while plans are built.
+    let (planned, views) = thread::scope(|scope| {
+        let views = scope.spawn(|| cameras.iter().map(view).collect::<Result<Vec<View>, StudyError>>());
+        let planned = to_measure(singles, &mut exact, cameras, &|_| true, listener);
+        (planned, views.join().unwrap_or_else(|panic| resume_unwind(panic)))
+    });
+    let (Planned { settings: singles, pipelines: _pipelines }, views) = (planned?, views?);
+    let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
 
     let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);
     let mut tried = Vec::new();

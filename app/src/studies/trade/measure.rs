@@ -38,6 +38,13 @@ pub struct Pending<'scope> {
 }
 
 impl Pending<'_> {
+    /// Makes a row of a setting that cannot be drawn.
+    #[cfg(test)]
+    pub fn failed(setting: &str, camera: &str) -> Self {
+        let found = Err("out of memory".into());
+        Pending { setting: setting.into(), plan: None, camera: camera.into(), found }
+    }
+
     /// Milliseconds of the exact settings; `None` if no time was measured.
     pub fn exact_ms(&self) -> Option<f64> {
         Some(self.found.as_ref().ok()?.time.as_ref()?.exact_ms)

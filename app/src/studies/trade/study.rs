@@ -380,4 +380,19 @@ mod tests {
         let ledger: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!(ledger["rows"].as_array().map(Vec::len), Some(3), "{text}");
     }
+
+    #[test]
+    fn more_rows_than_are_written_at_once_are_all_kept() {
+        let scene = synth::generate("demo", 50, 0).expect("a small scene");
+        let view = View::exact(&scene, &Camera::framing(&scene, 32, 24)).expect("a small picture");
+        let (mut book, _) = Book::open(None, ledger::testing::origin(), &[]).expect("no file");
+        let count = 2 * MAX_PENDING + 1;
+        let (sender, rows) = mpsc::sync_channel(count);
+        for at in 0..count {
+            sender.send((&view, Pending::failed(&format!("setting {at}"), "a"))).expect("room");
+        }
+        drop(sender);
+        keep(rows, mpsc::channel().0, &mut book, &Album::default()).expect("nothing is written");
+        assert_eq!(book.ledger.rows.len(), count);
+    }
 }
