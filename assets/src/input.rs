@@ -304,8 +304,24 @@ impl io::Seek for SourceReader<'_> {
 pub(crate) fn archive<'a>(
     source: &'a Source<'a>,
 ) -> Result<ZipArchive<BufReader<SourceReader<'a>>>, SceneError> {
-    ZipArchive::new(BufReader::new(SourceReader::new(source, 0)))
-        .map_err(|error| wrong("zip", format!("expected an intact archive, found damage: {error}")))
+    ZipArchive::new(BufReader::new(SourceReader::new(source, 0))).map_err(|error| {
+        match has_directory(source) {
+            Ok(false) => {
+                wrong("zip", "the file is truncated: expected the archive's directory at its end, found none")
+            }
+            _ => wrong("zip", format!("expected an intact archive, found damage: {error}")),
+        }
+    })
+}
+
+/// Returns true if a ZIP archive ends with the record that locates its directory.
+fn has_directory(source: &Source) -> io::Result<bool> {
+    // The record has 22 bytes, and a comment of at most 65,535.
+    const LONGEST: u64 = 22 + 65_535;
+    let length = source.length().min(LONGEST);
+    let mut end = vec![0; length as usize];
+    source.read(source.length() - length, &mut end)?;
+    Ok(end.windows(4).any(|bytes| bytes == b"PK\x05\x06"))
 }
 
 fn ended() -> io::Error {

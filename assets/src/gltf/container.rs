@@ -64,7 +64,8 @@ fn chunks(source: &Source) -> Result<(Chunk, Option<Chunk>), SceneError> {
     }
     let total = word(&head, 8);
     if total > length {
-        return Err(field(8, "length", format!("expected at most the file's {length} bytes, found {total}")));
+        let text = format!("the file is truncated: expected {total} bytes, found {length}");
+        return Err(field(8, "length", text));
     }
     let (json, kind) = (word(&head, 12), word(&head, 16));
     if kind != 0x4E4F_534A {

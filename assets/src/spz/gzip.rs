@@ -5,6 +5,7 @@ use super::layout::{HEADER, MAGIC};
 use crate::error::{SceneError, field};
 use crate::input::{Done, Input, Source, SourceReader};
 use crate::size_breakdown::FieldSize;
+use crate::words::word;
 use flate2::bufread::GzDecoder;
 use std::io::{BufReader, Read, Seek};
 
@@ -31,6 +32,11 @@ pub(super) fn header(source: &Source) -> Result<Header, SceneError> {
 fn read_header(unpacker: &mut Unpacker, length: u64) -> Result<Header, SceneError> {
     let mut bytes = [0; HEADER];
     unpacker.read_exact(&mut bytes).map_err(|error| unpacked(error, 0, "header", HEADER as u64))?;
+    if word(&bytes, 4) == 4 {
+        return Err(SceneError::NotScene {
+            found: "SPZ of version 4 in a gzip file (unpack it first)".into(),
+        });
+    }
     Header::parse(&bytes, length, 1..=3)
 }
 

@@ -70,11 +70,8 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         }
         let left = source.length() - at;
         if packed > left {
-            return Err(field(
-                entry_at,
-                name,
-                format!("expected at most {left} packed bytes, found {packed}"),
-            ));
+            let text = format!("the file is truncated: expected {packed} packed bytes, found {left}");
+            return Err(field(entry_at, name, text));
         }
         let failed = |error| unpacked(error, at, name, bytes);
         let packed_bytes = SourceReader::new(source, at).take(packed);
@@ -83,6 +80,13 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         append(&mut stream, bytes, &mut data, &done, failed)?;
         if stream.read(&mut [0]).map_err(failed)? > 0 {
             return Err(field(at, name, format!("expected {bytes} unpacked bytes, found more")));
+        }
+        let decoder = &stream.decoder;
+        // The decoder reads the checksum, but does not compare it.
+        if decoder.get_checksum_from_data().is_some_and(|sum| decoder.get_calculated_checksum() != Some(sum))
+        {
+            let text = "expected an intact compressed stream, found damage: its checksum differs";
+            return Err(field(at, name, text));
         }
         fields.push(FieldSize::whole(name, kind, packed));
         entry_at += ENTRY as u64;

@@ -220,9 +220,25 @@ fn damage_of_version_4_names_the_byte_and_the_field() {
     assert_eq!(with(15, 6), "byte 15, `numStreams`: expected 5 for shDegree 0, found 6");
     assert!(with(16, 31).starts_with("byte 16, `tocByteOffset`: expected 32 to "));
     assert_eq!(with(40, 8), "byte 40, `positions`: expected 9 unpacked bytes for 1 splats, found 8");
-    assert!(with(33, 1).starts_with("byte 32, `positions`: expected at most "));
+    assert!(with(33, 1).starts_with("byte 32, `positions`: the file is truncated: expected "));
     says(with(32 + 5 * 16, 0), "byte 112, `positions`: expected an intact compressed stream, found damage");
     says(said(&[streams(0, &[]), vec![0]].concat()), "found 1 bytes");
+    says(said(&gzip(&streams(0, &[]))), "found SPZ of version 4 in a gzip file (unpack it first)");
+    // Every written stream has a checksum, which reveals any damage that changes a value.
+    let scene = Scene::generate(300, 1, crate::testing::splat);
+    let mut written = Vec::new();
+    write(&scene, SpzVersion::V4, &mut written).unwrap();
+    let first = LONG_HEADER + 6 * ENTRY;
+    for at in (first..written.len()).step_by(7) {
+        let mut damaged = written.clone();
+        damaged[at] ^= 1 << (at % 8);
+        let same = |found: Scene| found.identity() == parse(&written).unwrap().identity();
+        assert!(parse(&damaged).map_or(true, same), "byte {at}");
+    }
+    let last = written.len() - 1;
+    written[last] ^= 1;
+    says(said(&written), "`sh`: expected an intact compressed stream, found damage: its checksum differs");
+    says(said(&written[..last]), "`sh`: the file is truncated: expected ");
     let mut promise = streams(0, &[]);
     promise[8..12].fill(0x7F);
     assert!(said(&promise).starts_with("byte 8, `numPoints`: expected at most "));

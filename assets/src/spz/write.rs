@@ -47,6 +47,7 @@ pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) ->
                 let mut packer = zstd::Encoder::new(&mut streams, LEVEL)?;
                 // This lets a reader use a window no larger than the array.
                 packer.set_pledged_src_size(Some(bytes))?;
+                packer.include_checksum(true)?;
                 array(&mut packer)?;
                 packer.finish()?;
                 let packed = (streams.len() - start) as u64;
