@@ -77,21 +77,27 @@ impl Scene {
     /// Transforms the scene in world coordinates: splats with their harmonics, mesh, light and up direction.
     ///
     /// Splats whose transformed position or scale is beyond the range of f32 are dropped and counted, in addition to
-    /// the scene's own [`Scene::dropped`].
+    /// the scene's own [`Scene::dropped`]. The result has an offset or wide positions only if it needs them.
     ///
     /// # Errors
     /// The copy does not fit in memory.
     pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
         let turn = Turn::new(by.rotation);
         let degree = self.stored_degree();
-        // The offset moves with the scene, so that positions relative to it keep their precision in f32.
-        let offset = by.point(DVec3::from(self.offset()));
-        let offset = if self.offset() == [0.0; 3] { DVec3::ZERO } else { offset };
         let size = |index: usize| by.scale * largest(self.scales()[index]);
         let world = |index| by.point(DVec3::from(self.world_position(index)));
-        let origin = Self::finer_origin(self.count(), offset, world, size);
-        let wide = self.is_wide() || origin.is_some();
-        let offset = origin.unwrap_or(offset);
+        let is_offset = self.offset() != [0.0; 3];
+        let (offset, wide) = if !is_offset && !self.is_wide() {
+            let origin = Self::finer_origin(self.count(), DVec3::ZERO, world, size);
+            (origin.unwrap_or_default(), origin.is_some())
+        } else if !Self::is_coarse(self.count(), DVec3::ZERO, world, size) {
+            (DVec3::ZERO, false)
+        } else {
+            // The offset moves with the scene, so that positions relative to it keep their precision in f32.
+            let offset = if is_offset { by.point(self.offset().into()) } else { DVec3::ZERO };
+            let origin = Self::finer_origin(self.count(), offset, world, size);
+            (origin.unwrap_or(offset), self.is_wide() || origin.is_some())
+        };
         let moved = Self::try_generate_at(self.count(), degree, wide, |index| {
             let mut splat = self.splat(index);
             let [w, x, y, z] = splat.rotation.map(f64::from);
@@ -274,6 +280,12 @@ mod tests {
         assert_eq!(joined.offset(), reread.offset());
         assert_eq!(joined.positions()[9..], *reread.positions());
         assert!(reread.position_rounding(SceneFormat::Gltf) < 3e-5);
+        // Moved back, floats suffice again.
+        let by = Similarity { translation: -by.translation, ..by };
+        let home = reread.transformed(&by).unwrap();
+        assert!(home.offset() == [0.0; 3] && !home.is_wide());
+        let header = String::from_utf8_lossy(&written(&home, SceneFormat::Ply)[..200]).into_owned();
+        assert!(header.contains("property float x"), "{header}");
         // Near the first scene, its offset stays.
         let beside = Scene::joined(&[reread.picked(&[0, 1]).unwrap(), reread]).unwrap();
         assert_eq!(beside.offset(), [499_712.0, 5_000_192.0, 0.0]);

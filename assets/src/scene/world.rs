@@ -70,38 +70,47 @@ impl Scene {
         Ok(scene.with_offset(origin))
     }
 
-    /// Finds an origin near the splats, if f32 would be too coarse for positions relative to `offset`.
-    ///
-    /// It is too coarse if it shifts more than a tenth of the splats by more than 1/256 of their size, which is the
-    /// largest standard deviation, and if the splats are farther from `offset` than about 8 times the scene's size. The
-    /// positions are the world's.
+    /// Returns true if f32 is too coarse for positions relative to `offset`: it shifts more than a tenth of the splats by
+    /// more than 1/256 of their size, which is the largest standard deviation. The positions are the world's.
+    pub(crate) fn is_coarse(
+        count: u32,
+        offset: DVec3,
+        position: impl Fn(usize) -> DVec3 + Sync,
+        size: impl Fn(usize) -> f64 + Sync,
+    ) -> bool {
+        const VISIBLE: f64 = 1.0 / 256.0;
+        let is_shifted = |index: &usize| shift(position(*index) - offset) > VISIBLE * size(*index);
+        let splats = (0..count as usize).into_par_iter().with_min_len(CHUNK);
+        splats.filter(is_shifted).count() > count as usize / 10
+    }
+
+    /// Finds an origin near the splats, if f32 [is too coarse](Scene::is_coarse) for positions relative to `offset`, and
+    /// if the splats are farther from it than about 8 times the scene's size.
     pub(crate) fn finer_origin(
         count: u32,
         offset: DVec3,
         position: impl Fn(usize) -> DVec3 + Sync,
         size: impl Fn(usize) -> f64 + Sync,
     ) -> Option<DVec3> {
-        const VISIBLE: f64 = 1.0 / 256.0;
         /// Mean shift per mean distance from the centre, for splats at 8 times that distance from `offset`.
         const FAR: f64 = 1.0 / 4_194_304.0;
-        let shift = |index: usize| {
-            let exact = position(index) - offset;
-            (exact - exact.as_vec3().as_dvec3()).abs().max_element()
-        };
-        let splats = 0..count as usize;
-        let is_shifted = |index: &usize| shift(*index) > VISIBLE * size(*index);
-        let shifted = splats.clone().into_par_iter().with_min_len(CHUNK).filter(is_shifted).count();
-        if shifted <= splats.len() / 10 {
+        if !Self::is_coarse(count, offset, &position, size) {
             return None;
         }
         // Tiny splats are shifted near the origin, too, where no other origin helps.
+        let splats = 0..count as usize;
         let sample = splats.clone().step_by(splats.len().div_ceil(SAMPLES).max(1));
         let mean = |of: &dyn Fn(usize) -> DVec3| sample.clone().map(of).sum::<DVec3>() / sample.len() as f64;
         let centre = mean(&|index| position(index));
         let spread = mean(&|index| (position(index) - centre).abs()).max_element();
-        let shift = mean(&|index| DVec3::splat(shift(index))).x;
+        let shift = mean(&|index| DVec3::splat(shift(position(index) - offset))).x;
         (shift > FAR * spread).then(|| origin(count, &|index| position(index).into()).into())
     }
+}
+
+/// Returns the largest error of rounding a coordinate to f32.
+fn shift(position: DVec3) -> f64 {
+    (position - position.as_vec3().as_dvec3()).abs().max_element()
 }
 
 #[cfg(test)]
