@@ -66,7 +66,7 @@ pub use bounds::{Bounds, WorldBounds};
 pub use camera::Camera;
 pub use dataset::{CameraError, CameraOptions, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View, photograph};
 pub use error::{LoadError, SceneError};
-pub use formats::{Content, names_scenes};
+pub use formats::{Content, LargeSteps, names_scenes};
 pub use input::{Progress, QUIET, SceneHeader};
 pub use memory::SceneMemoryError;
 pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};

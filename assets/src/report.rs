@@ -5,7 +5,9 @@
 
 use crate::bounds::{WorldBounds, quantile};
 use crate::camera::Camera;
+use crate::formats::LargeSteps;
 use crate::scene::{ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
+use crate::scene_format::SceneFormat;
 use crate::size_breakdown::{grouped, rounded};
 use crate::words::CHUNK;
 use rayon::prelude::*;
@@ -84,6 +86,8 @@ pub struct PlaceReport {
     pub outliers: u64,
     /// Rounding of the centres that is large relative to the splats; `None` if there is none.
     pub coarse: Option<CoarsePositions>,
+    /// Steps of the positions in a `.sog` that are larger than the splats; `None` if there are none.
+    pub steps: Option<LargeSteps>,
 }
 
 /// View depths of the splats beyond a camera's near plane ([`NEAR`]), whether inside the image or not.
@@ -159,6 +163,8 @@ impl Report {
                 center: std::array::from_fn(|axis| robust_bounds.center()[axis] + offset[axis]),
                 outliers,
                 coarse: scene.coarse_positions(),
+                // The file's bounds are those of its splats.
+                steps: scene.is_whole_sog().then(|| scene.large_steps(SceneFormat::Sog)).flatten(),
             },
             depth: cameras.iter().map(|camera| DepthReport::new(scene, camera)).collect(),
         }
@@ -272,6 +278,9 @@ impl fmt::Display for Report {
         line(f, "outliers", format!("{} beyond ten times that box", grouped(p.outliers)))?;
         if let Some(coarse) = &p.coarse {
             line(f, "positions", coarse.to_string())?;
+        }
+        if let Some(steps) = &p.steps {
+            line(f, "positions", steps.to_string())?;
         }
         for depth in &self.depth {
             let text = match &depth.range {

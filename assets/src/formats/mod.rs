@@ -20,8 +20,11 @@ use std::collections::hash_map::Entry;
 use std::io::Write;
 use std::path::Path;
 
+mod steps;
 #[cfg(test)]
 mod tests;
+
+pub use steps::LargeSteps;
 
 /// Maximum size of a mesh's file, in bytes: the length of a GLB has 32 bits.
 const MAX_MESH: u64 = u32::MAX as u64;
@@ -299,8 +302,9 @@ impl Scene {
                 let headers = SceneHeader::of_parts(&parts, level).map_err(|error| within(path, error))?;
                 SceneHeader::check_joined(&headers, 0, memory::available())
                     .map_err(|error| SceneError::Memory(error).of(path))?;
-                let (scene, elements) =
-                    Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))?;
+                let folder = path.parent().unwrap_or(Path::new(""));
+                let (scene, elements) = Self::load_placed(&parts, folder, level, progress)
+                    .map_err(|error| within(path, error))?;
                 let header_bytes = std::fs::metadata(path).map_or(0, |found| found.len());
                 let file_bytes = header_bytes + elements.iter().map(|element| element.bytes).sum::<u64>();
                 let format = format!("list of scenes, {} files", elements.len());
@@ -318,9 +322,10 @@ impl Scene {
     }
 
     /// Loads the parts of a composition: transforms and joins the scenes, and adds the meshes. Needs at least one
-    /// scene. Also returns the size of each file.
+    /// scene. Also returns the size of each file, which is named relative to `folder`.
     fn load_placed(
         parts: &[Placed],
+        folder: &Path,
         level: Option<u32>,
         progress: Progress,
     ) -> Result<(Self, Vec<ElementSize>), LoadError> {
@@ -340,7 +345,7 @@ impl Scene {
             let mut add_size = |format: &str, rows, bytes| {
                 // A file that is placed several times is counted once.
                 if !parts[..index].iter().any(|before| before.file == part.file) {
-                    let name = part.file.file_name().unwrap_or_default().to_string_lossy();
+                    let name = part.file.strip_prefix(folder).unwrap_or(&part.file).display();
                     let contents = FieldSize::whole("contents", "file", bytes);
                     sizes.push(ElementSize::new(&format!("{name} ({format})"), rows, vec![contents]));
                 }
@@ -400,7 +405,8 @@ impl Scene {
     /// Computes the largest error from rounding coordinates to f32 in a format, in world units.
     ///
     /// Returns 0 for formats that round no position to f32. Formats that also quantise positions have a further error,
-    /// whose steps [`SceneFormat::losses`] describes.
+    /// whose steps [`SceneFormat::losses`] describes. In SOG, the error is that of readers that decode to f32; this
+    /// crate's reader keeps the file's precision.
     pub fn position_rounding(&self, format: SceneFormat) -> f64 {
         let stored: fn(&Self, usize) -> [f64; 3] = match format {
             // The node's translation is the offset.
@@ -418,7 +424,7 @@ impl Scene {
     ///
     /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`]
     /// describes how. [`SceneFormat::Gltf`] rounds only wide positions: see [`Scene::position_rounding`].
-    /// Only [`SceneFormat::Sog`] calls `progress`, with the palette's entries found so far and in total.
+    /// Only [`SceneFormat::Sog`] calls `progress`, with the share done and 100.
     ///
     /// # Errors
     /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), the format cannot store

@@ -10,7 +10,7 @@
 use super::layout::Layout;
 
 /// Spacing of the origins, in world units. At half this distance, f32 resolves 1/16,384 of a unit.
-pub(super) const STEP: f64 = 1024.0;
+pub(crate) const STEP: f64 = 1024.0;
 
 const SAMPLES: u64 = 1000;
 

@@ -7,11 +7,15 @@ use super::tags;
 use crate::activation::{SH_C0, logarithm, omit_largest, quantised};
 use crate::scene::{FileNotes, Scene, sh_floats};
 use crate::words::write_rows;
+use glam::DVec3;
 use std::f64::consts::SQRT_2;
 use std::io::{Result, Write};
 
 /// Maximum absolute value of a scale's logarithm, as in the reference writer.
 const SCALE_LIMIT: f64 = 20.0;
+
+/// Numbers of steps of x, y and z: 11, 10 and 11 bits.
+const POSITION_STEPS: DVec3 = DVec3::new(2047.0, 1023.0, 2047.0);
 
 /// The values of a splat that are stored relative to bounds: position, logarithms of the scale, and colour.
 type Ranged = [f64; 9];
@@ -37,6 +41,19 @@ fn ranged(scene: &Scene, index: usize) -> Ranged {
     let color: [f64; 3] = std::array::from_fn(|c| f64::from(splat.sh[c]) * SH_C0 + 0.5);
     let position = scene.world_position(index);
     std::array::from_fn(|k| [position, scale, color][k / 3][k % 3])
+}
+
+/// Returns for each splat the largest distance between neighbouring values of its coordinates.
+pub(crate) fn position_steps(scene: &Scene) -> Vec<f32> {
+    let mut steps = vec![0.0; scene.count() as usize];
+    for chunk in scene.morton_order().chunks(CHUNK_SPLATS) {
+        let positions = || chunk.iter().map(|index| DVec3::from(scene.world_position(*index as usize)));
+        let (min, max) = (positions().reduce(DVec3::min), positions().reduce(DVec3::max));
+        let range = max.unwrap_or_default() - min.unwrap_or_default();
+        let step = (range / POSITION_STEPS).max_element() as f32;
+        chunk.iter().for_each(|index| steps[*index as usize] = step);
+    }
+    steps
 }
 
 /// Packs three values from 0 to 1 into 11, 10 and 11 bits.

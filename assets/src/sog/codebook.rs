@@ -24,7 +24,7 @@ impl Codebook {
     /// Chooses the codes for a nonempty list of finite numbers.
     ///
     /// Each number has a weight above 0, a factor on its squared error. If there are at most 256 distinct numbers,
-    /// every code is exact.
+    /// every code is exact. 0 is exact if it is among the numbers.
     pub(super) fn of(numbers: Vec<(f32, f32)>) -> Self {
         let sorted = Sorted::new(numbers);
         let mut codes: Vec<f32> = sorted.intervals(CODES).iter().map(|of| sorted.mean(of) as f32).collect();
@@ -45,6 +45,12 @@ impl Codebook {
                 begin = end;
             }
             codes.sort_unstable_by(f32::total_cmp);
+        }
+        // Bands of harmonics that are all 0 stay unused only if 0 is exact.
+        if sorted.numbers.contains(&0.0)
+            && let Some(nearest) = codes.iter_mut().min_by(|a, b| a.abs().total_cmp(&b.abs()))
+        {
+            *nearest = 0.0;
         }
         let ends = middles(&codes);
         Self { codes, ends }
@@ -168,6 +174,15 @@ mod tests {
         let code = |at: usize| ((at as f32 - 100.0) / 60.0).powi(3);
         let codebook = of((0..CODES).flat_map(|at| vec![code(at); 1 + 90_000 / (1 + at * at)]));
         assert!((0..CODES).all(|at| coded(&codebook, code(at)) == code(at)));
+    }
+
+    #[test]
+    fn zero_is_exact_among_many_numbers() {
+        // Few zeros have neighbours on one side, so that the mean of their interval is not 0.
+        let near_zero = (0..3000).map(|i| i as f32 * 1e-7);
+        let codebook = of(near_zero.chain((0..90_000).map(|i| (i as f32 * 0.37).sin() * 4.0)));
+        assert_eq!(coded(&codebook, 0.0), 0.0);
+        assert!(codebook.codes.is_sorted());
     }
 
     #[test]

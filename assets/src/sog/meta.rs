@@ -5,6 +5,7 @@
 
 use crate::activation;
 use crate::error::{SceneError, wrong};
+use crate::ply::origin;
 use crate::scene::Filter;
 use serde::Deserialize;
 
@@ -35,6 +36,40 @@ pub(super) struct Means {
     pub mins: [f64; 3],
     pub maxs: [f64; 3],
     pub files: [String; 2],
+}
+
+impl Means {
+    /// Number of steps of a coordinate: 16 bits.
+    pub const STEPS: f64 = 65_535.0;
+
+    /// Returns a position in the world, from the texels of the low and of the high bytes.
+    pub fn position(&self, low: &[u8], high: &[u8]) -> [f64; 3] {
+        std::array::from_fn(|axis| {
+            let part = f64::from(u16::from_le_bytes([low[axis], high[axis]])) / Self::STEPS;
+            expanded(self.mins[axis] * (1.0 - part) + self.maxs[axis] * part)
+        })
+    }
+
+    /// Returns true if f32 rounds positions by more than 1/8 of their steps, so far from the origin that a scene has
+    /// another origin.
+    pub fn is_wide(&self) -> bool {
+        (0..3).any(|axis| {
+            let (min, max) = (self.mins[axis], self.maxs[axis]);
+            let far = expanded(min.abs().max(max.abs()));
+            let step = (1.0 + far) * (max - min).abs() / Self::STEPS;
+            far >= 0.5 * origin::STEP && 0.5 * f64::from(f32::EPSILON) * far > step / 8.0
+        })
+    }
+}
+
+/// Compresses a coordinate logarithmically: its resolution decreases with the distance from 0.
+pub(super) fn compressed(value: f64) -> f64 {
+    value.signum() * value.abs().ln_1p()
+}
+
+/// Inverts [`compressed`].
+fn expanded(value: f64) -> f64 {
+    value.signum() * value.abs().exp_m1()
 }
 
 /// A texture whose bytes are indices into tables, one table per channel.

@@ -32,7 +32,7 @@ use crate::scene::Scene;
 use std::path::Path;
 
 pub(crate) use container::MAGIC;
-pub(crate) use write::write;
+pub(crate) use write::{position_steps, write};
 
 /// Returns true if a text looks like a `meta.json` or a `lod-meta.json`.
 pub(crate) fn begins_as_json(head: &[u8]) -> bool {

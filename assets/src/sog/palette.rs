@@ -20,9 +20,12 @@ pub(super) struct Palette {
     pub labels: Vec<u32>,
 }
 
-struct Points<'a> {
-    values: &'a [f32],
-    width: usize,
+/// Points among other values: `width` coordinates from index `first` on, in every row of `stride` values.
+pub(super) struct Points<'a> {
+    pub values: &'a [f32],
+    pub stride: usize,
+    pub first: usize,
+    pub width: usize,
 }
 
 struct Group<'a> {
@@ -36,7 +39,7 @@ struct Group<'a> {
 
 impl Points<'_> {
     fn point(&self, number: u32) -> &[f32] {
-        &self.values[number as usize * self.width..][..self.width]
+        &self.values[number as usize * self.stride + self.first..][..self.width]
     }
 
     /// Sums `value(axis, coordinate)` over points; returns one sum per axis.
@@ -107,17 +110,17 @@ fn partition(of: &mut [u32], beyond: impl Fn(u32) -> bool + Sync) -> usize {
     middle
 }
 
-/// Chooses at most `count` entries for points of `width` numbers each. There must be at least one point.
+/// Chooses at most `count` entries for all points, of which there must be at least one. `numbers` lists them; sums run in
+/// its order.
 ///
 /// `tell` gets the number of entries found so far. An error from `tell` ends the search.
 pub(super) fn palette(
-    values: &[f32],
-    width: usize,
+    points: &Points,
+    mut numbers: Vec<u32>,
     count: usize,
     tell: impl Fn(usize) -> Result<()>,
 ) -> Result<Palette> {
-    let points = Points { values, width };
-    let mut numbers: Vec<u32> = (0..(values.len() / width) as u32).collect();
+    let all = numbers.len();
     let mut done = Vec::new();
     let mut groups = vec![points.group(&mut numbers)];
     loop {
@@ -136,7 +139,7 @@ pub(super) fn palette(
         tell(done.len() + groups.len())?;
     }
     let mut palette =
-        Palette { entries: Vec::with_capacity(done.len() * width), labels: vec![0; values.len() / width] };
+        Palette { entries: Vec::with_capacity(done.len() * points.width), labels: vec![0; all] };
     for (entry, group) in done.iter().enumerate() {
         palette.entries.extend(&group.mean);
         for number in &*group.of {
@@ -151,6 +154,11 @@ mod tests {
     use super::*;
     use std::cell::Cell;
 
+    fn chosen(values: &[f32], count: usize, tell: impl Fn(usize) -> Result<()>) -> Palette {
+        let points = Points { values, stride: 2, first: 0, width: 2 };
+        palette(&points, (0..values.len() as u32 / 2).collect(), count, tell).unwrap()
+    }
+
     fn kept(points: &[f32], palette: &Palette) -> usize {
         let pairs = points.chunks_exact(2).zip(&palette.labels);
         pairs.filter(|(point, label)| *point == &palette.entries[**label as usize * 2..][..2]).count()
@@ -162,7 +170,7 @@ mod tests {
         let point =
             |i: usize| if i.is_multiple_of(10) { [i as f32, (i as f32 * 0.7).sin()] } else { [0.0, 0.0] };
         let points: Vec<f32> = (0..2000).flat_map(point).collect();
-        let palette = palette(&points, 2, 200, |_| Ok(())).unwrap();
+        let palette = chosen(&points, 200, |_| Ok(()));
         assert_eq!((palette.entries.len() / 2, kept(&points, &palette)), (200, 2000));
     }
 
@@ -177,7 +185,7 @@ mod tests {
                 told.set(chosen);
                 Ok(())
             };
-            let palette = palette(&points, 2, count, tell).unwrap();
+            let palette = chosen(&points, count, tell);
             assert_eq!((palette.entries.len() / 2, told.get()), (count, count));
             for (point, label) in points.chunks_exact(2).zip(&palette.labels) {
                 let entry = &palette.entries[*label as usize * 2..][..2];

@@ -6,6 +6,7 @@ use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::memory::SceneMemoryError;
+use crate::ply::origin::Sample;
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -143,36 +144,43 @@ pub(super) fn parse(
     let (packed, file_bytes) = files.packed_bytes()?;
 
     let degree = entries.as_ref().map_or(0, |entries| entries.bands);
+    let is_wide = meta.means.is_wide();
+    let mut sample = Sample::new([is_wide; 3], count);
+    for row in (0..count).step_by(sample.every as usize) {
+        let [low, high] = [0, 1].map(|at: usize| &textures[at][row as usize * TEXEL..][..TEXEL]);
+        let position = meta.means.position(low, high);
+        (0..3).for_each(|axis| sample.add(axis, position[axis]));
+    }
+    let origin = sample.origin();
     let tables = textures.each_ref().map(|texels| match texels.is_empty() {
         true => Table::NONE,
         false => Table::new(Source::Bytes(texels), 0, TEXEL),
     });
-    let filled = input.fill((count, degree, false), tables, bytes, &done, |rows, _, out| {
-        let (splat, norm) = splat(rows, &meta, entries.as_ref());
-        out.push(&splat, norm);
+    let filled = input.fill((count, degree, is_wide), tables, bytes, &done, |rows, _, out| {
+        let (mut splat, norm) = splat(rows, &meta, entries.as_ref());
+        let world = meta.means.position(rows[0], rows[1]);
+        let position = std::array::from_fn(|axis| world[axis] - origin[axis]);
+        splat.position = position.map(|v| v as f32);
+        out.push_wide(&splat, position, norm);
     })?;
     let format = format!("sog, version {}{}", meta.version, files.kind());
     let fields = files.sizes.into_iter().map(|(name, bytes)| FieldSize::whole(name, "file", bytes));
     let textures = ElementSize::new("splats", count, fields.collect());
     let size_breakdown = SizeBreakdown::new(format, file_bytes, file_bytes - packed, vec![textures]);
     let notes = FileNotes { low_pass: meta.filter, ..FileNotes::default() };
-    input::finish(filled, count, size_breakdown, notes)
+    Ok(input::finish(filled, count, size_breakdown, notes)?.with_offset(origin))
 }
 
-/// Converts a splat; also returns the length of its quaternion.
+/// Converts a splat without its position; also returns the length of its quaternion.
 fn splat(
-    [low, high, scale, quat, color, label]: [&[u8]; 6],
+    [_, _, scale, quat, color, label]: [&[u8]; 6],
     meta: &Meta,
     entries: Option<&Entries>,
 ) -> (Splat, f64) {
     let (rotation, norm) = activation::unit(quaternion(quat));
     let coded = |tables: &[Vec<f32>; 3], axis: usize, texel: &[u8]| tables[axis][usize::from(texel[axis])];
     let mut splat = Splat {
-        position: std::array::from_fn(|axis| {
-            let part = f64::from(u16::from_le_bytes([low[axis], high[axis]])) / 65_535.0;
-            let value = meta.means.mins[axis] * (1.0 - part) + meta.means.maxs[axis] * part;
-            (value.signum() * value.abs().exp_m1()) as f32
-        }),
+        position: [0.0; 3],
         scale: std::array::from_fn(|axis| activation::exponential(coded(&meta.scales.tables, axis, scale))),
         rotation,
         opacity: meta.opacities[usize::from(color[3])],

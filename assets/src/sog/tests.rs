@@ -51,6 +51,26 @@ fn texels_have_the_values_that_the_format_defines() {
 }
 
 #[test]
+fn a_surveyed_scene_keeps_the_precision_of_the_file_and_a_band_without_values_stays_empty() {
+    let splat = |index: usize| {
+        let mut splat = crate::testing::splat(index);
+        splat.sh[27..].fill(0.0);
+        splat.sh[12] = (index as f32 * 0.37).sin();
+        splat
+    };
+    let surveyed = Scene::generate(3000, 3, splat).with_offset([500_000.0, 0.0, 4_000_000.0]);
+    let mut bytes = Vec::new();
+    super::write(&surveyed, crate::QUIET, &mut bytes).unwrap();
+    let back = parse(&bytes).unwrap();
+    assert_eq!(back.offset(), [499_712.0, 0.0, 3_999_744.0]);
+    assert_eq!((back.stored_degree(), back.effective_degree()), (3, 2));
+    for (at, index) in surveyed.morton_order().into_iter().enumerate() {
+        let (a, b) = (back.world_position(at), surveyed.world_position(index as usize));
+        assert!((0..3).all(|axis| (a[axis] - b[axis]).abs() < 5e-5), "{a:?} and {b:?}");
+    }
+}
+
+#[test]
 fn equal_splats_are_read_although_they_take_almost_no_bytes() {
     let (mut meta, mut files) = two();
     let count = 1 << 20;
@@ -103,6 +123,12 @@ fn a_label_beyond_the_palette_drops_the_splat_and_an_archive_of_something_else_i
     assert_eq!((scene.count(), scene.dropped().color), (1, 1));
     let other = zipped([("readme", &b""[..])], CompressionMethod::Stored);
     says(parse(&other).unwrap_err(), "a ZIP archive without a meta.json");
+    let (meta, files) = two();
+    let whole = archive(&meta, &files);
+    says(
+        parse(&whole[..whole.len() / 2]).unwrap_err(),
+        "`zip`: the file is truncated: expected the archive's directory",
+    );
 }
 
 #[test]

@@ -1,12 +1,15 @@
 //! Writes SOG version 2: splats in Morton order, textures as lossless WebP, stored in a ZIP archive.
 
 use super::codebook::Codebook;
-use super::meta::MAX_ENTRIES;
-use super::palette::palette;
+use super::meta::{MAX_ENTRIES, Means, compressed};
+use super::palette::{Points, palette};
 use crate::activation::{logarithm, omit_largest, quantised};
 use crate::input::Progress;
+use crate::memory::{self, SceneMemoryError};
 use crate::scene::{Scene, sh_floats};
+use crate::words::CHUNK;
 use image_webp::{ColorType, WebPEncoder};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::io::{Cursor, Error, ErrorKind, Result, Write};
@@ -22,6 +25,12 @@ const MAX_SIDE: usize = 16_383;
 /// Bounds of the weights of splats in codebooks: no weight is 0, and no sum of squares overflows.
 const MIN_WEIGHT: f32 = 1e-12;
 const MAX_WEIGHT: f32 = 1e12;
+
+/// Memory beside the scene, in bytes per splat: 96 while a codebook is chosen, the order, and textures.
+const BESIDE: u64 = 128;
+
+/// Share of the progress, in percent, before the palette is searched.
+const BEFORE_PALETTE: u64 = 20;
 
 type Texel = [u8; 4];
 
@@ -61,9 +70,25 @@ impl Files {
     }
 }
 
-/// Compresses a coordinate logarithmically: its resolution decreases with the distance from 0.
-fn compressed(value: f64) -> f64 {
-    value.signum() * value.abs().ln_1p()
+/// Returns for each axis the minimum and the maximum of the compressed coordinates.
+fn ends(scene: &Scene) -> [(f64, f64); 3] {
+    let none = || [(f64::INFINITY, f64::NEG_INFINITY); 3];
+    let wider = |a: [(f64, f64); 3], b: [(f64, f64); 3]| {
+        std::array::from_fn(|axis| (a[axis].0.min(b[axis].0), a[axis].1.max(b[axis].1)))
+    };
+    let indices = (0..scene.count() as usize).into_par_iter().with_min_len(CHUNK);
+    indices.map(|index| scene.world_position(index).map(compressed).map(|v| (v, v))).reduce(none, wider)
+}
+
+/// Returns a function that computes the largest distance between neighbouring values of a splat's coordinates, by the
+/// splat's index.
+pub(crate) fn position_steps(scene: &Scene) -> impl Fn(usize) -> f64 + Sync {
+    let steps = ends(scene).map(|(min, max)| (max - min) / Means::STEPS);
+    move |index| {
+        let position = scene.world_position(index);
+        // The derivative of the compression's inverse is 1 + |v|.
+        (0..3).map(|axis| steps[axis] * (1.0 + position[axis].abs())).fold(0.0, f64::max)
+    }
 }
 
 fn rotation(quaternion: [f32; 4]) -> Texel {
@@ -72,67 +97,77 @@ fn rotation(quaternion: [f32; 4]) -> Texel {
     [a, b, c, 252 + largest as u8]
 }
 
-/// Writes a scene of at least one splat. `progress` gets the number of palette entries found so far, and their total.
+/// Writes a scene of at least one splat. `progress` gets the share done, in percent.
 pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> Result<()> {
-    let order: Vec<usize> = scene.morton_order().into_iter().map(|index| index as usize).collect();
+    let (count, degree) = (scene.count(), scene.stored_degree());
+    SceneMemoryError::check_against(
+        count.into(),
+        degree,
+        u64::from(count) * BESIDE + (64 << 20),
+        memory::available(),
+    )
+    .map_err(Error::other)?;
+    let tell = |percent: u64| match progress(percent, 100) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(Error::new(ErrorKind::Interrupted, "the writing was cancelled")),
+    };
+    tell(0)?;
+    let order = scene.morton_order();
     let width = ((order.len() as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4;
     let mut files = Files { zip: ZipWriter::new(Cursor::new(Vec::new())) };
 
-    let positions: Vec<[f64; 3]> = order.iter().map(|at| scene.world_position(*at).map(compressed)).collect();
-    let ends = |axis: usize| {
-        let values = positions.iter().map(|position| position[axis]);
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), value| (min.min(value), max.max(value)))
-    };
-    let ends = [0, 1, 2].map(ends);
-    let steps = |position: &[f64; 3]| -> [[u8; 2]; 3] {
+    let ends = ends(scene);
+    let steps = |at: usize| -> [[u8; 2]; 3] {
+        let position = scene.world_position(at);
         std::array::from_fn(|axis| {
             let (min, max) = ends[axis];
-            let share = if max > min { (position[axis] - min) / (max - min) } else { 0.0 };
-            (quantised(share, 65_535) as u16).to_le_bytes()
+            let share = if max > min { (compressed(position[axis]) - min) / (max - min) } else { 0.0 };
+            (quantised(share, Means::STEPS as u32) as u16).to_le_bytes()
         })
     };
     for (byte, name) in ["means_l.webp", "means_u.webp"].into_iter().enumerate() {
-        let texel = |position: &[f64; 3]| {
-            let [x, y, z] = steps(position);
+        let texel = |at: &u32| {
+            let [x, y, z] = steps(*at as usize);
             [x[byte], y[byte], z[byte], 255]
         };
-        files.texture(name, width, positions.iter().map(texel).collect())?;
+        files.texture(name, width, order.iter().map(texel).collect())?;
     }
+    tell(BEFORE_PALETTE / 4)?;
 
-    let scales = |at: usize| scene.scales()[at].map(logarithm);
+    let scales = |at: u32| scene.scales()[at as usize].map(logarithm);
     // The visibility of a splat's error is proportional to its opacity and its extent.
-    let weight = |at: usize| {
-        let mut axes = scene.scales()[at];
+    let weight = |at: u32| {
+        let mut axes = scene.scales()[at as usize];
         axes.sort_unstable_by(f32::total_cmp);
-        ((axes[1] * axes[2]).sqrt() * scene.opacities()[at]).clamp(MIN_WEIGHT, MAX_WEIGHT)
+        ((axes[1] * axes[2]).sqrt() * scene.opacities()[at as usize]).clamp(MIN_WEIGHT, MAX_WEIGHT)
     };
     let weighted = order.iter().flat_map(|at| scales(*at).map(|number| (number, weight(*at))));
     let scale_codes = Codebook::of(weighted.collect());
-    let texel = |at: &usize| {
+    let texel = |at: &u32| {
         let [x, y, z] = scales(*at).map(|value| scale_codes.nearest(value));
         [x, y, z, 255]
     };
     files.texture("scales.webp", width, order.iter().map(texel).collect())?;
-    files.texture("quats.webp", width, order.iter().map(|at| rotation(scene.rotations()[*at])).collect())?;
+    let texel = |at: &u32| rotation(scene.rotations()[*at as usize]);
+    files.texture("quats.webp", width, order.iter().map(texel).collect())?;
+    tell(BEFORE_PALETTE / 2)?;
 
-    let floats = sh_floats(scene.stored_degree());
-    let harmonics = |at: usize| &scene.sh()[at * floats..][..floats];
-    let weighted = order.iter().flat_map(|at| {
-        let weight = weight(*at);
-        harmonics(*at)[..3].iter().map(move |number| (*number, weight))
-    });
+    let floats = sh_floats(degree);
+    let color =
+        |at: u32| -> [f32; 3] { std::array::from_fn(|channel| scene.sh()[at as usize * floats + channel]) };
+    let weighted = order.iter().flat_map(|at| color(*at).map(|number| (number, weight(*at))));
     let color_codes = Codebook::of(weighted.collect());
-    let texel = |at: &usize| {
-        let color = &harmonics(*at)[..3];
-        let [r, g, b] = [0, 1, 2].map(|channel| color_codes.nearest(color[channel]));
-        [r, g, b, quantised(scene.opacities()[*at].into(), 255) as u8]
+    let texel = |at: &u32| {
+        let [r, g, b] = color(*at).map(|value| color_codes.nearest(value));
+        [r, g, b, quantised(scene.opacities()[*at as usize].into(), 255) as u8]
     };
     files.texture("sh0.webp", width, order.iter().map(texel).collect())?;
+    tell(BEFORE_PALETTE)?;
 
     let mut meta = json!({
         "version": 2,
         "asset": { "generator": "splatgraph" },
-        "count": order.len(),
+        "count": count,
         "means": { "mins": ends.map(|(min, _)| min), "maxs": ends.map(|(_, max)| max), "files": ["means_l.webp", "means_u.webp"] },
         "scales": { "codebook": scale_codes.codes, "files": ["scales.webp"] },
         "quats": { "files": ["quats.webp"] },
@@ -142,18 +177,19 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
         meta["antialias"] = Value::Bool(true);
         meta["model"] = json!("antialiased");
     }
-    if scene.stored_degree() > 0 {
+    if degree > 0 {
         let rest = floats - 3;
-        let points: Vec<f32> = order.iter().flat_map(|at| &harmonics(*at)[3..]).copied().collect();
+        let points = Points { values: scene.sh(), stride: floats, first: 3, width: rest };
         let entries = entries(order.len());
-        let tell = |chosen: usize| match progress(chosen as u64, entries as u64) {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => Err(Error::new(ErrorKind::Interrupted, "the writing was cancelled")),
-        };
-        let found = palette(&points, rest, entries, tell)?;
+        // A third more entries take about as long as the third before, whatever their number.
+        let share = |chosen: usize| (chosen as f64).ln() / (entries as f64).ln().max(1.0);
+        let left = (100 - BEFORE_PALETTE) as f64;
+        let tell = |chosen: usize| tell(BEFORE_PALETTE + (left * share(chosen)) as u64);
+        let found = palette(&points, order.clone(), entries, tell)?;
+        let label = |at: u32| found.labels[at as usize];
         let mut weights = vec![0.0; found.entries.len() / rest];
-        for (at, label) in order.iter().zip(&found.labels) {
-            weights[*label as usize] += weight(*at);
+        for at in &order {
+            weights[label(*at) as usize] += weight(*at);
         }
         let weighted = found.entries.chunks_exact(rest).zip(weights);
         let weighted = weighted.flat_map(|(entry, weight)| entry.iter().map(move |number| (*number, weight)));
@@ -166,13 +202,13 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
             [r, g, b, 255]
         });
         files.texture("shN_centroids.webp", ENTRIES_PER_ROW * coefficients, texels.collect())?;
-        let texel = |label: &u32| {
-            let [low, high] = (*label as u16).to_le_bytes();
+        let texel = |at: &u32| {
+            let [low, high] = (label(*at) as u16).to_le_bytes();
             [low, high, 0, 255]
         };
-        files.texture("shN_labels.webp", width, found.labels.iter().map(texel).collect())?;
+        files.texture("shN_labels.webp", width, order.iter().map(texel).collect())?;
         meta["shN"] = json!({
-            "count": count, "bands": scene.stored_degree(), "codebook": codes.codes,
+            "count": count, "bands": degree, "codebook": codes.codes,
             "files": ["shN_centroids.webp", "shN_labels.webp"],
         });
     }
