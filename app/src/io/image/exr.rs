@@ -7,6 +7,7 @@
 
 use super::pixels::{Depth, Header, Image, ImageError, check_size, open};
 use crate::io::output::{self, file::Cause};
+use exr::block::reader::ChunksReader;
 use exr::block::samples::FromNativeSample;
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel, WritableImage};
@@ -165,11 +166,12 @@ pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
 pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
     headers(path)?;
     let file = open(path)?;
-    let unpacked = || {
-        let reader = x::read().no_deep_data().largest_resolution_level().all_channels().all_layers();
-        reader.all_attributes().non_parallel().from_buffered(file)
+    // One block at a time, because many pictures are checked in parallel.
+    let unpacked = || -> x::Result<bool> {
+        let chunks = exr::block::read(file, false)?.all_chunks(false)?;
+        Ok(chunks.sequential_decompressor(false).all(|block| block.is_ok()))
     };
-    Ok(quietly(unpacked).is_some_and(|read| read.is_ok()))
+    Ok(quietly(unpacked).is_some_and(|read| read.unwrap_or(false)))
 }
 
 /// Loads the data window of the picture's layer, with its precision.
