@@ -38,7 +38,7 @@ class Line:
     setting: str
     #: Mean time of a frame on the device, in milliseconds; None without timestamps.
     gpu_ms: float | None
-    #: Largest spread of a view's time, in milliseconds.
+    #: Largest spread of a view's time, in milliseconds; None without timestamps, or with one round.
     spread_ms: float | None
     #: Share of the exact settings' time; None without timestamps.
     share: Share | None
@@ -60,8 +60,8 @@ class Line:
     busy: float | None
     #: Device memory in bytes, the largest of the views.
     gpu_bytes: int
-    #: Each phase: a name, the mean of the views' milliseconds, and the largest spread of a view.
-    phases: tuple[tuple[str, float, float], ...]
+    #: Each phase: a name, the mean of the views' milliseconds, and the largest spread of a view, None with one round.
+    phases: tuple[tuple[str, float, float | None], ...]
     #: "best" is on the Pareto front, "beaten" is not; "likely" and "unlikely" are too noisy to tell; "hidden": still views hide the cost.
     mark: Literal["best", "likely", "unlikely", "beaten", "hidden"]
 

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 /// Numbers of rounds and frames to draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Effort {
-    /// Number of rounds. The spread is computed from their medians.
+    /// Number of rounds. The spread is computed from their medians, and needs two.
     pub rounds: u32,
     /// Frames of each session per round.
     pub frames: u32,
@@ -183,8 +183,8 @@ pub fn frames_of(wall_ms: f64) -> u32 {
 pub struct Figure {
     /// Median of the rounds' medians.
     pub median: f64,
-    /// Largest minus smallest of the rounds' medians.
-    pub spread: f64,
+    /// Largest minus smallest of the rounds' medians; `None` with one round.
+    pub spread: Option<f64>,
 }
 
 impl Figure {
@@ -194,7 +194,8 @@ impl Figure {
         let medians = medians.collect::<Option<Vec<f64>>>()?;
         let (least, most) =
             medians.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
-        Some(Figure { median: median(medians)?, spread: most - least })
+        let spread = (medians.len() > 1).then_some(most - least);
+        Some(Figure { median: median(medians)?, spread })
     }
 
     /// Summarises a value of the frames; `None` without frames or if a frame lacks it.
@@ -202,11 +203,13 @@ impl Figure {
         Figure::of(rounds.iter().map(|round| round.iter().map(&value).collect()))
     }
 
-    /// Averages the medians, and takes the largest spread; `None` if there are no figures or one is missing.
+    /// Averages the medians, and takes the largest spread, if all have one; `None` if there are no figures or one is
+    /// missing.
     pub fn mean(figures: impl IntoIterator<Item = Option<Figure>>) -> Option<Figure> {
         let figures = figures.into_iter().collect::<Option<Vec<Figure>>>()?;
         let sum: f64 = figures.iter().map(|figure| figure.median).sum();
-        let spread = figures.iter().map(|figure| figure.spread).reduce(f64::max)?;
+        let spreads = figures.iter().map(|figure| figure.spread);
+        let spread = spreads.reduce(|a, b| a.zip(b).map(|(a, b)| a.max(b)))?;
         Some(Figure { median: sum / figures.len() as f64, spread })
     }
 }
@@ -222,8 +225,8 @@ mod tests {
     #[test]
     fn a_figure_is_the_median_of_the_rounds_medians_and_one_slow_frame_does_not_show() {
         let rounds = [round(&[1.0, 2.0, 90.0]), round(&[3.0, 3.0, 3.0]), round(&[2.5, 7.0, 1.0])];
-        assert_eq!(Figure::of(rounds), Some(Figure { median: 2.5, spread: 1.0 }));
-        assert_eq!(Figure::of([round(&[4.0, 2.0])]), Some(Figure { median: 3.0, spread: 0.0 }));
+        assert_eq!(Figure::of(rounds), Some(Figure { median: 2.5, spread: Some(1.0) }));
+        assert_eq!(Figure::of([round(&[4.0, 2.0])]), Some(Figure { median: 3.0, spread: None }), "one round");
     }
 
     #[test]
@@ -243,14 +246,17 @@ mod tests {
         assert_eq!(Figure::of([vec![Some(1.0), None]]), None);
         assert_eq!(Figure::of([round(&[])]), None);
         assert_eq!(Figure::of([]), None);
-        assert_eq!(Figure::mean([Some(Figure { median: 1.0, spread: 0.0 }), None]), None);
+        assert_eq!(Figure::mean([Some(Figure { median: 1.0, spread: Some(0.0) }), None]), None);
         assert_eq!(Figure::mean([]), None);
     }
 
     #[test]
     fn the_mean_over_views_has_the_largest_spread_of_one() {
-        let figures = [(1.0, 0.25), (2.0, 0.5), (6.0, 0.0)].map(|(median, spread)| Figure { median, spread });
-        assert_eq!(Figure::mean(figures.map(Some)), Some(Figure { median: 3.0, spread: 0.5 }));
+        let figures = [(1.0, 0.25), (2.0, 0.5), (6.0, 0.0)]
+            .map(|(median, spread)| Figure { median, spread: Some(spread) });
+        assert_eq!(Figure::mean(figures.map(Some)), Some(Figure { median: 3.0, spread: Some(0.5) }));
+        let one_round = figures.map(|figure| Some(Figure { spread: None, ..figure }));
+        assert_eq!(Figure::mean(one_round), Some(Figure { median: 3.0, spread: None }));
     }
 
     #[test]

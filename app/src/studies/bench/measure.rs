@@ -195,7 +195,7 @@ impl Bench<'_> {
         let plan = session.plan().ok_or(SessionError::NotPrepared)?;
         let once = first.result.pass_ms.iter().filter(|(id, _)| plan.pass(*id).run == Run::Once);
         let part = |(id, ms): &(PassId, Option<f64>)| {
-            let (pass, figure) = (plan.pass(*id), ms.map(|median| Figure { median, spread: 0.0 }));
+            let (pass, figure) = (plan.pass(*id), ms.map(|median| Figure { median, spread: None }));
             Part::new(
                 pass.name.clone(),
                 Some(pass.phase.clone()),
@@ -329,7 +329,7 @@ pub(super) mod testing {
 
     /// Returns measurements of two views, with one pass that takes `gpu_ms` in each.
     pub fn found(gpu_ms: Option<f64>) -> Found {
-        let figure = |median| Figure { median, spread: 0.25 };
+        let figure = |median| Figure { median, spread: Some(0.25) };
         let ms = gpu_ms.map(figure);
         let part = |phase| Part::new("draw".into(), phase, ms, 4_000_000, Some(2000.0));
         let figures = Figures {

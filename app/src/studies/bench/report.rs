@@ -173,7 +173,7 @@ fn part_line(text: &mut String, start: &str, kind: &str, part: &Part) {
 }
 
 fn times(figure: Option<Figure>) -> [String; 2] {
-    [figure.map(|f| f.median), figure.map(|f| f.spread)].map(optional)
+    [figure.map(|f| f.median), figure.and_then(|f| f.spread)].map(optional)
 }
 
 #[cfg(test)]
@@ -181,7 +181,8 @@ pub(super) mod testing {
     use super::*;
 
     pub fn report(rows: Vec<(&str, u32, Outcome)>) -> Report {
-        let copy = CopyLimit { bytes: 1000, gpu_ms: Figure { median: 0.5, spread: 0.0 }, gb_per_s: 2000.0 };
+        let copy =
+            CopyLimit { bytes: 1000, gpu_ms: Figure { median: 0.5, spread: Some(0.0) }, gb_per_s: 2000.0 };
         let origin = Origin {
             version: VERSION,
             program: "1".into(),

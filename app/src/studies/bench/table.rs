@@ -85,7 +85,7 @@ fn ms(figure: Option<Figure>) -> String {
 }
 
 fn spread(figure: Option<Figure>) -> String {
-    number(figure.map(|figure| figure.spread), 3)
+    number(figure.and_then(|figure| figure.spread), 3)
 }
 
 /// Formats the candidates of one scene, number of splats and size, one per line.

@@ -18,8 +18,8 @@ use std::time::{Duration, Instant};
 pub struct Time {
     /// Milliseconds on the GPU: `share` of `exact_ms`.
     pub gpu_ms: f64,
-    /// Difference between the largest and the smallest share of the rounds, in milliseconds.
-    pub spread_ms: f64,
+    /// Difference between the largest and the smallest share of the rounds, in milliseconds; `None` with one round.
+    pub spread_ms: Option<f64>,
     /// The frame time divided by the exact settings' time in the same turns.
     pub share: Share,
     /// Milliseconds of the exact settings on a warm device: the median of the rounds' medians.
@@ -30,8 +30,8 @@ pub struct Time {
     pub busy: f64,
     /// Milliseconds per phase: the median of the rounds' medians.
     pub phases: BTreeMap<String, f64>,
-    /// Difference between a phase's largest and smallest time over the rounds, in milliseconds.
-    pub phase_spreads: BTreeMap<String, f64>,
+    /// Difference between a phase's largest and smallest time over the rounds, in milliseconds; `None` with one round.
+    pub phase_spreads: BTreeMap<String, Option<f64>>,
 }
 
 /// The session with which all others are interleaved.
@@ -165,17 +165,15 @@ fn time(plan: &Plan, own: &Rounds, exact: &Rounds, exact_ms: Option<f64>) -> Opt
     };
     let phases: Vec<(String, Figure)> =
         interleaved::phases(plan, &passes).into_iter().filter_map(figure).collect();
-    let each =
-        |of: fn(&Figure) -> f64| phases.iter().map(|(name, figure)| (name.clone(), of(figure))).collect();
     Some(Time {
         gpu_ms,
-        spread_ms: spread * exact_ms,
+        spread_ms: spread.map(|spread| spread * exact_ms),
         share,
         exact_ms,
         rounds: own.len() as u32,
         busy: median(own.iter().map(|round| interleaved::busy(round)).collect::<Option<_>>()?)?,
-        phases: each(|figure| figure.median),
-        phase_spreads: each(|figure| figure.spread),
+        phases: phases.iter().map(|(name, figure)| (name.clone(), figure.median)).collect(),
+        phase_spreads: phases.into_iter().map(|(name, figure)| (name, figure.spread)).collect(),
     })
 }
 
@@ -204,7 +202,7 @@ mod tests {
         let (session, ..) = unsorted();
         let plan = session.plan().expect("it is prepared");
         let found = alone(plan, &[3.0, 9.0, 4.0].map(round).into()).expect("timestamps");
-        assert_eq!((found.gpu_ms, found.spread_ms), (4.0, 6.0));
+        assert_eq!((found.gpu_ms, found.spread_ms), (4.0, Some(6.0)));
         assert_eq!(found.share, Share { median: 1.0, range: None });
     }
 
@@ -238,6 +236,7 @@ mod tests {
         let phase = |time: &Time| time.phases["draw"] / time.gpu_ms;
         assert!((phase(&other) - phase(&own)).abs() < 1e-9, "phases are of the same time: {own:?} {other:?}");
         let (glance, submits) = timed(None, Effort { rounds: 1, frames: 1 });
-        assert_eq!((glance.rounds, glance.share.range, submits), (1, None, 2));
+        assert_eq!((glance.rounds, glance.share.range, glance.spread_ms, submits), (1, None, None, 2));
+        assert!(glance.phase_spreads.values().all(Option::is_none), "{glance:?}");
     }
 }

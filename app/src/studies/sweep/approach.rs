@@ -157,7 +157,7 @@ mod tests {
             fragments,
             time: Some(Time {
                 gpu_ms: ms,
-                spread_ms: 0.0,
+                spread_ms: None,
                 share: Share::EXACT,
                 exact_ms: ms,
                 rounds: 8,

@@ -245,7 +245,7 @@ impl SweepResult {
                 worst.to_string(),
                 step.gpu_bytes.to_string(),
                 text::optional(time.map(|t| t.gpu_ms)),
-                text::optional(time.map(|t| t.spread_ms)),
+                text::optional(time.and_then(|t| t.spread_ms)),
                 text::optional(time.map(|t| t.share.median)),
             ];
             let phase = |name: &&String| text::optional(time.and_then(|t| t.phases.get(*name)));

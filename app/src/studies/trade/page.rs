@@ -103,7 +103,10 @@ pub fn page(
         let row = |line: &Line| {
             let cell = |name: &String| {
                 let phase = line.phases.iter().find(|(own, ..)| own == name);
-                phase.map_or("-".into(), |(_, ms, spread)| format!("{ms:.3} ± {:.3}", 0.5 * spread))
+                phase.map_or("-".into(), |(_, ms, spread)| match spread {
+                    Some(spread) => format!("{ms:.3} ± {:.3}", 0.5 * spread),
+                    None => format!("{ms:.3}"),
+                })
             };
             std::iter::once(line.setting.clone()).chain(phases.iter().map(cell)).collect()
         };

@@ -17,7 +17,10 @@ pub(super) const COLUMNS: [(&str, &str); 13] = [
         "GPU ms",
         "milliseconds of a frame on the GPU: `of exact` times the exact settings' time on a warm device",
     ),
-    ("spread", "maximum minus minimum of the rounds, in milliseconds; the largest of the views"),
+    (
+        "spread",
+        "maximum minus minimum of the rounds, in milliseconds; the largest of the views; `-` with one round. It grows with the number of rounds",
+    ),
     (
         "of exact",
         "share of the exact settings' time, frame by frame: median of the frames, mean of the views, ± half of its range with 99 % \
@@ -170,7 +173,7 @@ pub fn csv(lines: &[Line]) -> String {
         for name in &phases {
             let phase = line.phases.iter().find(|(own, ..)| own == name);
             cells.push(text::optional(phase.map(|(_, ms, _)| *ms)));
-            cells.push(text::optional(phase.map(|(.., spread)| *spread)));
+            cells.push(text::optional(phase.and_then(|(.., spread)| *spread)));
         }
         text += &(cells.join(",") + "\n");
     }

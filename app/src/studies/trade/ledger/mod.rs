@@ -264,7 +264,7 @@ pub struct Line {
     pub setting: String,
     /// Mean time over the views, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
-    /// Largest spread over the views, in milliseconds; `None` without timestamps.
+    /// Largest spread over the views, in milliseconds; `None` without timestamps, or with one round.
     pub spread_ms: Option<f64>,
     /// Mean share of the exact settings' time over the views, with its range; `None` without timestamps.
     pub share: Option<Share>,
@@ -289,8 +289,8 @@ pub struct Line {
     pub busy: Option<f64>,
     /// Largest use of device memory in any view, in bytes.
     pub gpu_bytes: u64,
-    /// Phases: name, mean milliseconds over the views, and largest spread over the views.
-    pub phases: Vec<(String, f64, f64)>,
+    /// Phases: name, mean milliseconds over the views, and largest spread over the views, `None` with one round.
+    pub phases: Vec<(String, f64, Option<f64>)>,
     /// Position of the setting relative to the Pareto front.
     pub mark: Mark,
 }
@@ -349,7 +349,7 @@ fn line(name: &str, views: &[&Measured]) -> Line {
     Line {
         setting: name.to_string(),
         gpu_ms: times.as_ref().map(|times| mean(times.iter().map(|time| time.gpu_ms))),
-        spread_ms: times.as_ref().map(|times| most(&mut times.iter().map(|time| time.spread_ms))),
+        spread_ms: times.iter().flatten().filter_map(|time| time.spread_ms).reduce(f64::max),
         share: times
             .as_ref()
             .and_then(|times| Share::mean(&times.iter().map(|time| time.share).collect::<Vec<_>>())),
@@ -367,12 +367,12 @@ fn line(name: &str, views: &[&Measured]) -> Line {
     }
 }
 
-fn phases(times: &[&Time]) -> Vec<(String, f64, f64)> {
+fn phases(times: &[&Time]) -> Vec<(String, f64, Option<f64>)> {
     let names: BTreeSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
     let of = |name: &String| {
         let ms = mean(times.iter().map(|time| time.phases.get(name).copied().unwrap_or(0.0)));
-        let spreads = times.iter().filter_map(|time| time.phase_spreads.get(name).copied());
-        (name.clone(), ms, spreads.fold(0.0, f64::max))
+        let spreads = times.iter().filter_map(|time| time.phase_spreads.get(name).copied().flatten());
+        (name.clone(), ms, spreads.reduce(f64::max))
     };
     names.into_iter().map(of).collect()
 }
@@ -444,13 +444,13 @@ pub(super) mod testing {
         let share = ms / 4.0;
         let time = Time {
             gpu_ms: ms,
-            spread_ms: 0.1,
+            spread_ms: Some(0.1),
             share: Share { median: share, range: Some((share - half, share + half)) },
             exact_ms: 4.0,
             rounds: 8,
             busy: 0.9,
             phases: [("draw".to_string(), ms)].into(),
-            phase_spreads: [("draw".to_string(), 0.05)].into(),
+            phase_spreads: [("draw".to_string(), Some(0.05))].into(),
         };
         let error = Error {
             psnr_db,
@@ -487,7 +487,7 @@ pub(super) mod testing {
             inversions: Some(7),
             busy: Some(0.9),
             gpu_bytes: 1 << 20,
-            phases: vec![("draw".into(), gpu_ms, 0.1)],
+            phases: vec![("draw".into(), gpu_ms, Some(0.1))],
             mark,
         }
     }

@@ -26,7 +26,7 @@ fn views_are_joined_by_their_squared_errors_and_what_is_dominated_is_not_best() 
     assert!(lines[0].psnr_db.is_infinite());
     assert!((lines[1].psnr_db - (40.0 + 10.0 * 2f64.log10())).abs() < 1e-9);
     assert_eq!((lines[1].gpu_ms, lines[1].inversions), (Some(2.0), Some(14)));
-    assert_eq!(lines[1].phases, [("draw".to_string(), 2.0, 0.05)]);
+    assert_eq!(lines[1].phases, [("draw".to_string(), 2.0, Some(0.05))]);
 }
 
 #[test]
