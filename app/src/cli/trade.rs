@@ -33,8 +33,8 @@ use std::path::{Path, PathBuf};
 /// parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
 /// earlier one is not measured either.
 ///
-/// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; that share in
-/// milliseconds on the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR of
+/// The columns are the share of the exact settings' time, ± the farther end of its 99 % confidence interval; that share
+/// in milliseconds on the GPU, of the exact settings' time on a warm device, with the spread over the rounds; PSNR of
 /// the mean squared error over all pixels of all views, where `evaluate` and `convert --price` print the mean of the views'
 /// PSNR, and over the pixels that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal
 /// pictures); the largest difference of a channel; the share of pixels that are off by more than 1/255; pairs of

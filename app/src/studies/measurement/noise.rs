@@ -16,6 +16,7 @@
 
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Minimum number of turns for a range: with 8, the median is within the extremes in 99.2 % of cases.
 pub const MIN_TURNS: usize = 8;
@@ -93,6 +94,16 @@ impl Share {
             () if low >= kept * other_high => Some(false),
             () => None,
         }
+    }
+}
+
+/// Formats a share with the distance to the farther end of its range, which may be skewed: `70.2 ± 0.4 %`. Without a
+/// range, `?` takes its place.
+impl fmt::Display for Share {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let farther = self.range.map(|(low, high)| (high - self.median).max(self.median - low));
+        let farther = farther.map_or("?".into(), |farther| format!("{:.1}", 100.0 * farther));
+        write!(f, "{:.1} ± {farther} %", 100.0 * self.median)
     }
 }
 
@@ -298,6 +309,7 @@ mod tests {
         assert!((low - (0.6 - half)).abs() < 1e-12 && (high - (0.6 + half)).abs() < 1e-12, "{found:?}");
         // Only what lies below the median lowers the mean's range.
         let skewed = Share { median: 0.5, range: Some((0.5, 0.6)) };
+        assert_eq!(skewed.to_string(), "50.0 ± 10.0 %");
         let (low, high) = Share::mean(&[skewed; 4]).and_then(|mean| mean.range).expect("a range");
         assert!((low - 0.5).abs() < 1e-12 && (high - 0.55).abs() < 1e-12, "{low} {high}");
         assert_eq!(Share::mean(&[views[0], Share { range: None, ..views[1] }]).expect("views").range, None);

@@ -23,8 +23,8 @@ pub(super) const COLUMNS: [(&str, &str); 13] = [
     ),
     (
         "of exact",
-        "share of the exact settings' time, frame by frame: median of the frames, mean of the views, ± half of its range with 99 % \
-         confidence. For `exact`, the distance from 100 % is the noise, which every other range contains",
+        "share of the exact settings' time, frame by frame: median of the frames, mean of the views, ± the farther end of its range with \
+         99 % confidence (ledger.csv has both ends). For `exact`, the distance from 100 % is the noise, which every other range contains",
     ),
     ("PSNR dB", "decibels of the mean squared error of all views, over all pixels; `inf` for equal pictures"),
     ("covered", "PSNR over the pixels that a splat covers"),
@@ -42,7 +42,7 @@ pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
         line.setting.clone(),
         text::number(line.gpu_ms, 3),
         text::number(line.spread_ms, 3),
-        share(line),
+        line.share.map_or("-".into(), |share| share.to_string()),
         format!("{:.1}", line.psnr_db),
         format!("{:.1}", line.covered_psnr_db),
         text::number(line.ssim, 5),
@@ -53,15 +53,6 @@ pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
         format!("{:.1}", line.gpu_bytes as f64 / f64::from(1 << 20)),
         note(line.mark).into(),
     ]
-}
-
-/// Formats the share with half of its range, such as `70.2 ± 0.4 %`; `-` without a share, and `?` for a missing range.
-fn share(line: &Line) -> String {
-    let Some(share) = line.share else { return "-".into() };
-    match share.range {
-        Some((low, high)) => format!("{:.1} ± {:.1} %", 100.0 * share.median, 50.0 * (high - low)),
-        None => format!("{:.1} ± ? %", 100.0 * share.median),
-    }
 }
 
 fn note(mark: Mark) -> &'static str {
