@@ -7,7 +7,7 @@ use splatgraph_reference::metrics::{self, MetricError, decibels, squared_error};
 
 const STEP: f32 = 1.0 / 255.0;
 
-/// The error of a picture. All fields but `worst` clamp values to 0..1.
+/// The error of a picture, of values clamped to 0..1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Error {
     /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal.
@@ -43,24 +43,18 @@ pub fn measure(
 ) -> Result<Error, MetricError> {
     metrics::comparable(picture.into(), truth.into())?;
     let of_pixels = |wanted: &(dyn Fn(usize) -> bool + Sync)| {
-        (metrics::psnr_over(picture.into(), truth.into(), &wanted), off(picture, truth, wanted))
+        (metrics::psnr_over(picture.into(), truth.into(), &wanted), differences(picture, truth, wanted))
     };
-    let (((psnr_db, off), (covered_psnr_db, covered_off)), (flip, (ssim, worst))) = rayon::join(
+    let (((psnr_db, (worst, off)), (covered_psnr_db, (_, covered_off))), (flip, ssim)) = rayon::join(
         || rayon::join(|| of_pixels(&|_| true), || of_pixels(&|pixel| covered[pixel])),
         || {
             let flip = || {
                 let own = Seen::of_8_bits(picture.into());
                 seen.map_or_else(|| Seen::of_8_bits(truth.into()).flip(&own), |seen| seen.flip(&own))
             };
-            rayon::join(flip, || {
-                (
-                    metrics::ssim(picture.into(), truth.into()),
-                    metrics::worst_pixel(picture.into(), truth.into()),
-                )
-            })
+            rayon::join(flip, || metrics::ssim(picture.into(), truth.into()))
         },
     );
-    let worst = worst.difference;
     let covered = covered.iter().filter(|covered| **covered).count();
     Ok(Error { psnr_db, ssim, flip, worst, off, covered, covered_psnr_db, covered_off })
 }
@@ -85,14 +79,16 @@ pub fn weighted_psnr(parts: impl Iterator<Item = (Option<f64>, usize)>) -> f64 {
     -10.0 * (sum / count.max(1) as f64).log10()
 }
 
-/// Returns the share of the `wanted` pixels in which a channel differs by more than [`STEP`].
-fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
-    let (mut off, mut count) = (0usize, 0usize);
+/// Returns the largest difference of a channel over the `wanted` pixels, and the share of them in which a channel
+/// differs by more than [`STEP`].
+fn differences(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> (f64, f64) {
+    let (mut worst, mut off, mut count) = (0.0f32, 0usize, 0usize);
     for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {
-        off += usize::from((0..3).any(|c| (a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0)).abs() > STEP));
-        count += 1;
+        let channels = [0, 1, 2].map(|c| (a[c].clamp(0.0, 1.0) - b[c].clamp(0.0, 1.0)).abs());
+        let most = channels.into_iter().fold(0.0, f32::max);
+        (worst, off, count) = (worst.max(most), off + usize::from(most > STEP), count + 1);
     }
-    off as f64 / count.max(1) as f64
+    (worst.into(), off as f64 / count.max(1) as f64)
 }
 
 #[cfg(test)]
@@ -113,6 +109,10 @@ mod tests {
         assert_eq!((error.off, error.covered, error.covered_off), (1.0 / 256.0, 4, 0.25));
         assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");
         assert_eq!(measure(&picture, &truth, &covered, None).unwrap(), error);
+        // A highlight above white is white, as in a photograph of it.
+        let [mut above, mut white] = [picture.clone(), truth.clone()];
+        (above.rgb[9], white.rgb[9]) = ([1.5; 3], [1.0; 3]);
+        assert_eq!(measure(&above, &white, &covered, None).unwrap().worst, error.worst);
         let same = measure(&truth, &truth, &covered, None).unwrap();
         assert_eq!((same.psnr_db, same.flip, same.off, same.ssim), (None, 0.0, 0.0, Some(1.0)));
         // JSON distinguishes an infinite PSNR from one that was not measured.
