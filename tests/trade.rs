@@ -2,6 +2,7 @@
 
 use crate::place::Place;
 use serde_json::Value;
+use splatgraph::io::image::save_rgba_png;
 use std::fs;
 
 const SHORT: &str = "trade scene.ply -c cameras.json --rounds 1 --frames 1";
@@ -82,6 +83,31 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
     );
     place.write("out/pictures", "a file");
     place.refuses(&short, &[("defaults -o out", 2, "out/pictures")]);
+}
+
+#[test]
+fn photographs_are_found_by_any_end_of_their_names_and_their_alpha_is_blended_over_black() {
+    let place = Place::new();
+    place.cameras(&["images/one"]);
+    place.done("render scene.ply -c cameras.json -o exact.png");
+    let exact = place.image("exact.png");
+    // Colours as bright as possible, and the alpha that makes them dark again.
+    let values: Vec<f32> = exact.rgb.iter().flat_map(|&[r, g, b]| [r, g, b, r.max(g).max(b)]).collect();
+    place.write("set/images/one.png", "");
+    save_rgba_png(&place.at("set/images/one.png"), (exact.width, exact.height), &values).expect("written");
+    for (folder, output) in [("set", "a"), ("set/images", "b")] {
+        let line = format!("{SHORT} --only defaults --truth {folder} -o {output}");
+        let told = place.said(&line).1;
+        assert!(
+            told.contains(&format!("{folder}: alpha is blended over black in 1 of 1 pictures")),
+            "{told}"
+        );
+        let error = found(&place, output, "exact", "images/one")["error"].clone();
+        assert!(error["psnr_db"].as_f64() > Some(50.0), "{error}");
+    }
+    place.cameras(&["left/one", "right/one"]);
+    let refused = format!("{SHORT} --truth set/images -o c");
+    place.refuses("", &[(&refused, 1, "expected a picture for each camera, found one for two cameras")]);
 }
 
 /// Returns a setting's measurements in the view of a camera.

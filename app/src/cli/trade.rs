@@ -19,8 +19,8 @@ use crate::studies::trade::pictures::{self, Album};
 use crate::studies::trade::table::{csv, notes, table};
 use crate::studies::trade::{Study, Wanted, study};
 use anyhow::{Context, Result, bail};
-use splatgraph_assets::Camera;
 use splatgraph_assets::photograph::EXTENSIONS;
+use splatgraph_assets::{Camera, Dataset, View};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -64,8 +64,10 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
-    /// Folder of pictures that count as exact, one for each camera, named after its img_name [default: the exact
-    /// renderer's pictures]
+    /// Folder of pictures that count as exact, one for each camera [default: the exact renderer's pictures]
+    ///
+    /// A picture has the name of the camera's img_name or photograph, with or without its folders. Alpha is blended over
+    /// black, on which the graphs draw.
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
     /// Folder for ledger.json, .csv, .html, .svg, .png and pictures/; an interrupted run resumes from ledger.json
@@ -283,16 +285,20 @@ pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
 }
 
 fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {
+    let (mut used, mut blended) = (BTreeSet::new(), 0);
     let load = |(camera, stem): (&Camera, &String)| -> Result<Image> {
-        let formats = ["npy", "exr"].into_iter().chain(EXTENSIONS);
-        let path = formats.map(|format| folder.join(format!("{stem}.{format}"))).find(|path| path.exists());
-        let Some(path) = path else {
+        let Some(path) = true_picture(folder, camera, stem) else {
             bail!("expected the picture {stem}.npy, .exr, .png or .jpg in {}, found none", folder.display());
         };
+        if !used.insert(path.clone()) {
+            bail!("{}: expected a picture for each camera, found one for two cameras", path.display());
+        }
         let image = match Format::of(&path) {
-            Some(_) => Image::load(&path)?,
-            None => Image::load_photograph(&path, [0.0; 3])?,
+            // Floats are already multiplied by alpha.
+            Some(Format::Npy | Format::Exr) => Image::load(&path)?,
+            Some(Format::Png) | None => Image::load_photograph(&path, [0.0; 3])?,
         };
+        blended += usize::from(Image::header(&path).is_ok_and(|header| header.has_alpha));
         if (image.width, image.height) != (camera.width as usize, camera.height as usize) {
             bail!(
                 "{}: expected {} x {} pixels, as the camera has, found {} x {} (--size changes the cameras)",
@@ -305,5 +311,25 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
         }
         Ok(image)
     };
-    cameras.iter().zip(stems).map(load).collect()
+    let images: Vec<_> = cameras.iter().zip(stems).map(load).collect::<Result<_>>()?;
+    if blended > 0 {
+        let (folder, all) = (folder.display(), images.len());
+        say(format!("{folder}: alpha is blended over black in {blended} of {all} pictures"));
+    }
+    Ok(images)
+}
+
+/// Finds the true picture of a camera: by the file name that `render` gives to its picture, or as its photograph. The
+/// folder may be any of those in the photograph's name: `images/a.png` may be `a.png` in `images`.
+fn true_picture(folder: &Path, camera: &Camera, stem: &str) -> Option<PathBuf> {
+    let formats = ["npy", "exr"].into_iter().chain(EXTENSIONS);
+    let drawn = formats.map(|format| folder.join(format!("{stem}.{format}"))).find(|path| path.exists());
+    let name = camera.img_name.as_str();
+    let ends = name.match_indices('/').map(|(at, _)| at + 1);
+    drawn.or_else(|| {
+        std::iter::once(0).chain(ends).find_map(|at| {
+            let view = View { photograph: name[at..].to_owned(), camera: camera.clone(), test: None };
+            Dataset::photograph_in(folder, &view).ok()
+        })
+    })
 }
