@@ -131,7 +131,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "new" => "--from --force --force",
         "params" => "--set --json --size --device --scene",
         "dump" => "-o --format --diff --times --scene --size --set --set-b",
-        "compare" => "--diff --diff --gain --min-psnr --json --by-number",
+        "compare" => "--diff --diff --gain --range --min-psnr --json --by-number",
         "synth" => "-o -o --cameras --count --seed --enlarge",
         "bench" => "-o --json --cameras --pipelines --sizes --splats --suite --pairs --set --rounds --frames",
         "trade" | "sweep" | "advise" | "popping" | "experiment" => {
@@ -166,6 +166,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "--sizes" => of("64x48 64x48,1x1", "64x48,64x48 64x48, , 0x1"),
         "--pipelines" => of("unsorted splat,graph.ron", "splat,splat , nope splat,,key16"),
         "--splats" | "--pairs" => of("1 20,40", "20,20 0 , -1 4294967296 x"),
+        "--range" => of("0,1 -5,8", "1,0 nan,1 , 0 -inf,inf"),
         "--shard" => of("0/1 1/3", "2/2 0/0 / x -1/2 0/18446744073709551616"),
         "--suite" => of("frames sort", "nope "),
         "--from" => of("splat compute post", "nope "),

@@ -5,8 +5,8 @@
 //! from linear light.
 //!
 //! Three formats can be written and read: `.npy` (float32), `.exr` (float32, with attributes for the encoding) and
-//! `.png` (8 bits per channel). `#` selects an array of a `.npz` archive: `golden.npz#camera0`. Photographs
-//! ([`Image::load_photograph`]) are PNG or JPEG files.
+//! `.png` (8 bits per channel). `.jpg` can be read. `#` selects an array of a `.npz` archive: `golden.npz#camera0`.
+//! Photographs ([`Image::load_photograph`]) are PNG or JPEG files.
 
 mod exr;
 #[cfg(test)]
@@ -58,6 +58,9 @@ impl Image {
             Some(Format::Png) => png::header(path),
             Some(Format::Exr) => exr::header(path),
             Some(Format::Npy) => npy::header(path),
+            None if is_jpeg(path) => {
+                Image::photograph_size(path).map(|size| Header { size, ..Header::default() })
+            }
             None => Err(no_picture(path)),
         }
     }
@@ -76,7 +79,7 @@ impl Image {
         }
     }
 
-    /// Loads a picture from `.png`, `.exr`, `.npy`, or `archive.npz#array`. A picture with one channel is grey.
+    /// Loads a picture from `.png`, `.jpg`, `.exr`, `.npy`, or `archive.npz#array`. A picture with one channel is grey.
     ///
     /// # Errors
     /// The path has another extension, or the file cannot be read, is damaged or is too large.
@@ -88,6 +91,7 @@ impl Image {
             Some(Format::Png) => png::load(path).map(|(image, _)| image),
             Some(Format::Exr) => exr::load(path).map(|(image, _)| image.narrow()),
             Some(Format::Npy) => npy::load(path).map(|(image, _)| image.narrow()),
+            None if is_jpeg(path) => Image::load_photograph(path, [0.0; 3]),
             None => Err(no_picture(path)),
         }
     }
@@ -107,6 +111,7 @@ impl Image {
                 Ok((image.wide(), Depth::Levels(greatest)))
             }
             Some(Format::Exr) => exr::load(path),
+            None if is_jpeg(path) => Ok((Image::load(path)?.wide(), Depth::Levels(u8::MAX.into()))),
             None => Err(no_picture(path)),
         }
     }
@@ -197,9 +202,14 @@ impl FromStr for Format {
     }
 }
 
+/// Returns true for a JPEG file's extension, in upper or lower case.
+pub fn is_jpeg(path: &Path) -> bool {
+    ["jpg", "jpeg"].iter().any(|extension| has_extension(path, extension))
+}
+
 fn no_picture(path: &Path) -> ImageError {
     if !has_extension(path, "npz") {
-        return ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)");
+        return ImageError::new(path, "expected a picture (.png, .jpg, .exr, .npy, or FILE.npz#NAME)");
     }
     let names = match npz_names(path) {
         Ok(names) => names,

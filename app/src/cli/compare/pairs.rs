@@ -1,0 +1,118 @@
+//! Finds the pictures to compare, and pairs those of two folders.
+
+use crate::io::image::{Format, is_jpeg, npz_names, split_member};
+use crate::io::output::say;
+use anyhow::{Context, Result, bail};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Two pictures to compare.
+pub struct Pair {
+    /// Name of the first, without its folder and extension if it is of a folder.
+    pub name: String,
+    /// The first picture.
+    pub a: PathBuf,
+    /// The picture to compare it with.
+    pub b: PathBuf,
+}
+
+/// An argument of the command.
+pub enum Pictures {
+    One(PathBuf),
+    /// Pictures of a folder by name without extension, or arrays of an archive by name.
+    Many(BTreeMap<String, PathBuf>),
+}
+
+impl Pictures {
+    /// Lists the pictures of a folder or an archive.
+    ///
+    /// # Errors
+    /// The folder or the archive cannot be read, or two pictures have the same name without extension.
+    pub fn of(path: &Path) -> Result<Pictures> {
+        if split_member(path).is_some() {
+            return Ok(Pictures::One(path.to_owned()));
+        }
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npz")) {
+            let named = npz_names(path)?.into_iter().map(|name| {
+                let member = PathBuf::from(format!("{}#{name}", path.display()));
+                (name, member)
+            });
+            return Ok(Pictures::Many(named.collect()));
+        }
+        if !path.is_dir() {
+            return Ok(Pictures::One(path.to_owned()));
+        }
+        let mut pictures = BTreeMap::new();
+        let entries =
+            std::fs::read_dir(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+        for entry in entries {
+            let file = entry.with_context(|| format!("{}: cannot be read", path.display()))?.path();
+            let Some(stem) = file.file_stem() else { continue };
+            // The folder may hold other files, such as statistics.
+            if Format::of(&file).is_none() && !is_jpeg(&file) {
+                continue;
+            }
+            // Names that are not UTF-8 must stay distinct.
+            let escaped = || stem.as_encoded_bytes().escape_ascii().to_string();
+            let name = stem.to_str().map_or_else(escaped, str::to_owned);
+            if let Some(other) = pictures.insert(name, file.clone()) {
+                bail!("{} and {} have the same name without extension", other.display(), file.display());
+            }
+        }
+        Ok(Pictures::Many(pictures))
+    }
+}
+
+/// Pairs the pictures of two folders or archives, by name or by the number at its end.
+///
+/// # Errors
+/// Pictures without a partner, which the error lists, or two pictures of a folder with the same number.
+pub fn pairs(
+    by_number: bool,
+    a: BTreeMap<String, PathBuf>,
+    b: BTreeMap<String, PathBuf>,
+) -> Result<Vec<Pair>> {
+    let (a, mut b) = if by_number { (numbered(a)?, numbered(b)?) } else { (plain(a), plain(b)) };
+    let mut pairs = Vec::new();
+    let mut alone = Vec::new();
+    for (key, (name, a_path)) in a {
+        match b.remove(&key) {
+            Some((_, b_path)) => pairs.push(Pair { name, a: a_path, b: b_path }),
+            None => alone.push(a_path),
+        }
+    }
+    alone.extend(b.into_values().map(|(_, path)| path));
+    if alone.is_empty() {
+        return Ok(pairs);
+    }
+    let list: Vec<String> = alone.iter().map(|p| format!("\n  {}", p.display())).collect();
+    let hint = if pairs.is_empty() && !by_number {
+        "\nno two names match; --by-number matches by the number at the end"
+    } else {
+        ""
+    };
+    bail!("these pictures have no partner:{}{hint}", list.concat());
+}
+
+/// Names and files of one side, by the key that pairs them with the other side.
+type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
+
+fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
+    pictures.into_iter().map(|(stem, path)| ((0, stem.clone()), (stem, path))).collect()
+}
+
+fn numbered(pictures: BTreeMap<String, PathBuf>) -> Result<Keyed> {
+    let mut keyed = Keyed::new();
+    for (stem, path) in pictures {
+        let digits = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        match stem[digits..].parse::<u64>() {
+            Ok(number) => {
+                if let Some((_, other)) = keyed.insert((number, String::new()), (stem, path.clone())) {
+                    bail!("{} and {} end in the same number", other.display(), path.display());
+                }
+            }
+            Err(_) => say(format!("skipped: {} (its name does not end in a number)", path.display())),
+        }
+    }
+    Ok(keyed)
+}
