@@ -69,7 +69,11 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
         (&drawn["photographs"], &drawn["background"]),
         (&Value::Null, &serde_json::json!([0.0, 0.0, 0.0]))
     );
+    let origin = &drawn["origin"];
+    assert!(origin["based_on"][0].is_string(), "`auto` is based on a graph: {drawn:#}");
+    assert!(origin["device"].is_string() && origin["parameters"].is_object(), "{drawn:#}");
     let half = scored(&place, "--backend reference --downscale 2");
+    assert_eq!((&half["origin"]["downscaled"], &origin["downscaled"]), (&"averaged".into(), &Value::Null));
     assert_eq!(
         (half["views"][0]["width"].as_u64(), half["views"][0]["height"].as_u64()),
         (Some(48), Some(27))

@@ -10,18 +10,20 @@ use crate::draw::fit;
 use crate::draw::outputs;
 use crate::draw::projection::{self, ProjectionError};
 use crate::draw::session::Session;
+use crate::draw::stats;
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, one_line, say};
 use crate::io::own_file;
+use crate::io::program;
 use crate::io::progress::Progress;
 use crate::io::report::text;
 use crate::studies::evaluation::{Evaluation, Score, score};
 use anyhow::{Context, Result, anyhow, bail};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value as Json, json};
+use serde_json::{Map, Value as Json, json};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, CameraOptions, Dataset, Scene, TEST_EVERY};
 use splatgraph_reference::Rules;
@@ -39,8 +41,8 @@ pub const EXAMPLES: &str = "Examples:
 ///
 /// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own
 /// (Blender, nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. A line on
-/// standard error says so. PSNR and SSIM are computed as in `compare`. Their means over the views are comparable with
-/// published tables.
+/// standard error says so. PSNR and SSIM are computed as in `compare`, and FLIP as its `flip_8_bits`. The means over the
+/// views are comparable with published tables, except for the differences that docs/formats.md lists.
 ///
 /// A view does not stop the others if its photograph is missing, damaged or of another shape, or if its picture has
 /// values that are not finite. The JSON lists it in `missing`, there are no means, and the exit code is 1.
@@ -151,9 +153,14 @@ impl View {
 pub(super) struct Work {
     guard: OutputGuard,
     downscale: u32,
+    /// Where smaller photographs come from: a folder such as `images_2`, or `averaged`; `None` without `--downscale`.
+    downscaled: Option<String>,
     views: Vec<View>,
     stems: Vec<String>,
 }
+
+/// Field of the JSON that [`origin`] describes.
+const ORIGIN: &str = "origin";
 
 /// Subfolders of `--output`.
 const FOLDERS: [&str; 3] = ["renders", "photographs", "differences"];
@@ -247,7 +254,16 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             views.len()
         ));
     }
-    Ok(Work { guard, downscale, views, stems })
+    let downscaled = (args.downscale > 1).then(|| match reduced {
+        Some(_) => format!("images_{}", args.downscale),
+        None => "averaged".into(),
+    });
+    match downscaled.as_deref() {
+        Some("averaged") => say(format!("the photographs are averaged to 1/{downscale} of their size")),
+        Some(folder) => say(format!("the photographs are those of {folder}")),
+        None => {}
+    }
+    Ok(Work { guard, downscale, downscaled, views, stems })
 }
 
 fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
@@ -321,6 +337,29 @@ fn request(args: &Args) -> Json {
     })
 }
 
+/// Describes what the scores depend on besides the request: the program, the device, the graph that is drawn, and how
+/// photographs are made smaller. The graph is null for the exact renderer, and if no view was drawn.
+fn origin(drawer: &mut Drawer, downscaled: Option<&str>) -> Result<Json> {
+    let (device, plan) = match drawer {
+        Drawer::Reference(_) => (None, None),
+        Drawer::Device(session) => {
+            let info = session.device().info();
+            (Some(format!("{} ({})", info.name, info.driver)), session.plan())
+        }
+    };
+    let parameters = plan.map(|plan| -> Map<String, Json> {
+        plan.params.iter().map(|param| (param.name.clone(), stats::json(&param.value))).collect()
+    });
+    Ok(json!({
+        "version": program::VERSION,
+        "program": program::hash().context("the program's file cannot be read")?,
+        "device": device,
+        "based_on": plan.map(|plan| &plan.based_on),
+        "parameters": parameters,
+        "downscaled": downscaled,
+    }))
+}
+
 fn as_json(mut request: Json, found: &Evaluation) -> String {
     request["views"] = json!(found.views);
     request["missing"] = json!(found.missing);
@@ -333,7 +372,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut work = prepare(args)?;
     args.output.iter().try_for_each(|folder| Manifest::refuse(folder))?;
     let mut drawer = Drawer::open(args, &mut work, None)?;
-    let Work { views, stems, downscale, .. } = work;
+    let Work { views, stems, downscale, downscaled, .. } = work;
     let mut progress = Progress::new("scoring");
     let (mut scores, mut missing) = (Vec::with_capacity(views.len()), Vec::new());
     for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
@@ -363,7 +402,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let found = Evaluation::new(scores, missing);
     options::print_beside(args.json.as_deref(), &found.table())?;
     if let Some(path) = &args.json {
-        options::write_text(Some(path), &(as_json(request(args), &found) + "\n"))?;
+        let mut request = request(args);
+        request[ORIGIN] = origin(&mut drawer, downscaled.as_deref())?;
+        options::write_text(Some(path), &(as_json(request, &found) + "\n"))?;
     }
     let outcome = match drawer {
         Drawer::Device(session) => validated(args.device.validate, &session.into_device().close()),
@@ -413,7 +454,7 @@ impl job::Work for Views {
     }
 
     fn open(&mut self) -> Result<job::Origin> {
-        let drawer = Drawer::open(&self.args, &mut self.work, self.scene.clone())?;
+        let mut drawer = Drawer::open(&self.args, &mut self.work, self.scene.clone())?;
         let scene = match &drawer {
             Drawer::Reference(scene) => scene.clone(),
             Drawer::Device(session) => session.shared_scene(),
@@ -428,12 +469,14 @@ impl job::Work for Views {
             }
         };
         self.scene = Some(scene);
+        let mut request = request(&self.args);
+        request[ORIGIN] = self::origin(&mut drawer, self.work.downscaled.as_deref())?;
         let Args { backend, downscale, background, .. } = &self.args;
         origin.extend([
             ("--backend".into(), json!(backend.to_string())),
             ("--downscale".into(), json!(downscale)),
             ("--background".into(), json!(background)),
-            (job::REQUEST.into(), request(&self.args)),
+            (job::REQUEST.into(), request),
         ]);
         self.drawer = Some(drawer);
         Ok(origin)
