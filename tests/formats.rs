@@ -41,7 +41,7 @@ fn a_conversion_between_two_ply_files_says_what_activation_loses() {
     let place = Place::demo(500);
     let text = place.done("convert scene.ply same.ply");
     assert!(!text.contains("lost:"), "{text}");
-    // A float more per row, quaternions of length 2, and the first logit as 20.
+    // Two floats more per row, quaternions of length 2, and the first logit as 20.
     let bytes = std::fs::read(place.at("scene.ply")).expect("it is there");
     let end = b"end_header\n";
     let at = bytes.windows(end.len()).position(|window| window == end).expect("a header") + end.len();
@@ -51,20 +51,22 @@ fn a_conversion_between_two_ply_files_says_what_activation_loses() {
         let mut floats: Vec<f32> = floats.collect();
         floats[58..].iter_mut().for_each(|c| *c *= 2.0);
         floats[54] = if index == 0 { 20.0 } else { 0.5 };
-        floats.push(3.0);
+        floats.extend([3.0, 4.0]);
         floats.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>()
     });
-    let more = header.replace("end_header", "property float segment\nend_header");
+    let more = header.replace("end_header", "property float segment\nproperty float gain\nend_header");
     let trained: Vec<u8> = more.into_bytes().into_iter().chain(rows).collect();
     std::fs::write(place.at("trained.ply"), trained).expect("it is written");
     let text = place.done("convert trained.ply same.ply");
     for lost in [
-        "lost: properties that splats do not have: segment\n",
+        "lost: properties that splats do not have: segment, gain\n",
         "lost: the lengths of quaternions: 500 other than 1, in a range of 2.000 to 2.000",
         "lost: logits above 9.9, in 1 splat: rounded",
     ] {
         assert!(text.contains(lost), "{lost}: {text}");
     }
+    let (_, errors) = place.said("info trained.ply");
+    assert!(errors.contains("properties that are not read, although they may matter: gain\n"), "{errors}");
     assert!(!place.done("convert same.ply again.ply").contains("quaternions"));
 }
 
@@ -84,6 +86,7 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
     assert!(text.contains("lost: the tag low_pass mip: the file has compensated instead"), "{text}");
     let merged = place.done("convert mip.ply merged.ply --merge cut.ply");
     assert!(merged.contains("lost: tags in which the merged scenes differ: low_pass\n"), "{merged}");
+    assert!(merged.contains(" % of the 2 originals\n"), "{merged}");
     let text = place.done("convert scene.ply sorted.compressed.ply");
     assert!(text.contains("lost: the order of the splats: they follow a Morton curve"), "{text}");
     place.refuses(
@@ -97,6 +100,7 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
                 "ends in .glb, the form that is written, found out.gltf; name it out.glb",
             ),
             ("scene.ply ./scene.ply", 2, "would overwrite the scene"),
+            ("- out.spz", 2, "expected a file as the scene, found `-`: standard input is not read"),
             ("cameras.json out.spz", 1, "), found JSON text"),
             ("scene.ply out.ply --json=prices.json", 2, "expected --price with --json, found none"),
             ("scene.ply out.ply -c none.json", 2, "expected --price with --cameras, found none"),

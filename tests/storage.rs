@@ -105,6 +105,12 @@ fn a_limit_of_memory_chooses_the_storage_of_the_splats() {
     let (code, error) = place.code(&format!("{render} -o a.png --memory 1000"));
     assert!(code == Some(1) && error.contains("expected a plan of at most 1000 bytes"), "{error}");
     assert!(!place.at("a.png").exists());
+    // The report says what would fit.
+    let report = place.done("info scene.ply -p tiled_cpu --size 96x54 --device=llvmpipe --memory 1000");
+    assert!(
+        report.contains(" splats do not fit:\n    all resources: expected at most 1000 bytes"),
+        "{report}"
+    );
     let (_, needed) = error.split_once("(storage=b24) needs ").expect("the smallest storage");
     let needed: u64 =
         needed.split_once(" bytes").and_then(|(bytes, _)| bytes.parse().ok()).expect("a number");

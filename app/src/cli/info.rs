@@ -8,7 +8,7 @@ use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::keys;
 use crate::draw::planner::Planner;
-use crate::draw::storage::Choice;
+use crate::draw::storage::{Choice, StorageError};
 use crate::io::load::LoadOptions;
 use crate::studies::advise::{Description, describe};
 use anyhow::Result;
@@ -90,12 +90,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (mut set, limit) = (args.drawing.set.clone(), args.memory.memory);
     let facts = facts::facts(&scene_facts, &device.facts, size);
     let plan = |set: &[_]| planner.plan(&args.drawing.pipeline, set, &facts, &catalog);
-    let (chosen, built) = Choice::within(limit, &device.heap, &set, plan)?.unzip();
+    let (chosen, built) = match Choice::within(limit, &device.heap, &set, plan) {
+        Ok(found) => found.unzip(),
+        // The fit reports how many splats the smallest storage has room for, or the graph's errors.
+        Err(StorageError::TooLarge { set: smallest, .. }) => {
+            set.extend(smallest);
+            (None, None)
+        }
+        Err(StorageError::Plan(_)) => (None, None),
+    };
     let chosen = chosen.filter(|choice| limit.is_some() || choice.set.is_some());
     set.extend(chosen.iter().filter_map(|choice| choice.set.clone()));
-    if let Some(limit) = limit {
-        device.heap.available = fit::available(&device.heap).into_iter().chain([limit]).min();
-    }
+    device = device.limited(limit);
     let wanted =
         Wanted { graph: &args.drawing.pipeline, set: &set, scene: scene_facts, catalog: &catalog, size };
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device, built)?;
@@ -134,7 +140,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         });
         options::write_json(path, &all)?;
     } else {
-        let fits: String = fits.iter().map(|fit| format!("\n{fit}")).collect();
+        let fits: String = fits.iter().map(|fit| format!("\n{fit}{}", fit.advice(&args.scene))).collect();
         let chosen = chosen.map_or_else(String::new, |choice| format!("{choice}\n"));
         options::write_text(None, &format!("\n{chosen}{}{fits}", memory(&dump, size)))?;
     }

@@ -5,9 +5,9 @@ use super::options::{self, BackendArgs, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::camera;
 use crate::draw::facts::{self, SceneFacts};
-use crate::draw::fit;
+use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::planner::Planner;
-use crate::draw::storage::Choice;
+use crate::draw::storage::{Choice, StorageError};
 use crate::io::image::Format;
 use crate::io::load::LoadOptions;
 use crate::io::output::{Log, is_standard_output, say};
@@ -243,7 +243,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, mut set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
-    set.extend(storage(args, &scene.0)?);
+    set.extend(storage(args, &scene.0, &scene.1)?);
     let messages = window::run(WindowOptions {
         scene,
         list,
@@ -268,7 +268,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// Chooses a splat storage that fits `--memory` and the device; `None` keeps the graph's own.
-fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
+///
+/// # Errors
+/// The device cannot be opened, or the scene at `path` does not fit it with any storage.
+fn storage(args: &Args, scene: &Scene, path: &Path) -> Result<Option<(String, String)>> {
     let limit = args.memory.memory;
     let scaled = |side: u32| ((side as f32 * args.scale) as u32).max(1);
     let size = (scaled(args.size().0), scaled(args.size().1));
@@ -276,10 +279,16 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
         return Ok(None);
     }
     let device = args.device.open()?;
-    let facts = facts::facts(&SceneFacts::of(scene), &device.info().facts, size);
-    let (mut planner, catalog) = (Planner::default(), facts::catalog(scene));
-    let plan = |set: &[_]| planner.plan(&args.drawing.pipeline, set, &facts, &catalog);
-    let choice = Choice::within(limit, &device.heap(), &args.drawing.set, plan)?.map(|(choice, _)| choice);
+    let (graph, set) = (&args.drawing.pipeline, &args.drawing.set);
+    let (catalog, scene) = (&facts::catalog(scene), SceneFacts::of(scene));
+    let facts = facts::facts(&scene, &device.info().facts, size);
+    let mut planner = Planner::default();
+    let found = Choice::within(limit, &device.heap(), set, |set| planner.plan(graph, set, &facts, catalog));
+    if matches!(found, Ok(None) | Err(StorageError::Plan(_))) {
+        let target = Target { heap: device.heap(), ..Target::of(device.info()) }.limited(limit);
+        fit::check(&Wanted { graph, set, scene, catalog, size }, &target, path)?;
+    }
+    let choice = found?.map(|(choice, _)| choice);
     choice.iter().filter(|choice| limit.is_some() || choice.set.is_some()).for_each(say);
     Ok(choice.and_then(|choice| choice.set))
 }

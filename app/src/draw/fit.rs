@@ -9,6 +9,7 @@
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
 use crate::io::load::LoadOptions;
+use crate::io::output::shell_word;
 use serde::Serialize;
 use splatgraph_api::{DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
@@ -61,6 +62,14 @@ impl Target {
     pub fn new(name: &str, facts: DeviceFacts) -> Target {
         let (storage_buffers, storage_images) = (None, None);
         Target { name: name.to_owned(), facts, heap: Heap::default(), storage_buffers, storage_images }
+    }
+
+    /// Limits the available memory to `limit` bytes.
+    pub fn limited(mut self, limit: Option<u64>) -> Target {
+        if limit.is_some() {
+            self.heap.available = available(&self.heap).into_iter().chain(limit).min();
+        }
+        self
     }
 
     /// Describes an opened device: its name, facts and memory.
@@ -252,11 +261,35 @@ pub fn check_header(
         ..facts::SceneFacts::NOMINAL
     };
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
-    // The graph's errors are reported later, when it is built for the loaded scene.
-    match fit(&mut Planner::default(), &wanted, &target, None) {
-        Ok((_, fit)) if !fit.fits => anyhow::bail!("{}: {}", path.display(), fit.to_string().trim_end()),
+    check(&wanted, &target, path)
+}
+
+/// Rejects a scene that does not fit the device. `path` is the scene's file.
+///
+/// # Errors
+/// The scene is too large. The graph's other errors are reported later, when it is built.
+pub fn check(wanted: &Wanted, device: &Target, path: &Path) -> anyhow::Result<()> {
+    match fit(&mut Planner::default(), wanted, device, None) {
+        Ok((_, fit)) if !fit.fits => {
+            anyhow::bail!("{}: {fit}{}", path.display(), fit.advice(path).trim_end())
+        }
         _ => Ok(()),
     }
+}
+
+/// Finds a condition of `convert --where` that keeps at most `most` of `count` splats, spread over the whole file. Also
+/// returns the number of splats that it keeps. `most` must be below `count`, and above 0.
+fn evenly(count: u64, most: u64) -> (String, u64) {
+    const LONGEST: u64 = 10;
+    let kept = |of: u64, keep: u64| count / of * keep + (count % of).min(keep);
+    let of = count.div_ceil(most);
+    let few = (of, 1, kept(of, 1));
+    let all = (2..=LONGEST).flat_map(|of| (1..of).map(move |keep| (of, keep, kept(of, keep))));
+    let fits = all.filter(|(_, _, kept)| *kept <= most).chain([few]);
+    // Among equal shares, the shortest period comes first. 2520 is a multiple of all periods.
+    let (of, keep, kept) = fits.max_by_key(|(of, keep, _)| (2520 * keep / of, u64::MAX - of)).unwrap_or(few);
+    let condition = if keep == 1 { format!("index % {of} == 0") } else { format!("index % {of} < {keep}") };
+    (condition, kept)
 }
 
 fn loading(bytes: u64) -> String {
@@ -264,6 +297,20 @@ fn loading(bytes: u64) -> String {
         return String::new();
     }
     format!("; {} more until the first frame is drawn, in the host's memory if need be", display(bytes))
+}
+
+impl Fit {
+    /// Returns a line with a command that makes the scene at `path` small enough; empty if no number of splats is known
+    /// to fit.
+    pub fn advice(&self, path: &Path) -> String {
+        let Some(most) = self.most_splats else { return String::new() };
+        let (condition, kept) = evenly(self.splats, most);
+        let path = shell_word(&path.to_string_lossy());
+        format!(
+            "  `splatgraph convert {path} fewer.ply --where '{condition}'` keeps {}, evenly\n",
+            grouped(kept)
+        )
+    }
 }
 
 impl fmt::Display for Fit {
@@ -301,11 +348,7 @@ impl fmt::Display for Fit {
             writeln!(f, "    all resources: expected at most {}, found {needed}", display(available))?;
         }
         match self.most_splats {
-            Some(most) => writeln!(
-                f,
-                "  {} splats would fit: `splatgraph synth --enlarge SCENE.ply --count {most} -o fewer.ply` takes the first ones",
-                grouped(most)
-            ),
+            Some(most) => writeln!(f, "  {} splats would fit", grouped(most)),
             None => writeln!(f, "  fewer splats, a smaller picture or another device may fit"),
         }
     }
@@ -334,9 +377,25 @@ mod tests {
         assert!((4_000_000..4_194_305).contains(&most), "{most}");
         let text = fit.to_string();
         assert!(text.contains("`splats`: expected at most 128.0 MiB, found 152.6 MiB"), "{text}");
-        assert!(text.contains("splats would fit: `splatgraph synth --enlarge"), "{text}");
+        assert!(text.contains("splats would fit\n"), "{text}");
+        let advice = fit.advice(Path::new("my city.ply"));
+        let expected = "  `splatgraph convert 'my city.ply' fewer.ply --where 'index % 6 < 5'` keeps 4,166,667, evenly\n";
+        assert_eq!(advice, expected);
         let (_, fit) = fit_of("splat", most, &Target::nominal());
         assert!(fit.fits && fit.to_string().contains("splats fit, with"), "{fit}");
+    }
+
+    #[test]
+    fn a_condition_keeps_the_most_splats_that_fit() {
+        for (count, most, condition, kept) in [
+            (6_000_000, 4_192_382, "index % 3 < 2", 4_000_000),
+            (10, 9, "index % 10 < 9", 9),
+            (11, 5, "index % 5 < 2", 5),
+            (1000, 10, "index % 100 == 0", 10),
+            (3, 1, "index % 3 == 0", 1),
+        ] {
+            assert_eq!(evenly(count, most), (condition.to_owned(), kept), "{count}, {most}");
+        }
     }
 
     #[test]

@@ -32,13 +32,16 @@ const LADDER: [Rung; 4] = [
 /// Parameters that decide the storage: if one is set, there is nothing to choose.
 const PARAMETERS: [&str; 4] = ["storage", "sh_storage", "covariance", "position_storage"];
 
+/// Setting of a storage; `None` is the graph's own.
+type Setting = Option<(String, String)>;
+
 /// Storage that was chosen, and the settings that were tried before it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// Setting to add to the user's; `None` for the graph's own storage.
-    pub set: Option<(String, String)>,
+    /// Setting to add to the user's.
+    pub set: Setting,
     /// Tried settings with their resident bytes; the chosen one is last.
-    tried: Vec<(String, u64)>,
+    tried: Vec<(Setting, u64)>,
     psnr: Option<u32>,
     memory: u64,
 }
@@ -52,13 +55,14 @@ pub enum StorageError {
     Plan(#[from] GraphErrors),
     /// Even the smallest storage exceeds the available memory.
     #[error(
-        "expected a plan of at most {memory} bytes, found that the smallest storage ({setting}) needs {needed} bytes: fewer splats or a smaller picture may fit"
+        "expected a plan of at most {memory} bytes, found that the smallest storage ({}) needs {needed} bytes: fewer splats or a smaller picture may fit",
+        name(.set)
     )]
     TooLarge {
         /// Available memory, in bytes.
         memory: u64,
         /// Setting that needs the least memory.
-        setting: String,
+        set: Setting,
         /// Resident bytes with that setting.
         needed: u64,
     },
@@ -107,7 +111,7 @@ impl Choice {
             match plan(&all) {
                 Ok(plan) => {
                     let needed = fit::resident_bytes(&plan);
-                    tried.push((name(own.as_ref()), needed));
+                    tried.push((own.clone(), needed));
                     if needed <= memory {
                         let choice = Choice { set: own, tried, psnr: rung.map(|rung| rung.psnr), memory };
                         return Ok((choice, plan));
@@ -117,7 +121,7 @@ impl Choice {
             }
         }
         match (tried.into_iter().min_by_key(|(_, needed)| *needed), error) {
-            (Some((setting, needed)), _) => Err(StorageError::TooLarge { memory, setting, needed }),
+            (Some((set, needed)), _) => Err(StorageError::TooLarge { memory, set, needed }),
             (None, Some(error)) => Err(StorageError::Plan(error)),
             (None, None) => unreachable!("the graph's own storage is always tried"),
         }
@@ -125,7 +129,7 @@ impl Choice {
 
     /// Converts to JSON: the memory, and the tried settings with their resident bytes, the chosen one last.
     pub fn json(&self) -> Json {
-        let row = |(setting, needed): &(String, u64)| json!({ "setting": setting, "bytes": needed });
+        let row = |(set, needed): &(Setting, u64)| json!({ "setting": name(set), "bytes": needed });
         json!({ "memory": self.memory, "tried": self.tried.iter().map(row).collect::<Vec<_>>() })
     }
 }
@@ -135,18 +139,19 @@ fn decided(set: &[(String, String)]) -> bool {
     set.iter().any(|(name, _)| PARAMETERS.contains(&name.as_str()))
 }
 
-fn name(set: Option<&(String, String)>) -> String {
-    set.map_or_else(|| "the graph's own storage".to_owned(), |(name, value)| format!("{name}={value}"))
+fn name(set: &Setting) -> String {
+    set.as_ref()
+        .map_or_else(|| "the graph's own storage".to_owned(), |(name, value)| format!("{name}={value}"))
 }
 
 impl fmt::Display for Choice {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Some(((chosen, needed), larger)) = self.tried.split_last() else { return Ok(()) };
         let memory = display(self.memory);
-        write!(f, "storage: {chosen} needs {} bytes of {memory}", grouped(*needed))?;
-        for (index, (setting, needed)) in larger.iter().enumerate() {
+        write!(f, "storage: {} needs {} bytes of {memory}", name(chosen), grouped(*needed))?;
+        for (index, (set, needed)) in larger.iter().enumerate() {
             let before = if index == 0 { "; " } else { ", " };
-            write!(f, "{before}{setting} would need {}", grouped(*needed))?;
+            write!(f, "{before}{} would need {}", name(set), grouped(*needed))?;
         }
         if let Some(psnr) = self.psnr {
             write!(f, ". Captures keep {psnr} dB with it (docs/accuracy-tables.md)")?;
@@ -202,7 +207,7 @@ mod tests {
         while let Ok(choice) = choose("tiled_cpu", &[], memory) {
             assert!(choice.tried.windows(2).all(|pair| pair[0].1 > pair[1].1), "{choice}");
             let (last, needed) = choice.tried.last().unwrap();
-            assert!(*needed <= memory && choice.to_string().contains(last), "{choice}");
+            assert!(*needed <= memory && choice.to_string().contains(&name(last)), "{choice}");
             memory = needed - 1;
             chosen.push(choice.set);
         }
@@ -211,8 +216,8 @@ mod tests {
         assert_eq!(chosen[0], chosen[1]);
         assert_eq!(chosen[2..], settings);
         match choose("tiled_cpu", &[], memory) {
-            Err(StorageError::TooLarge { setting, needed, .. }) => {
-                assert_eq!((setting.as_str(), needed), ("storage=b24", memory + 1));
+            Err(StorageError::TooLarge { set, needed, .. }) => {
+                assert_eq!((name(&set).as_str(), needed), ("storage=b24", memory + 1));
             }
             other => panic!("{other:?}"),
         }
@@ -221,7 +226,7 @@ mod tests {
     #[test]
     fn a_users_own_storage_is_kept_and_a_graph_that_packs_nothing_has_no_choice() {
         let needed = |choice: Result<Choice, StorageError>| match choice {
-            Err(StorageError::TooLarge { setting, needed, .. }) => (setting, needed),
+            Err(StorageError::TooLarge { set, needed, .. }) => (name(&set), needed),
             other => panic!("{other:?}"),
         };
         let (setting, b32) = needed(choose("tiled_cpu", &[("storage", "b32")], 1));

@@ -128,18 +128,41 @@ fn unread(breakdown: &SizeBreakdown) -> Option<String> {
         if !unused.is_empty() && unused.len() == element.fields.len() {
             names.push(format!("element {}", element.name));
         } else {
-            let others = unused.into_iter().filter(|name| !["nx", "ny", "nz"].contains(name));
+            let is_listed = |name: &&str| !["nx", "ny", "nz"].contains(name) && !name.starts_with("f_rest_");
+            let others = unused.into_iter().filter(is_listed);
             names.extend(others.map(str::to_owned));
         }
     }
-    let more = names.len().saturating_sub(NAMED);
-    let others = if more > 0 { format!(" and {more} others") } else { String::new() };
-    let named = names[..names.len() - more].join(", ");
-    (!names.is_empty()).then(|| format!("properties that splats do not have: {named}{others}"))
+    listed(&names).map(|names| format!("properties that splats do not have: {names}"))
 }
 
-/// Describes the step of positions in SPZ if the largest coordinate makes it coarser than usual, and what to do.
+/// Lists the first [`NAMED`] names, and counts the others; `None` if there are none.
+fn listed(names: &[String]) -> Option<String> {
+    let more = names.len().saturating_sub(NAMED);
+    let others = if more > 0 { format!(" and {more} others") } else { String::new() };
+    (!names.is_empty()).then(|| format!("{}{others}", names[..names.len() - more].join(", ")))
+}
+
+/// Words in the names of properties that cannot change a picture: normals, second colours and labels. `rest` are
+/// harmonics above degree 3, which are reported elsewhere.
+const HARMLESS: [&str; 15] = [
+    "nx", "ny", "nz", "normal", "red", "green", "blue", "alpha", "label", "class", "segment", "semantic",
+    "object", "instance", "rest",
+];
+
+/// Lists the properties of a PLY file's splats that are not read and may change their picture; `None` if there are none.
+pub fn skipped(scene: &Scene) -> Option<String> {
+    let splats = scene.size_breakdown().elements.iter().filter(|element| element.name == "vertex");
+    let fields = splats.flat_map(|element| &element.fields).filter(|field| !field.used);
+    let others = fields.filter(|field| !field.name.split('_').any(|word| HARMLESS.contains(&word)));
+    listed(&others.map(|field| field.name.clone()).collect::<Vec<_>>())
+}
+
+/// Describes the steps of positions if they are larger than the splats or, in SPZ, than usual, and what to do.
 fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
+    if let Some(steps) = scene.large_steps(format) {
+        return Some(format!("positions: {steps}; write the scene in parts (`--crop`), one file for each"));
+    }
     if format != SceneFormat::Spz {
         return None;
     }
@@ -171,6 +194,22 @@ fn coarse_positions(scene: &Scene, format: SceneFormat) -> Option<String> {
     };
     let (step, finest) = (fraction(step), fraction(finest));
     Some(format!("positions: steps of {step}, not {finest}, because a coordinate is {largest:.0}{advice}"))
+}
+
+/// Names the bands of harmonics that are all zero but take bytes in a format, and the option that leaves them out.
+pub fn empty_bands(scene: &Scene, format: SceneFormat) -> Option<String> {
+    let (used, stored) = (scene.effective_degree(), scene.stored_degree());
+    let (bytes, rounded) = match format {
+        SceneFormat::Ply | SceneFormat::Gltf => (4, ""),
+        SceneFormat::CompressedPly => (1, ", and keeps them zero, which the format rounds to 1/64"),
+        // The other formats pack equal values, or store no bands.
+        _ => return None,
+    };
+    let saved = u64::from(scene.count()) * bytes * (sh_floats(stored) - sh_floats(used)) as u64;
+    (used < stored).then(|| {
+        let saved = grouped(saved);
+        format!("the bands above {used} are all zero: `--degree {used}` saves {saved} bytes{rounded}")
+    })
 }
 
 /// Advises to move the scene to the origin.
@@ -262,7 +301,8 @@ pub fn missing(scene: &Scene, format: SceneFormat) -> Vec<String> {
         let at_origin = f64::from(f32::EPSILON) * scene.robust_bounds().extent();
         let is_far = format != SceneFormat::Gltf && rounding > 4.0 * at_origin;
         let advice = if is_far { move_advice(scene) } else { String::new() };
-        losses.push(format!("positions: rounded to 32 bits, by {rounding:.1e} at most{advice}"));
+        let by = if format == SceneFormat::Sog { " by readers that decode to `float`" } else { "" };
+        losses.push(format!("positions: rounded to 32 bits{by}, by {rounding:.1e} at most{advice}"));
     }
     losses.extend(coarse_positions(scene, format));
     losses.extend(clipped(scene, format));
@@ -405,6 +445,45 @@ mod tests {
             positions(&large),
             ["positions: steps of 1/512, not 1/4096, because a coordinate is 9990"]
         );
+    }
+
+    #[test]
+    fn tiles_that_are_too_far_apart_for_the_steps_of_a_format_are_reported() {
+        let tiles = |distance: f32| {
+            Scene::generate(3000, 0, |index| {
+                let at = |k: usize| (index * k % 1000) as f32 * 1e-3 + distance * (index / 1000) as f32;
+                Splat { scale: [0.01; 3], ..splat([7, 13, 29].map(at)) }
+            })
+        };
+        let positions = |distance: f32, format: SceneFormat| {
+            let losses = Original::of(&tiles(distance)).losses(&tiles(distance), format);
+            losses.into_iter().filter(|loss| loss.starts_with("positions")).collect::<Vec<_>>()
+        };
+        let parts = "; write the scene in parts (`--crop`), one file for each";
+        assert_eq!(
+            positions(1000.0, SceneFormat::Sog),
+            [format!("positions: steps of up to 2.3e-1, larger than the deviations of 2,000 splats{parts}")]
+        );
+        // Only the chunks with splats of two tiles are coarse.
+        let packed = positions(1000.0, SceneFormat::CompressedPly);
+        assert!(
+            packed[0].starts_with("positions: steps of up to 9.8e-1, larger than the deviations of 512"),
+            "{packed:?}"
+        );
+        assert!(positions(0.0, SceneFormat::Sog)[0].starts_with("positions: 16 bits per axis"));
+        assert!(positions(0.0, SceneFormat::CompressedPly)[0].starts_with("positions and scales: 10 or 11"));
+    }
+
+    #[test]
+    fn bands_without_a_value_are_reported_where_they_take_bytes() {
+        let scene = Scene::generate(10, 3, |index| splat(spread(index)));
+        let said = |format| empty_bands(&scene, format);
+        let text = |bytes| format!("the bands above 0 are all zero: `--degree 0` saves {bytes} bytes");
+        assert_eq!(said(SceneFormat::Ply), Some(text("1,800")));
+        let rounded = ", and keeps them zero, which the format rounds to 1/64";
+        assert_eq!(said(SceneFormat::CompressedPly), Some(text("450") + rounded));
+        assert_eq!(said(SceneFormat::Spz), None);
+        assert_eq!(empty_bands(&scene.cut_to_degree(0).unwrap(), SceneFormat::Ply), None);
     }
 
     #[test]

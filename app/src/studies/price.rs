@@ -5,7 +5,7 @@ use crate::io::image::Image;
 use crate::studies::evaluation::{Evaluation, Score, score};
 use anyhow::{Context, Result};
 use serde::Serialize;
-use splatgraph_assets::{Camera, QUIET, Scene, SceneFormat, SpzVersion};
+use splatgraph_assets::{Camera, QUIET, Scene, SceneFormat, SceneMemoryError, SpzVersion, memory, sh_floats};
 use splatgraph_reference::Rules;
 use splatgraph_reference::metrics::decibels;
 use std::time::Instant;
@@ -60,16 +60,35 @@ pub struct Measured {
 /// the price is that of the splats.
 ///
 /// # Errors
-/// A picture does not fit in memory, a written file cannot be read, or its pictures have values that are not finite.
+/// A picture, a file or a second scene does not fit in memory, a written file cannot be read, or its pictures have values that are not finite.
 pub fn measure(scene: Scene, truth: Option<Scene>, cameras: &[Camera]) -> Result<Vec<Price>> {
     let (scene, truth) = (&scene.with_mesh(None), truth.map(|truth| truth.with_mesh(None)));
+    let mut file = Vec::new();
+    reserve(scene, &mut file)?;
     let views = pictures(truth.as_ref().unwrap_or(scene), cameras)?;
     drop(truth);
     let versions = SceneFormat::WRITTEN.into_iter().flat_map(|format| match format {
         SceneFormat::Spz => vec![(format, Some(SpzVersion::V3)), (format, Some(SpzVersion::V4))],
         _ => vec![(format, None)],
     });
-    versions.map(|(format, version)| price(scene, cameras, &views, format, version)).collect()
+    versions.map(|(format, version)| price(scene, cameras, &views, (format, version), &mut file)).collect()
+}
+
+/// Reserves memory for a file of the scene in any format, unless there is not enough for it, a second scene and the
+/// drawing of its picture.
+fn reserve(scene: &Scene, file: &mut Vec<u8>) -> Result<(), SceneMemoryError> {
+    /// Room for the values of a splat outside its harmonics, in PLY with positions in `double`.
+    const SPLAT: u64 = 4 * (3 + 1 + 3 + 4) + 24;
+    const HEADER: u64 = 1 << 20;
+    /// Room for a visible splat while the exact renderer sorts its ellipse, in bytes.
+    const DRAWN: u64 = 400;
+    let (count, degree) = (u64::from(scene.count()), scene.stored_degree());
+    let bytes = HEADER + count * (SPLAT + 4 * sh_floats(degree) as u64);
+    let needed = bytes + Scene::host_bytes(count, degree) + DRAWN * count;
+    let available = memory::available();
+    let fits = available.is_none_or(|available| needed <= available);
+    let reserved = fits && usize::try_from(bytes).is_ok_and(|bytes| file.try_reserve_exact(bytes).is_ok());
+    if reserved { Ok(()) } else { Err(SceneMemoryError { count, degree, needed, available }) }
 }
 
 fn pictures(scene: &Scene, cameras: &[Camera]) -> Result<Vec<Image>> {
@@ -84,16 +103,15 @@ fn price(
     scene: &Scene,
     cameras: &[Camera],
     views: &[Image],
-    format: SceneFormat,
-    version: Option<SpzVersion>,
+    (format, version): (SceneFormat, Option<SpzVersion>),
+    bytes: &mut Vec<u8>,
 ) -> Result<Price> {
-    let mut bytes = Vec::new();
+    bytes.clear();
     let (name, written) = match version {
-        Some(version) => (
-            format!("{}, version {}", format.extension(), version as u32),
-            scene.write_spz(version, &mut bytes),
-        ),
-        None => (format.extension().to_owned(), scene.write(format, QUIET, &mut bytes)),
+        Some(version) => {
+            (format!("{}, version {}", format.extension(), version as u32), scene.write_spz(version, bytes))
+        }
+        None => (format.extension().to_owned(), scene.write(format, QUIET, bytes)),
     };
     if let Err(error) = written {
         return Ok(Price { format: name, found: Found::Refused { cannot_be_written: error.to_string() } });
@@ -101,7 +119,7 @@ fn price(
     let (mut load_ms, mut loaded) = (f64::INFINITY, None);
     for _ in 0..LOADS {
         let begun = Instant::now();
-        loaded = Some(Scene::parse(&bytes, QUIET)?);
+        loaded = Some(Scene::parse(bytes, QUIET)?);
         load_ms = load_ms.min(begun.elapsed().as_secs_f64() * 1e3);
     }
     let loaded = loaded.context("a scene was loaded")?;

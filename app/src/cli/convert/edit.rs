@@ -177,19 +177,21 @@ impl EditArgs {
         self.lists().next().is_some() || self.crop.is_some() || self.condition.is_some()
     }
 
-    /// Appends the scenes of `--merge`.
+    /// Appends the scenes of `--merge`. Also returns the size of all files, in bytes.
     ///
     /// # Errors
     /// A scene cannot be loaded, or does not fit in memory.
-    pub fn merged(&self, scene: Scene, load: &LoadOptions) -> Result<Scene> {
+    pub fn merged(&self, scene: Scene, load: &LoadOptions) -> Result<(Scene, u64)> {
+        let bytes = |scene: &Scene| scene.size_breakdown().file_bytes;
         if self.merge.is_empty() {
-            return Ok(scene);
+            let bytes = bytes(&scene);
+            return Ok((scene, bytes));
         }
         let mut all = vec![scene];
         for path in &self.merge {
             all.push(options::load_scene(path, load)?);
         }
-        Ok(Scene::joined(&all)?)
+        Ok((Scene::joined(&all)?, all.iter().map(bytes).sum()))
     }
 
     /// Copies the merged scene, where `--transform` puts it, with the splats that [`EditArgs::changed`] leaves out;
@@ -286,7 +288,7 @@ mod tests {
         let edit: EditArgs = parsed([&["convert"], words].concat()).map_err(|error| error.to_string())?;
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
         let merged = edit.merged(scene, &LoadOptions::default());
-        merged.and_then(|merged| edit.changed(merged)).map_err(|error| error.to_string())
+        merged.and_then(|(merged, _)| edit.changed(merged)).map_err(|error| error.to_string())
     }
 
     #[test]

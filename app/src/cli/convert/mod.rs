@@ -101,7 +101,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
     let loaded = options::load_scene(&args.input, &args.load)?;
     let before = Original::of(&loaded);
-    let merged = args.edit.merged(loaded, &args.load)?;
+    let (merged, original_bytes) = args.edit.merged(loaded, &args.load)?;
     // The error of --price includes that of the splats and bands that are left out.
     let mut truth = if output.is_none() { args.edit.uncut(&merged)? } else { None };
     let mut scene = args.edit.changed(merged)?;
@@ -133,14 +133,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
         stdout.line(&format!("{output}: the reader closed the pipe before the end of the scene"))?;
         return Ok(Outcome::Done);
     }
-    let percent = 100.0 * bytes as f64 / before.file_bytes.max(1) as f64;
+    let percent = 100.0 * bytes as f64 / original_bytes.max(1) as f64;
+    let originals = match args.edit.merge.len() {
+        0 => "the original".to_owned(),
+        more => format!("the {} originals", more + 1),
+    };
     let (path, to) = (output.display(), format.extension());
     let count = u64::from(scene.count());
     let splats = if count == before.count { String::new() } else { scene_file::splats(count) + ", " };
     let size = grouped(bytes);
-    stdout.line(&format!("{path}: {to}, {splats}{size} bytes, {percent:.1} % of the original"))?;
+    stdout.line(&format!("{path}: {to}, {splats}{size} bytes, {percent:.1} % of {originals}"))?;
     for loss in before.losses(&scene, format) {
         stdout.line(&format!("  lost: {loss}"))?;
+    }
+    if let Some(empty) = scene_file::empty_bands(&scene, format) {
+        stdout.line(&format!("  {empty}"))?;
     }
     Ok(Outcome::Done)
 }

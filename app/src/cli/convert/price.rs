@@ -4,10 +4,11 @@ use crate::cli::outcome::{Outcome, Usage, refuse_without};
 use crate::cli::{cameras, options};
 use crate::io::output::OutputGuard;
 use crate::io::report::text;
+use crate::io::scene_file;
 use crate::studies::price::{self, Found, Price};
 use anyhow::Result;
 use serde_json::json;
-use splatgraph_assets::{Scene, grouped};
+use splatgraph_assets::{Scene, SceneFormat, grouped};
 use std::path::{Path, PathBuf};
 
 /// Options of `--price`.
@@ -57,6 +58,11 @@ impl PriceArgs {
         };
         let cameras: Vec<_> = cameras.into_iter().map(sized).collect();
         let (splats, of) = (scene.count(), original.count());
+        let note = |format: SceneFormat| {
+            let empty = scene_file::empty_bands(&scene, format)?;
+            Some(format!("{}: {empty}\n", format.extension()))
+        };
+        let notes: String = SceneFormat::WRITTEN.into_iter().filter_map(note).collect();
         let prices = price::measure(scene, truth, &cameras)?;
         match &self.json {
             Some(file) => {
@@ -66,7 +72,7 @@ impl PriceArgs {
                 });
                 options::write_json(file, &all)?;
             }
-            None => options::print(table(&prices).trim_end())?,
+            None => options::print((table(&prices) + &notes).trim_end())?,
         }
         Ok(Outcome::Done)
     }

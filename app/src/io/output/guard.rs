@@ -83,8 +83,12 @@ impl OutputGuard {
     /// Adds a scene that the command reads, with the files that it names.
     ///
     /// # Errors
-    /// See [`OutputGuard::input`].
+    /// See [`OutputGuard::input`]; and the path is `-`, because no scene is read from standard input.
     pub fn scene(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {
+        if path == Path::new("-") && !path.exists() {
+            let text = format!("expected a file as {what}, found `-`: standard input is not read");
+            return Err(Conflict(text));
+        }
         self.input(what, path)?;
         let part = format!("a file of {what}");
         scene_files(path).iter().try_for_each(|file| self.input(&part, file))
