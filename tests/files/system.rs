@@ -124,6 +124,27 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
 }
 
 #[test]
+fn writing_or_pricing_a_scene_with_too_little_memory_for_it_is_refused() {
+    let place = Place::new();
+    place.done("synth uniform --count 300000 -o large.ply");
+    for line in ["convert large.ply large.sog", "convert large.ply --price --size 16x16"] {
+        // From too little for the scene itself to nearly enough.
+        let refused = [200, 240, 280].map(|mebibytes: u64| {
+            let mut command = place.program(line);
+            command.env("RAYON_NUM_THREADS", "2").env("MALLOC_ARENA_MAX", "1");
+            limit(&mut command, Resource::As, mebibytes << 20);
+            let output = command.output().expect("it runs");
+            let errors = String::from_utf8_lossy(&output.stderr);
+            let code = output.status.code();
+            assert!(matches!(code, Some(0 | 1)), "{line} with {mebibytes} MiB: {}\n{errors}", output.status);
+            assert!(code == Some(0) || errors.contains("expected a scene that fits in memory"), "{errors}");
+            code == Some(1)
+        });
+        assert!(refused[0], "{line}");
+    }
+}
+
+#[test]
 fn counts_that_no_memory_holds_are_errors_in_one_sentence_and_write_nothing() {
     let place = Place::new();
     let most = u32::MAX;

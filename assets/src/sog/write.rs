@@ -26,8 +26,18 @@ const MAX_SIDE: usize = 16_383;
 const MIN_WEIGHT: f32 = 1e-12;
 const MAX_WEIGHT: f32 = 1e12;
 
-/// Memory beside the scene, in bytes per splat: 96 while a codebook is chosen, the order, and textures.
-const BESIDE: u64 = 128;
+/// Estimates the memory beside the scene while it is written, in bytes.
+fn beside(count: u64, degree: u32) -> u64 {
+    /// 96 while a codebook is chosen, the order, and textures.
+    const SPLAT: u64 = 128;
+    /// The order, the labels and textures.
+    const LABELLED: u64 = 48;
+    /// A coefficient of the palette: itself, the mean of its group, and 32 while the codebook is chosen.
+    const COEFFICIENT: u64 = 44;
+    const BUFFERS: u64 = 64 << 20;
+    let coefficients = entries(count as usize) * (sh_floats(degree) - 3);
+    BUFFERS + (count * SPLAT).max(count * LABELLED + coefficients as u64 * COEFFICIENT)
+}
 
 /// Share of the progress, in percent, before the palette is searched.
 const BEFORE_PALETTE: u64 = 20;
@@ -100,13 +110,9 @@ fn rotation(quaternion: [f32; 4]) -> Texel {
 /// Writes a scene of at least one splat. `progress` gets the share done, in percent.
 pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> Result<()> {
     let (count, degree) = (scene.count(), scene.stored_degree());
-    SceneMemoryError::check_against(
-        count.into(),
-        degree,
-        u64::from(count) * BESIDE + (64 << 20),
-        memory::available(),
-    )
-    .map_err(Error::other)?;
+    let needed = beside(count.into(), degree);
+    SceneMemoryError::check_against(count.into(), degree, needed, memory::available())
+        .map_err(Error::other)?;
     let tell = |percent: u64| match progress(percent, 100) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(Error::new(ErrorKind::Interrupted, "the writing was cancelled")),
@@ -191,9 +197,11 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
         for at in &order {
             weights[label(*at) as usize] += weight(*at);
         }
-        let weighted = found.entries.chunks_exact(rest).zip(weights);
-        let weighted = weighted.flat_map(|(entry, weight)| entry.iter().map(move |number| (*number, weight)));
-        let codes = Codebook::of(weighted.collect());
+        let mut weighted = Vec::with_capacity(found.entries.len());
+        for (entry, weight) in found.entries.chunks_exact(rest).zip(weights) {
+            weighted.extend(entry.iter().map(|number| (*number, weight)));
+        }
+        let codes = Codebook::of(weighted);
         let coefficients = rest / 3;
         let count = found.entries.len() / rest;
         // A row of the texture has the coefficients of 64 entries, one after the other.
