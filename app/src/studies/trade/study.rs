@@ -162,9 +162,9 @@ impl Study {
                 let done = measure_views(
                     scope,
                     (exact, session),
-                    settings,
+                    (settings, subject.cameras.len()),
                     &together,
-                    (ms, &have, subject.cameras.len()),
+                    (ms, &have),
                     ends,
                     &mut steps,
                 );
@@ -221,9 +221,9 @@ fn keep(
 fn measure_views<'scope>(
     scope: &'scope Scope<'scope, '_>,
     (exact, session): (&mut Session, &mut Session),
-    settings: &[(Setting, Option<u64>)],
+    (settings, all): (&[(Setting, Option<u64>)], usize),
     views: &'scope [(View, Effort)],
-    (mut ms, have, all): (Vec<Option<f64>>, &HashSet<(String, String)>, usize),
+    (mut ms, have): (Vec<Option<f64>>, &HashSet<(String, String)>),
     (rows, kept): (SyncSender<Measured<'scope>>, Option<Receiver<()>>),
     steps: &mut Steps,
 ) -> Result<(), StudyError> {
