@@ -18,12 +18,22 @@ pub(crate) fn flat(color: [f64; 3]) -> [f32; 48] {
     sh
 }
 
-/// Computes the exponential of a finite logarithm.
-///
-/// An infinite logarithm of either sign is an error of the file and gives NaN, although `e^-inf` would be 0.
+/// Computes the exponential of a logarithm. Negative infinity, which converters write for flat splats, gives 0.
 #[inline]
 pub(crate) fn exponential(logarithm: f32) -> f32 {
-    if logarithm.is_finite() { f64::from(logarithm).exp() as f32 } else { f32::NAN }
+    f64::from(logarithm).exp() as f32
+}
+
+/// Applies the 3D filter of Mip-Splatting to a splat's scales and opacity, as its `get_scaling_n_opacity_with_3D_filter`
+/// does: s' = sqrt(s^2 + filter^2), and o' = o sqrt(det / det'), with the products of s^2 and of s'^2.
+pub(crate) fn filtered(scale: [f32; 3], opacity: f32, filter: f32) -> ([f32; 3], f32) {
+    if filter == 0.0 {
+        return (scale, opacity);
+    }
+    let filtered = scale.map(|scale| f64::from(scale).hypot(filter.into()));
+    let kept: f64 =
+        scale.iter().zip(filtered).map(|(scale, filtered)| f64::from(*scale) / filtered).product();
+    (filtered.map(|scale| scale as f32), (f64::from(opacity) * kept) as f32)
 }
 
 /// Computes the natural logarithm, clamped from below to -104, whose exponential rounds to 0 in f32.
@@ -103,10 +113,9 @@ mod tests {
     }
 
     #[test]
-    fn values_that_are_not_finite_stay_visible_as_such_except_infinite_logits() {
-        for bad in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
-            assert!(exponential(bad).is_nan());
-        }
+    fn values_that_are_not_finite_stay_visible_as_such_except_those_with_a_limit() {
+        assert!(exponential(f32::NAN).is_nan());
+        assert_eq!((exponential(f32::INFINITY), exponential(f32::NEG_INFINITY)), (f32::INFINITY, 0.0));
         assert!(sigmoid(f32::NAN).is_nan());
         for large in [1e30, f32::INFINITY] {
             assert_eq!((sigmoid(large), sigmoid(-large)), (1.0, 0.0));

@@ -14,7 +14,7 @@ fn spread(value: u32) -> u64 {
     (0..21).fold(0u64, |code, bit| code | (u64::from(value) >> bit & 1) << (3 * bit))
 }
 
-/// Snaps a unit vector to an axis that it equals up to rounding, because tags of files can name only axes.
+/// Snaps a unit vector to an axis that it equals up to rounding, so that tags have whole numbers.
 fn on_axis(direction: DVec3) -> DVec3 {
     const ROUNDING: f64 = 1e-12;
     let axis = DVec3::from(direction.to_array().map(|v| v.round() + 0.0));

@@ -20,10 +20,18 @@ const MAX_NAME: usize = 4096;
 /// Maximum nesting of documents: a composition, a streamed SOG, and one of its folders.
 const MAX_DEPTH: u32 = 3;
 
-/// Finds the JSON document of a folder with a SOG scene; `None` for a file or another folder.
+/// Finds the file that stands for a folder: the JSON document of a SOG scene, or the last scene of a training by the
+/// reference implementation. `None` for a file or another folder.
 pub(crate) fn document(path: &Path) -> Option<PathBuf> {
     let names = ["lod-meta.json", "meta.json"].iter().filter(|_| path.is_dir());
-    names.map(|name| path.join(name)).find(|document| document.is_file())
+    names.map(|name| path.join(name)).find(|document| document.is_file()).or_else(|| {
+        let iterations = path.join("point_cloud").read_dir().ok()?.flatten();
+        let scenes = iterations.filter_map(|entry| {
+            let number: u64 = entry.file_name().to_str()?.strip_prefix("iteration_")?.parse().ok()?;
+            Some((number, entry.path().join("point_cloud.ply")))
+        });
+        scenes.filter(|(_, scene)| scene.is_file()).max().map(|(_, scene)| scene)
+    })
 }
 
 /// Lists the existing files of a scene: `path` itself, and the files that it and its documents name.
@@ -120,6 +128,13 @@ mod tests {
         };
         assert_eq!(found("a.ply"), ["a.ply"]);
         assert_eq!(found("gone.ply"), [""; 0]);
+        assert_eq!(found("."), [""; 0]);
+        for file in
+            ["iteration_7000/point_cloud.ply", "iteration_30000/point_cloud.ply", "iteration_40000/other"]
+        {
+            write(&format!("point_cloud/{file}"), b"ply\n");
+        }
+        assert_eq!(found("."), ["point_cloud/iteration_30000/point_cloud.ply"]);
         assert_eq!(found("lod"), ["lod/0/means_l.webp", "lod/0/meta.json", "lod/lod-meta.json"]);
         assert_eq!(
             found("list.ron"),

@@ -156,6 +156,12 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> 
         if let Some(coarse) = scene.coarse_positions() {
             say(format!("{}: positions are {coarse}", path.display()));
         }
+        if let Some(names) = scene_file::skipped(scene) {
+            say(format!(
+                "{}: properties that are not read, although they may matter: {names}",
+                path.display()
+            ));
+        }
         tell_mixed_tags(&path.display().to_string(), scene);
     }
     Ok(content)

@@ -75,6 +75,10 @@ fn open<T, M>(
 ) -> Result<Found<T, M>, LoadError> {
     let document = document(path);
     let path = document.as_deref().unwrap_or(path);
+    if path.is_dir() {
+        let found = "a folder without meta.json, lod-meta.json or point_cloud/iteration_*/point_cloud.ply";
+        return Err(SceneError::NotScene { found: found.into() }.of(path));
+    }
     let inner = || {
         let file = OpenFile::open(path)?;
         let source = Source::File(&file);
@@ -110,7 +114,8 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     let length = head.get(12..16).map_or(0, |b| u64::from(word(b, 0)));
     let end = if binary { length.saturating_add(20) } else { source.length() };
     let text = source.head(end.min(source.length()).min(MAX_SEARCHED) as usize)?;
-    let name = b"KHR_gaussian_splatting";
+    // In the names of the extension and of its drafts.
+    let name = b"gaussian_splat";
     Ok(!text.windows(name.len()).any(|window| window == name))
 }
 
@@ -242,10 +247,7 @@ impl SceneFormat {
     pub fn kept_tags(self, notes: FileNotes) -> FileNotes {
         let none = FileNotes::default();
         match self {
-            Self::Ply | Self::CompressedPly => {
-                let up = notes.up.filter(|up| ply::axis(*up).is_some());
-                FileNotes { low_pass: notes.low_pass, up, ..none }
-            }
+            Self::Ply | Self::CompressedPly => FileNotes { low_pass: notes.low_pass, up: notes.up, ..none },
             // These formats have one flag for all filters.
             Self::Spz | Self::Sog if notes.is_antialiased() => {
                 FileNotes { low_pass: Filter::Compensated, ..none }

@@ -1,10 +1,10 @@
 //! Finds a splat's properties in `element vertex`.
 
-use super::header::{Element, PropertyType, wrong_line};
+use super::header::{Element, Header, PropertyType, wrong_line};
 use crate::activation;
 use crate::error::{SceneError, nearest};
 use crate::scalar::Scalar;
-use crate::scene::Splat;
+use crate::scene::{FileNotes, Filter, Splat};
 
 /// Index of the first slot of each attribute in [`Layout::slots`] and in a row of values.
 const POSITION: usize = 0;
@@ -14,13 +14,53 @@ const OPACITY: usize = 10;
 const DC: usize = 11;
 const REST: usize = 14;
 
-pub(crate) const MAX_SLOTS: usize = REST + 45;
+/// The last slot has the size of the 3D filter.
+pub(crate) const MAX_SLOTS: usize = REST + 45 + 1;
 
-/// Names of the properties that every splat has, in slot order.
+/// Names of the properties of a splat, in slot order.
 const NAMES: [&str; REST] = [
     "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",
     "f_dc_1", "f_dc_2",
 ];
+
+/// Names of the bytes of a colour, which nerfstudio can write instead of `f_dc_*`.
+const COLORS: [&str; 3] = ["red", "green", "blue"];
+
+/// Name of the standard deviation of Mip-Splatting's 3D filter.
+const FILTER: &str = "filter_3D";
+
+/// Prefixes that CloudCompare and converters for it add to all names but `x`, `y`, `z` and those of normals.
+const PREFIXES: [&str; 4] = ["", "scalar_", "scal_", "scalar_scal_"];
+
+/// Advice for scenes of moving splats.
+const MOVING: &str = "export its splats at one moment as 3D Gaussians";
+
+/// Properties or elements of splats that are not 3D Gaussians at rest, and the words of the error. A key that ends in `_`
+/// stands for all names that begin with it.
+const REFUSED: [(&[&str], &str, &str); 6] = [
+    (&["trbf_center", "motion_", "omega_"], "a scene of Spacetime Gaussians, which move", MOVING),
+    (&["scale_t", "scale_t_", "t_scale", "rot_r_"], "a scene of 4D Gaussians (4DGS), which move", MOVING),
+    (&["delta_vertex_"], "a scene of moving splats (Brush)", MOVING),
+    (&["shape_"], "a scene of generalised exponentials (GES)", "only 3D Gaussians are drawn"),
+    (&["beta", "sb_params_"], "a scene of Deformable Beta Splatting", "only 3D Gaussians are drawn"),
+    (
+        &["f_anchor_feat_"],
+        "a scene of anchors (Scaffold-GS), whose splats a network computes for each view",
+        "only 3D Gaussians are drawn",
+    ),
+];
+
+/// Refuses splats that are not 3D Gaussians at rest.
+pub(super) fn check(header: &Header) -> Result<(), SceneError> {
+    let properties = header.vertex()?.properties.iter().map(|property| &property.name);
+    for name in properties.chain(header.elements.iter().map(|element| &element.name)) {
+        let is = |key: &&str| name == key || (key.ends_with('_') && name.starts_with(*key));
+        if let Some((_, format, advice)) = REFUSED.iter().find(|(keys, ..)| keys.iter().any(is)) {
+            return Err(SceneError::Unsupported { format, advice });
+        }
+    }
+    Ok(())
+}
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slot {
@@ -34,31 +74,69 @@ pub(crate) struct Slot {
 /// The mapping from rows of `element vertex` to splats.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
-    /// Degree of the stored spherical harmonics.
-    pub degree: u32,
+    pub harmonics: Rest,
     /// Bytes of a binary row.
     pub stride: usize,
-    /// Slot of each value: [`NAMES`], then `f_rest_*`.
+    /// Slot of each value: [`NAMES`], then `f_rest_*`, then perhaps [`FILTER`].
     pub slots: Vec<Slot>,
     /// Index of the slot that each column fills; `None` for a column that no splat uses.
     pub slot_of: Vec<Option<usize>>,
+    /// True if the file has [`COLORS`] instead of band 0.
+    colors: bool,
+    /// Index of the slot of [`FILTER`].
+    filter: Option<usize>,
 }
 
-/// Counts an element's properties `f_rest_*`. Also returns the degree of their harmonics.
-pub(super) fn rest(element: &Element) -> Result<(usize, u32), SceneError> {
-    let found = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
-    match [0, 9, 24, 45].iter().position(|count| *count == found) {
-        Some(degree) => Ok((found, degree as u32)),
-        None => Err(SceneError::Invalid(format!(
-            "expected 0, 9, 24 or 45 properties `f_rest_*` (spherical harmonics of degree 0, 1, 2 or 3) in `element {}` (line {}), found {found}",
-            element.name, element.line
-        ))),
+/// An element's properties `f_rest_*`, the harmonics above band 0.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Rest {
+    /// Coefficients of a channel in the file.
+    stored: usize,
+    /// Degree of the harmonics that are read.
+    pub degree: u32,
+    /// Degree in the file, if it is higher.
+    pub cut_degree: Option<u32>,
+}
+
+impl Rest {
+    /// Counts the properties. `prefix` precedes their names.
+    pub(super) fn of(element: &Element, prefix: &str) -> Result<Self, SceneError> {
+        let names = element.properties.iter().filter_map(|property| property.name.strip_prefix(prefix));
+        let found = names.filter(|name| name.starts_with("f_rest_")).count();
+        match [0, 9, 24, 45, 72].iter().position(|count| *count == found) {
+            Some(degree) => {
+                let degree = degree as u32;
+                Ok(Self {
+                    stored: found / 3,
+                    degree: degree.min(3),
+                    cut_degree: (degree > 3).then_some(degree),
+                })
+            }
+            None => Err(SceneError::Invalid(format!(
+                "expected 0, 9, 24, 45 or 72 properties `f_rest_*` (spherical harmonics of degree 0 to 4) in `element {}` (line {}), found {found}",
+                element.name, element.line
+            ))),
+        }
+    }
+
+    /// Returns the number of coefficients of a channel that are read.
+    fn read(self) -> usize {
+        ((self.degree + 1) * (self.degree + 1)) as usize - 1
+    }
+
+    /// Lists the names of the properties that are read, channel by channel.
+    pub(super) fn names(self) -> impl Iterator<Item = String> {
+        let numbers =
+            (0..3).flat_map(move |channel| (0..self.read()).map(move |k| channel * self.stored + k));
+        numbers.map(|number| format!("f_rest_{number}"))
     }
 }
 
 impl Layout {
     pub(crate) fn find(vertex: &Element) -> Result<Self, SceneError> {
         let line = vertex.line;
+        let has = |name: &str| vertex.properties.iter().any(|property| property.name == name);
+        let prefix = PREFIXES.into_iter().find(|prefix| has(&format!("{prefix}scale_0"))).unwrap_or("");
         let mut columns: Vec<(&str, Slot)> = Vec::with_capacity(vertex.properties.len());
         let mut stride = 0;
         for (column, property) in vertex.properties.iter().enumerate() {
@@ -66,15 +144,17 @@ impl Layout {
                 let text = format!("`{}` is a list: splats have only single values", property.name);
                 return Err(wrong_line(property.line, &text));
             };
-            columns.push((&property.name, Slot { column, offset: stride, scalar }));
+            let name = property.name.strip_prefix(prefix).unwrap_or(&property.name);
+            columns.push((name, Slot { column, offset: stride, scalar }));
             stride += scalar.size();
         }
         let find = |name: &str| columns.iter().find(|(n, _)| *n == name).map(|(_, slot)| *slot);
         let missing = |name: &str| {
-            let cloud = name.starts_with("scale") || name.starts_with("f_dc");
+            let of_splats =
+                |(n, _): &(&str, _)| ["scale_", "rot_", "f_dc_"].iter().any(|part| n.contains(part));
             let near = nearest(name, columns.iter().map(|(n, _)| *n));
             let near = near.map(|near| format!("; the nearest name there is `{near}`")).unwrap_or_default();
-            let hint = match cloud && find("x").is_some() && find("scale_0").is_none() {
+            let hint = match find("x").is_some() && !columns.iter().any(of_splats) {
                 true => " (it may be a point cloud or a mesh, which has no splats)",
                 false => "",
             };
@@ -85,20 +165,30 @@ impl Layout {
         if find("scale_1").is_some() && find("rot_0").is_some() && find("scale_2").is_none() {
             return Err(SceneError::SURFELS);
         }
+        let byte = |name: &str| find(name).is_some_and(|slot| slot.scalar == Scalar::U8);
+        let colors = find(NAMES[DC]).is_none() && COLORS.into_iter().all(byte);
+        let dc = if colors { &COLORS } else { &NAMES[DC..] };
         let mut slots = Vec::with_capacity(MAX_SLOTS);
-        for name in NAMES {
+        for name in NAMES[..DC].iter().chain(dc) {
             slots.push(find(name).ok_or_else(|| missing(name))?);
         }
-        let (rest, degree) = rest(vertex)?;
-        for index in 0..rest {
-            let name = format!("f_rest_{index}");
+        let harmonics = Rest::of(vertex, prefix)?;
+        for name in harmonics.names() {
             slots.push(find(&name).ok_or_else(|| missing(&name))?);
         }
+        let filter = find(FILTER).map(|_| slots.len());
+        slots.extend(find(FILTER));
         let mut slot_of = vec![None; columns.len()];
         for (index, slot) in slots.iter().enumerate() {
             slot_of[slot.column] = Some(index);
         }
-        Ok(Self { degree, stride, slots, slot_of })
+        Ok(Self { harmonics, stride, slots, slot_of, colors, filter })
+    }
+
+    /// Adds the tags that the properties imply to those of the header.
+    pub(crate) fn notes(&self, notes: FileNotes) -> FileNotes {
+        let low_pass = if self.filter.is_some() { Filter::Mip } else { notes.low_pass };
+        FileNotes { low_pass, cut_degree: self.harmonics.cut_degree, ..notes }
     }
 
     /// Returns for each axis true if the file's type has more precision than f32.
@@ -117,10 +207,16 @@ impl Layout {
             opacity: activation::sigmoid(value(OPACITY)),
             sh: [0.0; 48],
         };
-        for channel in 0..3 {
-            splat.sh[channel] = value(DC + channel);
+        let band_0 = std::array::from_fn(|channel| value(DC + channel));
+        if self.colors {
+            splat.sh = activation::flat(band_0.map(|byte| f64::from(byte) / 255.0));
+        } else {
+            splat.sh[..3].copy_from_slice(&band_0);
         }
-        let bands = ((self.degree + 1) * (self.degree + 1)) as usize - 1;
+        if let Some(filter) = self.filter {
+            (splat.scale, splat.opacity) = activation::filtered(splat.scale, splat.opacity, value(filter));
+        }
+        let bands = self.harmonics.read();
         for channel in 0..3 {
             for k in 0..bands {
                 splat.sh[3 * (k + 1) + channel] = value(REST + channel * bands + k);

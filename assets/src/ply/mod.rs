@@ -25,5 +25,3 @@ mod tags;
 #[cfg(test)]
 pub(crate) mod tests;
 pub(crate) mod write;
-
-pub(crate) use tags::axis;

@@ -13,13 +13,13 @@
 
 use super::binary;
 use super::header::{Element, Encoding, Header, Property, PropertyType, wrong_line};
-use super::layout;
+use super::layout::Rest;
 use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, Table};
 use crate::memory;
 use crate::scalar::Scalar;
-use crate::scene::{Scene, Splat};
+use crate::scene::{FileNotes, Scene, Splat};
 use crate::size_breakdown::SizeBreakdown;
 use crate::words::{float, word};
 use std::f64::consts::SQRT_2;
@@ -52,7 +52,7 @@ pub(super) const CHUNK: [&str; 18] = [
 ];
 
 pub(super) struct Packed {
-    pub degree: u32,
+    pub harmonics: Rest,
     /// Offset of each of [`VERTEX`] in a row.
     vertex: [usize; 4],
     /// Offset of each of [`CHUNK`] in a row; only the first 12 if the file has no bounds for colours.
@@ -89,7 +89,7 @@ impl Packed {
         let colors = chunk.properties.iter().any(|p| CHUNK[12..].contains(&p.name.as_str()));
         let bounds = &CHUNK[..if colors { 18 } else { 12 }];
         let sh = header.elements.iter().find(|element| element.name == "sh");
-        let (mut rest, mut degree) = (Vec::new(), 0);
+        let (mut rest, mut harmonics) = (Vec::new(), Rest::default());
         if let Some(sh) = sh {
             if sh.count != vertex.count {
                 let text = format!(
@@ -98,10 +98,9 @@ impl Packed {
                 );
                 return Err(fail(sh, text));
             }
-            let found;
-            (found, degree) = layout::rest(sh)?;
-            for index in 0..found {
-                rest.push(offset(sh, &format!("f_rest_{index}"), Scalar::U8)?);
+            harmonics = Rest::of(sh, "")?;
+            for name in harmonics.names() {
+                rest.push(offset(sh, &name, Scalar::U8)?);
             }
         }
         let mut offsets = [0; 4];
@@ -109,7 +108,7 @@ impl Packed {
             *offset_of = offset(vertex, name, Scalar::U32)?;
         }
         Ok(Self {
-            degree,
+            harmonics,
             vertex: offsets,
             chunk: bounds.iter().map(|name| offset(chunk, name, Scalar::F32)).collect::<Result<_, _>>()?,
             rest,
@@ -125,12 +124,12 @@ impl Packed {
             tables.get(name).copied().ok_or_else(lists)
         };
         let (chunks, vertex) = (table("chunk")?, table("vertex")?);
-        let sh = if self.degree > 0 { table("sh")? } else { Table::NONE };
+        let sh = if self.harmonics.degree > 0 { table("sh")? } else { Table::NONE };
         let count = header.vertex()?.count;
         let bounds = self.bounds(chunks, count)?;
         let done = Done::new(count * (vertex.stride + sh.stride) as u64, input.progress)?;
         let bounds_bytes = size_of_val(bounds.as_slice()) as u64;
-        let counts = (count, self.degree, false);
+        let counts = (count, self.harmonics.degree, false);
         let filled = input.fill(counts, [vertex, sh], bounds_bytes, &done, |[row, rest], index, out| {
             let (splat, norm) = self.splat(row, rest, &bounds[index / CHUNK_SPLATS]);
             out.push(&splat, norm);
@@ -138,7 +137,8 @@ impl Packed {
         let length = input.source.length();
         let format = "PlayCanvas compressed ply".into();
         let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
-        input::finish(filled, count, size_breakdown, header.notes)
+        let notes = FileNotes { cut_degree: self.harmonics.cut_degree, ..header.notes };
+        input::finish(filled, count, size_breakdown, notes)
     }
 
     fn bounds(&self, table: Table, count: u64) -> Result<Vec<Bounds>, SceneError> {

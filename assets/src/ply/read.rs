@@ -5,7 +5,7 @@
 //! in length, so a first pass finds the start of each chunk.
 
 use super::header::{Element, Encoding, HEADER_LIMIT, Header};
-use super::layout::{Layout, MAX_SLOTS};
+use super::layout::{self, Layout, MAX_SLOTS};
 use super::origin::Sample;
 use super::packed::Packed;
 use super::{ascii, binary};
@@ -28,6 +28,7 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
     // One byte more than the limit, to distinguish a header that is too long from one that is cut off.
     let header = Header::parse(&source.head(HEADER_LIMIT + 1)?)?;
     let vertex = header.vertex()?;
+    layout::check(&header)?;
     let packed = vertex.properties.iter().any(|property| property.name == "packed_position");
     let stored = match packed {
         true => Stored::Packed(Packed::find(&header)?),
@@ -56,8 +57,8 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
 pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
     let (_, stored, count) = header(source)?;
     let stored_degree = match stored {
-        Stored::Plain(layout) => layout.degree,
-        Stored::Packed(packed) => packed.degree,
+        Stored::Plain(layout) => layout.harmonics.degree,
+        Stored::Packed(packed) => packed.harmonics.degree,
     };
     Ok(SceneHeader { count, stored_degree })
 }
@@ -77,7 +78,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let length = input.source.length();
     let format = format!("ply, {}", header.encoding.name());
     let size_breakdown = SizeBreakdown::new(format, length, header.bytes as u64, elements);
-    Ok(input::finish(filled, count, size_breakdown, header.notes)?.with_offset(origin))
+    Ok(input::finish(filled, count, size_breakdown, layout.notes(header.notes))?.with_offset(origin))
 }
 
 struct File<'a> {
@@ -116,24 +117,25 @@ impl File<'_> {
         let wide = layout.wide();
         let is_wide = wide.contains(&true);
         let done = Done::new(count * layout.stride as u64, input.progress)?;
-        let filled = input.fill((count, layout.degree, is_wide), [table], 0, &done, |[row], _, out| {
-            let position = |axis: usize| {
-                let place = layout.slots[axis];
-                place.scalar.wide::<BIG>(&row[place.offset..]) - origin[axis]
-            };
-            let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
-                Some(true) => position(slot) as f32,
-                _ => {
-                    let place = layout.slots[slot];
-                    place.scalar.value::<BIG>(&row[place.offset..])
+        let filled =
+            input.fill((count, layout.harmonics.degree, is_wide), [table], 0, &done, |[row], _, out| {
+                let position = |axis: usize| {
+                    let place = layout.slots[axis];
+                    place.scalar.wide::<BIG>(&row[place.offset..]) - origin[axis]
+                };
+                let (splat, norm) = layout.splat(|slot| match wide.get(slot) {
+                    Some(true) => position(slot) as f32,
+                    _ => {
+                        let place = layout.slots[slot];
+                        place.scalar.value::<BIG>(&row[place.offset..])
+                    }
+                });
+                if is_wide {
+                    out.push_wide(&splat, std::array::from_fn(position), norm);
+                } else {
+                    out.push(&splat, norm);
                 }
-            });
-            if is_wide {
-                out.push_wide(&splat, std::array::from_fn(position), norm);
-            } else {
-                out.push(&splat, norm);
-            }
-        })?;
+            })?;
         Ok(Body { filled, origin, elements })
     }
 
@@ -189,7 +191,7 @@ impl File<'_> {
         }
         let origin = sample.map_or([0.0; 3], Sample::origin);
         let is_wide = layout.wide().contains(&true);
-        let mut columns = input.allocate(vertex.count, layout.degree, is_wide, (0, 0))?;
+        let mut columns = input.allocate(vertex.count, layout.harmonics.degree, is_wide, (0, 0))?;
         let done = Done::new(lines.place().at - start, input.progress)?;
         let sizes: Vec<AtomicU64> = vertex.properties.iter().map(|_| AtomicU64::new(0)).collect();
         let gathered = columns.fill(|out: &mut Rows| {

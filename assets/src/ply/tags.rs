@@ -4,16 +4,29 @@
 //! |---|---|---|
 //! | `SplatRenderMode: default`, `mip` or `2dgs` | the training's filter, or 2D Gaussians | Brush, splat-transform |
 //! | `antialiased 0` or `1` | gsplat's filter, off or on | Postshot |
-//! | `vertical axis: x`, `y` or `z` | the vertical axis; up is +x, -y or -z, as in Brush | |
+//! | `vertical axis: X Y Z` | the direction up | Brush |
+//! | `vertical axis: y` or `x` | up is -y or +x, as Brush reads it | Brush |
+//! | `vertical axis: z` | up is +z, to which nerfstudio turns captures; Brush reads -z | nerfstudio |
 //!
 //! Case is ignored. If several comments set the same tag, the last one counts.
 
 use crate::error::SceneError;
 use crate::scene::{FileNotes, Filter};
+use glam::DVec3;
 
-/// Names of the axes, and the direction up that each implies.
-const AXES: [(&str, [f64; 3]); 3] =
-    [("x", [1.0, 0.0, 0.0]), ("y", [0.0, -1.0, 0.0]), ("z", [0.0, 0.0, -1.0])];
+/// Reads the direction up from the words of its tag; `None` if they are none.
+fn up(words: &[&str]) -> Option<[f64; 3]> {
+    match words {
+        ["x"] => Some([1.0, 0.0, 0.0]),
+        ["y"] => Some([0.0, -1.0, 0.0]),
+        ["z"] => Some([0.0, 0.0, 1.0]),
+        [x, y, z] => {
+            let [x, y, z] = [x, y, z].map(|word| word.parse().unwrap_or(f64::NAN));
+            DVec3::new(x, y, z).try_normalize().map(DVec3::into)
+        }
+        _ => None,
+    }
+}
 
 /// Reads the words of a comment. Ignores comments that are not tags; fails if the splats are 2D Gaussians.
 pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneError> {
@@ -23,17 +36,10 @@ pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneE
         ["splatrendermode:", "mip"] => notes.low_pass = Filter::Mip,
         ["splatrendermode:", "2dgs"] => return Err(SceneError::SURFELS),
         ["antialiased", "1"] => notes.low_pass = Filter::Compensated,
-        ["vertical", "axis:", axis] => {
-            notes.up = AXES.iter().find(|(name, _)| name == axis).map(|(_, up)| *up).or(notes.up);
-        }
+        ["vertical", "axis:", axis @ ..] => notes.up = up(axis).or(notes.up),
         _ => {}
     }
     Ok(())
-}
-
-/// Returns the name of the axis that points `up`; `None` for a direction that PLY cannot store.
-pub(crate) fn axis(up: [f64; 3]) -> Option<&'static str> {
-    AXES.iter().find(|(_, axis)| *axis == up).map(|(name, _)| *name)
 }
 
 /// Formats the comments for the tags that PLY can store; empty for a scene without tags.
@@ -43,9 +49,8 @@ pub(super) fn comments(notes: FileNotes) -> String {
         Filter::Compensated => "comment antialiased 1\n",
         Filter::Mip => "comment SplatRenderMode: mip\n",
     };
-    let axis = notes.up.and_then(axis);
-    let axis = axis.map(|name| format!("comment vertical axis: {name}\n")).unwrap_or_default();
-    format!("{filter}{axis}")
+    let up = notes.up.map(|[x, y, z]| format!("comment vertical axis: {x} {y} {z}\n")).unwrap_or_default();
+    format!("{filter}{up}")
 }
 
 #[cfg(test)]
@@ -69,7 +74,10 @@ mod tests {
         assert_eq!(filter(&["splatrendermode: MIP", "made by hand"]), Filter::Mip);
         assert_eq!(filter(&["SplatRenderMode: mip", "antialiased 1"]), Filter::Compensated);
         assert_eq!(filter(&["antialiased 1", "SplatRenderMode: default"]), Filter::Dilated);
-        assert_eq!(notes(&["vertical axis: z", "vertical axis: q"]).unwrap().up, Some([0.0, 0.0, -1.0]));
+        for (words, up) in [("y", [0.0, -1.0, 0.0]), ("Z", [0.0, 0.0, 1.0]), ("0 0 -2", [0.0, 0.0, -1.0])] {
+            let tag = format!("Vertical Axis: {words}");
+            assert_eq!(notes(&[&tag, "vertical axis: q", "vertical axis: 0 0 0"]).unwrap().up, Some(up));
+        }
         says(notes(&["SplatRenderMode: 2dgs"]).unwrap_err(), "2D Gaussians (2DGS)");
     }
 

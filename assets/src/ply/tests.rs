@@ -171,6 +171,106 @@ fn values_are_activated_and_harmonics_interleaved() {
 }
 
 #[test]
+fn the_3d_filter_of_mip_splatting_is_applied() {
+    let mut bytes = PLAIN.bytes();
+    let plain = parse(&bytes).unwrap();
+    // Behind all other properties: each row grows by the filter's float.
+    let row = property_names(1).len() * 4;
+    let start = bytes.len() - PLAIN.count * row;
+    let rows = bytes.split_off(start);
+    let header = String::from_utf8(bytes).unwrap();
+    let mut bytes = header.replacen("end_header", "property float filter_3D\nend_header", 1).into_bytes();
+    for row in rows.chunks(row) {
+        bytes.extend([row, &0.25f32.to_le_bytes()].concat());
+    }
+    let scene = parse(&bytes).unwrap();
+    assert_eq!(scene.notes().low_pass, crate::scene::Filter::Mip);
+    for index in 0..PLAIN.count {
+        let (before, after) = (plain.splat(index), scene.splat(index));
+        let mut opacity = f64::from(before.opacity);
+        for (before, after) in before.scale.into_iter().zip(after.scale) {
+            let filtered = f64::from(before * before + 0.0625).sqrt();
+            assert!((f64::from(after) - filtered).abs() < 1e-7, "{after}, expected {filtered}");
+            opacity *= f64::from(before) / filtered;
+        }
+        assert!((f64::from(after.opacity) - opacity).abs() < 1e-7);
+        assert_eq!((before.position, before.sh), (after.position, after.sh));
+    }
+    assert_eq!(scene.size_breakdown().elements[0].fields.iter().filter(|field| !field.used).count(), 3);
+}
+
+#[test]
+fn splats_that_move_or_have_another_kernel_are_refused() {
+    for (name, expected) in [
+        (
+            "trbf_center",
+            "this is a scene of Spacetime Gaussians, which move; export its splats at one moment",
+        ),
+        ("scale_t_0", "4D Gaussians"),
+        ("shape_0", "generalised exponentials"),
+        ("beta", "Deformable Beta Splatting; only 3D Gaussians are drawn"),
+        ("f_anchor_feat_0", "a network computes"),
+    ] {
+        says(error(&edited(&PLAIN, "end_header", &format!("property float {name}\nend_header"))), expected);
+    }
+    let delta = "element delta_vertex_1 1\nproperty uchar x\nend_header";
+    says(error(&edited(&PLAIN, "end_header", delta)), "moving splats (Brush)");
+}
+
+#[test]
+fn names_with_the_prefix_of_cloudcompare_are_read() {
+    let text = String::from_utf8(Made { format: "ascii", ..PLAIN }.bytes()).unwrap();
+    let plain = parse(text.as_bytes()).unwrap();
+    for prefix in ["scalar_", "scal_", "scalar_scal_"] {
+        let mut named = text.clone();
+        for name in ["scale_", "rot_", "opacity", "f_dc_", "f_rest_"] {
+            named = named.replace(&format!("float {name}"), &format!("float {prefix}{name}"));
+        }
+        assert_eq!(parse(named.as_bytes()).unwrap().identity(), plain.identity(), "{prefix}");
+    }
+}
+
+#[test]
+fn bytes_of_a_colour_stand_for_band_0() {
+    let made = Made { format: "ascii", degree: 0, count: 1, ..PLAIN };
+    let mut text = String::from_utf8(made.bytes()).unwrap();
+    for (name, color) in [("f_dc_0", "red"), ("f_dc_1", "green"), ("f_dc_2", "blue")] {
+        text = text.replace(&format!("float {name}"), &format!("uchar {color}"));
+    }
+    let splat = parse(text.replace(" 0.5 1.5 2.5 ", " 255 0 51 ").as_bytes()).unwrap().splat(0);
+    let expected = crate::activation::flat([1.0, 0.0, 0.2]);
+    assert_eq!(splat.sh, expected);
+    says(error(text.replace("uchar red", "float red").as_bytes()), "no property `f_dc_0`");
+}
+
+#[test]
+fn bands_above_3_are_cut() {
+    let made = Made { format: "ascii", degree: 3, ..PLAIN };
+    let text = String::from_utf8(made.bytes()).unwrap();
+    // Coefficient k of channel c becomes f_rest_(24 c + k).
+    let mut wide = String::new();
+    for line in text.lines() {
+        match line.strip_prefix("property float f_rest_") {
+            Some(number) => {
+                let number: usize = number.parse().unwrap();
+                let moved = number / 15 * 24 + number % 15;
+                wide += &format!("property float f_rest_{moved}\n");
+            }
+            None => wide += &format!("{line}\n"),
+        }
+    }
+    let (missing, values): (Vec<_>, Vec<_>) = (0..72)
+        .filter(|number| number % 24 >= 15)
+        .map(|number| (format!("property float f_rest_{number}\n"), "7"))
+        .unzip();
+    let (header, rows) = wide.split_once("end_header\n").unwrap();
+    let rows: String = rows.lines().map(|row| format!("{row}{}\n", values.join(" "))).collect();
+    let scene = parse(format!("{header}{}end_header\n{rows}", missing.concat()).as_bytes()).unwrap();
+    assert_eq!((scene.stored_degree(), scene.notes().cut_degree), (3, Some(4)));
+    assert_eq!(scene.identity(), parse(text.as_bytes()).unwrap().identity());
+}
+
+#[test]
 fn values_that_are_not_numbers_drop_their_splat_under_the_right_reason() {
     let names = property_names(1);
     let base = PLAIN.bytes();
@@ -186,7 +286,8 @@ fn values_that_are_not_numbers_drop_their_splat_under_the_right_reason() {
         (scene.count(), scene.dropped().to_string())
     };
     assert_eq!(with(&[("y", f32::NAN)]), (19, "1 with a position not finite in f32".into()));
-    assert_eq!(with(&[("scale_2", f32::NEG_INFINITY)]), (19, "1 with a scale not finite in f32".into()));
+    // Flat splats have a scale of 0, whose logarithm is -inf.
+    assert_eq!(with(&[("scale_2", f32::NEG_INFINITY)]), (20, "none".into()));
     assert_eq!(with(&[("scale_2", 1e4)]), (19, "1 with a scale not finite in f32".into()));
     assert_eq!(with(&[("rot_0", f32::INFINITY)]), (19, "1 with a quaternion not finite in f32".into()));
     assert_eq!(with(&[("rot_2", 0.0)]), (19, "1 with a zero quaternion".into()));
@@ -420,11 +521,13 @@ fn missing_properties_are_named_with_the_nearest_that_is_there() {
     says(error(&edited(&PLAIN, "f_rest_3\n", "f_rest_33\n")), "no property `f_rest_3`");
     let said = error(&edited(&PLAIN, "property float f_rest_8\n", ""));
     assert!(
-        said.contains("expected 0, 9, 24 or 45 properties `f_rest_*`") && said.ends_with("found 8"),
+        said.contains("expected 0, 9, 24, 45 or 72 properties `f_rest_*`") && said.ends_with("found 8"),
         "{said}"
     );
     let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
     says(error(cloud), "may be a point cloud or a mesh");
+    let said = error(&edited(&PLAIN, "float scale_0", "float log_scale_0"));
+    assert!(!said.contains("point cloud"), "{said}");
     says(
         error(b"ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n0\n"),
         "no `element vertex`, which holds the splats; it has face",
