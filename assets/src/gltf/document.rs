@@ -1,6 +1,7 @@
 //! Parses the parts of glTF's JSON that splats and cameras need, and computes the transforms of their nodes.
 
 use crate::error::{SceneError, wrong};
+use crate::scene::SortKey;
 use crate::similarity::Similarity;
 use glam::{DMat4, DQuat};
 use serde::Deserialize;
@@ -9,6 +10,15 @@ use std::collections::{BTreeMap, HashSet};
 
 /// Name of the extension. The names of its attributes and of extensions to it begin with it.
 pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
+
+/// Name of the first extension with an SPZ file, in 3D Tiles of 2025. It is the primitive's only one.
+const FIRST_SPZ: &str = "KHR_spz_gaussian_splats_compression";
+
+/// The error for other drafts of the extension.
+pub(super) const DRAFT: SceneError = SceneError::Unsupported {
+    format: "a glTF scene of an early draft of KHR_gaussian_splatting",
+    advice: "write it again with a newer version of its program",
+};
 
 /// Returns the item at `index`; the error names the list `of`.
 pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a T, SceneError> {
@@ -112,6 +122,8 @@ pub(super) struct Primitive {
 struct Extensions {
     #[serde(rename = "KHR_gaussian_splatting")]
     splatting: Option<Splatting>,
+    #[serde(rename = "KHR_spz_gaussian_splats_compression")]
+    first_spz: Option<Compression>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -128,6 +140,12 @@ struct Splatting {
 #[serde(rename_all = "camelCase", default)]
 struct Compression {
     buffer_view: Option<u64>,
+}
+
+impl Compression {
+    fn view(&self) -> Option<usize> {
+        self.buffer_view.map(|view| usize::try_from(view).unwrap_or(usize::MAX))
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -167,6 +185,7 @@ pub(super) struct Splats<'a> {
     pub primitive: &'a Primitive,
     /// Index of the buffer view with an SPZ file, which replaces the attributes' values.
     pub spz: Option<usize>,
+    pub key_of: SortKey,
     /// Transform from the primitive to the document's world.
     pub place: Similarity,
 }
@@ -175,8 +194,11 @@ impl Document {
     /// Parses the JSON. Fails if it requires extensions that this reader does not know.
     pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
         let document = Self::read(text)?;
-        let known = |name: &&String| !name.starts_with(SPLATTING) && *name != "KHR_mesh_quantization";
-        match document.extensions_required.iter().find(known) {
+        let unknown = |name: &&String| {
+            !name.starts_with(SPLATTING) && ![FIRST_SPZ, "KHR_mesh_quantization"].contains(&name.as_str())
+        };
+        match document.extensions_required.iter().find(unknown) {
+            Some(name) if name.contains("spz") => Err(DRAFT),
             Some(name) => {
                 Err(wrong("extensionsRequired", format!("expected extensions of splats, found {name}")))
             }
@@ -245,11 +267,20 @@ impl Document {
         for (index, place) in self.placed()? {
             let Some(mesh) = self.nodes[index].mesh else { continue };
             for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
-                if let Some(splatting) = &primitive.extensions.splatting {
-                    let spz = splatting.check(primitive)?;
+                let Extensions { splatting, first_spz } = &primitive.extensions;
+                if splatting.is_some() || first_spz.is_some() {
+                    if primitive.mode.is_some_and(|mode| mode != 0) {
+                        return Err(wrong("primitives.mode", "expected 0 (points), found another"));
+                    }
+                    let splatting = splatting.as_ref().map(Splatting::check).transpose()?;
+                    let (spz, key_of) = splatting.unwrap_or((None, SortKey::Distance));
+                    let spz = spz.or(first_spz.as_ref().and_then(Compression::view));
+                    if spz.is_none() && primitive.attributes.contains_key("_ROTATION") {
+                        return Err(DRAFT);
+                    }
                     let place = Similarity::of_matrix(place)
                         .map_err(|text| wrong(format!("nodes[{index}]"), text))?;
-                    found.push(Splats { primitive, spz, place });
+                    found.push(Splats { primitive, spz, key_of, place });
                 } else {
                     others += 1;
                 }
@@ -279,33 +310,36 @@ impl Node {
 }
 
 impl Splatting {
-    /// Refuses splats that this reader does not support, and returns the buffer view of SPZ, if any.
-    fn check(&self, primitive: &Primitive) -> Result<Option<usize>, SceneError> {
+    /// Refuses splats that this reader does not support. Returns the buffer view of SPZ, if any, and the order.
+    fn check(&self) -> Result<(Option<usize>, SortKey), SceneError> {
         let field = |name: &str| format!("{SPLATTING}.{name}");
-        let expect = |name: &str, value: &Option<String>, expected: &str| match value.as_deref() {
+        let expect = |name: &str, value: &Option<String>, expected: &[&str]| match value.as_deref() {
             None => Ok(()),
-            Some(found) if found == expected => Ok(()),
-            Some(found) => Err(wrong(field(name), format!("expected {expected}, found {found}"))),
+            Some(found) if expected.contains(&found) => Ok(()),
+            Some(found) => {
+                Err(wrong(field(name), format!("expected {}, found {found}", expected.join(" or "))))
+            }
         };
-        if primitive.mode.is_some_and(|mode| mode != 0) {
-            return Err(wrong("primitives.mode", "expected 0 (points), found another"));
-        }
-        expect("kernel", &self.kernel, "ellipse")?;
-        expect("projection", &self.projection, "perspective")?;
-        expect("sortingMethod", &self.sorting_method, "cameraDistance")?;
+        expect("kernel", &self.kernel, &["ellipse"])?;
+        expect("projection", &self.projection, &["perspective"])?;
+        // Not in the extension, but in USD's.
+        expect("sortingMethod", &self.sorting_method, &["cameraDistance", "zDepth"])?;
+        let by_depth = self.sorting_method.as_deref() == Some("zDepth");
+        let key_of = if by_depth { SortKey::Depth } else { SortKey::Distance };
         if self.color_space.as_deref() == Some("lin_rec709_display") {
             return Err(SceneError::Unsupported {
                 format: "a glTF scene in the colour space lin_rec709_display, whose splats are blended as linear light",
                 advice: "only srgb_rec709_display is drawn",
             });
         }
-        expect("colorSpace", &self.color_space, "srgb_rec709_display")?;
-        let Some((name, compression)) = self.extensions.first_key_value() else { return Ok(None) };
-        match (name.as_str(), compression.buffer_view) {
+        // The second is the name in a draft.
+        expect("colorSpace", &self.color_space, &["srgb_rec709_display", "BT.709-sRGB"])?;
+        let Some((name, compression)) = self.extensions.first_key_value() else { return Ok((None, key_of)) };
+        match (name.as_str(), compression.view()) {
             (
                 "KHR_gaussian_splatting_compression_spz_2" | "KHR_gaussian_splatting_compression_spz",
                 Some(view),
-            ) => Ok(Some(usize::try_from(view).unwrap_or(usize::MAX))),
+            ) => Ok((Some(view), key_of)),
             _ => Err(wrong(field("extensions"), format!("expected SPZ compression, found {name}"))),
         }
     }

@@ -7,7 +7,7 @@ use crate::activation;
 use crate::error::{SceneError, wrong};
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
 use crate::node_transform::NodeTransform;
-use crate::scene::{FileNotes, Scene, SortKey, Splat, sh_floats};
+use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::spz;
@@ -32,10 +32,10 @@ pub(super) fn attributes(degree: u32) -> Vec<(String, usize)> {
         .collect()
 }
 
-/// Finds the degree of a primitive's harmonics; bands above 3 are ignored.
-fn degree(primitive: &Primitive) -> u32 {
+/// Finds the degree of a primitive's harmonics. Only bands up to 3 are read.
+fn file_degree(primitive: &Primitive) -> u32 {
     let has = |band: &u32| primitive.attributes.contains_key(&coefficient(*band, 0));
-    (1..=3).take_while(has).last().unwrap_or(0)
+    (1..).take_while(has).last().unwrap_or(0)
 }
 
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
@@ -50,7 +50,7 @@ fn splats_header(document: &Document, splats: &Splats) -> SceneHeader {
     let positions = splats.primitive.attributes.get("POSITION");
     let positions = positions.and_then(|index| document.accessors.get(*index));
     let count = positions.map_or(0, |accessor| accessor.count);
-    SceneHeader { count, stored_degree: degree(splats.primitive) }
+    SceneHeader { count, stored_degree: file_degree(splats.primitive).min(3) }
 }
 
 /// Reads a primitive; also returns the bytes of each kind of value.
@@ -62,7 +62,8 @@ fn primitive(
     if let Some(view) = splats.spz {
         return packed(input, container, view, splats.place);
     }
-    let degree = degree(splats.primitive);
+    let file_degree = file_degree(splats.primitive);
+    let degree = file_degree.min(3);
     let (mut columns, mut names) = (Vec::new(), Vec::new());
     for (name, width) in attributes(degree) {
         let index = splats.primitive.attributes.get(&name).copied();
@@ -93,7 +94,9 @@ fn primitive(
         let name = name.trim_start_matches(SPLATTING).trim_start_matches(':');
         FieldSize::column(name, column.component.scalar.name(), column.table.width as u64, count)
     });
-    let scene = input::finish(filled, count, SizeBreakdown::default(), FileNotes::default())?;
+    let cut_degree = (file_degree > 3).then_some(file_degree);
+    let notes = FileNotes { cut_degree, ..FileNotes::default() };
+    let scene = input::finish(filled, count, SizeBreakdown::default(), notes)?;
     Ok((scene.with_offset(transform.offset()), fields.collect()))
 }
 
@@ -172,7 +175,8 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
         if !before.any(|other| std::ptr::eq(other.primitive, splats.primitive)) {
             fields.extend(sizes);
         }
-        scenes.push(scene);
+        let notes = FileNotes { key_of: splats.key_of, ..scene.notes() };
+        scenes.push(scene.with_notes(notes));
     }
     let scene = Scene::of_one_file(scenes)?;
     let Container { file_bytes, header_bytes, encoding_bytes, .. } = container;
@@ -188,7 +192,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let values = ElementSize::new("splats", rows, fields);
     let format = "gltf, KHR_gaussian_splatting".into();
     let breakdown = SizeBreakdown::new(format, file_bytes, header_bytes, vec![values]);
-    let notes = FileNotes { key_of: SortKey::Distance, mesh_primitives, ..scene.notes() };
+    let notes = FileNotes { mesh_primitives, ..scene.notes() };
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }
 

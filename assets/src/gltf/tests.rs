@@ -124,9 +124,36 @@ fn spz_inside_gives_the_splats_of_the_file() {
     let scene = Scene::generate(50, 2, splat);
     let mut spz = Vec::new();
     scene.write_spz(crate::SpzVersion::V3, &mut spz).unwrap();
-    let found = Scene::parse(&glb_file::around_spz(&spz), QUIET).unwrap();
+    let (mut document, binary) = parts(&glb_file::around_spz(&spz));
     let alone = Scene::parse(&spz, QUIET).unwrap();
-    assert_eq!(found.identity(), alone.identity());
+    let is_same = |document: &Value| {
+        let found = Scene::parse(&glb_file::joined(document, &binary), QUIET).unwrap();
+        assert_eq!((found.identity(), found.notes().key_of), (alone.identity(), SortKey::Distance));
+    };
+    is_same(&document);
+    let first = "KHR_spz_gaussian_splats_compression";
+    document["extensionsRequired"] = json!([first]);
+    document["meshes"][0]["primitives"][0]["extensions"] = json!({ first: { "bufferView": 0 } });
+    is_same(&document);
+}
+
+#[test]
+fn drafts_of_the_extension_are_read_or_named() {
+    let scene = changed(|document| {
+        let splats = &mut document["meshes"][0]["primitives"][0];
+        splats["extensions"]["KHR_gaussian_splatting"] =
+            json!({ "colorSpace": "BT.709-sRGB", "sortingMethod": "zDepth" });
+        splats["attributes"]["KHR_gaussian_splatting:SH_DEGREE_4_COEF_0"] = json!(0);
+    });
+    let notes = scene.unwrap().notes();
+    assert_eq!((notes.key_of, notes.cut_degree), (SortKey::Depth, Some(4)));
+    let draft = "an early draft of KHR_gaussian_splatting";
+    let said = |change: fn(&mut Value)| changed(change).unwrap_err();
+    says(said(|document| document["extensionsRequired"] = json!(["KHR_spz_compression"])), draft);
+    let attributes = |document: &mut Value| {
+        document["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0, "_ROTATION": 1 });
+    };
+    says(said(attributes), draft);
 }
 
 #[test]
@@ -165,7 +192,7 @@ fn what_is_not_drawn_is_refused_by_name() {
     };
     says(splatting("colorSpace", "lin_rec709_display"), "colour space lin_rec709_display");
     says(splatting("kernel", "disk"), "expected ellipse, found disk");
-    says(splatting("sortingMethod", "zDepth"), "expected cameraDistance, found zDepth");
+    says(splatting("sortingMethod", "random"), "expected cameraDistance or zDepth, found random");
     let said = |change: fn(&mut Value)| changed(change).unwrap_err();
     says(
         said(|document| document["nodes"][0]["scale"] = json!([1.0, 2.0, 1.0])),
