@@ -183,11 +183,11 @@ impl Layer {
         attributes.map(held).sum()
     }
 
-    /// Returns the value of an attribute; `None` if it has none. Fails if it has only time samples or a spline.
+    /// Returns the value of an attribute; `None` if it has none. Fails if it has time samples or a spline.
     pub(super) fn value(&self, prim: usize, name: &str) -> Result<Option<&Value>, SceneError> {
         match self.prims[prim].attributes.get(name) {
-            Some(Attribute { value: None, animated: true }) => {
-                let text = "expected a default value, found only time samples";
+            Some(Attribute { animated: true, .. }) => {
+                let text = "expected one value, found time samples or a spline";
                 Err(self.wrong(prim, name, text.into()))
             }
             found => Ok(found.and_then(|attribute| attribute.value.as_ref())),

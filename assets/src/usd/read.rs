@@ -19,6 +19,12 @@ const DEFAULT_DEGREE: f64 = 3.0;
 /// Highest degree of a file; the bands above 3 are cut off.
 const MAX_DEGREE: f64 = 8.0;
 
+/// Types of prims with splats that are not read.
+const OTHERS: [(&str, &str); 2] = [
+    ("ParticleField", "a ParticleField, whose kind only applied schemas name"),
+    ("OmniNuRecFieldAsset", "a volume of NVIDIA NuRec"),
+];
+
 struct Splats<'a> {
     place: Similarity,
     /// Positions, orientations, scales, opacities and harmonics, with their names.
@@ -112,7 +118,16 @@ fn splats(layer: &Layer) -> Result<Vec<Splats<'_>>, SceneError> {
     }
     match (found.is_empty(), hidden) {
         (false, _) => Ok(found),
-        (true, 0) => Err(SceneError::NotScene { found: "a USD scene without Gaussian splats".into() }),
+        (true, 0) => {
+            let other =
+                layer.prims.iter().find_map(|prim| OTHERS.iter().find(|(kind, _)| *kind == prim.kind));
+            Err(SceneError::NotScene {
+                found: match other {
+                    Some((_, what)) => format!("a USD scene with {what} (convert it to {SPLATS} first)"),
+                    None => "a USD scene without Gaussian splats".into(),
+                },
+            })
+        }
         (true, _) => {
             let found = format!("a USD scene that hides its Gaussian splats ({hidden} prims)");
             Err(SceneError::NotScene { found })

@@ -143,13 +143,21 @@ fn what_is_not_drawn_is_refused_by_name() {
     );
     says(
         changed("opacities = [0.5, 1]", "opacities.timeSamples = { 0: [0.5, 1] }"),
-        "/World/S.opacities`: expected a default value, found only time samples",
+        "/World/S.opacities`: expected one value, found time samples or a spline",
+    );
+    says(
+        with("float[] opacities.timeSamples = { 0: [0.5, 1] }"),
+        "/World/S.opacities`: expected one value, found time samples or a spline",
     );
     says(
         changed("apiSchemas =", "prepend references = @a.usda@</A> (offset = 1)\n kinds ="),
         "found references (join them first, e.g. by `usdcat --flatten`)",
     );
     says(changed("ParticleField3DGaussianSplat", "Mesh"), "a USD scene without Gaussian splats");
+    for (kind, found) in [("ParticleField", "only applied schemas"), ("OmniNuRecFieldAsset", "NVIDIA NuRec")]
+    {
+        says(changed("ParticleField3DGaussianSplat", kind), found);
+    }
     says(changed("def Xform", "class Xform"), "hides its Gaussian splats");
 }
 
