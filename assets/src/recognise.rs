@@ -27,6 +27,23 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
+/// Texts that begin with the first string and contain the second near their beginning.
+const TEXTS: [(&str, &str, &str); 3] = [
+    ("<", "SuperSplat", "a page of SuperSplat's viewer (export the splats as a scene)"),
+    ("{", "\"geometricError\"", "a tileset of 3D Tiles (name one of its .glb files)"),
+    ("{", "\"totalSplats\"", "LCC (which `splat-transform` can convert)"),
+];
+
+fn text(head: &[u8]) -> Option<&'static str> {
+    let text = String::from_utf8_lossy(head);
+    let is = |start: &str, key: &str| text.trim_start().starts_with(start) && text.contains(key);
+    // A SOG's textures have `files`; gsplat's `meta.json` has only their shapes.
+    if is("{", "\"means\"") && text.contains("\"quats\"") && !text.contains("\"files\"") {
+        return Some("gsplat's PNG compression (export the splats as a scene)");
+    }
+    TEXTS.iter().find(|(start, key, _)| is(start, key)).map(|(.., what)| *what)
+}
+
 /// Recognises the format of a scene file of `length` bytes from its first bytes.
 ///
 /// `head` has the first [`HEAD`](crate::input::HEAD) bytes, or the whole of a shorter file. Both layouts of PLY are
@@ -55,6 +72,9 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     let is_layer = head.starts_with(usd::BINARY_MAGIC) || head.starts_with(usd::TEXT_MAGIC);
     if is_layer || usd::begins_as_package(head) {
         return Ok(SceneFormat::Usd);
+    }
+    if let Some(found) = text(head) {
+        return Err(SceneError::NotScene { found: found.to_owned() });
     }
     // SOG comes before glTF: a SOG's JSON can have keys of glTF, too. Any other ZIP archive matches as well; SOG's
     // reader reports it.
@@ -98,6 +118,14 @@ mod tests {
     fn well_known_files_are_named() {
         says(said("a.ply", b"\x89PNG\r\n\x1A\n"), "a PNG image");
         says(said("a.ply", b"\x1F\x8B\x08"), "a gzip file");
+        says(said("a.html", b"<!DOCTYPE html>\n<title>SuperSplat Viewer"), "SuperSplat's viewer");
+        says(said("a.html", b"<!DOCTYPE html>\n<title>Log in"), "a download that needed a login?");
+        says(said("a.json", b"{\"asset\": {}, \"geometricError\": 1}"), "a tileset of 3D Tiles");
+        says(said("a.lcc", b"{\"totalSplats\": 9}"), "LCC");
+        says(
+            said("meta.json", b"{\"means\": {\"shape\": [9, 3]}, \"quats\": {}}"),
+            "gsplat's PNG compression",
+        );
         says(said("a.ply", b"version https://git-lfs.github.com/spec/v1"), "git lfs pull");
     }
 

@@ -14,11 +14,12 @@ pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 const MAX_JSON: u64 = 16 << 20;
 
 /// Returns true if a file begins as glTF: with its magic number, or with a JSON object that mentions `"asset"` or
-/// `"buffers"`.
+/// `"buffers"`, unless it is a tileset of 3D Tiles.
 pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     let is_json = text.trim_start().starts_with('{')
-        && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key));
+        && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key))
+        && !text.contains("\"geometricError\"");
     head.starts_with(MAGIC) || is_json
 }
 

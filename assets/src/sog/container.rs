@@ -16,6 +16,10 @@ pub(super) const MAX_META: u64 = 1 << 20;
 /// Maximum number of padding rows: writers round a texture's height up to a multiple of 4.
 const PADDING: u64 = 4;
 
+/// Ends of the names that tell what another archive contains: scenes, a SOG in a folder, a PyTorch checkpoint.
+const MEMBERS: [&str; 9] =
+    ["meta.json", ".ply", ".spz", ".splat", ".ksplat", ".sog", ".rad", ".glb", "data.pkl"];
+
 enum Place<'a> {
     /// A ZIP archive, and its length in bytes.
     Archive(ZipArchive<BufReader<SourceReader<'a>>>, u64),
@@ -57,7 +61,14 @@ impl<'a> Container<'a> {
         match &self.place {
             Place::Archive(zip, _) => {
                 if zip.index_for_name("meta.json").is_none() {
-                    let found = "a ZIP archive without a meta.json (unpack it first)".into();
+                    let known =
+                        |name: &&str| MEMBERS.iter().any(|end| name.to_ascii_lowercase().ends_with(end));
+                    let names: Vec<_> = zip.file_names().flatten().collect();
+                    let member = names.iter().map(|name| &**name).find(known).map(|name| {
+                        format!(" but with {}", name.chars().take(80).collect::<String>().escape_debug())
+                    });
+                    let member = member.unwrap_or_default();
+                    let found = format!("a ZIP archive without a meta.json{member} (unpack it first)");
                     return Err(SceneError::NotScene { found });
                 }
                 self.read("meta.json", MAX_META)

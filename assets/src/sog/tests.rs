@@ -122,7 +122,12 @@ fn a_label_beyond_the_palette_drops_the_splat_and_an_archive_of_something_else_i
     let scene = parse(&archive(&meta, &files)).unwrap();
     assert_eq!((scene.count(), scene.dropped().color), (1, 1));
     let other = zipped([("readme", &b""[..])], CompressionMethod::Stored);
-    says(parse(&other).unwrap_err(), "a ZIP archive without a meta.json");
+    says(parse(&other).unwrap_err(), "a ZIP archive without a meta.json (unpack it first)");
+    let other = zipped([("readme", &b""[..]), ("a/Scene.PLY", &b""[..])], CompressionMethod::Stored);
+    says(
+        parse(&other).unwrap_err(),
+        "a ZIP archive without a meta.json but with a/Scene.PLY (unpack it first)",
+    );
     let (meta, files) = two();
     let whole = archive(&meta, &files);
     says(

@@ -21,6 +21,10 @@ pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
         return Err(field(0, "header", format!("expected {LONG_HEADER} bytes, found {length}")));
     };
     let first = bytes.first_chunk::<HEADER>().expect("the header is longer");
+    if let version @ 1..=3 = word(first, 4) {
+        let found = format!("SPZ of version {version}, unpacked (pack it first: `gzip FILE`)");
+        return Err(SceneError::NotScene { found });
+    }
     let header = Header::parse(first, length, 4..=4)?;
     let expected = header.arrays().iter().filter(|(_, _, stride)| *stride > 0).count();
     if usize::from(bytes[15]) != expected {

@@ -61,6 +61,8 @@ fn near(a: &[f32], b: &[f32]) {
 #[test]
 fn versions_1_to_3_have_the_values_that_the_format_defines() {
     for version in 1..=3 {
+        let plain = [header(version, 1, 1, 0), splat(version, 1)].concat();
+        says(parse(&plain).unwrap_err(), &format!("SPZ of version {version}, unpacked"));
         let scene = parse(&file(version, 1, 0, &[])).unwrap();
         let found = scene.splat(0);
         // y and z of the file point the other way.
@@ -216,7 +218,7 @@ fn damage_of_version_4_names_the_byte_and_the_field() {
         bytes[at] = byte;
         said(&bytes)
     };
-    assert_eq!(with(4, 3), "byte 4, `version`: expected 4, found 3");
+    assert_eq!(with(4, 5), "byte 4, `version`: expected 4, found 5");
     assert_eq!(with(15, 6), "byte 15, `numStreams`: expected 5 for shDegree 0, found 6");
     assert!(with(16, 31).starts_with("byte 16, `tocByteOffset`: expected 32 to "));
     assert_eq!(with(40, 8), "byte 40, `positions`: expected 9 unpacked bytes for 1 splats, found 8");
