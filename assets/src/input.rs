@@ -316,12 +316,13 @@ pub(crate) fn archive<'a>(
 
 /// Returns true if a ZIP archive ends with the record that locates its directory.
 fn has_directory(source: &Source) -> io::Result<bool> {
-    // The record has 22 bytes, and a comment of at most 65,535.
-    const LONGEST: u64 = 22 + 65_535;
+    // A comment of at most 65,535 bytes follows the record.
+    const RECORD: usize = 22;
+    const LONGEST: u64 = RECORD as u64 + 65_535;
     let length = source.length().min(LONGEST);
     let mut end = vec![0; length as usize];
     source.read(source.length() - length, &mut end)?;
-    Ok(end.windows(4).any(|bytes| bytes == b"PK\x05\x06"))
+    Ok(end.windows(RECORD).any(|bytes| bytes.starts_with(b"PK\x05\x06")))
 }
 
 fn ended() -> io::Error {

@@ -271,7 +271,8 @@ pub fn check_header(
 pub fn check(wanted: &Wanted, device: &Target, path: &Path) -> anyhow::Result<()> {
     match fit(&mut Planner::default(), wanted, device, None) {
         Ok((_, fit)) if !fit.fits => {
-            anyhow::bail!("{}: {fit}{}", path.display(), fit.advice(path).trim_end())
+            let text = format!("{fit}{}", fit.advice(path));
+            anyhow::bail!("{}: {}", path.display(), text.trim_end())
         }
         _ => Ok(()),
     }

@@ -134,6 +134,7 @@ fn a_label_beyond_the_palette_drops_the_splat_and_an_archive_of_something_else_i
         parse(&whole[..whole.len() / 2]).unwrap_err(),
         "`zip`: the file is truncated: expected the archive's directory",
     );
+    says(parse(&whole[..whole.len() - 1]).unwrap_err(), "`zip`: the file is truncated: expected");
 }
 
 #[test]

@@ -39,9 +39,6 @@ fn beside(count: u64, degree: u32) -> u64 {
     BUFFERS + (count * SPLAT).max(count * LABELLED + coefficients as u64 * COEFFICIENT)
 }
 
-/// Share of the progress, in percent, before the palette is searched.
-const BEFORE_PALETTE: u64 = 20;
-
 type Texel = [u8; 4];
 
 /// Returns the maximum number of palette entries for `count` splats, as in PlayCanvas's writer.
@@ -117,6 +114,8 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(Error::new(ErrorKind::Interrupted, "the writing was cancelled")),
     };
+    // Share of the progress, in percent, before the palette is searched.
+    let before_palette: u64 = if degree > 0 { 20 } else { 100 };
     tell(0)?;
     let order = scene.morton_order();
     let width = ((order.len() as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4;
@@ -138,7 +137,7 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
         };
         files.texture(name, width, order.iter().map(texel).collect())?;
     }
-    tell(BEFORE_PALETTE / 4)?;
+    tell(before_palette / 4)?;
 
     let scales = |at: u32| scene.scales()[at as usize].map(logarithm);
     // The visibility of a splat's error is proportional to its opacity and its extent.
@@ -156,7 +155,7 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
     files.texture("scales.webp", width, order.iter().map(texel).collect())?;
     let texel = |at: &u32| rotation(scene.rotations()[*at as usize]);
     files.texture("quats.webp", width, order.iter().map(texel).collect())?;
-    tell(BEFORE_PALETTE / 2)?;
+    tell(before_palette / 2)?;
 
     let floats = sh_floats(degree);
     let color =
@@ -168,7 +167,7 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
         [r, g, b, quantised(scene.opacities()[*at as usize].into(), 255) as u8]
     };
     files.texture("sh0.webp", width, order.iter().map(texel).collect())?;
-    tell(BEFORE_PALETTE)?;
+    tell(before_palette)?;
 
     let mut meta = json!({
         "version": 2,
@@ -187,10 +186,10 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
         let rest = floats - 3;
         let points = Points { values: scene.sh(), stride: floats, first: 3, width: rest };
         let entries = entries(order.len());
-        // A third more entries take about as long as the third before, whatever their number.
+        // Each round adds up to a third more entries, and takes about as long as the one before.
         let share = |chosen: usize| (chosen as f64).ln() / (entries as f64).ln().max(1.0);
-        let left = (100 - BEFORE_PALETTE) as f64;
-        let tell = |chosen: usize| tell(BEFORE_PALETTE + (left * share(chosen)) as u64);
+        let left = (100 - before_palette) as f64;
+        let tell = |chosen: usize| tell(before_palette + (left * share(chosen)) as u64);
         let found = palette(&points, order.clone(), entries, tell)?;
         let label = |at: u32| found.labels[at as usize];
         let mut weights = vec![0.0; found.entries.len() / rest];

@@ -32,7 +32,7 @@ pub(super) fn header(source: &Source) -> Result<Header, SceneError> {
 fn read_header(unpacker: &mut Unpacker, length: u64) -> Result<Header, SceneError> {
     let mut bytes = [0; HEADER];
     unpacker.read_exact(&mut bytes).map_err(|error| unpacked(error, 0, "header", HEADER as u64))?;
-    if word(&bytes, 4) == 4 {
+    if bytes.starts_with(MAGIC) && word(&bytes, 4) == 4 {
         return Err(SceneError::NotScene {
             found: "SPZ of version 4 in a gzip file (unpack it first)".into(),
         });

@@ -166,9 +166,11 @@ pub(super) fn header(path: &Path) -> Result<Header, ImageError> {
 pub(super) fn is_whole(path: &Path) -> Result<bool, ImageError> {
     headers(path)?;
     let file = open(path)?;
-    // One block at a time, because many pictures are checked in parallel.
+    // Unpacks one block at a time, because many pictures are checked in parallel.
     let unpacked = || -> x::Result<bool> {
-        let chunks = exr::block::read(file, false)?.all_chunks(false)?;
+        let reader = exr::block::read(file, false)?;
+        // Finds blocks through the offset table, as `load` does, so that damage to the table is detected.
+        let chunks = reader.filter_chunks(false, |_, tile, _| tile.is_largest_resolution_level())?;
         Ok(chunks.sequential_decompressor(false).all(|block| block.is_ok()))
     };
     Ok(quietly(unpacked).is_some_and(|read| read.unwrap_or(false)))
