@@ -14,7 +14,7 @@ use serde_json::{Map, Value};
 
 /// A camera. Unknown fields of the file are ignored, but [`Dataset`](crate::Dataset) refuses a lens with distortion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "Entry", into = "Entry")]
+#[serde(try_from = "Entry", into = "Entry")]
 pub struct Camera {
     /// Number that the trainer assigned to the camera.
     pub id: i64,
@@ -51,8 +51,9 @@ pub(crate) struct Entry {
     height: u32,
     position: [f64; 3],
     rotation: [[f64; 3]; 3],
-    fx: f64,
-    fy: f64,
+    // Panoramas may lack both.
+    fx: Option<f64>,
+    fy: Option<f64>,
     // Left out for the image's centre, like in the files of the reference implementation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cx: Option<f64>,
@@ -93,11 +94,19 @@ impl Entry {
     }
 }
 
-impl From<Entry> for Camera {
-    fn from(entry: Entry) -> Self {
+impl TryFrom<Entry> for Camera {
+    type Error = String;
+
+    fn try_from(entry: Entry) -> Result<Self, String> {
         let Entry { id, img_name, width, height, position, rotation, fx, fy, cx, cy, projection, .. } = entry;
         let principal_offset = Self::offset_of([cx, cy], [width, height]);
-        Self { id, img_name, width, height, position, rotation, fx, fy, principal_offset, projection }
+        let of_width =
+            (projection == Projection::Equirectangular).then(|| f64::from(width) / std::f64::consts::TAU);
+        let focal = |name: &str, given: Option<f64>| {
+            given.or(of_width).ok_or_else(|| format!("missing field `{name}`"))
+        };
+        let (fx, fy) = (focal("fx", fx)?, focal("fy", fy)?);
+        Ok(Self { id, img_name, width, height, position, rotation, fx, fy, principal_offset, projection })
     }
 }
 
@@ -124,8 +133,8 @@ impl From<Camera> for Entry {
             height,
             position,
             rotation,
-            fx,
-            fy,
+            fx: Some(fx),
+            fy: Some(fy),
             cx,
             cy,
             projection,

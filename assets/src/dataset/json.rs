@@ -44,7 +44,7 @@ pub(super) fn parse(
             if let Some((name, value)) = entry.distortion().filter(|_| !options.ignore_distortion) {
                 return Err(distorted(name, value));
             }
-            let camera = Camera::from(entry);
+            let camera = Camera::try_from(entry)?;
             let (img_name, photograph) =
                 (photograph::stem(&camera.img_name).to_owned(), camera.img_name.clone());
             Ok(View { camera: Camera { img_name, ..camera }, photograph, test: None })
@@ -226,6 +226,11 @@ fn view(
         "EQUIRECTANGULAR" => Projection::Equirectangular,
         "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV" => {
             if is_fisheye { Projection::Fisheye } else { Projection::Pinhole }
+        }
+        _ if file.is_path() => {
+            return Err(format!(
+                "`camera_type`: expected perspective, fisheye or equirectangular, found {model}; draw the views of two eyes as two cameras"
+            ));
         }
         _ => {
             return Err(format!(

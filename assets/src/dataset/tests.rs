@@ -471,8 +471,15 @@ fn a_path_of_nerfstudio_and_a_matrix_of_three_rows_show_the_known_point() {
     }
     assert_eq!(path("fisheye", &flat).unwrap()[0].projection, Projection::Fisheye);
     assert_eq!(path("equirectangular", &flat).unwrap()[0].projection, Projection::Equirectangular);
+    let panorama = r#"[{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "width": 64, "height": 32, "projection": "equirectangular"}]"#;
+    let camera = Camera::parse(panorama, Path::new("c.json")).unwrap().remove(0);
+    assert!((camera.fx - camera.focal()[0]).abs() < 1e-12, "its scale follows from its size: {camera:?}");
     let said = path("vr180_l", &flat).unwrap_err().to_string();
-    assert!(said.contains("found vr180_l"), "{said}");
+    assert!(
+        said.contains("`camera_type`: expected perspective")
+            && said.contains("found vr180_l; draw the views"),
+        "{said}"
+    );
 }
 
 #[test]
