@@ -6,6 +6,7 @@ use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::navigation::Input;
+use splatgraph::view::panels::Tool;
 use splatgraph_assets::synth;
 use std::path::Path;
 use std::process::Command;
@@ -64,4 +65,17 @@ fn the_command_of_a_picture_draws_the_same_picture_near_the_origin_and_far_from_
         assert!((r - 0.1).abs() + (g - 0.25).abs() + (b - 0.7).abs() > 0.05, "{name}: only background");
     }
     viewer.close();
+}
+
+#[test]
+fn a_panorama_has_no_field_of_view_to_set() {
+    for (graph, is_panorama) in [("splat", false), ("equirectangular", true)] {
+        let mut viewer = TestShell::new(("demo", 100), &format!("pipelines/{graph}.ron"), (640, 360));
+        viewer.shell.panels.open_tools(&[Tool::Cameras]);
+        viewer.settle();
+        viewer.frame();
+        let slider = viewer.shell.panels.controls.find("field_of_view");
+        assert_eq!(slider.is_none(), is_panorama, "{graph}");
+        viewer.close();
+    }
 }

@@ -11,7 +11,7 @@ use crate::view::navigation::FIELDS_OF_VIEW;
 use crate::view::opening::CameraRole;
 use crate::view::viewer::Viewer;
 use egui::{Button, DragValue, RichText, Slider, Ui};
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
 enum Act {
@@ -23,9 +23,15 @@ enum Act {
 
 /// Draws the tool. The copied command line is that of the viewport `selected`.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, selected: RendererId, controls: &mut Controls) {
-    match viewer.navigation.is_orthographic() {
-        true => scale(ui, viewer, controls),
-        false => field_of_view(ui, viewer, controls),
+    match viewer.picture_camera().projection {
+        Projection::Orthographic => scale(ui, viewer, controls),
+        Projection::Equirectangular => {
+            ui.label("Panorama, 360 by 180 degrees");
+            let text = "Drag with the right button to look around. Pictures have the panel's shape. Players \
+                        expect 2:1: change --size in the copied command.";
+            ui.weak(text);
+        }
+        _ => field_of_view(ui, viewer, controls),
     }
     ui.horizontal_wrapped(|ui| {
         if hint(

@@ -6,7 +6,7 @@ use super::widgets::{self, fact, heading, hint};
 use crate::draw::pick;
 use crate::view::viewer::Viewer;
 use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
-use splatgraph_assets::grouped;
+use splatgraph_assets::{Projection, grouped};
 
 const POINTS: usize = 64;
 const LIST: usize = 200;
@@ -98,13 +98,18 @@ pub fn draw_outline(ui: &Ui, viewer: &Viewer, view: Rect) {
     let camera = viewer.picture_camera_of(id);
     let Some(outline) = pick::outline(viewer.loaded(id), &camera, splat.index) else { return };
     let scale = vec2(view.width() / camera.width.max(1) as f32, view.height() / camera.height.max(1) as f32);
-    let point = |index: usize| {
-        let [x, y] = outline.point(index as f64 * std::f64::consts::TAU / POINTS as f64);
-        pos2(view.left() + x as f32 * scale.x, view.top() + y as f32 * scale.y)
-    };
-    let points: Vec<_> = (0..POINTS).map(point).collect();
     let painter = ui.painter().with_clip_rect(view);
-    // A light line on a dark one contrasts with any picture.
-    painter.add(egui::Shape::closed_line(points.clone(), Stroke::new(3.0, Color32::from_black_alpha(200))));
-    painter.add(egui::Shape::closed_line(points, Stroke::new(1.5, theme::DARK.caution)));
+    // A splat that crosses an edge of a panorama continues at the other.
+    let rounds = if camera.projection == Projection::Equirectangular { -1..=1 } else { 0..=0 };
+    for left in rounds.map(|round: i16| view.left() + f32::from(round) * view.width()) {
+        let point = |index: usize| {
+            let [x, y] = outline.point(index as f64 * std::f64::consts::TAU / POINTS as f64);
+            pos2(left + x as f32 * scale.x, view.top() + y as f32 * scale.y)
+        };
+        let points: Vec<_> = (0..POINTS).map(point).collect();
+        // A light line on a dark one contrasts with any picture.
+        painter
+            .add(egui::Shape::closed_line(points.clone(), Stroke::new(3.0, Color32::from_black_alpha(200))));
+        painter.add(egui::Shape::closed_line(points, Stroke::new(1.5, theme::DARK.caution)));
+    }
 }
