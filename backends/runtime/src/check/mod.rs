@@ -244,8 +244,10 @@ impl<'a> Checker<'a> {
         let total = others.fold(self.plan.transient_bytes(), |sum, r| sum.saturating_add(r.bytes()));
         let what = || {
             let largest = counted.iter().max_by_key(|r| r.bytes());
-            let largest =
-                largest.map(|r| format!(" (the largest is `{}` with {})", r.name, display_bytes(r.bytes())));
+            let largest = largest.map(|r| {
+                let tiles = if is_image(r) { "; tiles of the picture need less" } else { "" };
+                format!(" (the largest is `{}` with {}{tiles})", r.name, display_bytes(r.bytes()))
+            });
             format!("the size of the resources that must be on the device{}", largest.unwrap_or_default())
         };
         within_bytes(what, total, self.limits.heap_bytes)
