@@ -90,7 +90,7 @@ impl Scene {
         let (offset, wide) = if !is_offset && !self.is_wide() {
             let origin = Self::finer_origin(self.count(), DVec3::ZERO, world, size);
             (origin.unwrap_or_default(), origin.is_some())
-        } else if !Self::is_coarse(self.count(), DVec3::ZERO, world, size) {
+        } else if Self::fits_floats(self.count(), world, size) {
             (DVec3::ZERO, false)
         } else {
             // The offset moves with the scene, so that positions relative to it keep their precision in f32.
@@ -286,6 +286,15 @@ mod tests {
         assert!(home.offset() == [0.0; 3] && !home.is_wide());
         let header = String::from_utf8_lossy(&written(&home, SceneFormat::Ply)[..200]).into_owned();
         assert!(header.contains("property float x"), "{header}");
+        // Few splats far away keep their doubles.
+        let joined = Scene::joined(&[home, reread.picked(&[0, 1, 2, 3]).unwrap()]).unwrap();
+        let beside = Similarity { translation: DVec3::Y, ..Similarity::IDENTITY };
+        let moved = joined.transformed(&beside).unwrap();
+        let distance = |index| {
+            let at = |scene: &Scene| DVec3::from(scene.world_position(index));
+            (at(&moved) - at(&joined) - DVec3::Y).abs().max_element()
+        };
+        assert!((300..304).map(distance).all(|distance| distance < 1e-6));
         // Near the first scene, its offset stays.
         let beside = Scene::joined(&[reread.picked(&[0, 1]).unwrap(), reread]).unwrap();
         assert_eq!(beside.offset(), [499_712.0, 5_000_192.0, 0.0]);

@@ -78,10 +78,32 @@ impl Scene {
         position: impl Fn(usize) -> DVec3 + Sync,
         size: impl Fn(usize) -> f64 + Sync,
     ) -> bool {
-        const VISIBLE: f64 = 1.0 / 256.0;
         let is_shifted = |index: &usize| shift(position(*index) - offset) > VISIBLE * size(*index);
         let splats = (0..count as usize).into_par_iter().with_min_len(CHUNK);
         splats.filter(is_shifted).count() > count as usize / 10
+    }
+
+    /// Returns true if f32 suffices for positions in the world: it shifts no splat by more than 1/256 of its size, except
+    /// by the steps of floats at 8 times the median distance from the middle.
+    pub(crate) fn fits_floats(
+        count: u32,
+        position: impl Fn(usize) -> DVec3 + Sync,
+        size: impl Fn(usize) -> f64 + Sync,
+    ) -> bool {
+        let splats = 0..count as usize;
+        let sample = splats.clone().step_by(splats.len().div_ceil(SAMPLES).max(1));
+        let median = |of: &dyn Fn(usize) -> f64| {
+            let mut values: Vec<f64> = sample.clone().map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(0.0)
+        };
+        let middle = DVec3::from([0, 1, 2].map(|axis: usize| median(&|index| position(index)[axis])));
+        let distance = median(&|index| (position(index) - middle).abs().max_element());
+        let step = 8.0 * f64::from(f32::EPSILON) * distance;
+        let splats = splats.into_par_iter().with_min_len(CHUNK);
+        splats
+            .map(|index| (shift(position(index)), size(index)))
+            .all(|(by, size)| by <= step.max(VISIBLE * size))
     }
 
     /// Finds an origin near the splats, if f32 [is too coarse](Scene::is_coarse) for positions relative to `offset`, and
@@ -107,6 +129,9 @@ impl Scene {
         (shift > FAR * spread).then(|| origin(count, &|index| position(index).into()).into())
     }
 }
+
+/// Visible shift of a splat, as a share of its size.
+const VISIBLE: f64 = 1.0 / 256.0;
 
 /// Returns the largest error of rounding a coordinate to f32.
 fn shift(position: DVec3) -> f64 {

@@ -51,6 +51,7 @@ impl Codebook {
             && let Some(nearest) = codes.iter_mut().min_by(|a, b| a.abs().total_cmp(&b.abs()))
         {
             *nearest = 0.0;
+            codes.sort_unstable_by(f32::total_cmp);
         }
         let ends = middles(&codes);
         Self { codes, ends }
