@@ -60,7 +60,8 @@ pub struct Measured {
 /// the price is that of the splats.
 ///
 /// # Errors
-/// A picture, a file or a second scene does not fit in memory, a written file cannot be read, or its pictures have values that are not finite.
+/// A picture, a file or a second scene does not fit in memory, a written file cannot be read, or its pictures have values
+/// that are not finite.
 pub fn measure(scene: Scene, truth: Option<Scene>, cameras: &[Camera]) -> Result<Vec<Price>> {
     let (scene, truth) = (&scene.with_mesh(None), truth.map(|truth| truth.with_mesh(None)));
     let mut file = Vec::new();

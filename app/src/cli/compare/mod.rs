@@ -28,7 +28,8 @@ use std::path::PathBuf;
 /// window of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the
 /// pixels, 0 for equal pictures, seen with 67.02 pixels per degree. It is computed from the values themselves (`flip` of
 /// --json) and from the values in 8 bits (`flip_8_bits`), as `flip` of all other commands. The worst pixel has the
-/// largest difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are clamped to 0..1.
+/// largest difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are first clamped to 0..1,
+/// also with --range.
 ///
 /// Alpha is not compared; `evaluate` blends it. Values are compared as they are in the files: a line tells if EXR files
 /// declare different encodings or none, or different places in the frame. If both pictures have one channel, and B has
