@@ -134,7 +134,7 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
     for index in 0..count {
         ui.horizontal(|ui| {
             let seconds = times.get(index).copied().unwrap_or(0.0);
-            let go = controls.seen(&format!("key:{index}"), ui.button(format!("Key {}", index + 1)));
+            let go = controls.seen(&format!("key:{index}"), ui.button(format!("Keyframe {}", index + 1)));
             if go.clicked() {
                 act = Some((index, Act::Go));
             }
@@ -158,7 +158,7 @@ fn path(ui: &mut Ui, viewer: &mut Viewer, controls: &mut Controls) {
         None => {}
     }
     if count < 2 {
-        ui.weak("A path needs at least two keys.");
+        ui.weak("A path needs at least two keyframes.");
         return;
     }
     ui.horizontal(|ui| {
@@ -215,7 +215,7 @@ fn write_button(
 /// Adds the view to the path; returns a confirmation, or reports the error and returns `None`.
 pub fn record(viewer: &mut Viewer) -> Option<String> {
     match viewer.record_key() {
-        Ok(()) => Some(format!("Key {} added to the path", viewer.path.keys().len())),
+        Ok(()) => Some(format!("Keyframe {} added to the path", viewer.path.keys().len())),
         Err(error) => {
             viewer.report(Event::Problem { text: error.to_string() });
             None

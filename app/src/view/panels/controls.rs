@@ -32,6 +32,8 @@ pub struct Controls {
     now: BTreeMap<String, Rect>,
     /// Requests to the window.
     pub(super) commands: Vec<Command>,
+    /// Message about a text that the user typed into a field of numbers, and that is no number.
+    pub(super) refused: Option<String>,
 }
 
 impl Controls {

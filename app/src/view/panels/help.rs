@@ -7,12 +7,12 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
     (
         "Camera",
         &[
-            ("drag, arrows", "orbit about the pivot"),
+            ("drag, two fingers, arrows", "orbit about the pivot"),
             ("Shift + drag", "pan"),
-            ("wheel, pinch, Ctrl + middle drag", "zoom"),
+            ("wheel, pinch, + −, Ctrl + middle drag", "zoom"),
             ("right drag + W A S D, Q E", "fly; Shift faster, Ctrl slower, wheel sets the speed"),
             ("middle drag", "orbit; with Shift pan, as in Blender"),
-            ("F, double click", "frame the scene"),
+            ("F, double click", "fit the scene into the picture"),
             ("Home", "return to the first view"),
             ("[ ]", "previous and next camera"),
             ("K", "add the view to the path"),

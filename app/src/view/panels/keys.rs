@@ -17,6 +17,11 @@ impl Panels {
         };
         let pressed: Vec<_> = ctx.input(|input| input.events.iter().filter_map(pressed).collect());
         for (key, modifiers) in pressed {
+            // Some keyboards type brackets with Alt.
+            let types = matches!(key, Key::OpenBracket | Key::CloseBracket);
+            if !types && !modifiers.command && !widgets::is_plain(modifiers) {
+                continue;
+            }
             match (key, modifiers.command) {
                 (Key::Z, true) if modifiers.shift => self.redo_now = true,
                 (Key::Z, true) => self.undo_now = true,

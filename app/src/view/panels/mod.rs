@@ -360,6 +360,10 @@ impl Panels {
         }
         self.over_picture(ui.ctx(), viewer, window_failure, view);
         help::show(ui.ctx(), &mut self.help);
+        if let Some(text) = self.controls.refused.take() {
+            self.log_event(&Event::Problem { text });
+        }
+        widgets::focus_ring(ui.ctx());
         self.report_copy(ui.ctx());
         self.step(ui.ctx(), viewer);
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
@@ -370,9 +374,7 @@ impl Panels {
             hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
         }
         let view = hud::space_for_cards(ctx, view);
-        if !self.hidden {
-            self.select.card(ctx, viewer, self.selected, view, &mut self.controls);
-        }
+        self.select.card(ctx, viewer, self.selected, view, !self.hidden, &mut self.controls);
         self.errors.show(ctx, viewer, window_failure, view, &mut self.controls);
         self.show_notice_card(ctx, view);
         if self.hud {

@@ -15,6 +15,7 @@ use indexmap::IndexSet;
 use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
+use std::cell::Cell;
 
 /// A slider is logarithmic if its range begins above 0 and spans more than this many powers of ten.
 const DECADES: f64 = 2.0;
@@ -69,6 +70,7 @@ impl State {
                     changes.extend(row(ui, plan, control, modified, controls));
                 }
             }
+            widgets::follow_focus(ui);
             if shown == 0 {
                 ui.weak(match plan {
                     None => "The parameters appear once the graph is built.",
@@ -218,7 +220,8 @@ fn cells(
         ui.spacing_mut().item_spacing.x = theme::GRID;
         let whole = ui.available_width();
         let name_width = (0.42 * whole).max(60.0);
-        let mut text = RichText::new(label);
+        // Not only a colour, which not everybody can tell apart.
+        let mut text = RichText::new(if inexact { format!("≈ {label}") } else { label.clone() });
         if modified {
             text = text.family(theme::strong());
         }
@@ -339,6 +342,10 @@ fn choice(
         .show_ui(ui, |ui| {
             for choice in choices {
                 let item = ui.selectable_value(&mut chosen, choice.clone(), choice);
+                // egui closes the list only if a pointer chooses.
+                if item.clicked() {
+                    ui.close();
+                }
                 // egui lays out an opening list once invisibly, at another position.
                 if ui.is_visible() {
                     controls.see(&format!("{name}={choice}"), item.rect);
@@ -346,6 +353,7 @@ fn choice(
             }
         })
         .response;
+    widgets::return_focus(ui, &response);
     controls.see(name, response.rect);
     (chosen != value).then_some(Value::Text(chosen))
 }
@@ -379,14 +387,27 @@ fn number(
         moved = moved.clamp(min, max);
     }
     let mut typed = moved;
+    let refused = Cell::new(false);
+    let parse = |text: &str| {
+        // In an integer, a comma may also separate thousands.
+        let value = widgets::parse_number(text).filter(|_| scale.step < 1.0 || !text.contains(','));
+        refused.set(value.is_none());
+        value
+    };
     let drag = DragValue::new(&mut typed)
         .range(min..=max)
         .clamp_existing_to_range(false)
         .speed(0.0)
         .update_while_editing(false)
+        .custom_parser(parse)
         .custom_formatter(|value, _| scale.text(value));
     let response: Response = ui.add_sized([NUMBER, ROW - 4.0], drag);
     controls.see(&format!("{name}#"), response.rect);
+    if refused.get() {
+        let kind = if step >= 1.0 { "an integer" } else { "a number" };
+        let name = name.trim_start_matches("param:");
+        controls.refused = Some(format!("{name}: expected {kind}; it is still {}", scale.text(moved)));
+    }
     // The field shows fewer digits than the value has; leaving it unedited must not round the value.
     if scale.text(typed) != scale.text(moved) {
         moved = typed.clamp(min, max);

@@ -11,6 +11,9 @@ use egui::{CursorIcon, Key, PointerButton, Pos2, Rect, Sense, Ui};
 /// Maximum distance to the split line at which a drag moves it, in points.
 const GRIP: f32 = 6.0;
 
+/// Speed of zooming with `+` and `-`, in notches of the wheel.
+const NOTCHES_PER_SECOND: f64 = 8.0;
+
 /// Action of a drag that began over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drag {
@@ -90,7 +93,22 @@ impl Drag {
             ui.input(|input| (input.pointer.delta(), input.modifiers, input.stable_dt));
         let held = |key| f64::from(keyboard && ui.input(|input| input.key_down(key)));
         let along = |more, less| held(more) - held(less);
-        let pressed = |key| keyboard && ui.input(|input| input.key_pressed(key));
+        let plain = |event: &egui::Event, wanted| match event {
+            egui::Event::Key { key, pressed: true, modifiers, .. } => {
+                *key == wanted && widgets::is_plain(*modifiers)
+            }
+            _ => false,
+        };
+        let pressed =
+            |wanted| keyboard && ui.input(|input| input.events.iter().any(|event| plain(event, wanted)));
+        // With the brush, these keys change its radius.
+        let zooms = if select.is_brush() || !widgets::is_plain(modifiers) {
+            0.0
+        } else {
+            NOTCHES_PER_SECOND
+                * f64::from(seconds)
+                * (held(Key::Plus).max(held(Key::Equals)) - held(Key::Minus))
+        };
         // The camera goes on while the split line is dragged: a flight, a path, the keys and the wheel.
         let orbits =
             !moves_line && (dragged(PointerButton::Primary) && !selects || dragged(PointerButton::Middle));
@@ -110,7 +128,7 @@ impl Drag {
             flies,
             shift: modifiers.shift,
             ctrl: modifiers.ctrl,
-            scroll: if over { scrolled.notches } else { 0.0 },
+            scroll: zooms + if over { scrolled.notches } else { 0.0 },
             fly: [along(Key::D, Key::A), along(Key::E, Key::Q), along(Key::W, Key::S)],
             orbit: [along(Key::ArrowRight, Key::ArrowLeft), along(Key::ArrowDown, Key::ArrowUp)],
             frame: pressed(Key::F) || response.double_clicked() && !select.is_brush(),

@@ -145,8 +145,8 @@ impl State {
             (_, true) => return false,
             (Key::R, _) => self.toggle(SelectTool::Box),
             (Key::B, _) => self.toggle(SelectTool::Brush),
-            (Key::Minus, _) => self.resize(-1),
-            (Key::Equals | Key::Plus, _) => self.resize(1),
+            (Key::Minus, _) if self.is_brush() => self.resize(-1),
+            (Key::Equals | Key::Plus, _) if self.is_brush() => self.resize(1),
             (Key::I, _) => viewer.invert_selection(id),
             (Key::X | Key::Delete, _) => viewer.hide_selected(id),
             (Key::U, _) => viewer.show_all(id),
@@ -180,13 +180,15 @@ impl State {
         }
     }
 
-    /// Draws the card at the bottom of the picture, for the scene of viewport `id`.
+    /// Draws the card at the bottom of the picture, for the scene of viewport `id`: all of it, or only a line of text if
+    /// not `whole`.
     pub fn card(
         &mut self,
         ctx: &Context,
         viewer: &mut Viewer,
         id: RendererId,
         view: Rect,
+        whole: bool,
         controls: &mut Controls,
     ) {
         if !self.is_active() && viewer.marks(id).is_empty() {
@@ -201,12 +203,26 @@ impl State {
             .show(ctx, |ui| {
                 hud::card(ui, palette.line).show(ui, |ui| {
                     ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 640.0));
+                    if !whole {
+                        ui.label(self.line(viewer.marks(id)));
+                        return;
+                    }
                     self.tools(ui, controls);
                     marks(ui, viewer, id, controls);
                     self.files(ui, viewer, id, controls);
                 });
             });
         controls.see("splats", shown.response.rect);
+    }
+
+    fn line(&self, marks: &Marks) -> String {
+        let tool = match self.tool {
+            Some(SelectTool::Box) => "Box (R): ",
+            Some(SelectTool::Brush) => "Brush (B): ",
+            None => "",
+        };
+        let [selected, hidden] = [marks.selected.len(), marks.hidden.len()].map(|n| grouped(n.into()));
+        format!("{tool}{selected} selected, {hidden} hidden; H shows the tools")
     }
 
     fn tools(&mut self, ui: &mut Ui, controls: &mut Controls) {

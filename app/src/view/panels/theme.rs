@@ -108,9 +108,14 @@ pub fn phase(index: usize) -> Color32 {
     PHASES[index % PHASES.len()]
 }
 
-/// Returns near-black for light backgrounds, white for dark ones.
+/// Mixes a phase's colour with the background, for passes that are not highlighted.
+pub fn dimmed(colour: Color32, paper: Color32) -> Color32 {
+    paper.blend(colour.gamma_multiply(0.85))
+}
+
+/// Returns black for light backgrounds, white for dark ones: a contrast of at least 4.5 : 1 with any colour.
 pub fn ink_on(background: Color32) -> Color32 {
-    if luminance(background) > 0.18 { rgb(0x111111) } else { Color32::WHITE }
+    if luminance(background) > 0.18 { Color32::BLACK } else { Color32::WHITE }
 }
 
 /// Computes the relative luminance of a colour, as WCAG 2.1 defines it: from 0 to 1.
@@ -273,7 +278,10 @@ mod tests {
             assert!(contrast(barrier, palette.paper) >= 3.0, "{name}: barriers");
         }
         for index in 0..PHASES.len() {
-            assert!(contrast(phase(index), ink_on(phase(index))) >= 4.5, "phase {index}");
+            for colour in [phase(index), dimmed(phase(index), DARK.paper), dimmed(phase(index), LIGHT.paper)]
+            {
+                assert!(contrast(colour, ink_on(colour)) >= 4.5, "phase {index}: {colour:?}");
+            }
         }
     }
 

@@ -317,14 +317,13 @@ impl View<'_> {
     fn draw_pass(&self, ui: &Ui, painter: &Painter, pass: &DumpPass, rect: Rect, lit: bool) {
         let palette = self.palette;
         let colour = phase_colour(self.dump, &pass.phase);
+        let colour = if lit { colour } else { theme::dimmed(colour, palette.paper) };
         let inner =
             Rect::from_min_max(rect.min, pos2((rect.right() - 1.0).max(rect.left() + 1.0), rect.bottom()));
         // Passes of the prologue are hollow, because they do not belong to a frame.
         match pass.run {
             Run::Once => _ = painter.rect_stroke(inner, 2.0, Stroke::new(1.0, colour), StrokeKind::Inside),
-            Run::Frame => {
-                _ = painter.rect_filled(inner, 2.0, if lit { colour } else { colour.gamma_multiply(0.85) })
-            }
+            Run::Frame => _ = painter.rect_filled(inner, 2.0, colour),
         }
         let (reads, writes) = match self.selection {
             Some(Selection::Resource(name)) => touches(pass, name),

@@ -139,12 +139,18 @@ fn choose(ui: &mut Ui, phases: &[Series], plotted: &mut Option<String>) {
         *plotted = None;
     }
     let chosen = plotted.as_ref().map_or("all phases".to_owned(), |phase| format!("passes of {phase}"));
-    ComboBox::from_id_salt("plotted").selected_text(chosen).show_ui(ui, |ui| {
-        ui.selectable_value(plotted, None, "all phases");
+    let list = ComboBox::from_id_salt("plotted").selected_text(chosen).show_ui(ui, |ui| {
+        let mut clicked = ui.selectable_value(plotted, None, "all phases").clicked();
         for Series { name, .. } in phases {
-            ui.selectable_value(plotted, Some(name.clone()), format!("passes of {name}"));
+            let item = ui.selectable_value(plotted, Some(name.clone()), format!("passes of {name}"));
+            clicked |= item.clicked();
+        }
+        // egui closes the list only if a pointer chooses.
+        if clicked {
+            ui.close();
         }
     });
+    widgets::return_focus(ui, &list.response);
 }
 
 /// Plots series, each with its colour index. `changes` are the frame numbers at which the plan changed.

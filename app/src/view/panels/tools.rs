@@ -117,6 +117,7 @@ fn scrolled(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
         // Leave space for the scroll bar.
         ui.set_max_width((ui.available_width() - 10.0).max(0.0));
         contents(ui);
+        super::widgets::follow_focus(ui);
     });
 }
 

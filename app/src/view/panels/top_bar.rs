@@ -43,10 +43,17 @@ fn drop_down(ui: &mut Ui, start: &str, text: &str, width: f32, contents: impl Fn
     let title = std::iter::once(format!("{start}{text}  ▼")).chain(ends).find(fits).unwrap_or_default();
     // The width does not depend on the text, so that neighbouring controls do not move.
     let button = ui.add_sized([width, theme::ROW], Button::new(title).truncate());
+    // The list must not cover its button: the second click of a double click would choose something.
+    let room = (ui.ctx().content_rect().bottom() - button.rect.bottom() - 8.0 * GRID).max(40.0);
     Popup::menu(&button).close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(LIST).show(|ui| {
         ui.set_min_width(LIST);
-        contents(ui);
+        // By default, egui limits the height of a menu to 400 points.
+        egui::ScrollArea::vertical().max_height(room).min_scrolled_height(room).show(ui, |ui| {
+            contents(ui);
+            widgets::follow_focus(ui);
+        });
     });
+    widgets::return_focus(ui, &button);
     button
 }
 

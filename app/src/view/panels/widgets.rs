@@ -60,6 +60,68 @@ pub fn takes_keys(ctx: &Context) -> bool {
     ctx.egui_wants_keyboard_input() || Popup::is_any_open(ctx)
 }
 
+/// Returns true if no modifier but Shift is held. Shortcuts of a single key require this, because other programs use the
+/// same key with Ctrl or Alt for something else.
+pub fn is_plain(modifiers: egui::Modifiers) -> bool {
+    !(modifiers.alt || modifiers.ctrl || modifiers.command)
+}
+
+/// Draws a ring around the control that has the keyboard focus.
+pub fn focus_ring(ctx: &Context) {
+    let focused = ctx.memory(|memory| memory.focused()).and_then(|id| ctx.read_response(id));
+    let Some(response) = focused.filter(|response| response.interact_rect.is_positive()) else { return };
+    let painter = ctx.layer_painter(response.layer_id).with_clip_rect(response.interact_rect.expand(3.0));
+    // Not the accent colour, which controls that are on already have.
+    let stroke = Stroke::new(2.0, Palette::in_mode(ctx.theme() == egui::Theme::Dark).ink);
+    painter.rect_stroke(response.rect.expand(1.0), 4.0, stroke, egui::StrokeKind::Outside);
+}
+
+/// Scrolls to the control that has just got the keyboard focus, if it is in this scroll area. Must be called after the
+/// area's contents.
+pub fn follow_focus(ui: &mut Ui) {
+    let (id, now) = (ui.scope_id().with("focus"), ui.ctx().memory(|memory| memory.focused()));
+    let former = ui.data(|data| data.get_temp::<Option<egui::Id>>(id)).flatten();
+    if now == former || !ui.is_visible() {
+        return;
+    }
+    ui.data_mut(|data| data.insert_temp(id, now));
+    let Some(response) = now.and_then(|id| ui.ctx().read_response(id)) else { return };
+    // A control that is visible outside belongs to another area, even if it covers a hidden part of this one.
+    let elsewhere =
+        response.interact_rect.is_positive() && !ui.clip_rect().contains_rect(response.interact_rect);
+    if response.layer_id == ui.layer_id() && !elsewhere && ui.min_rect().contains(response.rect.center()) {
+        ui.scroll_to_rect(response.rect.expand(theme::GRID), None);
+    }
+}
+
+/// Returns the keyboard focus to a button when its list or menu closes, if a key opened it. Must be called after the list.
+pub fn return_focus(ui: &mut Ui, button: &Response) {
+    let id = button.id.with("by key");
+    if button.clicked() {
+        // Not within `data_mut`, which locks the context.
+        let by_key = !button.clicked_by(egui::PointerButton::Primary);
+        ui.data_mut(|data| data.insert_temp(id, by_key));
+    }
+    let by_key = ui.data(|data| data.get_temp::<bool>(id)).unwrap_or(false);
+    if by_key && !Popup::is_id_open(ui.ctx(), Popup::default_response_id(button)) {
+        ui.data_mut(|data| data.insert_temp(id, false));
+        // A click on the picture gives the keys to the camera.
+        if !ui.input(|input| input.pointer.any_down() || input.pointer.any_released()) {
+            button.request_focus();
+        }
+    }
+}
+
+/// Parses a number with a decimal point or a decimal comma. `None` if the text is no number.
+pub fn parse_number(text: &str) -> Option<f64> {
+    let sign = |c: char| if c == '−' { '-' } else { c };
+    let mut text: String = text.chars().filter(|c| !c.is_whitespace()).map(sign).collect();
+    if !text.contains('.') {
+        text = text.replacen(',', ".", 1);
+    }
+    text.parse().ok().filter(|value: &f64| !value.is_nan())
+}
+
 /// Draws the search field of a list; returns its text in lower case, for matching. When the list opens, the field is
 /// empty and has the keyboard focus.
 pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
@@ -241,6 +303,18 @@ mod tests {
         let names: Vec<&str> = found.into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, ["splat", "splat2", "my_splat", "mesh"]);
         assert_eq!(ranked(graphs, |(name, about)| rank("", &[name], about)), graphs);
+    }
+
+    #[test]
+    fn one_comma_is_a_decimal_point_and_other_texts_are_no_numbers() {
+        for (text, value) in
+            [("0,5", 0.5), ("0.5", 0.5), (" −1,25e-1 ", -0.125), ("1 000", 1000.0), (",5", 0.5)]
+        {
+            assert_eq!(parse_number(text), Some(value), "{text}");
+        }
+        for text in ["", "1,000,000", "1.000,5", "1e-1x", "nan"] {
+            assert_eq!(parse_number(text), None, "{text}");
+        }
     }
 
     #[test]

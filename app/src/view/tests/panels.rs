@@ -76,6 +76,89 @@ fn the_view_menu_turns_the_scene_upright() {
 }
 
 #[test]
+fn a_second_click_on_a_button_of_a_menu_closes_it_in_a_small_window() {
+    let mut script = window(&[]);
+    script.resize((640, 300));
+    (0..3).for_each(|_| drop(script.frame(false)));
+    let place = click(&mut script, "menu");
+    assert!(script.panels().controls.find("fit").is_some_and(|fit| !fit.contains(place)));
+    click_at(&mut script, place);
+    assert_eq!(script.panels().controls.find("fit"), None);
+    script.close(&[]);
+}
+
+#[test]
+fn a_single_key_with_ctrl_or_alt_is_another_shortcut() {
+    let mut script = window(&[]);
+    script.viewer().navigate(&Input { orbit: [1.0, 0.0], seconds: 0.5, ..Input::default() });
+    let before = script.viewer().navigation.camera(64, 36);
+    for key in [Key::F, Key::Home, Key::H] {
+        for modifiers in [Modifiers::CTRL | Modifiers::COMMAND, Modifiers::ALT] {
+            script.press(key, modifiers);
+        }
+    }
+    assert_eq!(script.viewer().navigation.camera(64, 36), before);
+    assert!(!script.panels().hidden);
+    script.press(Key::F, Modifiers::NONE);
+    assert_ne!(script.viewer().navigation.camera(64, 36), before);
+    script.close(&[]);
+}
+
+/// Returns the control that has the keyboard focus.
+fn focused(script: &Script) -> Option<egui::Response> {
+    let ctx = script.context();
+    ctx.memory(|memory| memory.focused()).and_then(|id| ctx.read_response(id))
+}
+
+#[test]
+fn the_keyboard_focus_returns_to_a_button_whose_list_closes() {
+    let mut script = window(&[]);
+    script.press(Key::Tab, Modifiers::NONE);
+    let scene = focused(&script).expect("a control").id;
+    script.press(Key::Enter, Modifiers::NONE);
+    assert!(script.panels().controls.find("scene_search").is_some());
+    script.press(Key::Escape, Modifiers::NONE);
+    assert_eq!(script.panels().controls.find("scene_search"), None);
+    assert_eq!(focused(&script).map(|control| control.id), Some(scene));
+    script.close(&[]);
+}
+
+#[test]
+fn the_parameters_scroll_to_the_one_that_has_the_keyboard_focus() {
+    let mut script = window(&[Tool::Parameters]);
+    script.resize((1280, 240));
+    (0..3).for_each(|_| drop(script.frame(false)));
+    let mut seen = 0;
+    for _ in 0..60 {
+        script.press(Key::Tab, Modifiers::NONE);
+        (0..30).for_each(|_| drop(script.frame(false)));
+        let Some(control) = focused(&script) else { continue };
+        let named = |(name, rect): (&str, egui::Rect)| name.starts_with("param:") && rect == control.rect;
+        if script.panels().controls.iter().any(named) {
+            seen += 1;
+            assert!(control.interact_rect.height() > 0.9 * control.rect.height(), "{control:?}");
+        }
+    }
+    assert!(seen > 3, "{seen}");
+    script.close(&[]);
+}
+
+#[test]
+fn a_decimal_comma_sets_a_parameter_and_what_is_no_number_is_told() {
+    let mut script = window(&[Tool::Parameters]);
+    for (text, told) in [("0,25", false), ("1e-1x", true)] {
+        click(&mut script, "param:shade#");
+        script.input = vec![egui::Event::Text(text.to_owned())];
+        script.frame(false);
+        script.press(Key::Enter, Modifiers::NONE);
+        script.frame(false);
+        assert_eq!(script.viewer().a.renderer.set()["shade"], "0.25");
+        assert_eq!(script.panels().controls.find("toast").is_some(), told, "{text}");
+    }
+    script.close(&[]);
+}
+
+#[test]
 fn a_path_plays_on_while_the_split_line_is_dragged() {
     let mut script = window(&[]);
     script.viewer().choose_compare(Mode::Split);
