@@ -227,7 +227,7 @@ mod tests {
     fn mistakes_in_the_text_of_cameras_are_told_with_line_and_column() {
         let said = |text: &str| parse(text, false).unwrap_err().to_string();
         let one = r#"{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "width": 4, "height": 2, "fx": 5.0}"#;
-        assert_eq!(said(&format!("[{one}]")), "--cameras:1:97: camera 0: missing field `fy`");
+        assert_eq!(said(&format!("[{one}]")), "--cameras:1:98: camera 0: missing field `fy`");
         assert_eq!(
             said("[\n {\"width\": 1.5}]"),
             "--cameras:2:14: camera 0: invalid type: floating point `1.5`, expected u32"

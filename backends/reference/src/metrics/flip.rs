@@ -62,7 +62,7 @@ impl Seen {
         Seen::in_bands(image, BAND, linear)
     }
 
-    /// Filters a picture in bands of `band` rows, in parallel. Each band fits in a core's cache.
+    /// Filters a picture in bands of `band` rows, in parallel.
     fn in_bands(image: ImageRef, band: usize, linear: impl Fn(f64) -> f64 + Sync) -> Seen {
         let (width, height) = (image.width, image.height);
         let inverse = glam::DMat3::from_cols_array_2d(&TO_XYZ).transpose().inverse();

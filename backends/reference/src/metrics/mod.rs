@@ -60,7 +60,7 @@ impl ImageRef<'_> {
     }
 }
 
-/// Number of rows of a band. Bands are measured in parallel, and each fits in a core's cache.
+/// Number of rows of a band. Bands are measured in parallel, each in a few megabytes.
 const BAND: usize = 64;
 /// Radius of SSIM's window: 11 x 11.
 const RADIUS: usize = 5;
