@@ -26,12 +26,10 @@ pub struct SceneMemoryError {
 
 impl SceneMemoryError {
     /// Refuses a scene that needs more than `available` bytes. Accepts every scene if that is unknown.
-    pub(crate) fn check_against(
-        count: u64,
-        degree: u32,
-        needed: u64,
-        available: Option<u64>,
-    ) -> Result<(), Self> {
+    ///
+    /// # Errors
+    /// `needed` exceeds `available`.
+    pub fn check_against(count: u64, degree: u32, needed: u64, available: Option<u64>) -> Result<(), Self> {
         match available {
             Some(available) if needed > available => {
                 Err(Self { count, degree, needed, available: Some(available) })

@@ -153,7 +153,7 @@ impl View {
 pub(super) struct Work {
     guard: OutputGuard,
     downscale: u32,
-    /// Where smaller photographs come from: a folder such as `images_2`, or `averaged`; `None` without `--downscale`.
+    /// Source of smaller photographs: a folder such as `images_2`, or `averaged`; `None` without `--downscale`.
     downscaled: Option<String>,
     views: Vec<View>,
     stems: Vec<String>,

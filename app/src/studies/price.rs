@@ -87,8 +87,8 @@ fn reserve(scene: &Scene, file: &mut Vec<u8>) -> Result<(), SceneMemoryError> {
     let bytes = HEADER + count * (SPLAT + 4 * sh_floats(degree) as u64);
     let needed = bytes + Scene::host_bytes(count, degree) + DRAWN * count;
     let available = memory::available();
-    let fits = available.is_none_or(|available| needed <= available);
-    let reserved = fits && usize::try_from(bytes).is_ok_and(|bytes| file.try_reserve_exact(bytes).is_ok());
+    SceneMemoryError::check_against(count, degree, needed, available)?;
+    let reserved = usize::try_from(bytes).is_ok_and(|bytes| file.try_reserve_exact(bytes).is_ok());
     if reserved { Ok(()) } else { Err(SceneMemoryError { count, degree, needed, available }) }
 }
 

@@ -4,7 +4,7 @@ use super::header::{Element, Header, PropertyType, wrong_line};
 use crate::activation;
 use crate::error::{SceneError, nearest};
 use crate::scalar::Scalar;
-use crate::scene::{FileNotes, Filter, Splat};
+use crate::scene::{FileNotes, Filter, Splat, sh_floats};
 
 /// Index of the first slot of each attribute in [`Layout::slots`] and in a row of values.
 const POSITION: usize = 0;
@@ -121,7 +121,7 @@ impl Rest {
 
     /// Returns the number of coefficients of a channel that are read.
     fn read(self) -> usize {
-        ((self.degree + 1) * (self.degree + 1)) as usize - 1
+        sh_floats(self.degree) / 3 - 1
     }
 
     /// Lists the names of the properties that are read, channel by channel.

@@ -22,19 +22,23 @@ fn origin(count: u32, position: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
 /// Maximum number of splats that stand for all.
 const SAMPLES: usize = 1000;
 
+/// Returns the indices of up to [`SAMPLES`] splats, evenly spaced.
+fn sampled(count: u32) -> impl ExactSizeIterator<Item = usize> + Clone {
+    let count = count as usize;
+    (0..count).step_by(count.div_ceil(SAMPLES).max(1))
+}
+
 impl Scene {
     /// Detects positions that were rounded to f32 far from the origin, which cannot be undone.
     ///
-    /// Of up to 1,000 splats, the steps are more than 1/8 of the largest standard deviation of most. Steps within 8
-    /// times the scene's size from the origin are never coarse, however small the splats are.
+    /// Positions are coarse if the steps of most of up to 1,000 splats exceed 1/8 of their largest standard deviation.
+    /// Steps within 8 times the scene's size from the origin are never coarse, however small the splats are.
     pub fn coarse_positions(&self) -> Option<CoarsePositions> {
         const VISIBLE: f32 = 1.0 / 8.0;
-        let every = (self.count() as usize).div_ceil(SAMPLES).max(1);
         let largest = |v: &[f32; 3]| v.iter().fold(0.0, |most: f32, v| most.max(v.abs()));
         let step = |v: f32| v.next_up() - v;
-        let (mut steps, mut sizes): (Vec<f32>, Vec<f32>) = (self.positions().iter().zip(self.scales()))
-            .step_by(every)
-            .map(|(position, scale)| (step(largest(position)), largest(scale)))
+        let (mut steps, mut sizes): (Vec<f32>, Vec<f32>) = sampled(self.count())
+            .map(|index| (step(largest(&self.positions()[index])), largest(&self.scales()[index])))
             .unzip();
         let coarse = steps.iter().zip(&sizes).filter(|(step, size)| **step > VISIBLE * **size).count();
         if self.is_wide() || 2 * coarse <= steps.len() {
@@ -90,8 +94,7 @@ impl Scene {
         position: impl Fn(usize) -> DVec3 + Sync,
         size: impl Fn(usize) -> f64 + Sync,
     ) -> bool {
-        let splats = 0..count as usize;
-        let sample = splats.clone().step_by(splats.len().div_ceil(SAMPLES).max(1));
+        let sample = sampled(count);
         let median = |of: &dyn Fn(usize) -> f64| {
             let mut values: Vec<f64> = sample.clone().map(of).collect();
             values.sort_by(f64::total_cmp);
@@ -100,7 +103,7 @@ impl Scene {
         let middle = DVec3::from([0, 1, 2].map(|axis: usize| median(&|index| position(index)[axis])));
         let distance = median(&|index| (position(index) - middle).abs().max_element());
         let step = 8.0 * f64::from(f32::EPSILON) * distance;
-        let splats = splats.into_par_iter().with_min_len(CHUNK);
+        let splats = (0..count as usize).into_par_iter().with_min_len(CHUNK);
         splats
             .map(|index| (shift(position(index)), size(index)))
             .all(|(by, size)| by <= step.max(VISIBLE * size))
@@ -120,8 +123,7 @@ impl Scene {
             return None;
         }
         // Tiny splats are shifted near the origin, too, where no other origin helps.
-        let splats = 0..count as usize;
-        let sample = splats.clone().step_by(splats.len().div_ceil(SAMPLES).max(1));
+        let sample = sampled(count);
         let mean = |of: &dyn Fn(usize) -> DVec3| sample.clone().map(of).sum::<DVec3>() / sample.len() as f64;
         let centre = mean(&|index| position(index));
         let spread = mean(&|index| (position(index) - centre).abs()).max_element();

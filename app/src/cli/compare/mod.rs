@@ -185,7 +185,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { pairs, folders, diffs })
 }
 
-/// Facts of all pairs that are told once.
+/// Facts of all pairs, for lines that are printed once.
 #[derive(Default)]
 struct Notes {
     /// EXR files of colours that do not declare their encoding.
