@@ -81,7 +81,7 @@ fn selected(module: &Module, i: &Instruction, variable: Word) -> Option<u64> {
 type Roots = HashMap<Word, BTreeSet<Word>>;
 
 /// Returns the reachable functions, in breadth-first order from the entry point.
-fn reachable(module: &Module) -> Result<Vec<Word>, String> {
+pub(super) fn reachable(module: &Module) -> Result<Vec<Word>, String> {
     let mut functions = vec![module.entry];
     let mut seen = HashSet::from([module.entry]);
     let mut next = 0;

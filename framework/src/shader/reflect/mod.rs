@@ -12,19 +12,20 @@ mod tests;
 
 use std::collections::HashSet;
 
-use rspirv::spirv::{BuiltIn, Decoration, Dim, ImageFormat, StorageClass, Word};
+use rspirv::spirv::{BuiltIn, Decoration, Dim, ImageFormat, Op, StorageClass, Word};
 
-use self::access::{Accesses, accesses};
+use self::access::{Accesses, accesses, reachable};
 use self::module::{Module, Type, Variable};
 use crate::ir::{
-    Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Varying,
+    Format, LIVE_BINDING, LIVE_BLOCK, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind,
+    Reflection, Varying,
 };
 
 /// Reads the module of one shader stage with one entry point.
 ///
 /// Fails, with a message, on invalid modules, features that no backend enables, pointers with unknown targets,
-/// descriptor arrays without a length, and bindings that graphs do not support. Supported are storage buffers, uniform
-/// blocks, and two-dimensional storage images in a [`Format`].
+/// descriptor arrays without a length, bindings that graphs do not support, and more than [`MAX_LOCAL_BYTES`] of local
+/// variables. Supported are storage buffers, uniform blocks, and two-dimensional storage images in a [`Format`].
 pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
     let module = Module::parse(spirv)?;
     let is_resource = |v: &&Variable| {
@@ -47,6 +48,7 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
         shared_bytes = start.checked_add(bytes).ok_or("shared memory is too large")?;
     }
 
+    check_locals(&module)?;
     let push = module.variables.iter().find(|v| v.class == StorageClass::PushConstant);
     let push = push.map(|variable| {
         let used = |member| accesses.uses_member(variable.id, member);
@@ -65,6 +67,40 @@ pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
         uses_position: uses_position(&module, &accesses),
         features: features::features(&module, &accesses)?,
     })
+}
+
+/// Maximum bytes of local and global variables per invocation. lavapipe compiles larger ones for minutes, in gigabytes
+/// of memory, and GPUs multiply them by the number of invocations in flight.
+const MAX_LOCAL_BYTES: u64 = 64 << 10;
+
+/// Rejects a module whose reachable code declares more than [`MAX_LOCAL_BYTES`] of variables.
+fn check_locals(module: &Module) -> Result<(), String> {
+    let mut locals: Vec<(u64, Word)> = Vec::new();
+    let mut add = |variable: Word, pointee: Word| {
+        // glslang copies a constant array at each access with a computed index. Drivers store it once.
+        if module.decoration(variable, None, Decoration::NonWritable).is_none() {
+            locals.push((module.type_of(pointee)?.natural.map_or(0, |(bytes, _)| bytes), variable));
+        }
+        Ok::<_, String>(())
+    };
+    for variable in module.variables.iter().filter(|v| v.class == StorageClass::Private) {
+        add(variable.id, variable.pointee)?;
+    }
+    for function in reachable(module)? {
+        for i in module.functions[&function].body.iter().filter(|i| i.class.opcode == Op::Variable) {
+            let (variable, pointer) = i.result_id.zip(i.result_type).ok_or("a variable has no type")?;
+            if let Type::Pointer { pointee, .. } = module.type_of(pointer)?.kind {
+                add(variable, pointee)?;
+            }
+        }
+    }
+    let bytes = locals.iter().fold(0, |sum: u64, (bytes, _)| sum.saturating_add(*bytes));
+    let Some((_, largest)) = locals.iter().max().filter(|_| bytes > MAX_LOCAL_BYTES) else { return Ok(()) };
+    let most = MAX_LOCAL_BYTES >> 10;
+    let largest = module.name(*largest, None);
+    Err(format!(
+        "expected at most {most} KiB of local variables (on any device), found {bytes} bytes, the most in `{largest}`"
+    ))
 }
 
 /// Returns true if reachable code mentions the built-in `Position`, a variable or a member of a block.
@@ -152,6 +188,9 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
         other => return Err(format!("`{}` is bound and has the type {other:?}", own_name())),
     };
     let binding = module.number(variable.id, None, Decoration::Binding);
+    if binding == Some(LIVE_BINDING) && name != LIVE_BLOCK {
+        return Err(format!("`{name}` is binding {LIVE_BINDING}, which is reserved for live parameters"));
+    }
     Ok(ReflectedBinding {
         set: module.number(variable.id, None, Decoration::DescriptorSet).unwrap_or(0),
         binding: binding.ok_or_else(|| format!("`{name}` has no `layout(binding = ...)`"))?,

@@ -327,6 +327,40 @@ fn shared_memory_is_summed_with_specialization_defaults() {
 }
 
 #[test]
+fn the_binding_of_live_parameters_is_reserved() {
+    let block = |name: &str| {
+        format!(
+            "layout(set = 0, binding = 31) uniform {name} {{ uint share; }};\n{IN_OUT}void main() {{ b[0] = share; }}"
+        )
+    };
+    compute(&block("Live"));
+    let error = refused(&block("Mine"));
+    assert!(error.contains("`Mine` is binding 31, which is reserved for live parameters"), "{error}");
+}
+
+#[test]
+fn large_local_and_global_variables_are_refused_and_constant_tables_are_not() {
+    let refused = |code: &str| refused(&format!("{IN_OUT}{code}"));
+    for declared in ["void main() { uint table[20000];", "uint table[20000]; void main() {"] {
+        let error = refused(&format!("{declared} table[a[0]] = 1; b[0] = table[a[1]]; }}"));
+        let expected = "expected at most 64 KiB of local variables (on any device), found 80";
+        assert!(error.contains(expected) && error.contains("the most in `table`"), "{error}");
+        assert!(error.contains("^^^^^"), "{error}");
+    }
+    let together = refused(
+        "void f(uint i) { uint t[9000]; t[i] = 1; b[i] = t[a[i]]; }
+        void main() { uint u[9000]; u[a[0]] = 1; b[1] = u[a[1]]; f(3); }",
+    );
+    assert!(together.contains("local variables"), "{together}");
+    compute(&format!(
+        "{IN_OUT}void f(uint i) {{ uint t[90000]; t[i] = 1; b[i] = t[a[i]]; }}
+        void main() {{ uint u[16000]; u[a[0]] = 1; b[0] = u[a[1]]; }}"
+    ));
+    let table = format!("const uint TABLE[9000] = uint[9000]({}0);", "7, ".repeat(8999));
+    compute(&format!("{IN_OUT}{table}\nvoid main() {{ b[0] = TABLE[a[0]]; b[1] = TABLE[a[1]]; }}"));
+}
+
+#[test]
 fn optional_features_are_those_that_the_code_needs() {
     let features = |stage, extension: &str, body: &str| {
         let text = format!("#extension {extension} : require\n{IN_OUT}{body}");
