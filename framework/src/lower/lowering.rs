@@ -9,6 +9,7 @@ use super::defines::{Constants, capital, defines, option_define};
 use super::document::Opened;
 use super::lowered::{Lowered, SkippedUse};
 use super::require::Choices;
+use super::reserved::is_macro;
 use super::scope::Names;
 use crate::expr::name_unknown_in;
 use crate::ir::{Domain, EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span};
@@ -17,6 +18,9 @@ use crate::source::{Diagnostic, Place, SourceMap};
 
 /// Maximum number of passes after repeats, so that a typing error cannot exhaust memory.
 pub(super) const MAX_PASSES: usize = 20_000;
+
+const RENAME: &str =
+    "names are in capitals there, and a choice adds one for each of its values: rename one of them";
 
 /// Maximum number of steps of the walk. These are one step each: a pass, an entry of a pass's lists (such as `bind` and
 /// `push`), an iteration of a repeat, and a declaration of an included graph.
@@ -241,6 +245,12 @@ impl<'a> Lowering<'a> {
         let Constants { defines, unfit, params: constants } = defines(&names, &params);
         let mut seen = BTreeMap::new();
         for (name, value) in &defines {
+            // The place of an exposed parameter is in the included graph, which reports it.
+            if let Some(place) = declarations_of(name, opened, &params).first().filter(|_| is_macro(name)) {
+                let message = format!("`{name}` cannot name a constant of shaders");
+                let error = Diagnostic::new(message, *place, "GLSL reserves this macro");
+                self.errors.push(error.with_help(RENAME));
+            }
             if seen.insert(name, value).is_some_and(|other| other != value) {
                 let message = format!("two constants of this graph are both `{name}` in its shaders");
                 let mut places = declarations_of(name, opened, &params).into_iter().rev();
@@ -249,9 +259,7 @@ impl<'a> Lowering<'a> {
                     None => Diagnostic::new(message, opened.root.head(), "in this graph"),
                 };
                 let error = places.rev().fold(error, |error, place| error.with_label(place, "and here"));
-                self.errors.push(error.with_help(
-                    "names are in capitals there, and a choice adds one for each of its values: rename one of them",
-                ));
+                self.errors.push(error.with_help(RENAME));
             }
         }
         Level {

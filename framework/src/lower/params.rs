@@ -162,7 +162,7 @@ fn one(
     check_identifier(name, "a parameter", place.key())?;
     if binding != ParamBinding::Const && is_reserved(name) {
         let message = format!("`{name}` cannot name a live parameter");
-        return Err(Diagnostic::new(message, place.key(), "GLSL reserves this word")
+        return Err(Diagnostic::new(message, place.key(), "shaders have something else of this name")
             .with_help("a live parameter is a variable of the same name in shaders: rename it"));
     }
     let kind_place = place.index(0);
@@ -310,29 +310,32 @@ fn domain(
             Err(too_wide(at, &format!("{v:?}"), "a float", "-3.4e38", "3.4e38"))
         }
     };
-    let empty = |at: Place| Err(at.error("this range is empty", "its end is below its start"));
+    let empty = |min: Value, max: Value| {
+        let label = format!("expected an end of at least {min}, found {max}");
+        Err(place.field("range").error("this range is empty", label))
+    };
     let domain = match kind {
         ParamKind::Bool { .. } => Domain::Bool,
         ParamKind::Int { range, .. } => {
-            let at = place.field("range");
             let bound = |number: &Number, index: usize| {
-                let v = names.integer(number, &at.index(index))?;
+                let at = place.field("range").index(index);
+                let v = names.integer(number, &at)?;
                 if i32::try_from(v).is_err() {
                     let (from, to) = (i32::MIN.to_string(), i32::MAX.to_string());
-                    return Err(too_wide(at.index(index), &v, "an integer", &from, &to));
+                    return Err(too_wide(at, &v, "an integer", &from, &to));
                 }
                 Ok(v)
             };
             let (min, max) = (bound(&range.0, 0)?, bound(&range.1, 1)?);
             if max < min {
-                return empty(at);
+                return empty(Value::Int(min), Value::Int(max));
             }
             Domain::Int { min, max }
         }
         ParamKind::Float { range, step, .. } => {
             let (min, max) = (bound(&range.0, 0)?, bound(&range.1, 1)?);
             if max < min {
-                return empty(place.field("range"));
+                return empty(Value::Float(min), Value::Float(max));
             }
             let step = match step {
                 None => (max - min) / 100.0,

@@ -1,4 +1,7 @@
-//! Lists the words that GLSL reserves, which cannot name a live parameter: shaders declare it as a variable.
+//! Lists the words that GLSL reserves. They cannot name a live parameter, which shaders declare as a variable, or a
+//! constant, which is a macro in shaders.
+
+use crate::ir::LIVE_BLOCK;
 
 /// Keywords and words reserved for the future (GLSL 4.60, section 3.6), without families such as `vec3`.
 #[rustfmt::skip]
@@ -14,7 +17,12 @@ const WORDS: &[&str] = &[
     "subpassInput",
 ];
 
-/// Returns true if GLSL reserves a word.
+/// Returns true for a macro that GLSL defines or reserves. A definition would replace it or be ignored.
+pub(super) fn is_macro(name: &str) -> bool {
+    name == "VULKAN" || name.starts_with("GL_") || name.starts_with("__")
+}
+
+/// Returns true for a word that GLSL reserves, and for the two names that every shader with live parameters declares.
 pub(super) fn is_reserved(word: &str) -> bool {
     let size = |rest: &str| matches!(rest.as_bytes(), [b'2'..=b'4'] | [b'2'..=b'4', b'x', b'2'..=b'4']);
     let families = ["vec", "ivec", "uvec", "bvec", "dvec", "hvec", "fvec", "mat", "dmat"];
@@ -23,7 +31,11 @@ pub(super) fn is_reserved(word: &str) -> bool {
     let dimensions =
         |rest: &str| ["1D", "2D", "3D", "Cube"].iter().any(|dimension| rest.starts_with(dimension));
     let is_opaque = opaque.iter().any(|kind| word.strip_prefix(kind).is_some_and(dimensions));
-    WORDS.contains(&word) || in_family || is_opaque || word.starts_with("gl_")
+    [LIVE_BLOCK, "main"].contains(&word)
+        || WORDS.contains(&word)
+        || in_family
+        || is_opaque
+        || word.starts_with("gl_")
 }
 
 #[cfg(test)]
@@ -32,7 +44,7 @@ mod tests {
 
     #[test]
     fn words_of_glsl_are_reserved_and_words_like_them_are_not() {
-        for word in ["float", "sample", "vec3", "mat3x4", "image2D", "samplerCube", "gl_Position"] {
+        for word in ["float", "sample", "vec3", "mat3x4", "image2D", "samplerCube", "gl_Position", "main"] {
             assert!(is_reserved(word), "{word}");
         }
         for word in ["floats", "vec", "vec1", "mat22", "image2", "texture", "radius", "mix"] {
