@@ -199,6 +199,9 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/log.rs: compilation terminated",
     "shader/compile/log.rs: No code generated.",
     "shader/compile/log.rs: Linking {stage} stage: ",
+    "shader/compile/log.rs: Recursion detected",
+    "shader/compile/log.rs: preprocessor evaluation",
+    "shader/compile/log.rs: memory exhausted",
     "shader/compile/log.rs: , unexpected ",
     "shader/compile/log.rs: , expecting ",
     "shader/compile/log.rs: end of file",
@@ -216,6 +219,9 @@ const NOT_SHOWN: &[&str] = &[
     "source/files.rs: {link}is outside the graph's folder",
     "source/files.rs: is larger than {} MiB",
     "source/files.rs: cannot be read ({error})",
+    "source/files.rs: is not UTF-8 text",
+    "source/files.rs: the first invalid byte",
+    "source/files.rs: the file is used here",
     // RON that the outline rejects before the `ron` crate, and RON types that the schema does not use; tested in
     // source/tests.
     "source/outline.rs: an opening bracket",
@@ -230,6 +236,8 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/sources.rs: expected at most",
     "shader/compile/sources.rs: the limit is exceeded",
     "shader/compile/log.rs: the included files together",
+    "shader/compile/log.rs: expected less nesting",
+    "shader/compile/log.rs: each `else if` is nested",
     // Needs a hundred errors; tested in source/tests/diagnostic.rs.
     "source/render.rs: {} more, not shown",
     // No known shader causes these.

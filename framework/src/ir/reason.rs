@@ -45,7 +45,10 @@ pub struct Unmet {
 impl fmt::Display for Unmet {
     /// Writes the requirement and the values: `workgroups of 256 invocations (device.max_invocations = 128)`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{} ({})", self.needs, self.reason)
+        match self.reason.values.is_empty() {
+            true => write!(f, "{} (`{}` is false)", self.needs, self.reason.expression),
+            false => write!(f, "{} ({})", self.needs, self.reason),
+        }
     }
 }
 

@@ -330,7 +330,8 @@ impl<'a> Parser<'a> {
             let span = Span::new(self.file, place.clone());
             return Box::new(unquoted(&self.text[place], span));
         }
-        let error = self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"));
+        let message = format!("expected `,` or `{closer}`, found {}", self.found(next));
+        let error = self.error(end..end, message, "a comma may be missing here");
         let is_text = |token: &Token| matches!(token.kind, TokenKind::Text(_));
         // `name: "a, shader: "b"`: a quote meant to open a string closed one.
         if before.end == next.start && (is_text(before) || is_text(next)) {
@@ -342,11 +343,7 @@ impl<'a> Parser<'a> {
     /// Returns the error for an unexpected token or end of the text; `what` describes what was expected.
     fn expected(&mut self, what: &str) -> Box<Diagnostic> {
         let Some(token) = self.peek(0) else { return self.expected_more(what) };
-        let found = match &token.kind {
-            TokenKind::Text(_) => "a string".to_string(),
-            TokenKind::Attribute => "an attribute".to_string(),
-            _ => format!("`{}`", &self.text[token.place()]),
-        };
+        let found = self.found(token);
         let error = self.error(token.place(), format!("expected {what}, found {found}"), "not expected here");
         match (&token.kind, self.open.last()) {
             (TokenKind::Close(found), Some(opener)) if opener.kind != TokenKind::Open(opening(*found)) => {
@@ -361,6 +358,14 @@ impl<'a> Parser<'a> {
             ),
             (TokenKind::Attribute, _) => Box::new(error.with_help("attributes go at the start of the file")),
             _ => error,
+        }
+    }
+
+    fn found(&self, token: &Token) -> String {
+        match &token.kind {
+            TokenKind::Text(_) => "a string".to_string(),
+            TokenKind::Attribute => "an attribute".to_string(),
+            _ => format!("`{}`", &self.text[token.place()]),
         }
     }
 
@@ -391,6 +396,9 @@ pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
     if matches!(lower.as_str(), "true" | "false") {
         let message = format!("expected `true` or `false`, found `{name}`");
         return Diagnostic::new(message, span, format!("did you mean `{lower}`?"));
+    }
+    if matches!(lower.as_str(), "nan" | "infinity") {
+        return Diagnostic::new(format!("expected a finite number, found `{name}`"), span, "not finite");
     }
     Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
         .with_help(format!("write it as a string: `\"{name}\"`"))

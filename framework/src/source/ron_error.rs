@@ -106,8 +106,9 @@ impl Translator<'_> {
                 self.error(format!("expected {expected}, found {found} {elements}"), place, &label)
             }
             Error::IntegerOutOfBounds => {
-                let label = "too large or too small";
-                self.error("this integer is out of range for its type", self.value_at_cursor(), label)
+                let place = self.value_at_cursor();
+                let message = format!("expected an integer that fits, found {}", &self.text[place.clone()]);
+                self.error(message, place, "too large or too small")
             }
             Error::Message(message) => self.error(message.as_str(), self.value_at_cursor(), ""),
             Error::ExceededRecursionLimit => self.error(

@@ -51,7 +51,7 @@ pub(super) struct IncludeFailure {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum IncludeProblem {
     Missing,
-    /// The chain of units that exceeds the maximum depth, the shader itself first.
+    /// The chain of units that leads back to the shader or exceeds the maximum depth, the shader itself first.
     TooDeep(Vec<usize>),
     TooMuch,
 }
@@ -74,6 +74,8 @@ impl IncludeHandler for Includes<'_> {
         let target = self.key.includes.get(unit).and_then(|names| names.get(name)).copied().flatten();
         let why = match target {
             None => Some(IncludeProblem::Missing),
+            // The shader begins with `#version`, so no guard can end this cycle.
+            Some(0) => Some(IncludeProblem::TooDeep(self.chain.clone())),
             Some(_) if depth > MAX_DEPTH => Some(IncludeProblem::TooDeep(self.chain.clone())),
             Some(target) => {
                 self.bytes += self.key.texts[target].len() + INCLUDE_BYTES;

@@ -10,10 +10,14 @@ use std::ops::Range;
 use super::generate::{IncludeFailure, IncludeProblem, MAX_DEPTH, MAX_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
 use super::sources::Sources;
+use crate::ir::{FileId, Span};
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, SourceMap, nearest};
 
 pub(super) const MAX_DIAGNOSTICS: usize = 10;
+
+/// What glslang says if the stack of its parser is full.
+const PARSER_FULL: &str = "memory exhausted";
 
 /// Returns the diagnostics of a log, at least one.
 pub(super) fn diagnose(
@@ -123,9 +127,12 @@ impl IncludeFailure {
                 let name = |unit: &usize| format!("`{}`", files.path(sources.units[*unit].file));
                 let names: Vec<String> = chain[since..].iter().chain(target).map(name).collect();
                 let message = format!("{} includes itself", names[0]);
-                Diagnostic::new(message, span, "included again here")
-                    .with_help(format!("the cycle: {}", names.join(" includes ")))
-                    .with_help("an include guard (`#ifndef`, `#define`, `#endif`) ends it")
+                let error = Diagnostic::new(message, span, "included again here")
+                    .with_help(format!("the cycle: {}", names.join(" includes ")));
+                match target {
+                    Some(0) => error.with_help("move the code that both need into another file"),
+                    _ => error.with_help("an include guard (`#ifndef`, `#define`, `#endif`) ends it"),
+                }
             }
             IncludeProblem::TooMuch => {
                 let message =
@@ -143,12 +150,20 @@ impl Entry<'_> {
             let message =
                 stages.iter().find_map(|s| self.message.strip_prefix(s.as_str())).unwrap_or(&self.message);
             // Functions are written as `f(` with the types of their parameters.
-            let functions: String = message
+            let functions: Vec<String> = message
                 .split_whitespace()
                 .filter_map(|word| word.split_once('('))
                 .map(|(name, _)| format!("`{name}`"))
                 .collect();
-            return Diagnostic::new(message, sources.find_quoted(&functions), "");
+            let span = sources.find_quoted(&functions.concat());
+            return match &functions[..] {
+                [caller, called] if message.starts_with("Recursion detected") => Diagnostic::new(
+                    format!("expected no recursion, found {caller} calling {called}"),
+                    span,
+                    "",
+                ),
+                _ => Diagnostic::new(message, span, ""),
+            };
         };
         let unit = if place.unit < sources.units.len() { place.unit } else { 0 };
         let text = &sources.units[unit].text;
@@ -178,7 +193,14 @@ impl Entry<'_> {
                 None => diagnostic,
             };
         }
+        let line = line_range(text, place.line);
+        if let Some(diagnostic) = self.float_in_condition(request, (span.file, text), line) {
+            return diagnostic;
+        }
         let message = match self.token {
+            _ if self.message == PARSER_FULL => {
+                "expected less nesting, found more than the compiler can parse".to_string()
+            }
             // In an argument, glslang's column is that of a name or a comma.
             Some("assign") => match found.filter(|found| found.ends_with('=')) {
                 Some(operator) => format!("`{operator}`: {}", self.message),
@@ -210,9 +232,31 @@ impl Entry<'_> {
         help.into_iter().fold(diagnostic, Diagnostic::with_help)
     }
 
+    /// Returns the error for a constant of the graph with a fraction in an `#if`; `None` for all other errors. `line` is
+    /// the place of the directive in `text`.
+    fn float_in_condition(
+        &self,
+        request: &ShaderRequest,
+        (file, text): (FileId, &str),
+        line: Range<usize>,
+    ) -> Option<Diagnostic> {
+        self.token.filter(|token| *token == "preprocessor evaluation")?;
+        let is_float = |value: &str| value.contains(['.', 'e']);
+        let (token, (name, value)) =
+            lex(text).into_iter().filter(|t| line.contains(&t.start)).find_map(|t| {
+                let define =
+                    request.defines.iter().find(|(name, value)| name == t.of(text) && is_float(value))?;
+                Some((t, define))
+            })?;
+        let message = format!("expected integers in an `#if`, found `{name}` with the value {value}");
+        let error = Diagnostic::new(message, Span::new(file, token.range()), "");
+        Some(error.with_help("compare it in an `if`, or in a `let` of the graph"))
+    }
+
     /// Returns the help for a common mistake.
     fn hint(&self) -> Option<&'static str> {
         match (self.token, self.message.as_str()) {
+            (_, PARSER_FULL) => Some("each `else if` is nested in the one before it: use a `switch`"),
             (_, "boolean expression expected") => Some("compare numbers with 0: `x != 0`"),
             (Some("non-opaque uniforms outside a block"), _) => Some(
                 "a constant of the graph is defined in capitals, a live parameter is in `live.glsl`, and other numbers are members of a `push_constant` block",

@@ -225,8 +225,8 @@ fn names_given_twice_are_errors() {
 /// `framework/tests/golden/in/syntax.ron` has more cases.
 #[test]
 fn missing_and_wrong_punctuation_is_pointed_at() {
-    fails("[1 2]", "a comma is missing", "");
-    fails("[a .5]", "a comma is missing", "");
+    fails("[1 2]", "expected `,` or `]`, found `2`", "");
+    fails("[a .5]", "expected `,` or `]`, found `.5`", "");
     fails("(a: 1,, b: 2)", "expected a field, as those before it: `name: value`, found `,`", ",");
     fails("(a: 1, 2)", "expected a field, as those before it: `name: value`, found `2`", "2");
     fails("{\"a\" 1}", "expected `:` after `a`, found `1`", "1");

@@ -175,6 +175,29 @@ fn a_guarded_include_cycle_is_no_error() {
 }
 
 #[test]
+fn a_shader_that_includes_itself_is_an_error_at_the_include() {
+    let shader = format!("{HEAD}#include \"b.glsl\"\nvoid main() {{ o[0] = 1; }}\n");
+    let found = errors_of(&[("shaders/a.comp", &shader), ("shaders/b.glsl", "#include \"a.comp\"\n")], &[]);
+    assert_eq!(
+        found,
+        ["shaders/b.glsl 1:11: a.comp | `shaders/a.comp` includes itself | included again here"]
+    );
+}
+
+#[test]
+fn a_chain_of_else_if_that_is_too_long_is_told_as_nesting() {
+    let chain = |count| {
+        format!(
+            "void main() {{ if (o[0] == 0) o[0] = 1;\n{}}}",
+            "else if (o[1] == 2) o[2] = 3;\n".repeat(count)
+        )
+    };
+    let found = errors(&chain(1500));
+    let expected = "expected less nesting, found more than the compiler can parse";
+    assert!(found.len() == 1 && found[0].contains(expected), "{found:?}");
+}
+
+#[test]
 fn includes_that_multiply_are_an_error_and_no_hang() {
     let mut files =
         vec![("shaders/a.comp".to_string(), format!("{HEAD}#include \"0\"\nvoid main() {{ }}\n"))];
