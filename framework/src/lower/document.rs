@@ -51,12 +51,17 @@ pub(super) const MAX_DEPTH: usize = 16;
 /// Maximum number of graphs reachable from a choice: nested choices could double them at each level.
 const MAX_CANDIDATES: usize = 64;
 
-/// Finds the file of a request's graph. An error points into the name.
+/// Finds the file of a request's graph. An error points into the file, or into the name if there is no file.
 pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diagnostic>> {
     files.find(None, name, Kind::Graph).map_err(|error| {
-        // There is no file to point into, so the diagnostic shows the name as its source text.
-        let file = files.add("command line", name);
-        vec![error.at(Span::new(file, 0..name.len()))]
+        let (path, text) = match (&error.place, &error.why, error.tried.last()) {
+            (Some(_), ..) => return vec![Diagnostic { secondary: Vec::new(), ..error.at(Span::default()) }],
+            // The text of an unreadable file is not known.
+            (None, Some(_), Some(path)) => (path.as_str(), ""),
+            _ => ("command line", name),
+        };
+        let file = files.add(path, text);
+        vec![error.at(Span::new(file, 0..text.len()))]
     })
 }
 

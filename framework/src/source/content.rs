@@ -3,6 +3,7 @@
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::hash::{DefaultHasher, Hasher};
 use std::io::{ErrorKind, Read};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Maximum size of a file to read, in bytes.
@@ -11,8 +12,13 @@ pub(super) const MAX_FILE: u64 = 16 << 20;
 /// The contents of a path, with a hash for the bytes of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Content {
-    /// No entry, or a folder. The search for the file continues.
+    /// No entry. The search for the file continues.
     Missing,
+    /// A folder, or a link to nothing. The search for the file continues.
+    Obstacle {
+        /// Hash of the description that an error shows.
+        hash: u64,
+    },
     /// An entry that cannot be read, a special file (a pipe, a device), or a file that is too large.
     Unusable,
     /// A file. Compare hashes only within one process: the algorithm can change with the version of Rust.
@@ -37,15 +43,21 @@ pub struct Wanted {
 impl Content {
     /// Returns the contents for a file with these bytes.
     pub fn of(bytes: &[u8]) -> Content {
-        let mut hasher = DefaultHasher::new();
-        hasher.write(bytes);
-        Content::Bytes { length: bytes.len() as u64, hash: hasher.finish() }
+        Content::Bytes { length: bytes.len() as u64, hash: hash(bytes) }
+    }
+
+    /// Returns the contents of a path without a file.
+    pub(super) fn without_file(path: &Path) -> Content {
+        match obstacle(path) {
+            text if text.is_empty() => Content::Missing,
+            text => Content::Obstacle { hash: hash(text.as_bytes()) },
+        }
     }
 
     /// Returns the contents of `path`; follows links.
     pub fn at(path: &Path) -> Content {
         let read = open(path).and_then(|found| match found {
-            Found::Nothing => Ok(Content::Missing),
+            Found::Nothing => Ok(Content::without_file(path)),
             Found::Other(_) => Ok(Content::Unusable),
             Found::File(file) => Ok(read(file)?.map_or(Content::Unusable, |bytes| Content::of(&bytes))),
         });
@@ -54,8 +66,14 @@ impl Content {
 
     /// Returns true for a missing or empty file. Some editors leave one briefly while they save.
     pub fn is_empty(self) -> bool {
-        matches!(self, Content::Missing | Content::Bytes { length: 0, .. })
+        matches!(self, Content::Missing | Content::Obstacle { .. } | Content::Bytes { length: 0, .. })
     }
+}
+
+fn hash(bytes: &[u8]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(bytes);
+    hasher.finish()
 }
 
 /// An entry of the file system, with links followed.
@@ -117,24 +135,22 @@ pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     Ok((bytes.len() as u64 <= MAX_FILE).then_some(bytes))
 }
 
-/// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error is a phrase for
-/// [`NotFound::why`](super::NotFound::why).
-pub(super) fn as_text(bytes: Vec<u8>) -> Result<String, String> {
-    let text = String::from_utf8(bytes).map_err(|error| {
-        let before = String::from_utf8_lossy(&error.as_bytes()[..error.utf8_error().valid_up_to()]);
-        let line = before.rsplit('\n').next().unwrap_or_default();
-        let (line, column) = (before.matches('\n').count() + 1, line.chars().count() + 1);
-        format!("is not UTF-8 text (the first invalid byte is at line {line}, column {column})")
-    })?;
-    Ok(match text.strip_prefix('\u{feff}') {
-        Some(text) => text.to_string(),
-        None => text,
+/// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error has a replacement character in place
+/// of each invalid byte, and the range of the first one.
+pub(super) fn as_text(mut bytes: Vec<u8>) -> Result<String, (String, Range<usize>)> {
+    if bytes.starts_with("\u{feff}".as_bytes()) {
+        bytes.drain(..'\u{feff}'.len_utf8());
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let start = error.utf8_error().valid_up_to();
+        let text = String::from_utf8_lossy(error.as_bytes()).into_owned();
+        (text, start..start + char::REPLACEMENT_CHARACTER.len_utf8())
     })
 }
 
 /// Describes what is at a path without a file, such as ` (a folder)`; empty if nothing is there.
-pub(super) fn obstacle(path: &str) -> String {
-    if Path::new(path).is_dir() {
+pub(super) fn obstacle(path: &Path) -> String {
+    if path.is_dir() {
         return " (a folder)".to_string();
     }
     let target = fs::read_link(path);

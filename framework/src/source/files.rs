@@ -15,6 +15,7 @@ use std::sync::Arc;
 use std::{fmt, fs};
 
 use super::content::{self, Content, Found, MAX_FILE, Wanted};
+use super::paths::{appended, displayed, joined, normalised, parent, root_and_rest};
 use super::{Diagnostic, nearest};
 use crate::ir::{FileId, Origin, Span};
 
@@ -122,13 +123,23 @@ pub struct NotFound {
     pub nearest: Option<String>,
     /// Why the last path in `tried`, which exists, cannot be used; `None` if no path exists.
     pub why: Option<String>,
+    /// The first invalid byte of a file that is not UTF-8 text.
+    pub place: Option<Box<Span>>,
 }
 
+/// Why an existing file cannot be used, with its first invalid byte if it is not UTF-8 text.
+type Refusal = (String, Option<Box<Span>>);
+
 impl NotFound {
-    /// Converts the error to a diagnostic at `span`, the name in the referring file.
+    /// Converts the error to a diagnostic at `span`, the name in the referring file, or at the invalid byte.
     pub fn at(&self, span: Span) -> Diagnostic {
-        if self.why.is_some() {
-            return Diagnostic::new(self.to_string(), span, "");
+        match &self.place {
+            Some(place) => {
+                let error = Diagnostic::new(self.to_string(), **place, "the first invalid byte");
+                return error.with_label(span, "the file is used here");
+            }
+            None if self.why.is_some() => return Diagnostic::new(self.to_string(), span, ""),
+            None => {}
         }
         let label = match &self.nearest {
             Some(near) => format!("did you mean `{near}`?"),
@@ -199,15 +210,16 @@ impl SourceMap {
             match self.find_spelling(from, &spelling, kind, &mut tried) {
                 Ok(Some(file)) => return Ok(file),
                 Ok(None) => {}
-                Err(why) => {
+                Err((why, place)) => {
                     let (name, nearest) = (name.to_string(), None);
-                    return Err(NotFound { name, kind, tried, nearest, why: Some(why) });
+                    return Err(NotFound { name, kind, tried, nearest, why: Some(why), place });
                 }
             }
         }
         let nearest = self.nearest_name(from, name, kind);
-        let tried = tried.into_iter().map(|path| format!("{path}{}", content::obstacle(&path))).collect();
-        Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None })
+        let tried =
+            tried.into_iter().map(|path| format!("{path}{}", content::obstacle(Path::new(&path)))).collect();
+        Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None, place: None })
     }
 
     /// Returns the path of a file, for messages.
@@ -280,14 +292,14 @@ impl SourceMap {
         FileId(self.files.len() as u32 - 1)
     }
 
-    /// Looks up one spelling of a name. The error explains why an existing file cannot be used.
+    /// Looks up one spelling of a name.
     fn find_spelling(
         &mut self,
         from: Option<FileId>,
         name: &str,
         kind: Kind,
         tried: &mut Vec<String>,
-    ) -> Result<Option<FileId>, String> {
+    ) -> Result<Option<FileId>, Refusal> {
         let library_paths = self.library_paths(from, name, kind);
         for path in &library_paths {
             if let Some(text) = self.library.memory.get(path) {
@@ -354,19 +366,19 @@ impl SourceMap {
     }
 
     /// Reads a file from disk unless it was read before; `None` if it does not exist.
-    fn open(&mut self, from: Option<FileId>, path: &Path) -> Result<Option<FileId>, String> {
+    fn open(&mut self, from: Option<FileId>, path: &Path) -> Result<Option<FileId>, Refusal> {
         let (content, found) = self.look(from, path);
         // Keep the contents of the first look: if they differ, the file has changed since.
         self.looked.entry(path.to_path_buf()).or_insert(content);
         found
     }
 
-    fn look(&mut self, from: Option<FileId>, path: &Path) -> (Content, Result<Option<FileId>, String>) {
+    fn look(&mut self, from: Option<FileId>, path: &Path) -> (Content, Result<Option<FileId>, Refusal>) {
         let unsaved = self.unsaved(path);
         let opened = match &unsaved {
             Some(_) => Ok(None),
             None => match content::open(path) {
-                Ok(Found::Nothing) => return (Content::Missing, Ok(None)),
+                Ok(Found::Nothing) => return (Content::without_file(path), Ok(None)),
                 Ok(Found::File(file)) => Ok(Some(file)),
                 Ok(Found::Other(what)) => Err(format!("is {what}, not a file")),
                 Err(error) => Err(cannot_be_read(&error)),
@@ -387,11 +399,11 @@ impl SourceMap {
                 "{link}is outside the graph's folder, {folder}, and outside pipelines/ and shaders/ beside it \
                  (`--include-root` allows others)"
             );
-            return (Content::at(path), Err(why));
+            return (Content::at(path), Err((why, None)));
         }
         let file = match opened {
             Ok(file) => file,
-            Err(why) => return (Content::Unusable, Err(why)),
+            Err(why) => return (Content::Unusable, Err((why, None))),
         };
         let identity = Identity::Disk(canonical);
         if let Some(file) = self.known.get(&identity) {
@@ -401,16 +413,23 @@ impl SourceMap {
         let bytes = match file.map_or_else(|| Ok(unsaved.map(String::into_bytes)), content::read) {
             Ok(Some(bytes)) => bytes,
             Ok(None) => {
-                return (Content::Unusable, Err(format!("is larger than {} MiB", MAX_FILE >> 20)));
+                return (Content::Unusable, Err((format!("is larger than {} MiB", MAX_FILE >> 20), None)));
             }
-            Err(error) => return (Content::Unusable, Err(cannot_be_read(&error))),
+            Err(error) => return (Content::Unusable, Err((cannot_be_read(&error), None))),
         };
         let content = Content::of(&bytes);
+        let disk = OnDisk { content, roots };
         let text = match content::as_text(bytes) {
             Ok(text) => text,
-            Err(why) => return (content, Err(why)),
+            Err((text, at)) => {
+                // Errors about one file have one place, so that they are shown once.
+                let path = displayed(path);
+                let is_same = |file: &File| file.path == path && file.text == text;
+                let known = self.files.iter().position(is_same).map(|index| FileId(index as u32));
+                let file = known.unwrap_or_else(|| self.insert(path, Cow::Owned(text), Some(disk)));
+                return (content, Err(("is not UTF-8 text".into(), Some(Span::new(file, at).into()))));
+            }
         };
-        let disk = OnDisk { content, roots };
         let file = self.insert(displayed(path), Cow::Owned(text), Some(disk));
         self.known.insert(identity, file);
         (content, Ok(Some(file)))
@@ -529,66 +548,6 @@ fn own_roots(path: &Path) -> Vec<PathBuf> {
 
 fn cannot_be_read(error: &std::io::Error) -> String {
     format!("cannot be read ({error})")
-}
-
-/// Simplifies `.` and `..` in a path for messages, unless that would lead to another file.
-fn displayed(path: &Path) -> String {
-    let plain = path.to_string_lossy();
-    let short = normalised(&plain);
-    // After a link to a folder, `..` is not the previous component of the path.
-    match (fs::canonicalize(path), fs::canonicalize(&short)) {
-        (Ok(a), Ok(b)) if a != b => plain.into_owned(),
-        _ => short,
-    }
-}
-
-/// Removes `.`, inner `..` and doubled slashes from a path, as text. A leading `..` of a relative path stays.
-fn normalised(path: &str) -> String {
-    let mut parts: Vec<&str> = Vec::new();
-    let absolute = path.starts_with('/');
-    for part in path.split('/') {
-        match part {
-            "" | "." => {}
-            ".." if parts.last().is_some_and(|last| *last != "..") => {
-                parts.pop();
-            }
-            ".." if absolute => {}
-            _ => parts.push(part),
-        }
-    }
-    format!("{}{}", if absolute { "/" } else { "" }, parts.join("/"))
-}
-
-fn joined(folder: &str, name: &str) -> String {
-    if name.starts_with('/') { normalised(name) } else { normalised(&appended(folder, name)) }
-}
-
-fn appended(folder: &str, name: &str) -> String {
-    match folder {
-        "" => name.to_string(),
-        _ if folder.ends_with('/') => format!("{folder}{name}"),
-        _ => format!("{folder}/{name}"),
-    }
-}
-
-fn parent(path: &str) -> &str {
-    match path.rsplit_once('/') {
-        Some(("", _)) => "/",
-        Some((folder, _)) => folder,
-        None => "",
-    }
-}
-
-/// Splits a folder before its last component called `pipelines` or `shaders`, or returns `None`.
-fn root_and_rest(folder: &str) -> Option<(&str, &str)> {
-    let mut end = folder.len();
-    loop {
-        let start = folder[..end].rfind('/').map_or(0, |slash| slash + 1);
-        if matches!(&folder[start..end], "pipelines" | "shaders") {
-            return Some(folder.split_at(start));
-        }
-        end = start.checked_sub(1)?;
-    }
 }
 
 fn push_new(list: &mut Vec<String>, item: String) {

@@ -19,6 +19,7 @@ mod diagnostic;
 mod errors;
 mod files;
 mod outline;
+mod paths;
 mod place;
 mod render;
 mod ron_error;

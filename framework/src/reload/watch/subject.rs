@@ -101,11 +101,8 @@ impl Subject {
     /// Reads the file if it may have changed since the last look.
     pub fn look(&mut self) {
         let before = stamp(&self.path);
-        if let Some(glance) = self.glance
-            && glance.stamp == before
-            && before.is_none_or(|stamp| stamp.is_old())
-            && (before.is_some() || glance.content == Content::Missing)
-        {
+        // A path without a stamp is looked at again: nothing may have become a link to nothing.
+        if self.glance.is_some_and(|glance| glance.stamp == before) && before.is_some_and(Stamp::is_old) {
             return;
         }
         let content = Content::at(&self.path);

@@ -188,6 +188,22 @@ fn a_file_that_stays_empty_or_away_is_a_change_after_the_grace() {
     fs::remove_file(desk.path("b")).expect("removed");
     assert_eq!(desk.change(), ["b"]);
     desk.built();
+    // A folder or a link in the place of a missing file is another error.
+    fs::create_dir(desk.path("b")).expect("a folder");
+    assert_eq!(desk.change(), ["b"]);
+    desk.built();
+    fs::remove_dir(desk.path("b")).expect("removed");
+    assert_eq!(desk.change(), ["b"]);
+    desk.built();
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("nothing", desk.path("b")).expect("a link");
+        assert_eq!(desk.change(), ["b"]);
+        desk.built();
+        fs::remove_file(desk.path("b")).expect("removed");
+        assert_eq!(desk.change(), ["b"]);
+        desk.built();
+    }
     desk.save("b", "one");
     assert_eq!(desk.change(), ["b"]);
 }

@@ -232,17 +232,18 @@ fn a_folder_or_a_link_to_nothing_in_the_place_of_a_file_is_named() {
 #[test]
 fn a_file_that_is_no_text_is_not_called_missing() {
     let folder = Folder::new(&[("a.ron", "")]);
-    fs::write(folder.path("a.ron"), b"\n\xc3\xa9Graph(\xff)").unwrap();
-    let error = library(&[]).find(None, &folder.path("a.ron"), Kind::Graph).unwrap_err();
-    assert_eq!(
-        error.why.as_deref(),
-        Some("is not UTF-8 text (the first invalid byte is at line 2, column 8)")
-    );
+    fs::write(folder.path("a.ron"), b"\xef\xbb\xbf\n\xc3\xa9Graph(\xff)").unwrap();
+    let mut files = library(&[]);
+    let from = files.add("b.ron", "a.ron");
+    let error = files.find(None, &folder.path("a.ron"), Kind::Graph).unwrap_err();
+    let again = files.find(None, &folder.path("a.ron"), Kind::Graph).unwrap_err();
+    assert_eq!(error, again, "one place, so that the error is shown once");
+    let found = error.at(Span::new(from, 0..5));
     let path = folder.path("a.ron");
-    assert_eq!(
-        error.to_string(),
-        format!("the graph `{path}` cannot be used: {path} {}", error.why.as_ref().unwrap())
-    );
+    assert_eq!(found.message, format!("the graph `{path}` cannot be used: {path} is not UTF-8 text"));
+    let origin = files.origin(found.primary.span);
+    assert_eq!((origin.file, origin.line, origin.column), (path, 2, 8));
+    assert_eq!(found.secondary[0].span, Span::new(from, 0..5));
 }
 
 #[cfg(unix)]
@@ -471,7 +472,7 @@ fn a_graph_names_no_files_outside_of_its_folders() {
 #[test]
 fn a_device_or_a_folder_is_not_read_to_tell_what_it_holds() {
     assert_eq!(Content::at(std::path::Path::new("/dev/zero")), Content::Unusable);
-    assert_eq!(Content::at(std::path::Path::new("/")), Content::Missing);
+    assert!(matches!(Content::at(std::path::Path::new("/")), Content::Obstacle { .. }));
 }
 
 #[test]

@@ -1,0 +1,64 @@
+//! Handles paths as texts, with `/` between components.
+
+use std::fs;
+use std::path::Path;
+
+/// Simplifies `.` and `..` in a path for messages, unless that would lead to another file.
+pub(super) fn displayed(path: &Path) -> String {
+    let plain = path.to_string_lossy();
+    let short = normalised(&plain);
+    // After a link to a folder, `..` is not the previous component of the path.
+    match (fs::canonicalize(path), fs::canonicalize(&short)) {
+        (Ok(a), Ok(b)) if a != b => plain.into_owned(),
+        _ => short,
+    }
+}
+
+/// Removes `.`, inner `..` and doubled slashes from a path, as text. A leading `..` of a relative path stays.
+pub(super) fn normalised(path: &str) -> String {
+    let mut parts: Vec<&str> = Vec::new();
+    let absolute = path.starts_with('/');
+    for part in path.split('/') {
+        match part {
+            "" | "." => {}
+            ".." if parts.last().is_some_and(|last| *last != "..") => {
+                parts.pop();
+            }
+            ".." if absolute => {}
+            _ => parts.push(part),
+        }
+    }
+    format!("{}{}", if absolute { "/" } else { "" }, parts.join("/"))
+}
+
+pub(super) fn joined(folder: &str, name: &str) -> String {
+    if name.starts_with('/') { normalised(name) } else { normalised(&appended(folder, name)) }
+}
+
+pub(super) fn appended(folder: &str, name: &str) -> String {
+    match folder {
+        "" => name.to_string(),
+        _ if folder.ends_with('/') => format!("{folder}{name}"),
+        _ => format!("{folder}/{name}"),
+    }
+}
+
+pub(super) fn parent(path: &str) -> &str {
+    match path.rsplit_once('/') {
+        Some(("", _)) => "/",
+        Some((folder, _)) => folder,
+        None => "",
+    }
+}
+
+/// Splits a folder before its last component called `pipelines` or `shaders`, or returns `None`.
+pub(super) fn root_and_rest(folder: &str) -> Option<(&str, &str)> {
+    let mut end = folder.len();
+    loop {
+        let start = folder[..end].rfind('/').map_or(0, |slash| slash + 1);
+        if matches!(&folder[start..end], "pipelines" | "shaders") {
+            return Some(folder.split_at(start));
+        }
+        end = start.checked_sub(1)?;
+    }
+}
