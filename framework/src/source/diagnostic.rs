@@ -30,19 +30,19 @@ pub struct Diagnostic {
 impl Diagnostic {
     /// Creates a diagnostic at `span`, with `label` shown under it (empty for none).
     pub fn new(message: impl Into<String>, span: Span, label: impl Into<String>) -> Self {
-        let primary = Label { span, text: label.into() };
-        Diagnostic { message: message.into(), primary, secondary: Vec::new(), help: Vec::new() }
+        let primary = Label { span, text: clipped(label.into()) };
+        Diagnostic { message: clipped(message.into()), primary, secondary: Vec::new(), help: Vec::new() }
     }
 
     /// Adds a secondary label at a related place.
     pub fn with_label(mut self, span: Span, text: impl Into<String>) -> Self {
-        self.secondary.push(Label { span, text: text.into() });
+        self.secondary.push(Label { span, text: clipped(text.into()) });
         self
     }
 
     /// Adds a suggestion.
     pub fn with_help(mut self, text: impl Into<String>) -> Self {
-        self.help.push(text.into());
+        self.help.push(clipped(text.into()));
         self
     }
 
@@ -77,6 +77,33 @@ impl fmt::Display for Diagnostic {
 }
 
 impl std::error::Error for Diagnostic {}
+
+/// Maximum length of a quoted name in a message, in bytes. Longer ones have dots in the middle: a missing quote in a
+/// file turns many lines into a name.
+const MAX_QUOTED: usize = 200;
+/// Maximum length of a word in a message, in bytes; paths may be long.
+const MAX_WORD: usize = 300;
+
+/// Shortens the quoted names and the words of a message that are too long.
+fn clipped(text: String) -> String {
+    if text.len() <= MAX_QUOTED {
+        return text;
+    }
+    let clip = |part: &str, most: usize| match part.len() > most {
+        false => part.to_string(),
+        true => format!(
+            "{}...{}",
+            &part[..part.floor_char_boundary(most / 2)],
+            &part[part.ceil_char_boundary(part.len() - most / 2)..]
+        ),
+    };
+    let words = |part: &str| part.split(' ').map(|word| clip(word, MAX_WORD)).collect::<Vec<_>>().join(" ");
+    let parts = text.split('`').enumerate().map(|(index, part)| match index % 2 {
+        0 => words(part),
+        _ => clip(part, MAX_QUOTED),
+    });
+    parts.collect::<Vec<_>>().join("`")
+}
 
 /// Maximum length of a name to compare, in characters, because comparing takes quadratic time.
 const MAX_NAME: usize = 256;

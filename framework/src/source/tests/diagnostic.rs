@@ -72,6 +72,25 @@ fn errors_have_blank_lines_between_and_those_after_the_first_hundred_are_only_co
 }
 
 #[test]
+fn names_that_are_too_long_are_cut_in_the_middle() {
+    let (_, file) = one_file("a.ron", "x");
+    let text = |name: &str| format!("there is no `{name}`, and {name} is no file, but `this` is");
+    let short = "é".repeat(100);
+    let long = format!("{}{}", "é".repeat(3000), "\nx".repeat(3000));
+    for (name, most) in [(&short, usize::MAX), (&long, 3000)] {
+        let error = Diagnostic::new(text(name), Span { file, start: 0, end: 1 }, text(name))
+            .with_label(Span { file, start: 0, end: 1 }, text(name))
+            .with_help(text(name));
+        let parts = [&error.message, &error.primary.text, &error.secondary[0].text, &error.help[0]];
+        for part in parts {
+            assert_eq!(*part == text(name), *name == short, "{part}");
+            assert!(part.len() < most || *name == short, "{part}");
+            assert!(part.starts_with("there is no `é") && part.ends_with(", but `this` is"), "{part}");
+        }
+    }
+}
+
+#[test]
 fn colour_is_added_only_when_asked_for() {
     let (files, file) = one_file("a.ron", "x");
     let error = [Diagnostic::new("wrong", Span { file, start: 0, end: 1 }, "this").with_help("do")];
