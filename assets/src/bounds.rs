@@ -109,9 +109,14 @@ impl Bounds {
 }
 
 /// Selects the value at a quantile (0 to 1, nearest rank). Reorders the values; there must be at least one.
-pub(crate) fn quantile(values: &mut [f32], q: f64) -> f32 {
+pub(crate) fn quantile<T: Copy + Into<f64>>(values: &mut [T], q: f64) -> T {
     let rank = ((values.len() - 1) as f64 * q).round() as usize;
-    *values.select_nth_unstable_by(rank, f32::total_cmp).1
+    *values.select_nth_unstable_by(rank, |&a, &b| a.into().total_cmp(&b.into())).1
+}
+
+/// Selects the median; 0 without values. Reorders the values.
+pub(crate) fn median<T: Copy + Default + Into<f64>>(values: &mut [T]) -> T {
+    if values.is_empty() { T::default() } else { quantile(values, 0.5) }
 }
 
 #[cfg(test)]

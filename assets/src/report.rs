@@ -3,7 +3,7 @@
 //! Flaws are, for example, floaters far from most splats, which waste the bits of a depth key, and splats as large as
 //! the scene. The report counts them, and the splats that were dropped on load; it does not change the scene.
 
-use crate::bounds::{WorldBounds, quantile};
+use crate::bounds::{WorldBounds, median, quantile};
 use crate::camera::Camera;
 use crate::formats::LargeSteps;
 use crate::scene::{ALPHA_FLOOR, CoarsePositions, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene};
@@ -130,6 +130,7 @@ impl Report {
         let outliers = scene.positions().par_iter().filter(|p| !outer.contains(**p)).count() as u64;
         let opacities =
             |keep: fn(f32) -> bool| scene.opacities().par_iter().filter(|o| keep(**o)).count() as u64;
+        let is_sog = scene.is_whole_sog();
         let framing;
         let cameras = if cameras.is_empty() {
             framing = [Camera { img_name: "framing".into(), ..Camera::framing(scene, 960, 540) }];
@@ -153,7 +154,7 @@ impl Report {
             size: SizeReport {
                 oversized: count_above(0.5 * robust_extent),
                 largest: largest.iter().copied().fold(0.0, f32::max),
-                median: if largest.is_empty() { 0.0 } else { quantile(&mut largest, 0.5) },
+                median: median(&mut largest),
                 robust_extent,
             },
             place: PlaceReport {
@@ -164,7 +165,7 @@ impl Report {
                 outliers,
                 coarse: scene.coarse_positions(),
                 // The file's bounds are those of its splats.
-                steps: scene.is_whole_sog().then(|| scene.large_steps(SceneFormat::Sog)).flatten(),
+                steps: is_sog.then(|| scene.large_steps(SceneFormat::Sog)).flatten(),
             },
             depth: cameras.iter().map(|camera| DepthReport::new(scene, camera)).collect(),
         }

@@ -2,7 +2,7 @@
 
 use super::gathered::CoarsePositions;
 use super::{Scene, Splat, normalised};
-use crate::bounds::quantile;
+use crate::bounds::median;
 use crate::memory::SceneMemoryError;
 use crate::ply::origin::Sample;
 use crate::words::CHUNK;
@@ -44,10 +44,7 @@ impl Scene {
         if self.is_wide() || 2 * coarse <= steps.len() {
             return None;
         }
-        let found = CoarsePositions {
-            step: quantile(&mut steps, 0.5).into(),
-            size: quantile(&mut sizes, 0.5).into(),
-        };
+        let found = CoarsePositions { step: median(&mut steps).into(), size: median(&mut sizes).into() };
         let bounds = self.robust_bounds();
         let extent = (0..3).map(|axis| bounds.max[axis] - bounds.min[axis]).fold(0.0, f32::max);
         (found.step > f64::from(8.0 * f32::EPSILON * extent)).then_some(found)
@@ -95,11 +92,7 @@ impl Scene {
         size: impl Fn(usize) -> f64 + Sync,
     ) -> bool {
         let sample = sampled(count);
-        let median = |of: &dyn Fn(usize) -> f64| {
-            let mut values: Vec<f64> = sample.clone().map(of).collect();
-            values.sort_by(f64::total_cmp);
-            values.get(values.len() / 2).copied().unwrap_or(0.0)
-        };
+        let median = |of: &dyn Fn(usize) -> f64| median(&mut sample.clone().map(of).collect::<Vec<_>>());
         let middle = DVec3::from([0, 1, 2].map(|axis: usize| median(&|index| position(index)[axis])));
         let distance = median(&|index| (position(index) - middle).abs().max_element());
         let step = 8.0 * f64::from(f32::EPSILON) * distance;
