@@ -130,7 +130,7 @@ impl Report {
         let outliers = scene.positions().par_iter().filter(|p| !outer.contains(**p)).count() as u64;
         let opacities =
             |keep: fn(f32) -> bool| scene.opacities().par_iter().filter(|o| keep(**o)).count() as u64;
-        let is_sog = scene.is_whole_sog();
+        let is_sog = scene.size_breakdown().is_whole_sog;
         let framing;
         let cameras = if cameras.is_empty() {
             framing = [Camera { img_name: "framing".into(), ..Camera::framing(scene, 960, 540) }];

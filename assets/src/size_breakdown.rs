@@ -16,6 +16,9 @@ pub struct SizeBreakdown {
     pub elements: Vec<ElementSize>,
     /// All other bytes; in PLY, the bytes after the last row.
     pub trailing_bytes: u64,
+    /// True for a scene that was loaded from one SOG.
+    #[serde(skip)]
+    pub(crate) is_whole_sog: bool,
 }
 
 /// The bytes of one element, a table of rows.
@@ -58,7 +61,7 @@ impl SizeBreakdown {
     ) -> Self {
         let trailing_bytes =
             file_bytes - header_bytes - elements.iter().map(|element| element.bytes).sum::<u64>();
-        Self { format, file_bytes, header_bytes, elements, trailing_bytes }
+        Self { format, file_bytes, header_bytes, elements, trailing_bytes, is_whole_sog: false }
     }
 
     /// Sums header, elements and trailing bytes, which gives the file's size.

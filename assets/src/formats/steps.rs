@@ -26,11 +26,6 @@ impl fmt::Display for LargeSteps {
 }
 
 impl Scene {
-    /// Returns true if the scene was loaded from one SOG.
-    pub(crate) fn is_whole_sog(&self) -> bool {
-        self.size_breakdown().format.starts_with("sog, version")
-    }
-
     /// Finds the splats that are smaller than the steps of their positions in a format; `None` if they are at most
     /// 1/100 of all, or if the format's steps do not depend on the extent of the scene or of a chunk.
     pub fn large_steps(&self, format: SceneFormat) -> Option<LargeSteps> {

@@ -166,7 +166,10 @@ pub(super) fn parse(
     let format = format!("sog, version {}{}", meta.version, files.kind());
     let fields = files.sizes.into_iter().map(|(name, bytes)| FieldSize::whole(name, "file", bytes));
     let textures = ElementSize::new("splats", count, fields.collect());
-    let size_breakdown = SizeBreakdown::new(format, file_bytes, file_bytes - packed, vec![textures]);
+    let size_breakdown = SizeBreakdown {
+        is_whole_sog: true,
+        ..SizeBreakdown::new(format, file_bytes, file_bytes - packed, vec![textures])
+    };
     let notes = FileNotes { low_pass: meta.filter, ..FileNotes::default() };
     Ok(input::finish(filled, count, size_breakdown, notes)?.with_offset(origin))
 }
