@@ -59,6 +59,9 @@ impl Scene {
     }
 
     /// Sorts the splats along a Morton curve, 21 bits per axis of the scene's box, and returns their indices.
+    ///
+    /// Each axis has its own scale. With one scale for all, the SOG files of long scenes are up to 2 % larger, and some
+    /// compressed PLY files are more accurate, others less.
     pub fn morton_order(&self) -> Vec<u32> {
         let bounds = self.bounds();
         let code = |position: &[f32; 3]| {
