@@ -1,0 +1,90 @@
+//! Finds the photographs of a dataset, and its test views.
+
+use super::*;
+
+#[test]
+fn names_of_photographs_lead_no_further_than_the_folder_around_the_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    let [dataset, inner] = ["dataset", "dataset/inner"].map(|name| folder.path().join(name));
+    std::fs::create_dir_all(&inner).unwrap();
+    for name in ["top.png", "dataset/a.png", "dataset/inner/b.png"] {
+        std::fs::write(folder.path().join(name), "").unwrap();
+    }
+    let found = |folder: &Path, name: &str| match photograph::find(folder, name) {
+        Ok(path) => path.file_name().unwrap().to_string_lossy().into_owned(),
+        Err(error) => error.to_string(),
+    };
+    assert_eq!(found(&dataset, "./inner/./b"), "b.png");
+    assert_eq!(found(&dataset, "../top.png"), "top.png");
+    assert_eq!(found(&inner, "../a.png"), "a.png");
+    let absolute = inner.join("b.png").display().to_string();
+    assert_eq!(found(&dataset, &absolute), "b.png");
+    assert_eq!(found(Path::new("/"), &absolute), "b.png");
+    assert_eq!(found(&inner.join("empty"), &absolute), "b.png", "as ../b.png is");
+    let top = folder.path().join("top.png").display().to_string();
+    for name in ["../../top.png", "./inner/../a.png", "../dataset/../top.png", &top] {
+        let said = found(&inner.join("empty"), name);
+        says(&said, &format!("or in the folder around it, found {name}: "));
+        says(said, "--photographs");
+    }
+    // The folders of `-c transforms.json`, `-c ../src/transforms.json`, and of a symbolic link to the folder.
+    let here = std::env::current_dir().unwrap();
+    let around = here.parent().unwrap();
+    let is_near = |folder: &str, name: &Path| photograph::is_near(Path::new(folder), name);
+    for folder in ["", ".", "../assets"] {
+        assert!(is_near(folder, &here.join("images/a.png")), "{folder:?}");
+        assert!(is_near(folder, &around.join("images/a.png")), "{folder:?}");
+        assert!(!is_near(folder, &around.with_file_name("a.png")), "{folder:?}");
+    }
+    assert!(is_near("src", &here.join("a.png")) && !is_near("src/dataset", &here.join("a.png")));
+    #[cfg(unix)]
+    {
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&inner, &link).unwrap();
+        assert_eq!(found(&link, &absolute), "b.png");
+        assert_eq!(found(&inner, &link.join("b.png").display().to_string()), "b.png");
+    }
+    assert!(found(&dataset, "none").starts_with("expected the photograph "));
+}
+
+#[test]
+fn each_eighth_view_in_the_order_of_names_is_a_test() {
+    let view = |index: usize| View {
+        camera: Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (4, 4)),
+        photograph: format!("{:02}.png", (index * 7) % 17),
+        test: None,
+    };
+    let dataset = Dataset { views: (0..17).map(view).collect(), ..Dataset::default() };
+    let names: Vec<&str> = dataset.test_views().iter().map(|view| view.photograph.as_str()).collect();
+    assert_eq!(names, ["00.png", "08.png", "16.png"]);
+}
+
+#[test]
+fn test_names_are_paths_and_those_without_a_view_are_listed() {
+    let tests = r#""test_filenames": ["./images//f.jpg", "images/lost.jpg", "images/gone.jpg"],"#;
+    let dataset = Dataset::parse(&nerfstudio(tests, ""), Path::new("transforms.json")).unwrap();
+    assert_eq!(dataset.views[0].test, Some(true));
+    assert_eq!(dataset.unmatched, ["images/gone.jpg", "images/lost.jpg"]);
+}
+
+#[test]
+fn reduced_photographs_lie_beside_those_of_full_size_and_not_beside_the_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = folder.path().join("dataset");
+    for name in ["images_2", "images_3", "dataset/images", "dataset/images_2"] {
+        std::fs::create_dir_all(folder.path().join(name)).unwrap();
+    }
+    let reduced = |name: &str, factor| {
+        let text = nerfstudio("", "").replace("images/f.jpg", name);
+        let views = Dataset::parse(&text, &dataset.join("transforms.json")).unwrap().reduced(factor)?.views;
+        Some((views[0].photograph.clone(), views[0].camera.img_name.clone()))
+    };
+    let found = |photograph: &str, name: &str| Some((photograph.to_owned(), name.to_owned()));
+    assert_eq!(reduced("images/f.jpg", 2), found("images_2/f.jpg", "images/f"));
+    assert_eq!(reduced("./images/a/f.jpg", 2), found("./images_2/a/f.jpg", "images/a/f"));
+    assert_eq!(reduced("../images/f.jpg", 3), found("../images_3/f.jpg", "../images/f"));
+    assert_eq!((reduced("images/f.jpg", 3), reduced("f.jpg", 2), reduced("images", 2)), (None, None, None));
+    let colmap = Dataset { photographs: Some(dataset.join("images")), ..Dataset::default() };
+    assert_eq!(colmap.reduced(2).unwrap().photographs, Some(dataset.join("images_2")));
+    assert_eq!(colmap.reduced(3), None);
+}
