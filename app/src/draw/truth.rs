@@ -69,14 +69,14 @@ impl Truth {
     /// Draws the exact picture of a scene, and shows the progress. `background` is display-encoded.
     ///
     /// # Errors
-    /// The picture does not fit in memory.
+    /// The picture and its visible splats do not fit in memory.
     pub fn draw(
         scene: &Scene,
         camera: &Camera,
         background: [f32; 3],
         rules: &Rules,
     ) -> Result<Truth, PictureMemoryError> {
-        check_memory(scene, camera)?;
+        check_memory(scene, camera, rules)?;
         let begun = Instant::now();
         let progress = Mutex::new(Progress::new("drawing exactly"));
         let picture = render(scene, camera, background.map(f64::from), rules, &|done, of| {

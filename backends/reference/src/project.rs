@@ -36,6 +36,24 @@ pub(crate) struct Ellipse {
     pub normal: [f64; 3],
 }
 
+/// Bytes per visible splat that [`Projector::sorted`] needs: an ellipse in a chunk's list, and one in the list of all.
+pub(crate) const SPLAT_BYTES: usize = 2 * size_of::<Ellipse>();
+
+/// Counts the splats that touch a tile of the image.
+pub(crate) fn visible_count(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) -> usize {
+    let projector = Projector::new(camera, rules, splats.is_wide());
+    let touches = |index: &usize| {
+        let mut touches = false;
+        projector.project_onto(*index as u32, &splats.get(*index), |_| {
+            touches = true;
+            // The colour is not needed.
+            false
+        });
+        touches
+    };
+    (0..splats.count()).into_par_iter().filter(touches).count()
+}
+
 /// The falloff and the colour of a splat on the image.
 #[derive(Clone, Debug)]
 pub(crate) struct Footprint {

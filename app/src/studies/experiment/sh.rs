@@ -87,7 +87,7 @@ pub fn measure(
     let mut steps = Steps::new(listener, "experiment sh", of);
     steps.next("the glossiest part")?;
     let found = cameras.first().filter(|_| degree[1] > 0);
-    found.map_or(Ok(()), |first| check_memory(session.scene(), first))?;
+    found.map_or(Ok(()), |first| check_memory(session.scene(), first, &Rules::PUBLISHED))?;
     let found = found.and_then(|first| Some((first, gloss::find(session.scene(), first)?)));
     let Some((first, part)) = found else { return Ok(Sh { view, degree, all, glossy: None }) };
 

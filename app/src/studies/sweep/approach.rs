@@ -85,7 +85,7 @@ pub fn measure(
         progress.next("moving the camera closer")?;
         let size = (camera.width, camera.height);
         session.prepare(size, &mut |_| {})?;
-        check_memory(session.scene(), camera)?;
+        check_memory(session.scene(), camera, &rules)?;
         let picture = render(session.scene(), camera, [0.0; 3], &rules, &|_, _| {});
         let fragments: u64 = picture.contributors.iter().map(|count| u64::from(*count)).sum();
         let covered = picture.contributors.iter().filter(|count| **count > 0).count() as u64;
