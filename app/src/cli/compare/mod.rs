@@ -29,7 +29,7 @@ use std::path::PathBuf;
 /// pixels, 0 for equal pictures, seen with 67.02 pixels per degree. It is computed from the values themselves (`flip` of
 /// --json) and from the values in 8 bits (`flip_8_bits`), as `flip` of all other commands. The worst pixel has the
 /// largest difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are first clamped to 0..1,
-/// also with --range.
+/// and --range must be within 0..1.
 ///
 /// Alpha is not compared; `evaluate` blends it. Values are compared as they are in the files: a line tells if EXR files
 /// declare different encodings or none, or different places in the frame. If both pictures have one channel, and B has
@@ -258,7 +258,7 @@ fn compare(args: &Args) -> Result<(String, Vec<String>)> {
 
 /// Compares two pictures. Also returns the picture of their differences, if `--diff` wants one.
 fn measure(pair: &Pair, args: &Args, notes: &mut Notes) -> Result<(Found, Option<Image>)> {
-    let Loaded { mut a, mut b, are_grey, has_levels } = load(pair, notes)?;
+    let Loaded { mut a, mut b, are_grey, has_levels } = load(pair, args.range, notes)?;
     let (least, most) = args.range.unwrap_or_else(|| if are_grey { range_of(&b) } else { (0.0, 1.0) });
     let (peak, is_scaled) = (most - least, (least, most) != (0.0, 1.0));
     let unscaled = is_scaled.then(|| metrics::worst_pixel((&a).into(), (&b).into()));
@@ -306,7 +306,11 @@ struct Loaded {
     has_levels: bool,
 }
 
-fn load(pair: &Pair, notes: &mut Notes) -> Result<Loaded> {
+/// Loads two pictures. `range` is that of `--range`.
+///
+/// # Errors
+/// A picture cannot be read, the sizes differ, or one has only 8 or 16 bits and the range is not within 0 to 1.
+fn load(pair: &Pair, range: Option<(f64, f64)>, notes: &mut Notes) -> Result<Loaded> {
     let headers = [Image::header(&pair.a)?, Image::header(&pair.b)?];
     let [(a_width, a_height), (b_width, b_height)] = headers.each_ref().map(|header| header.size);
     if (a_width, a_height) != (b_width, b_height) {
@@ -315,7 +319,16 @@ fn load(pair: &Pair, notes: &mut Notes) -> Result<Loaded> {
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    for (path, header) in [&pair.a, &pair.b].into_iter().zip(&headers) {
+    for ((path, header), depth) in [&pair.a, &pair.b].into_iter().zip(&headers).zip([a_depth, b_depth]) {
+        // Values beyond 0 to 1 are lost in levels, and in the other picture when it is clamped like them.
+        if let (Depth::Levels(greatest), Some((least, most))) = (depth, range)
+            && (least < 0.0 || most > 1.0)
+        {
+            let path = path.display();
+            bail!(
+                "{path}: expected floats for --range {least},{most}, found levels 0 to {greatest}, which are 0 to 1"
+            );
+        }
         if header.has_alpha {
             say(format!("{}: its alpha is not compared", path.display()));
         }

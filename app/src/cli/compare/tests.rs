@@ -114,6 +114,15 @@ fn depths_and_counts_of_the_program_s_own_outputs_are_compared() {
     wild[0] = -1000.0;
     assert!((before - 20.0 * 5f64.log10()).abs() < 1e-9 && psnr(&wild, &[]) <= before);
     assert!((psnr(&[4.0; 144], &["--range", "-5,5"]) - 20.0).abs() < 1e-9);
+    // The levels of a PNG would be compared with floats that are clamped to 0..1.
+    let levels = root.path().join("levels.png");
+    grey(0.5).save(&levels).unwrap();
+    let refused = told(&levels, &b, &["--range", "0,8"]).unwrap_err().to_string();
+    assert!(
+        refused.contains("levels.png: expected floats for --range 0,8, found levels 0 to 255"),
+        "{refused}"
+    );
+    assert!(told(&b, &levels, &["--range", "0,0.5"]).is_ok());
     // A grey picture in colour channels is clamped like every picture.
     [(&a, 1.0), (&b, 7.0)].iter().for_each(|(path, value)| grey(*value).save(path).unwrap());
     assert!(told(&a, &b, &[]).unwrap().0.starts_with("PSNR inf dB"));
