@@ -90,7 +90,7 @@ pub fn study(
     singles.extend(advised.filter(|advised| singles.iter().all(|other| other.name != advised.name)));
     let mut exact = subject.session(&singles[0].pipeline, &singles[0].set)?;
     exact.prepare((first.width, first.height), &mut |_| {})?;
-    let view = |camera| Ok(View::exact(&subject.scene, camera)?.with_seen());
+    let view = |camera| Ok(View::exact(&subject.scene, camera)?);
     // The CPU draws the exact pictures while plans are built.
     let (planned, views) = thread::scope(|scope| {
         let views = scope.spawn(|| cameras.iter().map(view).collect::<Result<Vec<View>, StudyError>>());

@@ -31,16 +31,11 @@ pub struct Error {
 }
 
 /// Compares a picture with the truth. `covered` is true for each pixel that a splat contributes to. `seen` is the truth
-/// in 8 bits after the filters of FLIP; `None` filters it.
+/// in 8 bits after the filters of FLIP.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
-pub fn measure(
-    picture: &Image,
-    truth: &Image,
-    covered: &[bool],
-    seen: Option<&Seen>,
-) -> Result<Error, MetricError> {
+pub fn measure(picture: &Image, truth: &Image, covered: &[bool], seen: &Seen) -> Result<Error, MetricError> {
     metrics::comparable(picture.into(), truth.into())?;
     let of_pixels = |wanted: &(dyn Fn(usize) -> bool + Sync)| {
         (metrics::psnr_over(picture.into(), truth.into(), &wanted), differences(picture, truth, wanted))
@@ -48,10 +43,7 @@ pub fn measure(
     let (((psnr_db, (worst, off)), (covered_psnr_db, (_, covered_off))), (flip, ssim)) = rayon::join(
         || rayon::join(|| of_pixels(&|_| true), || of_pixels(&|pixel| covered[pixel])),
         || {
-            let flip = || {
-                let own = Seen::of_8_bits(picture.into());
-                seen.map_or_else(|| Seen::of_8_bits(truth.into()).flip(&own), |seen| seen.flip(&own))
-            };
+            let flip = || seen.flip(&Seen::of_8_bits(picture.into()));
             rayon::join(flip, || metrics::ssim(picture.into(), truth.into()))
         },
     );
@@ -102,18 +94,19 @@ mod tests {
         picture.rgb[3] = [0.5, 0.75, 0.5];
         picture.rgb[4] = [0.502, 0.5, 0.5];
         let covered: Vec<bool> = (0..256).map(|i| i < 4).collect();
-        let seen = Seen::of_8_bits((&truth).into());
-        let error = measure(&picture, &truth, &covered, Some(&seen)).unwrap();
+        let measured = |picture: &Image, truth: &Image| {
+            measure(picture, truth, &covered, &Seen::of_8_bits(truth.into())).unwrap()
+        };
+        let error = measured(&picture, &truth);
         // The MSE over the four covered pixels is 0.0625 / (3 * 4).
         assert!((error.covered_psnr_db.unwrap() - 10.0 * 192f64.log10()).abs() < 1e-9, "{error:?}");
         assert_eq!((error.off, error.covered, error.covered_off), (1.0 / 256.0, 4, 0.25));
         assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");
-        assert_eq!(measure(&picture, &truth, &covered, None).unwrap(), error);
         // A highlight above white is white, as in a photograph of it.
         let [mut above, mut white] = [picture.clone(), truth.clone()];
         (above.rgb[9], white.rgb[9]) = ([1.5; 3], [1.0; 3]);
-        assert_eq!(measure(&above, &white, &covered, None).unwrap().worst, error.worst);
-        let same = measure(&truth, &truth, &covered, None).unwrap();
+        assert_eq!(measured(&above, &white).worst, error.worst);
+        let same = measured(&truth, &truth);
         assert_eq!((same.psnr_db, same.flip, same.off, same.ssim), (None, 0.0, 0.0, Some(1.0)));
         // JSON distinguishes an infinite PSNR from one that was not measured.
         let json = serde_json::to_value(&same).unwrap();

@@ -21,11 +21,11 @@ pub struct View {
     /// The camera, with the size of the pictures.
     pub camera: Camera,
     /// The true picture: the exact renderer's, or a given one.
-    pub picture: Image,
+    picture: Image,
     /// True for each pixel that a splat contributes to.
     pub covered: Vec<bool>,
-    /// The true picture in 8 bits, after the filters of FLIP; `None` filters it for each comparison.
-    pub seen: Option<Seen>,
+    /// The true picture in 8 bits, after the filters of FLIP.
+    seen: Seen,
     /// Indices of the splats beyond the near plane, near to far; empty if orders are not compared.
     pub order: Vec<u32>,
 }
@@ -37,18 +37,24 @@ impl View {
     /// The picture does not fit in memory.
     pub fn exact(scene: &Scene, camera: &Camera) -> Result<View, PictureMemoryError> {
         let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of_view(scene, camera))?;
+        let picture = truth.image();
         Ok(View {
             camera: camera.clone(),
-            picture: truth.image(),
             covered: truth.picture.transmittance.iter().map(|share| *share < 1.0).collect(),
-            seen: None,
+            seen: Seen::of_8_bits((&picture).into()),
             order: Vec::new(),
+            picture,
         })
     }
 
-    /// Filters the true picture for all comparisons. The view must then keep its picture.
-    pub fn with_seen(self) -> View {
-        View { seen: Some(Seen::of_8_bits((&self.picture).into())), ..self }
+    /// Replaces the true picture.
+    pub fn with_picture(self, picture: Image) -> View {
+        View { seen: Seen::of_8_bits((&picture).into()), picture, ..self }
+    }
+
+    /// Returns the true picture.
+    pub fn picture(&self) -> &Image {
+        &self.picture
     }
 
     /// Adds the true order of the splats.
@@ -164,7 +170,7 @@ fn compare(capture: Capture, view: &View) -> Result<Drawn, String> {
     let order = order.filter(|order| order.is_empty() || !view.order.is_empty());
     let (error, inversions) = rayon::join(
         || {
-            error::measure(&image, &view.picture, &view.covered, view.seen.as_ref())
+            error::measure(&image, &view.picture, &view.covered, &view.seen)
                 .map_err(|error| error.to_string())
         },
         || order.and_then(|order| capture::wrong_pairs(&view.order, &order)),

@@ -4,13 +4,23 @@ use super::score::{Score, score};
 use crate::draw::capture::{self, Capture};
 use crate::draw::orbit;
 use crate::draw::session::{FrameOptions, Session};
-use crate::studies::measurement::view::View;
+use crate::draw::truth::Truth;
+use crate::io::image::Image;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::{Rules, depth_order};
 
 /// Maximum bytes of the true pictures of a path, which are kept for all variants.
 const MAX_BYTES: u64 = 4 << 30;
+
+/// A camera of the path, with the true picture and the true order of the splats.
+struct Frame<'a> {
+    camera: &'a Camera,
+    picture: Image,
+    /// Indices of the splats beyond the near plane, near to far.
+    order: Vec<u32>,
+}
 
 /// A variant's step from one frame to the next.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -98,7 +108,9 @@ pub fn study(
     let mut path = Vec::new();
     for (at, camera) in cameras.iter().enumerate() {
         steps.next(&format!("the exact pictures, frame {at}"))?;
-        path.push(View::exact(scene, camera)?.with_order(scene));
+        let rules = Rules::of_view(scene, camera);
+        let picture = Truth::draw(scene, camera, [0.0; 3], &rules)?.image();
+        path.push(Frame { camera, picture, order: depth_order(&**scene, camera, &rules) });
     }
     let mut tracks = Vec::new();
     let mut messages = Vec::new();
@@ -116,37 +128,37 @@ pub fn study(
 fn measure(
     session: &mut Session,
     variant: &Setting,
-    path: &[View],
+    path: &[Frame],
     progress: &mut Steps,
 ) -> Result<Track, StudyError> {
     session.set_graph(&variant.pipeline, &variant.set);
     let mut steps = Vec::new();
-    let mut last: Option<(&View, Capture)> = None;
-    for (at, view) in path.iter().enumerate() {
-        let camera = &view.camera;
+    let mut last: Option<(&Frame, Capture)> = None;
+    for (at, frame) in path.iter().enumerate() {
+        let camera = frame.camera;
         progress.next(&format!("{}, frame {at}", variant.name))?;
         if at == 0 {
             session.prepare((camera.width, camera.height), &mut |_| {})?;
-            let frame = session.submit(camera, &FrameOptions::default())?;
-            session.wait(frame)?;
+            let first = session.submit(camera, &FrameOptions::default())?;
+            session.wait(first)?;
         }
         let next = capture::take(session, camera).map_err(StudyError::of(&variant.name))?;
         if let Some((before, last)) = &last {
-            let score = score((&last.image, &before.picture), (&next.image, &view.picture))
+            let score = score((&last.image, &before.picture), (&next.image, &frame.picture))
                 .map_err(StudyError::of(&variant.name))?;
             let orders = last.order.as_ref().zip(next.order.as_ref());
             steps.push(Step {
                 camera: camera.img_name.clone(),
-                degrees: orbit::turn_between(&before.camera, camera),
+                degrees: orbit::turn_between(before.camera, camera),
                 score,
                 order_changes: orders.and_then(|(before, after)| capture::order_changes(before, after)),
                 true_order_changes: orders.and_then(|(drawn, after)| {
                     let drawn = capture::only(&before.order, drawn);
-                    capture::order_changes(&drawn, &capture::only(&view.order, after))
+                    capture::order_changes(&drawn, &capture::only(&frame.order, after))
                 }),
             });
         }
-        last = Some((view, next));
+        last = Some((frame, next));
     }
     Ok(Track { variant: variant.clone(), steps })
 }

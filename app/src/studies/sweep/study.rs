@@ -99,7 +99,7 @@ impl Study {
     ) -> Result<(Vec<Step>, Vec<Shown>), StudyError> {
         let camera = &subject.cameras[at];
         // Without the true order: indices in a part of the scene are not those in the whole scene.
-        let view = View::exact(self.whole.scene(), camera)?.with_seen();
+        let view = View::exact(self.whole.scene(), camera)?;
         self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
         let effort = wanted.frames.choose(&mut self.whole, camera, FRAMES_DIVISOR)?;
         let mut progress = self.progress(subject, at, listener);

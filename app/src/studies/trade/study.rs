@@ -195,7 +195,7 @@ fn keep(
             let (view, pending) = next;
             let (row, picture) = pending.finish();
             let stored = match picture {
-                Some(picture) => album.keep(&book.ledger, &row, &picture, &view.picture),
+                Some(picture) => album.keep(&book.ledger, &row, &picture, view.picture()),
                 None => Ok(()),
             };
             book.insert(row);
@@ -323,11 +323,11 @@ fn content(pictures: &[Image]) -> String {
 /// # Errors
 /// The renderer's picture does not fit in memory.
 fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> Result<View, PictureMemoryError> {
-    let mut view = View::exact(scene, camera)?.with_order(scene);
-    if let Some(picture) = picture {
-        view.picture = picture.clone();
-    }
-    Ok(view.with_seen())
+    let view = View::exact(scene, camera)?.with_order(scene);
+    Ok(match picture {
+        Some(picture) => view.with_picture(picture.clone()),
+        None => view,
+    })
 }
 
 #[cfg(test)]
