@@ -15,8 +15,8 @@ use serde::Serialize;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
 use std::collections::VecDeque;
-use std::panic::resume_unwind;
-use std::thread;
+use std::sync::mpsc::{self, Receiver};
+use std::thread::{self, Scope};
 
 /// Properties of a scene that settings depend on.
 #[derive(Debug, Serialize)]
@@ -92,12 +92,15 @@ pub fn study(
     exact.prepare((first.width, first.height), &mut |_| {})?;
     let view = |camera| Ok(View::exact(&subject.scene, camera)?);
     // The CPU draws the exact pictures while plans are built.
-    let (planned, views) = thread::scope(|scope| {
-        let views = scope.spawn(|| cameras.iter().map(view).collect::<Result<Vec<View>, StudyError>>());
-        let planned = to_measure(singles, &mut exact, cameras, &|_| true, listener);
-        (planned, views.join().unwrap_or_else(|panic| resume_unwind(panic)))
-    });
-    let (Planned { settings: singles, pipelines: _pipelines }, views) = (planned?, views?);
+    let (planned, views) = thread::scope(|scope| -> Result<_, StudyError> {
+        let views = ahead(scope, cameras.iter().map(view));
+        let planned = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
+        let mut steps = Steps::new(listener, "drawing exactly", cameras.len());
+        let drawn = cameras.iter().map(|camera| steps.next(&camera.img_name)).zip(&views);
+        let drawn: Result<Vec<View>, StudyError> = drawn.map(|(step, view)| step.and(view)).collect();
+        Ok((planned, drawn?))
+    })?;
+    let Planned { settings: singles, pipelines: _pipelines } = planned;
     let effort = wanted.frames.choose(&mut exact, first, FRAMES_DIVISOR)?;
 
     let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);
@@ -136,6 +139,16 @@ pub fn study(
         }
     }
     Ok(Advice { budget: wanted.budget, tried, unsure })
+}
+
+/// Computes items on a thread, in order. It ends after the current item when the receiver is dropped.
+fn ahead<'scope, T: Send + 'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    items: impl Iterator<Item = T> + Send + 'scope,
+) -> Receiver<T> {
+    let (send, receive) = mpsc::channel();
+    scope.spawn(move || items.into_iter().try_for_each(|item| send.send(item)));
+    receive
 }
 
 /// Returns the exact settings with the narrowest sufficient keys for their depth mapping.
@@ -202,4 +215,21 @@ fn measured(
         }
         Ok(all)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    #[test]
+    fn items_are_computed_in_order_until_nobody_waits_for_them() {
+        let counted = AtomicUsize::new(0);
+        let count = |_| counted.fetch_add(1, Ordering::Relaxed);
+        let all: Vec<usize> = thread::scope(|scope| ahead(scope, (0..3).map(count)).into_iter().collect());
+        assert_eq!(all, [0, 1, 2]);
+        // The endless thread would keep the scope from ending.
+        let first = thread::scope(|scope| ahead(scope, (0..).map(count)).recv());
+        assert_eq!(first, Ok(3));
+    }
 }
